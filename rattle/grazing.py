@@ -1,0 +1,100 @@
+"""Grazing of the single-impact orbits: G1 (C touches Σ⁻), G2 (A touches), their multipliers, and robust chaos between COD21 and COD22.
+
+On the P(1,1,1) family of `rattle.family` the orbit grazes where its speed at Σ⁻ vanishes. There it is also A or C, so v = 2πδ, and the
+multipliers on the non-square-root side are those of A or C: trace 1 + E − 4π(1 − E) ε cos 2πτ/δ², determinant E = e^(−δ).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+from rattle import family
+from rattle.errors import RattleError, require, require_number
+from rattle.orbits import multipliers_of, parameters
+
+CURVES = ("G1", "G2")
+
+
+class Grazing(NamedTuple):
+    """Points of a grazing curve for damping of shape S: ε, phase τ and speed v at Σ⁺ (*S), multipliers (2, *S); NaN where absent."""
+
+    epsilon: NDArray[np.float64]
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    multipliers: NDArray[np.complex128]
+
+
+class CodimensionTwo(NamedTuple):
+    """A codimension-two point of the (δ, ε) plane."""
+
+    delta: float
+    epsilon: float
+
+
+def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
+    """G1 or G2 at every element of the broadcast damping and half-backlash (dimensionless).
+
+    NaN where the curve does not exist at that damping. Raises ParameterError. Source: paper, section 5.2.
+    """
+    require(curve in CURVES, f"curve must be one of {', '.join(CURVES)}, got {curve!r}")
+    d, _, b = parameters(delta, 0.0, beta)
+    flat = family.grazing_cells(CURVES.index(curve), np.ascontiguousarray(d).ravel(), np.ascontiguousarray(b).ravel())
+    epsilon, tau, trace = (x.reshape(d.shape) for x in flat)
+    multipliers = multipliers_of(trace, np.exp(-d))
+    multipliers[:, np.isnan(epsilon)] = complex(np.nan, np.nan)
+    return Grazing(epsilon, tau, np.where(np.isnan(epsilon), np.nan, 2 * np.pi * d), multipliers)
+
+
+def _equal_multipliers(delta: float, beta: float) -> float:
+    """COD21: trace = 2 e^(−δ/2), so that both multipliers are e^(−δ/2)."""
+    return _scaled_cosine(delta, beta) - (1 - math.exp(-delta / 2)) ** 2
+
+
+def _fold(delta: float, beta: float) -> float:
+    """COD22: cos 2πτ = 0, where A, C and the grazing meet at τ = 3/4 and SN1."""
+    return _scaled_cosine(delta, beta)
+
+
+def _flip(delta: float, beta: float) -> float:
+    """COD20: trace = −1 − e^(−δ), where PDC meets G1. Not in the paper."""
+    return _scaled_cosine(delta, beta) - 2 * (1 + math.exp(-delta))
+
+
+def _scaled_cosine(delta: float, beta: float) -> float:
+    """1 + E − trace of the grazing orbit."""
+    cosine, _ = family.grazing_cosine(delta, beta)
+    return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
+
+
+CONDITIONS = {"COD20": _flip, "COD21": _equal_multipliers, "COD22": _fold}
+
+
+def codimension_two(name: str, beta: float = 0.6) -> CodimensionTwo:
+    """COD20, COD21 or COD22 of Figure 8 for half-backlash beta, to about 1e-13.
+
+    All lie on G1 at and below COD22, whose damping is near 4β/π (where a speed of 2πδ just crosses the gap). Raises ParameterError,
+    and RattleError if this backlash has no such point.
+    """
+    require(name in CONDITIONS, f"name must be one of {', '.join(CONDITIONS)}, got {name!r}")
+    beta = require_number("beta", beta, positive=True)
+    residual = CONDITIONS[name]
+    scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi
+    values = np.array([residual(x, beta) for x in scan])
+    falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
+    if not falls.size:
+        raise RattleError(f"there is no {name} for beta = {beta}")
+    lo, hi = scan[falls[0]], scan[falls[0] + 1]
+    delta = float(brentq(residual, lo, hi, args=(beta,), xtol=1e-15, rtol=4 * np.finfo(float).eps))
+    return CodimensionTwo(delta, float(family.grazing_cosine(delta, beta)[1]))
+
+
+def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
+    """Damping at COD21 and COD22: between them a multiplier of the grazing C lies in (2/3, 1) and no stable orbit is born.
+
+    A one-dimensional square-root map then has robust chaos (paper, section 5.2); whether the multiplier really is above 2/3 there
+    is for `grazing` to tell. Raises as `codimension_two`.
+    """
+    return codimension_two("COD21", beta).delta, codimension_two("COD22", beta).delta

@@ -1,0 +1,44 @@
+"""Limits in closed form in the (δ, ε) plane: SN1, the flip of C (PDC) and the quiet limit.
+
+All take damping δ > 0 (scalar or array, dimensionless) and return ε of the same shape.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.errors import require
+
+FloatArray = NDArray[np.float64]
+
+
+def _damping(delta: ArrayLike) -> FloatArray:
+    value = np.asarray(delta, dtype=np.float64)
+    require(bool(np.all(np.isfinite(value) & (value > 0))), "delta must be finite and greater than 0")
+    return value
+
+
+def sine_offset(delta: ArrayLike) -> FloatArray:
+    """ε sin 2πτ of A and C: 2 − δ coth(δ/2) ≤ 0, by its series where the difference would cancel."""
+    d = np.asarray(delta, dtype=np.float64)
+    q = d * d
+    series = -q / 6 * (1 - q / 60 * (1 - q / 42 * (1 - q / 40)))
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        exact = 2.0 - d / np.tanh(d / 2)
+    return np.where(d < 0.05, series, exact)
+
+
+def sn1(delta: ArrayLike) -> FloatArray:
+    """Saddle-node SN1 at which A and C are born: ε = |2 − δ coth(δ/2)| (paper 4.1)."""
+    return np.abs(sine_offset(_damping(delta)))
+
+
+def flip(delta: ArrayLike) -> FloatArray:
+    """Flip PDC at which C loses stability: ε² = SN1² + (δ² coth(δ/2)/2π)². Not in the paper."""
+    d = _damping(delta)
+    return np.hypot(sn1(d), d * d / np.tanh(d / 2) / (2 * np.pi))
+
+
+def quiet_limit(delta: ArrayLike) -> FloatArray:
+    """Largest ε with permanent contact: 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt > 0 for all t iff ε < 2δ/√(4π² + δ²)."""
+    d = _damping(delta)
+    return 2 * d / np.hypot(2 * np.pi, d)
