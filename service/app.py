@@ -1,0 +1,86 @@
+"""The application: settings in, ASGI out. Nothing is opened before its lifespan starts."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractContextManager, asynccontextmanager
+from typing import TYPE_CHECKING
+
+from anyio import CapacityLimiter
+from fastapi import FastAPI
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware.body_limit import RequestBodyLimitMiddleware
+
+import rattle
+import workers
+from service import problems
+from service.broadcast import Broadcast
+from service.database import Database
+from service.datadir import DataDirectory
+from service.jobs import JobManager
+from service.routes import ROUTERS
+from service.settings import Settings
+from service.state import Front
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Cluster = Callable[[], AbstractContextManager["Client"]]
+
+
+def create_app(settings: Settings | None = None, cluster: Cluster | None = None) -> FastAPI:
+    """Build the application.
+
+    Args:
+        settings: from the environment if not given.
+        cluster: opens the dask cluster; by default the scheduler of the settings, or an embedded cluster.
+    """
+    settings = settings or Settings()
+    app = FastAPI(
+        title="gear rattle",
+        summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
+        version=rattle.__version__,
+        lifespan=_lifespan(settings, cluster or _cluster_of(settings)),
+        responses=problems.declared(500),
+        redirect_slashes=False,
+    )
+    app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
+    app.add_middleware(problems.ProblemMiddleware)
+    problems.install(app)
+    for router in ROUTERS:
+        app.include_router(router)
+    return app
+
+
+def _cluster_of(settings: Settings) -> Cluster:
+    if settings.scheduler:
+        url = settings.scheduler
+        return lambda: workers.connect(url)
+    return lambda: workers.embedded_cluster(settings.workers)
+
+
+def _lifespan(settings: Settings, cluster: Cluster) -> Callable[[FastAPI], AbstractContextManager[None]]:
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        directory = DataDirectory(settings.data)
+        broadcast = Broadcast()
+        with directory.locked():
+            database = Database(settings.database_url or directory.database_url, broadcast.changed)
+            manager = JobManager(database, directory, cluster)
+            app.state.front = Front(
+                settings=settings,
+                directory=directory,
+                database=database,
+                manager=manager,
+                broadcast=broadcast,
+                pictures=CapacityLimiter(1),
+                points=CapacityLimiter(settings.max_points),
+            )
+            manager.start()
+            try:
+                yield
+            finally:
+                await run_in_threadpool(manager.stop)
+                database.close()
+
+    return lifespan

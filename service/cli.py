@@ -1,0 +1,41 @@
+"""The command ``rattle``. A new command is one function in a file of its own and one line here."""
+
+from __future__ import annotations
+
+import typer
+
+from service.commands.drawing import figure
+from service.commands.opening import open_
+from service.commands.orbits import orbits
+from service.commands.remote import list_, submit, watch
+from service.commands.run import run
+from service.commands.serve import serve
+
+REFUSED = 2
+
+app = typer.Typer(
+    help="Survey the damping-eccentricity plane of an impacting gear model.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+)
+app.command()(run)
+app.command()(serve)
+app.command()(submit)
+app.command("list")(list_)
+app.command()(watch)
+app.command("open")(open_)
+app.command()(figure)
+app.command()(orbits)
+
+
+def main() -> None:
+    """Run a command; an error of this project is one sentence and exit status 2, never a traceback."""
+    try:
+        app()
+    except Exception as error:
+        from rattle import RattleError  # loads the compiler: only when it is needed
+
+        if not isinstance(error, RattleError):
+            raise
+        typer.echo(f"rattle: {error}", err=True)
+        raise SystemExit(REFUSED) from error

@@ -1,0 +1,216 @@
+"""A Python client: submit, wait with progress, open as xarray.
+
+client = Client("http://127.0.0.1:8000")
+job = client.submit(delta=(0.4, 1.0, 61), epsilon=(0.005, 0.3, 60))
+job.wait(progress=print)
+dataset = job.open()
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Mapping
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import httpx
+from httpx_sse import SSEError, connect_sse
+
+from service.errors import ResponseError, ServiceError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from workers import SurveyRequest
+
+FINAL = ("successful", "failed", "dismissed")
+RECONNECT_SECONDS = 1.0
+READ_SECONDS = 60.0  # several heartbeats of the event stream
+
+Document = dict[str, Any]
+Progress = Callable[[Document], None]
+
+
+class Client:
+    """A connection to a service.
+
+    Args:
+        url: where the service is, such as ``http://127.0.0.1:8000``.
+        http: an httpx client to use instead of a new one; its base URL wins.
+    """
+
+    def __init__(self, url: str = "http://127.0.0.1:8000", http: httpx.Client | None = None) -> None:
+        self._http = http or httpx.Client(base_url=url, timeout=httpx.Timeout(10.0, read=READ_SECONDS))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        self._http.close()
+
+    def submit(
+        self,
+        request: SurveyRequest | Mapping[str, Any] | None = None,
+        *,
+        idempotency_key: str | None = None,
+        **fields: Any,
+    ) -> Job:
+        """Submit a survey, given as a request or field by field; an axis may be a (start, stop, num) triple.
+
+        Raises:
+            ServiceError: the service refuses it, or cannot be reached.
+        """
+        headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
+        answer = self.call("POST", "/v1/surveys", json=_body(request, fields), headers=headers)
+        return Job(self, answer.json())
+
+    def job(self, survey_id: str) -> Job:
+        """A survey by its id."""
+        return Job(self, self.call("GET", f"/v1/surveys/{survey_id}").json())
+
+    def surveys(self) -> Iterator[Job]:
+        """Every survey of the service, newest first."""
+        cursor: dict[str, str] = {}
+        while True:
+            page = self.call("GET", "/v1/surveys", params=cursor).json()
+            yield from (Job(self, document) for document in page["surveys"])
+            if page["next"] is None:
+                return
+            cursor = {"cursor": page["next"]}
+
+    def call(self, method: str, path: str, **kwargs: Any) -> httpx.Response:
+        """Send one request.
+
+        Raises:
+            ResponseError: the service answered with an error; its problem document is attached.
+            ServiceError: the service cannot be reached.
+        """
+        try:
+            answer = self._http.request(method, path, **kwargs)
+        except httpx.HTTPError as error:
+            raise ServiceError(f"The service at {self._http.base_url} cannot be reached: {error}") from error
+        except ValueError as error:  # httpx cannot encode NaN as JSON
+            raise ServiceError(f"The request cannot be sent as JSON: {error}") from error
+        if answer.is_error:
+            raise _response_error(answer)
+        return answer
+
+    def events(self, path: str, after: int) -> Iterator[tuple[int, Document]]:
+        """Id and data of each event that follows ``after``. Ends when the service closes the stream."""
+        with connect_sse(self._http, "GET", path, headers={"Last-Event-ID": str(after)}) as source:
+            if source.response.is_error:
+                source.response.read()
+                raise _response_error(source.response)
+            if source.response.status_code == httpx.codes.NO_CONTENT:
+                return
+            for event in source.iter_sse():
+                yield int(event.id), json.loads(event.data)
+
+    @property
+    def url(self) -> str:
+        return str(self._http.base_url).rstrip("/")
+
+
+class Job:
+    """A survey of a service.
+
+    Attributes:
+        document: the survey as the service last showed it.
+    """
+
+    def __init__(self, client: Client, document: Document) -> None:
+        self._client = client
+        self.document = document
+
+    def __repr__(self) -> str:
+        return f"<survey {self.id}: {self.state}, {self.document['progress']} %>"
+
+    @property
+    def id(self) -> str:
+        return str(self.document["id"])
+
+    @property
+    def state(self) -> str:
+        return str(self.document["state"])
+
+    @property
+    def store_url(self) -> str:
+        """Where ``xr.open_zarr`` finds the results."""
+        return self._client.url + str(self.document["links"]["store"])
+
+    def refresh(self) -> Self:
+        """Ask the service where the survey stands."""
+        self.document = self._client.call("GET", self.document["links"]["self"]).json()
+        return self
+
+    def wait(self, progress: Progress | None = None, patience: float = 60.0) -> Self:
+        """Wait until the survey is successful, through lost connections and restarts of the service.
+
+        Args:
+            progress: called with the data of each event (``progress``, ``cells_done``, ``cells``, …).
+            patience: seconds that the service may be away.
+
+        Raises:
+            ServiceError: the survey failed, was dismissed or deleted, or the service stayed away.
+        """
+        seen = 0
+        last_contact = time.monotonic()
+        while True:
+            try:
+                if self.refresh().state in FINAL:
+                    break
+                for number, data in self._client.events(self.document["links"]["events"], after=seen):
+                    seen, last_contact = number, time.monotonic()
+                    if progress:
+                        progress(data)
+                last_contact = time.monotonic()
+            except (httpx.HTTPError, SSEError, ServiceError) as error:
+                lost = time.monotonic() - last_contact > patience
+                refused = isinstance(error, ResponseError) and error.status < httpx.codes.INTERNAL_SERVER_ERROR
+                if lost or refused:
+                    raise _as_service_error(error) from error
+                time.sleep(RECONNECT_SECONDS)
+        if self.state != "successful":
+            raise ServiceError(f"Survey {self.id} is {self.state}: {self.document['message']}")
+        return self
+
+    def open(self) -> xr.Dataset:
+        """The results, read over HTTP as they are used."""
+        from workers import open_survey
+
+        return open_survey(self.store_url)
+
+    def delete(self) -> None:
+        """Dismiss the survey if it waits or runs, delete it with its store if it has ended."""
+        self._client.call("DELETE", self.document["links"]["self"])
+
+
+def _body(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Document:
+    given = request if isinstance(request, Mapping) else request.model_dump(mode="json") if request else {}
+    both = {**given, **fields}
+    return {name: _axis(value) if name in ("delta", "epsilon") else value for name, value in both.items()}
+
+
+def _axis(value: Any) -> Any:
+    return dict(zip(("start", "stop", "num"), value, strict=True)) if isinstance(value, tuple) else value
+
+
+def _as_service_error(error: Exception) -> ServiceError:
+    return error if isinstance(error, ServiceError) else ServiceError(f"The service cannot be reached: {error}")
+
+
+def _response_error(answer: httpx.Response) -> ResponseError:
+    try:
+        problem = answer.json()
+    except ValueError:
+        problem = {}
+    if not isinstance(problem, dict):
+        problem = {}
+    detail = problem.get("detail") or answer.reason_phrase
+    return ResponseError(answer.status_code, f"{detail} (HTTP {answer.status_code})", problem)

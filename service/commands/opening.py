@@ -1,0 +1,14 @@
+"""``rattle open``: what a survey holds."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def open_(store: Annotated[str, typer.Argument(help="Path or URL of a survey's store.")]) -> None:
+    """Print the dataset of a survey, as xarray shows it."""
+    from workers import open_survey
+
+    typer.echo(repr(open_survey(store)))

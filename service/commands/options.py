@@ -1,0 +1,82 @@
+"""Options that several commands share, and the survey request that they describe."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from workers import SurveyRequest
+
+AXIS = "START:STOP:NUM"
+DEFAULT_URL = "http://127.0.0.1:8000"
+
+Delta = Annotated[str, typer.Option(metavar=AXIS, help="Damping: evenly spaced values, both ends included.")]
+Epsilon = Annotated[str, typer.Option(metavar=AXIS, help="Eccentricity: evenly spaced values, both ends included.")]
+Beta = Annotated[float, typer.Option(help="Half-backlash.")]
+Count = Annotated[int, typer.Option(help="Initial conditions per cell.")]
+VMax = Annotated[float, typer.Option(help="Largest initial speed.")]
+Seed = Annotated[int, typer.Option(help="Seed of the samples.")]
+Name = Annotated[str, typer.Option(help="A name for people.")]
+Tile = Annotated[
+    str | None,
+    typer.Option(metavar="DELTAxEPSILON", help="Cells of one tile, a task and a chunk.", show_default="16x16"),
+]
+Quantity = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="What to compute, such as region or attractors; repeatable.", show_default="all"),
+]
+Url = Annotated[str, typer.Option(envvar="RATTLE_URL", help="Where the service is.")]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(envvar="RATTLE_SCHEDULER", metavar="URL", help="An existing dask scheduler, such as tcp://host:8786."),
+]
+
+
+def survey_request(
+    *,
+    delta: str,
+    epsilon: str,
+    beta: float,
+    count: int,
+    v_max: float,
+    seed: int,
+    name: str,
+    tile: str | None,
+    quantity: list[str] | None,
+) -> SurveyRequest:
+    """The request that these options describe; typer.BadParameter names the option that is wrong."""
+    from pydantic import ValidationError
+
+    from rattle import RattleError
+    from workers import Axis, SurveyRequest
+
+    try:
+        fields: dict[str, Any] = {
+            "delta": Axis.parse(delta),
+            "epsilon": Axis.parse(epsilon),
+            "beta": beta,
+            "initial_conditions": {"count": count, "v_max": v_max},
+            "seed": seed,
+            "name": name,
+        }
+        if tile is not None:
+            fields["tile"] = _tile(tile)
+        if quantity:
+            fields["quantities"] = tuple(quantity)
+        return SurveyRequest(**fields)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise typer.BadParameter(f"{where}: {first['msg']}" if where else first["msg"]) from error
+    except RattleError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+def _tile(text: str) -> dict[str, int]:
+    try:
+        delta, epsilon = (int(size) for size in text.lower().split("x"))
+    except ValueError as error:
+        raise typer.BadParameter(f"tile {text!r}: write DELTAxEPSILON, such as 16x16") from error
+    return {"delta": delta, "epsilon": epsilon}

@@ -1,0 +1,92 @@
+"""Progress of a survey on a terminal, or as plain lines where there is none."""
+
+from __future__ import annotations
+
+import time
+from types import TracebackType
+from typing import Protocol, Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+PLAIN_SECONDS = 10.0
+
+
+class Reporter(Protocol):
+    """Shows how many cells are done."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def show(self, cells_done: int) -> None: ...
+
+
+def reporter(cells: int, cells_done: int = 0) -> Reporter:
+    """A progress bar if stderr is a terminal, otherwise a line now and then."""
+    console = Console(stderr=True)
+    return _Bar(console, cells, cells_done) if console.is_terminal else _Lines(console, cells, cells_done)
+
+
+class _Speed(ProgressColumn):
+    """Cells per second."""
+
+    def render(self, task: Task) -> Text:
+        speed = task.finished_speed or task.speed
+        return Text("" if speed is None else f"{speed:.0f} cells/s", style="progress.data.speed")
+
+
+class _Bar:
+    def __init__(self, console: Console, cells: int, cells_done: int) -> None:
+        self._progress = Progress(
+            TextColumn("{task.completed:.0f} of {task.total:.0f} cells"),
+            BarColumn(),
+            TaskProgressColumn(),
+            _Speed(),
+            TimeRemainingColumn(),
+            console=console,
+            speed_estimate_period=60.0,
+        )
+        self._task = self._progress.add_task("", total=cells, completed=cells_done)
+
+    def __enter__(self) -> Self:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def show(self, cells_done: int) -> None:
+        self._progress.update(self._task, completed=cells_done)
+
+
+class _Lines:
+    def __init__(self, console: Console, cells: int, cells_done: int) -> None:
+        self._console = console
+        self._cells = cells
+        self._start = cells_done
+        self._began = self._shown = time.monotonic()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+    def show(self, cells_done: int) -> None:
+        now = time.monotonic()
+        if cells_done < self._cells and now - self._shown < PLAIN_SECONDS:
+            return
+        self._shown = now
+        speed = (cells_done - self._start) / max(now - self._began, 1e-9)
+        left = (self._cells - cells_done) / speed if speed else float("inf")
+        self._console.print(
+            f"{cells_done} of {self._cells} cells, {speed:.0f} cells/s, {left:.0f} s left", highlight=False
+        )

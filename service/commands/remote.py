@@ -1,0 +1,89 @@
+"""``rattle submit``, ``list`` and ``watch``: surveys of a service."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from service.commands import options
+from service.commands.options import DEFAULT_URL, Url
+
+if TYPE_CHECKING:
+    from service.client import Job
+
+
+def submit(
+    delta: options.Delta,
+    epsilon: options.Epsilon,
+    beta: options.Beta = 0.6,
+    count: options.Count = 64,
+    v_max: options.VMax = 7.0,
+    seed: options.Seed = 0,
+    name: options.Name = "",
+    tile: options.Tile = None,
+    quantity: options.Quantity = None,
+    url: Url = DEFAULT_URL,
+    key: Annotated[str | None, typer.Option(help="Idempotency key: submitting twice accepts the survey once.")] = None,
+    watch: Annotated[bool, typer.Option("--watch", help="Wait until it ends.")] = False,
+) -> None:
+    """Submit a survey to a service and print its id."""
+    from service.client import Client
+
+    request = options.survey_request(
+        delta=delta,
+        epsilon=epsilon,
+        beta=beta,
+        count=count,
+        v_max=v_max,
+        seed=seed,
+        name=name,
+        tile=tile,
+        quantity=quantity,
+    )
+    with Client(url) as client:
+        job = client.submit(request, idempotency_key=key)
+        typer.echo(job.id)
+        if watch:
+            _follow(job)
+
+
+def list_(
+    url: Url = DEFAULT_URL,
+    limit: Annotated[int, typer.Option(min=1, help="Surveys to print, newest first.")] = 50,
+) -> None:
+    """List the surveys of a service."""
+    from itertools import islice
+
+    from rich.console import Console
+    from rich.table import Table
+
+    from service.client import Client
+
+    table = Table("id", "state", "progress", "cells", "created", "name", box=None)
+    with Client(url) as client:
+        for job in islice(client.surveys(), limit):
+            shown = job.document
+            cells = f"{shown['cells_done']}/{shown['cells']}"
+            table.add_row(job.id, job.state, f"{shown['progress']} %", cells, shown["created"][:19], shown["name"])
+    Console().print(table)
+
+
+def watch(
+    survey_id: Annotated[str, typer.Argument(metavar="ID", help="The survey's id.")],
+    url: Url = DEFAULT_URL,
+) -> None:
+    """Follow a survey until it ends, and print where its results are."""
+    from service.client import Client
+
+    with Client(url) as client:
+        _follow(client.job(survey_id))
+
+
+def _follow(job: Job) -> None:
+    from service.commands.progress import reporter
+
+    cells, done = job.document["cells"], job.document["cells_done"]
+    with reporter(cells, done) as progress:
+        job.wait(progress=lambda event: progress.show(event["cells_done"]))
+    typer.echo(f"{job.state}: {job.store_url}")

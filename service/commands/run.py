@@ -1,0 +1,113 @@
+"""``rattle run``: a survey without a server."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from service.commands import options
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from workers import SurveyRequest, Tile, TileRecord
+
+INTERRUPTED = 130
+FAILED = 3
+MAX_MESSAGES = 10
+
+
+def run(
+    delta: options.Delta,
+    epsilon: options.Epsilon,
+    out: Annotated[Path, typer.Option(metavar="PATH", help="The zarr store to write, or to resume.")],
+    beta: options.Beta = 0.6,
+    count: options.Count = 64,
+    v_max: options.VMax = 7.0,
+    seed: options.Seed = 0,
+    name: options.Name = "",
+    tile: options.Tile = None,
+    quantity: options.Quantity = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes of the embedded cluster.")] = 2,
+    scheduler: options.Scheduler = None,
+    figure: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the survey when it is complete.")] = None,
+) -> None:
+    """Compute a survey and write it to PATH, with an embedded cluster or an existing one.
+
+    The same command resumes an interrupted survey (Ctrl-C, SIGTERM, a crash); the numbers are the same to the last bit.
+    """
+    request = options.survey_request(
+        delta=delta,
+        epsilon=epsilon,
+        beta=beta,
+        count=count,
+        v_max=v_max,
+        seed=seed,
+        name=name,
+        tile=tile,
+        quantity=quantity,
+    )
+    import workers as survey
+    from service.commands.drawing import draw
+    from service.commands.signals import stop_requested
+
+    survey.create_store(request, out)
+    done = survey.tiles_done(request, out)
+    missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
+    if missing:
+        with stop_requested() as stop:
+            cluster = survey.connect(scheduler) if scheduler else survey.embedded_cluster(workers)
+            _compute(request, out, missing, cluster, stop.is_set)
+            if stop.is_set():
+                typer.echo(f"Stopped. {out} keeps every finished tile; the same command resumes it.", err=True)
+                raise typer.Exit(INTERRUPTED)
+    else:
+        typer.echo(f"{out} is complete.")
+    survey.finish_store(out)
+    _summarise(out)
+    if figure is not None:
+        draw(out, figure)
+
+
+def _compute(
+    request: SurveyRequest,
+    out: Path,
+    missing: list[Tile],
+    cluster: AbstractContextManager[Client],
+    should_stop: Callable[[], bool],
+) -> None:
+    from service.commands.progress import reporter
+    from workers import run_tiles
+
+    began = time.monotonic()
+    todo = sum(tile.n_cells for tile in missing)
+    done = before = request.n_cells - todo
+    failed: list[tuple[int, int, str]] = []
+    with cluster as client, reporter(request.n_cells, before) as progress:
+
+        def on_tile(record: TileRecord) -> None:
+            nonlocal done
+            done += record.cells
+            failed.extend(record.failed_cells)
+            progress.show(done)
+
+        run_tiles(request, out, missing, client, on_tile, should_stop)
+    seconds = time.monotonic() - began
+    typer.echo(f"{done - before} cells in {seconds:.1f} s: {(done - before) / seconds:.1f} cells/s")
+    for i, j, message in failed[:MAX_MESSAGES]:
+        typer.echo(f"failed: epsilon[{i}], delta[{j}]: {message}", err=True)
+
+
+def _summarise(out: Path) -> None:
+    from workers import open_survey
+
+    with open_survey(out) as dataset:
+        undecided, failed = dataset["undecided_fraction"], int((dataset["status"] == FAILED).sum())
+        typer.echo(
+            f"{undecided.size} cells, {failed} failed, {100 * float(undecided.mean()):.3f} % of samples undecided"
+        )

@@ -1,0 +1,31 @@
+"""SIGINT and SIGTERM as a request to stop."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+STOPS = (signal.SIGINT, signal.SIGTERM)
+
+
+@contextmanager
+def stop_requested() -> Iterator[threading.Event]:
+    """An event that the first SIGINT or SIGTERM sets; a second one ends the process at once."""
+    event = threading.Event()
+    previous = {number: signal.getsignal(number) for number in STOPS}
+
+    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the interpreter's signature
+        event.set()
+        for each in STOPS:
+            signal.signal(each, previous[each])
+
+    for number in STOPS:
+        signal.signal(number, stop)
+    try:
+        yield event
+    finally:
+        for number in STOPS:
+            signal.signal(number, previous[number])

@@ -1,0 +1,61 @@
+"""What the front end can refuse, as exceptions; :mod:`service.problems` maps them to HTTP."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rattle import RattleError
+
+
+class ServiceError(RattleError):
+    """Base of every error of the front end and of its client."""
+
+
+class UnknownSurveyError(ServiceError):
+    """No survey has this id."""
+
+    def __init__(self, survey_id: str) -> None:
+        super().__init__(f"There is no survey {survey_id!r}. GET /v1/surveys lists the surveys of this service.")
+
+
+class MissingError(ServiceError):
+    """The survey exists, what was asked of it does not."""
+
+
+class ConflictError(ServiceError):
+    """The request contradicts what the service already holds."""
+
+
+class LimitError(ServiceError):
+    """The request is well formed, but larger than this service allows."""
+
+    def __init__(self, field: str, message: str) -> None:
+        super().__init__(message)
+        self.field = field
+
+
+class QueueFullError(ServiceError):
+    """Too many surveys are waiting or running."""
+
+
+class UnavailableError(ServiceError):
+    """The service cannot answer now; the same request may succeed later."""
+
+
+class DataDirectoryError(ServiceError):
+    """The data directory cannot be used: it is foreign, not writable, or held by another server."""
+
+
+class ResponseError(ServiceError):
+    """A server answered the client with an error.
+
+    Attributes:
+        status: HTTP status of the answer.
+        problem: the problem document (RFC 9457), empty if the answer held none.
+    """
+
+    def __init__(self, status: int, message: str, problem: Mapping[str, Any]) -> None:
+        super().__init__(message)
+        self.status = status
+        self.problem = dict(problem)

@@ -1,0 +1,28 @@
+"""Limits of a survey, in one function."""
+
+from __future__ import annotations
+
+from service.errors import LimitError
+from service.settings import Settings
+from workers import SurveyRequest
+
+
+def check_limits(request: SurveyRequest, settings: Settings) -> None:
+    """Refuse a survey that is larger than this service allows. Costs nothing, whatever the size of the axes.
+
+    Raises:
+        LimitError: names the field and the limit.
+    """
+    count = request.initial_conditions.count
+    tile_cells = request.tile_shape[0] * request.tile_shape[1]
+    _at_most("initial_conditions.count", "initial conditions per cell", count, settings.max_count)
+    _at_most("delta.num", "cells", request.n_cells, settings.max_cells)
+    _at_most("initial_conditions.count", "samples (cells times count)", request.n_cells * count, settings.max_samples)
+    _at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
+    _at_most("tile", "samples per tile (cells times count)", tile_cells * count, settings.max_tile_samples)
+
+
+def _at_most(field: str, what: str, value: int, limit: int) -> None:
+    if value > limit:
+        message = f"{value} {what}: this service allows {limit}. Ask for less, or use the command rattle run."
+        raise LimitError(f"body.{field}", message)

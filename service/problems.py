@@ -1,0 +1,205 @@
+"""Errors as problem documents (RFC 9457): one table from exceptions to HTTP."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, Field
+from sqlalchemy.exc import SQLAlchemyError
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+from starlette.routing import Match
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from rattle import ParameterError, RattleError
+from service import errors
+
+MEDIA_TYPE = "application/problem+json"
+MAX_FIELD_ERRORS = 50
+RETRY_AFTER = {"Retry-After": "5"}
+METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
+
+log = logging.getLogger(__name__)
+
+#: The first class that matches wins, so subclasses stand before their bases.
+STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
+    (errors.UnknownSurveyError, 404),
+    (errors.MissingError, 404),
+    (errors.ConflictError, 409),
+    (errors.LimitError, 422),
+    (ParameterError, 422),
+    (errors.QueueFullError, 429),
+    (errors.UnavailableError, 503),
+    (SQLAlchemyError, 503),
+)
+
+#: What a client can do about errors that carry no sentence of their own.
+ADVICE = {
+    400: "The request could not be read. Send JSON encoded in UTF-8, and a range as bytes=FIRST-LAST.",
+    404: "Nothing is here. /docs lists the paths of this service.",
+    405: "This path does not know that method; the Allow header lists those it knows. See /docs.",
+    413: "The request body is too large for this service. A survey is described by its axes, not by its cells.",
+    415: "Send the body as JSON, with the header Content-Type: application/json.",
+    416: "The file is shorter than the requested range. Ask for bytes below its Content-Length.",
+    422: "Some fields of the request are not acceptable; `errors` names each of them.",
+    500: "An error of the service, not of the request. It has been logged; please report it.",
+    503: "The job database cannot answer now. Try again in a few seconds.",
+}
+
+
+class FieldError(BaseModel):
+    """One field that was refused."""
+
+    field: str = Field(description="where it stands, for example body.delta.start")
+    message: str = Field(description="what is wrong with it")
+
+
+class Problem(BaseModel):
+    """A problem document, RFC 9457."""
+
+    type: str = "about:blank"
+    title: str = Field(description="the HTTP status in words")
+    status: int
+    detail: str = Field(description="what went wrong and what to do")
+    instance: str = Field("", description="path of the request")
+    errors: list[FieldError] = Field(default_factory=list, description="refused fields, if there are any")
+
+
+def declared(*statuses: int) -> dict[int | str, dict[str, Any]]:
+    """OpenAPI declaration of the problem documents that a route may answer with."""
+    schema = {"$ref": "#/components/schemas/Problem"}
+    return {
+        status: {"description": HTTPStatus(status).phrase, "content": {MEDIA_TYPE: {"schema": schema}}}
+        for status in statuses
+    }
+
+
+def problem_response(
+    status: int,
+    detail: str,
+    instance: str,
+    field_errors: Iterable[FieldError] = (),
+    headers: Mapping[str, str] | None = None,
+) -> Response:
+    """The answer for one error, always valid JSON, whatever text the request smuggled into it."""
+    problem = Problem(
+        title=HTTPStatus(status).phrase,
+        status=status,
+        detail=detail,
+        instance=instance,
+        errors=list(field_errors),
+    )
+    # ASCII escapes: a lone surrogate in a field name cannot be encoded as UTF-8.
+    body = json.dumps(problem.model_dump(), ensure_ascii=True, allow_nan=False)
+    return Response(body, status, dict(headers or {}), MEDIA_TYPE)
+
+
+def install(app: FastAPI) -> None:
+    """Let every error of ``app`` leave as a problem document."""
+    app.add_exception_handler(RequestValidationError, _on_validation_error)
+    app.add_exception_handler(HTTPException, _on_http_exception)
+    for kind in (RattleError, SQLAlchemyError):
+        app.add_exception_handler(kind, _on_known_error)
+    app.add_exception_handler(Exception, _on_unknown_error)
+    app.openapi = partial(_openapi_with_problem, app.openapi)  # type: ignore[method-assign]
+
+
+def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    # FastAPI would declare a model under application/json, which is not what is sent.
+    document = generate()
+    schemas = document.setdefault("components", {}).setdefault("schemas", {})
+    if Problem.__name__ not in schemas:
+        schema = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+        schemas |= schema.pop("$defs") | {Problem.__name__: schema}
+    return document
+
+
+def field_errors_of(details: Iterable[Mapping[str, Any]]) -> list[FieldError]:
+    """Refused fields of a pydantic error, without its ``input`` and ``ctx``: those may hold NaN or exceptions."""
+    return [FieldError(field=".".join(str(part) for part in item["loc"]), message=str(item["msg"])) for item in details]
+
+
+def _on_validation_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    found = field_errors_of(error.errors())
+    detail = "; ".join(f"{item.field}: {item.message}" for item in found[:3])
+    if len(found) > MAX_FIELD_ERRORS:
+        detail += f" (and more: the first {MAX_FIELD_ERRORS} of {len(found)} are listed)"
+    return problem_response(422, detail or ADVICE[422], request.url.path, found[:MAX_FIELD_ERRORS])
+
+
+def _on_http_exception(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    own_words = error.detail != HTTPStatus(error.status_code).phrase and error.status_code not in (400, 413)
+    detail = error.detail if own_words else ADVICE.get(error.status_code, error.detail)
+    headers = dict(error.headers or {})
+    if error.status_code == 405:
+        headers["Allow"] = ", ".join(_allowed_methods(request))
+    return problem_response(error.status_code, detail, request.url.path, headers=headers)
+
+
+def _allowed_methods(request: Request) -> list[str]:
+    # The router reports the methods of the first route with this path only.
+    def known(method: str) -> bool:
+        scope = {**request.scope, "method": method}
+        return any(route.matches(scope)[0] is Match.FULL for route in request.app.routes)
+
+    return [method for method in METHODS if known(method)]
+
+
+def _on_known_error(request: Request, error: Exception) -> Response:
+    status = next((status for kind, status in STATUS_OF if isinstance(error, kind)), 500)
+    if status == 500 or isinstance(error, SQLAlchemyError):
+        log.error("%s %s", request.method, request.url.path, exc_info=error)
+    # What a database error says is about SQL, which helps nobody outside.
+    detail = ADVICE[503] if isinstance(error, SQLAlchemyError) else ADVICE[500] if status == 500 else str(error)
+    fields = [FieldError(field=error.field, message=str(error))] if isinstance(error, errors.LimitError) else []
+    return problem_response(status, detail, request.url.path, fields, RETRY_AFTER if status in (429, 503) else None)
+
+
+def _on_unknown_error(request: Request, error: Exception) -> Response:  # noqa: ARG001 - starlette logs it
+    return problem_response(500, ADVICE[500], request.url.path)
+
+
+class ProblemMiddleware:
+    """Turns plain-text errors that libraries send on their own (413, 416) into problem documents."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        replaced = False
+
+        async def send_problem(message: Message) -> None:
+            nonlocal replaced
+            if message["type"] == "http.response.start" and _is_plain_error(message):
+                replaced = True
+                await _problem_for(message, scope["path"])(scope, receive, send)
+            if not replaced:
+                await send(message)
+
+        await self.app(scope, receive, send_problem)
+
+
+def _is_plain_error(start: Message) -> bool:
+    media_type = Headers(raw=start["headers"]).get("content-type", "")
+    return bool(start["status"] >= 400 and media_type.startswith("text/plain"))
+
+
+def _problem_for(start: Message, path: str) -> Response:
+    kept = MutableHeaders(raw=list(start["headers"]))
+    for name in ("content-type", "content-length"):
+        del kept[name]
+    status = start["status"]
+    return problem_response(status, ADVICE.get(status, HTTPStatus(status).phrase), path, headers=dict(kept))

@@ -1,0 +1,14 @@
+"""One file per group of routes; :data:`ROUTERS` is all of them."""
+
+from fastapi import APIRouter
+
+from service.routes import events, health, picture, points, store, surveys
+
+ROUTERS: tuple[APIRouter, ...] = (
+    surveys.router,
+    events.router,
+    store.router,
+    picture.router,
+    points.router,
+    health.router,
+)

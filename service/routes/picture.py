@@ -1,0 +1,46 @@
+"""A survey as a picture, finished or not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import anyio
+from fastapi import APIRouter, Query, Response
+from starlette.concurrency import run_in_threadpool
+
+from service.errors import MissingError
+from service.problems import declared
+from service.state import FrontState
+from service.tables import State
+from workers import map_png, open_survey
+
+router = APIRouter(prefix="/v1/surveys", tags=["results"])
+
+PNG = "image/png"
+
+
+@router.get(
+    "/{survey_id}/map.png",
+    summary="A map over the (delta, epsilon) plane, also of a running survey",
+    response_class=Response,
+    responses={200: {"content": {PNG: {}}}, **declared(404, 422, 503)},
+)
+async def picture(
+    front: FrontState,
+    survey_id: str,
+    variable: Annotated[str, Query(max_length=64, description="a variable of the store, such as region")] = "region",
+) -> Response:
+    """Cells that are still to be computed are left blank."""
+    job = await run_in_threadpool(front.database.job, survey_id)
+    path = front.directory.store(survey_id)
+    if not path.exists():
+        raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
+    png = await anyio.to_thread.run_sync(_draw, path, variable, limiter=front.pictures)
+    cache = "max-age=3600" if State(job.state).final else "no-cache"
+    return Response(png, media_type=PNG, headers={"Cache-Control": cache})
+
+
+def _draw(path: Path, variable: str) -> bytes:
+    with open_survey(path) as dataset:
+        return map_png(dataset, variable)

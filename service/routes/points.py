@@ -1,0 +1,164 @@
+"""One parameter point, computed at once."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import anyio
+from fastapi import APIRouter, Depends, Query
+from pydantic import BaseModel, Field
+
+import rattle
+from service.errors import LimitError, UnavailableError
+from service.problems import declared
+from service.state import Front, FrontState
+
+router = APIRouter(prefix="/v1", tags=["points"])
+
+Parameter = Annotated[float, Query(allow_inf_nan=False)]
+
+
+class Point(BaseModel):
+    """A point of the parameter space of the gear model."""
+
+    delta: float = Field(description="damping")
+    epsilon: float = Field(description="eccentricity")
+    beta: float = Field(description="half-backlash")
+
+
+class Multiplier(BaseModel):
+    """A Floquet multiplier."""
+
+    re: float
+    im: float
+
+
+class OrbitDocument(BaseModel):
+    """An admissible period-one orbit."""
+
+    name: Literal["A", "B", "C", "D"]
+    m: int = Field(description="forcing periods")
+    n_plus: int = Field(description="impacts on the positive wall")
+    n_minus: int = Field(description="impacts on the negative wall")
+    tau: float = Field(description="phase of the impact, in forcing periods")
+    v: float = Field(description="speed after the impact")
+    multipliers: tuple[Multiplier, Multiplier]
+    stable: bool
+
+
+class Orbits(Point):
+    """Period-one orbits and analytic limits of one parameter point."""
+
+    region: int = Field(ge=0, le=5, description="1…5 = I…V, 0 none of them")
+    sn1: float = Field(description="epsilon above which A and C exist")
+    flip: float = Field(description="epsilon above which C is unstable")
+    quiet_limit: float = Field(description="epsilon above which nothing is quiet")
+    orbits: list[OrbitDocument]
+
+
+class AttractorDocument(BaseModel):
+    """An attractor, with its share of the sampled initial conditions."""
+
+    kind: Literal["quiet", "periodic", "chaotic", "undecided"]
+    m: int
+    n_plus: int
+    n_minus: int
+    fraction: float
+    fraction_interval: tuple[float, float] = Field(description="95 % Wilson interval")
+    lyapunov: tuple[float | None, float | None] = Field(description="per forcing period; null if not defined")
+    lyapunov_error: float | None
+    tau: float | None = Field(description="phase of a representative point")
+    v: float | None = Field(description="speed of a representative point")
+
+
+class Attractors(Point):
+    """Attractors of one parameter point, by falling fraction."""
+
+    count: int
+    v_max: float
+    seed: int
+    attractors: list[AttractorDocument]
+
+
+def gear(delta: Parameter, epsilon: Parameter, beta: Parameter = 0.6) -> rattle.Gear:
+    """The model at the parameters of the query."""
+    return rattle.Gear(delta, epsilon, beta)
+
+
+GearQuery = Annotated[rattle.Gear, Depends(gear)]
+
+
+@router.get("/orbits", summary="Period-one orbits of one parameter point", responses=declared(422))
+def orbits(model: GearQuery) -> Orbits:
+    return Orbits(
+        **_point(model),
+        region=model.region(),
+        sn1=model.sn1,
+        flip=model.flip,
+        quiet_limit=model.quiet_limit,
+        orbits=[_orbit(orbit) for orbit in model.orbits()],
+    )
+
+
+@router.get("/attractors", summary="Attractors of one parameter point", responses=declared(422, 503))
+async def attractors(
+    front: FrontState,
+    model: GearQuery,
+    count: Annotated[int, Query(ge=1, description="initial conditions")] = 256,
+    v_max: Annotated[float, Query(gt=0, allow_inf_nan=False, description="largest initial speed")] = 7.0,
+    seed: Annotated[int, Query(ge=0, lt=2**32)] = 0,
+) -> Attractors:
+    if count > front.settings.max_point_count:
+        raise LimitError("query.count", f"count may be at most {front.settings.max_point_count} here; submit a survey.")
+    found = await _in_turn(front, model, count, v_max, seed)
+    return Attractors(
+        **_point(model), count=count, v_max=v_max, seed=seed, attractors=[_attractor(item) for item in found]
+    )
+
+
+async def _in_turn(
+    front: Front, model: rattle.Gear, count: int, v_max: float, seed: int
+) -> tuple[rattle.Attractor, ...]:
+    # A computation cannot be interrupted, so that a client gives up its turn only while it waits for one.
+    if front.points.statistics().tasks_waiting >= front.settings.max_points_waiting:
+        raise UnavailableError("Too many parameter points are being computed. Try again in a few seconds.")
+    return await anyio.to_thread.run_sync(model.attractors, count, v_max, seed, limiter=front.points)
+
+
+def _point(model: rattle.Gear) -> dict[str, float]:
+    return {"delta": model.delta, "epsilon": model.epsilon, "beta": model.beta}
+
+
+def _orbit(orbit: rattle.Orbit) -> OrbitDocument:
+    first, second = (Multiplier(re=value.real, im=value.imag) for value in orbit.multipliers)
+    return OrbitDocument(
+        name=orbit.name,
+        m=orbit.m,
+        n_plus=orbit.n_plus,
+        n_minus=orbit.n_minus,
+        tau=orbit.tau,
+        v=orbit.v,
+        multipliers=(first, second),
+        stable=orbit.stable,
+    )
+
+
+def _attractor(item: rattle.Attractor) -> AttractorDocument:
+    return AttractorDocument(
+        kind=item.kind,
+        m=item.m,
+        n_plus=item.n_plus,
+        n_minus=item.n_minus,
+        fraction=item.fraction,
+        fraction_interval=item.fraction_interval,
+        lyapunov=(_number(item.lyapunov[0]), _number(item.lyapunov[1])),
+        lyapunov_error=_number(item.lyapunov_error),
+        tau=_number(item.tau),
+        v=_number(item.v),
+    )
+
+
+def _number(value: float) -> float | None:
+    """JSON has no NaN."""
+    return value if math.isfinite(value) else None

@@ -1,0 +1,36 @@
+"""Every setting and every limit of the front end, read from ``RATTLE_…`` environment variables."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+
+class Settings(BaseSettings):
+    """Settings of one server process; an argument wins over its environment variable."""
+
+    model_config = SettingsConfigDict(env_prefix="RATTLE_", frozen=True)
+
+    data: Path = Field(Path("data"), description="directory of the job database and the stores")
+    database_url: str | None = Field(None, description="SQLAlchemy URL; SQLite in the data directory if absent")
+    host: str = "127.0.0.1"
+    port: int = Field(8000, ge=0, le=65535)
+    scheduler: str | None = Field(None, description="dask scheduler; an embedded cluster if absent")
+    workers: int = Field(2, ge=1, le=256, description="processes of the embedded cluster")
+
+    max_body_bytes: int = Field(64 * 1024, ge=1)
+    max_cells: int = Field(1_000_000, ge=1, description="cells of one survey")
+    max_tiles: int = Field(20_000, ge=1, description="tiles of one survey; each is a file per variable")
+    max_count: int = Field(4096, ge=1, description="initial conditions of one cell")
+    max_samples: int = Field(256_000_000, ge=1, description="cells times initial conditions of one survey")
+    # A task cannot be interrupted: this bounds how long a dismissed survey still holds a worker.
+    max_tile_samples: int = Field(262_144, ge=1, description="cells times initial conditions of one tile")
+    max_jobs: int = Field(32, ge=1, description="surveys waiting or running")
+
+    max_point_count: int = Field(1024, ge=1, description="initial conditions of GET /v1/attractors")
+    max_points: int = Field(2, ge=1, description="parameter points computed at once")
+    max_points_waiting: int = Field(16, ge=0, description="parameter points waiting for their turn")
+    heartbeat_seconds: float = Field(15.0, gt=0, description="comment line on silent event streams")
+    shutdown_seconds: int = Field(10, ge=1, description="open requests may take this long at shutdown")

@@ -1,0 +1,96 @@
+"""Tables of the job database."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any
+
+from sqlalchemy import JSON, ForeignKey
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+
+class State(StrEnum):
+    """State of a survey; the last three are final."""
+
+    ACCEPTED = "accepted"
+    RUNNING = "running"
+    SUCCESSFUL = "successful"
+    FAILED = "failed"
+    DISMISSED = "dismissed"
+
+    @property
+    def final(self) -> bool:
+        return self not in ACTIVE
+
+
+ACTIVE = (State.ACCEPTED, State.RUNNING)
+
+
+def now() -> str:
+    """The present instant, ISO 8601, UTC."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+class Table(DeclarativeBase):
+    """Base of every table."""
+
+
+class JobRow(Table):
+    """A survey: its request and where it stands."""
+
+    __tablename__ = "jobs"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    id: Mapped[str] = mapped_column(unique=True)
+    name: Mapped[str]
+    state: Mapped[str] = mapped_column(index=True)
+    message: Mapped[str] = mapped_column(default="")
+    request: Mapped[dict[str, Any]] = mapped_column(JSON)
+    content_hash: Mapped[str]
+    idempotency_key: Mapped[str | None] = mapped_column(unique=True)
+    body_hash: Mapped[str]
+    n_cells: Mapped[int]
+    n_tiles: Mapped[int]
+    cells_done: Mapped[int] = mapped_column(default=0)
+    tiles_done: Mapped[int] = mapped_column(default=0)
+    cells_failed: Mapped[int] = mapped_column(default=0)
+    last_event: Mapped[int] = mapped_column(default=0)
+    created: Mapped[str] = mapped_column(default=now)
+    started: Mapped[str | None]
+    finished: Mapped[str | None]
+
+    # Without it SQLite hands the number of a deleted last row out again.
+    __table_args__ = {"sqlite_autoincrement": True}  # noqa: RUF012 - SQLAlchemy's convention
+
+    @property
+    def progress(self) -> int:
+        """Percent of the tiles done; 100 only once the survey is successful."""
+        if self.state == State.SUCCESSFUL:
+            return 100
+        return min(99, 100 * self.tiles_done // self.n_tiles)
+
+
+class TileRow(Table):
+    """A tile that is done. A tile without a row is still to be computed."""
+
+    __tablename__ = "tiles"
+
+    job: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), primary_key=True)
+    index: Mapped[int] = mapped_column(primary_key=True)
+    cells: Mapped[int]
+    seconds: Mapped[float]
+    failed: Mapped[int]
+    failures: Mapped[list[dict[str, Any]]] = mapped_column(JSON)
+
+
+class EventRow(Table):
+    """Something that happened to a survey; ids grow by one within it."""
+
+    __tablename__ = "events"
+
+    job: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), primary_key=True)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    kind: Mapped[str]
+    data: Mapped[dict[str, Any]] = mapped_column(JSON)
+    at: Mapped[str] = mapped_column(default=now)
