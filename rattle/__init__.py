@@ -1,0 +1,44 @@
+"""rattle: the impacting gear model of Mason and Piiroinen (2009), exact and fast.
+
+`Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and `quiet_limit` work on whole arrays.
+"""
+
+from rattle._compile import source_hash
+from rattle._version import __version__
+from rattle.attractors import Attractor
+from rattle.errors import ParameterError, RattleError
+from rattle.gear import FirstImpact, Gear, Impact, Iterates
+from rattle.grazing import CodimensionTwo, Grazing, codimension_two, grazing, robust_chaos_interval
+from rattle.limits import flip, quiet_limit, sn1
+from rattle.orbits import Orbit, PeriodOne, period_one
+from rattle.regions import classify as classify_regions
+from rattle.regions import regions
+from rattle.sampling import wilson_interval
+from rattle.warm import warm_up
+
+__all__ = [
+    "Attractor",
+    "CodimensionTwo",
+    "FirstImpact",
+    "Gear",
+    "Grazing",
+    "Impact",
+    "Iterates",
+    "Orbit",
+    "ParameterError",
+    "PeriodOne",
+    "RattleError",
+    "__version__",
+    "classify_regions",
+    "codimension_two",
+    "flip",
+    "grazing",
+    "period_one",
+    "quiet_limit",
+    "regions",
+    "robust_chaos_interval",
+    "sn1",
+    "source_hash",
+    "warm_up",
+    "wilson_interval",
+]

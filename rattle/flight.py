@@ -294,9 +294,7 @@ def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     cos0 = 1.0 - versine
     a = drift - TWO_PI * epsilon * sin0 - w
     if delta > 0.0:
-        proved, target, s, w1, decay, sin1, cos1 = convex_impact(
-            wall, tau, w, a, sin0, cos0, delta, epsilon, beta
-        )
+        proved, target, s, w1, decay, sin1, cos1 = convex_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta)
         if proved:
             return OK, s, target, w1, decay, sin0, cos0, sin1, cos1
     status, target, s = march(wall, w, a, sin0, cos0, delta, epsilon, beta)

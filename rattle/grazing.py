@@ -5,6 +5,7 @@ multipliers on the non-square-root side are those of A or C: trace 1 + E − 4π
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -69,6 +70,11 @@ def _scaled_cosine(delta: float, beta: float) -> float:
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 
 
+def _two_thirds(delta: float, beta: float) -> float:
+    """Larger multiplier 2/3: trace = 2/3 + 3/2 e^(−δ)."""
+    return _scaled_cosine(delta, beta) - (1 / 3 - math.exp(-delta) / 2)
+
+
 CONDITIONS = {"COD20": _flip, "COD21": _equal_multipliers, "COD22": _fold}
 
 
@@ -79,8 +85,11 @@ def codimension_two(name: str, beta: float = 0.6) -> CodimensionTwo:
     and RattleError if this backlash has no such point.
     """
     require(name in CONDITIONS, f"name must be one of {', '.join(CONDITIONS)}, got {name!r}")
-    beta = require_number("beta", beta, positive=True)
-    residual = CONDITIONS[name]
+    return _on_grazing(name, CONDITIONS[name], require_number("beta", beta, positive=True))
+
+
+def _on_grazing(name: str, residual: Callable[[float, float], float], beta: float) -> CodimensionTwo:
+    """The first point at which a residual that is positive at small damping vanishes along the grazing curve."""
     scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi
     values = np.array([residual(x, beta) for x in scan])
     falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
@@ -92,9 +101,13 @@ def codimension_two(name: str, beta: float = 0.6) -> CodimensionTwo:
 
 
 def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
-    """Damping at COD21 and COD22: between them a multiplier of the grazing C lies in (2/3, 1) and no stable orbit is born.
+    """Damping interval in which the larger multiplier of the grazing C is real and in (2/3, 1): robust chaos is born at G1.
 
-    A one-dimensional square-root map then has robust chaos (paper, section 5.2); whether the multiplier really is above 2/3 there
-    is for `grazing` to tell. Raises as `codimension_two`.
+    From COD21 to COD22; at large backlash, where both multipliers at COD21 are still e^(−δ/2) < 2/3, from where the larger reaches
+    2/3. Raises as `codimension_two`. Source: paper, section 5.2 (one-dimensional square-root map).
     """
-    return codimension_two("COD21", beta).delta, codimension_two("COD22", beta).delta
+    beta = require_number("beta", beta, positive=True)
+    lower, upper = codimension_two("COD21", beta).delta, codimension_two("COD22", beta).delta
+    if math.exp(-lower / 2) < 2 / 3:
+        lower = _on_grazing("multiplier 2/3", _two_thirds, beta).delta
+    return lower, upper

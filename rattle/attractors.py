@@ -1,0 +1,141 @@
+"""The attractors at one parameter point, with the share of initial conditions that each one wins."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle import classify as fate
+from rattle.errors import require, require_number
+from rattle.lyapunov import pooled
+from rattle.quiet import capture_invariant
+from rattle.sampling import initial_conditions, wilson_interval
+
+KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
+SAME_POINT = 1e-6  # two periodic orbits of one label closer than this are one
+SAME_FOOTPRINT = 0.5  # two chaotic trajectories that share this much of the smaller footprint are on one attractor
+MOST_SAMPLES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Attractor:
+    """A motion that attracts a share of the sampled initial conditions.
+
+    kind is quiet, periodic, chaotic or undecided (all undecided samples together). m, n_plus, n_minus: the label P(m, n₊, n₋), 0 unless
+    periodic. fraction of the sample, with its 95 % Wilson interval. lyapunov: both exponents per forcing period, natural logarithm
+    (periodic: ln|multiplier|/m; NaN for quiet and undecided). lyapunov_error: 95 % half-width of the first (0 for periodic). tau, v:
+    a point of it on Σ⁺ (periodic: its fastest impact).
+    """
+
+    kind: str
+    m: int
+    n_plus: int
+    n_minus: int
+    fraction: float
+    fraction_interval: tuple[float, float]
+    lyapunov: tuple[float, float]
+    lyapunov_error: float
+    tau: float
+    v: float
+
+
+@dataclass
+class _Group:
+    """Samples that go to one attractor."""
+
+    outcome: fate.Outcome
+    members: list[int] = field(default_factory=list)
+    footprint: NDArray[np.uint64] | None = None
+
+
+def _bits(footprint: NDArray[np.uint64]) -> int:
+    return int(np.bitwise_count(footprint).sum())
+
+
+def _same_periodic(a: fate.Outcome, b: fate.Outcome, point: fate.Point) -> bool:
+    """Whether b's point is one of a's: mostly the same fastest impact, but a tie may have picked another of the orbit."""
+    if (a.m, a.n_plus, a.n_minus) != (b.m, b.n_plus, b.n_minus):
+        return False
+    tau, v = a.tau, a.v
+    for _ in range(a.n_plus):
+        if abs(fate.wrapped(tau - b.tau)) < SAME_POINT and abs(v - b.v) < SAME_POINT:
+            return True
+        if abs(v - b.v) < SAME_POINT or abs(a.v - b.v) < SAME_POINT:
+            _, tau, v, _, _ = fate.impact(tau, v, point.delta, point.epsilon, point.beta, fate.DRIFT)
+        else:
+            return False
+    return False
+
+
+def _find(
+    groups: list[_Group], outcome: fate.Outcome, footprint: NDArray[np.uint64], point: fate.Point
+) -> _Group | None:
+    for group in groups:
+        if group.outcome.kind != outcome.kind:
+            continue
+        if outcome.kind in (fate.QUIET, fate.UNDECIDED):
+            return group
+        if outcome.kind == fate.PERIODIC:
+            if _same_periodic(group.outcome, outcome, point):
+                return group
+        elif group.footprint is not None:
+            shared = _bits(group.footprint & footprint)
+            if shared > SAME_FOOTPRINT * min(_bits(group.footprint), _bits(footprint)):
+                return group
+    return None
+
+
+def _merge(outcomes: list[fate.Outcome], footprints: NDArray[np.uint64], point: fate.Point) -> list[_Group]:
+    """Group the samples by attractor, in the order of the sample."""
+    groups: list[_Group] = []
+    for i, outcome in enumerate(outcomes):
+        group = _find(groups, outcome, footprints[i], point)
+        if group is None:
+            chaotic = outcome.kind == fate.CHAOTIC
+            group = _Group(outcome, footprint=footprints[i].copy() if chaotic else None)
+            groups.append(group)
+        elif group.footprint is not None:
+            group.footprint |= footprints[i]
+        group.members.append(i)
+    return groups
+
+
+def _attractor(group: _Group, sums: NDArray[np.float64], count: int) -> Attractor:
+    o = group.outcome
+    lyapunov, error = (np.nan, np.nan), np.nan
+    if o.kind == fate.PERIODIC:
+        lyapunov, error = (float(o.log_first), float(o.log_second)), 0.0
+    elif o.kind == fate.CHAOTIC:
+        first, second, error = pooled(sums[group.members])
+        lyapunov = (first, second)
+    low, high = wilson_interval(len(group.members), count)
+    return Attractor(
+        kind=KINDS[o.kind],
+        m=int(o.m),
+        n_plus=int(o.n_plus),
+        n_minus=int(o.n_minus),
+        fraction=len(group.members) / count,
+        fraction_interval=(float(low), float(high)),
+        lyapunov=lyapunov,
+        lyapunov_error=error,
+        tau=float(o.tau),
+        v=float(o.v),
+    )
+
+
+def attractors(
+    delta: float, epsilon: float, beta: float, count: int, v_max: float, seed: int, budget: fate.Budget | None = None
+) -> tuple[Attractor, ...]:
+    """See `rattle.Gear.attractors`."""
+    require(
+        isinstance(count, int | np.integer) and 1 <= count <= MOST_SAMPLES,
+        f"count must be 1 to {MOST_SAMPLES}, got {count!r}",
+    )
+    require(isinstance(seed, int | np.integer) and seed >= 0, f"seed must be an integer of at least 0, got {seed!r}")
+    v_max = require_number("v_max", v_max, positive=True)
+    tau, v = initial_conditions(int(count), v_max, int(seed), (delta, epsilon, beta))
+    point = fate.Point(delta, epsilon, beta, capture_invariant(delta, epsilon, beta))
+    outcomes, sums, footprints = fate.classify_many(tau, v, point, budget or fate.Budget())
+    groups = _merge(outcomes, footprints, point)
+    found = (_attractor(group, sums, int(count)) for group in groups)
+    return tuple(sorted(found, key=lambda a: (-a.fraction, KINDS.index(a.kind), a.m, a.n_plus, a.n_minus, a.v, a.tau)))

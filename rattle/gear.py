@@ -1,0 +1,164 @@
+"""Gear: one parameter point of the impacting gear model, and everything that can be asked of it."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle import flight, impact_map, limits
+from rattle.attractors import Attractor, attractors
+from rattle.errors import RattleError, require, require_finite, require_number
+from rattle.orbits import Orbit, orbits_at
+from rattle.quiet import capture_speed
+from rattle.regions import regions
+
+
+class FirstImpact(NamedTuple):
+    """The first impact of a free flight: flight time (forcing periods), wall (+1 or −1), velocity before reflection."""
+
+    flight_time: float
+    next_wall: int
+    impact_velocity: float
+
+
+class Impact(NamedTuple):
+    """One step of the impact map: (τ, v), the impacts on Σ⁻ on the way, the tangent matrix ∂(τ', v')/∂(τ, v), and the time taken."""
+
+    tau: float
+    v: float
+    n_minus: int
+    tangent: NDArray[np.float64]
+    time: float
+
+
+class Iterates(NamedTuple):
+    """Final states of many trajectories with the impacts counted on each wall; all of the broadcast shape."""
+
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    n_plus: NDArray[np.int64]
+    n_minus: NDArray[np.int64]
+
+
+def _raise_for(status: int) -> None:
+    """Turn a kernel's status code into an exception."""
+    if status == impact_map.STUCK:
+        raise RattleError("the motion comes to rest on a wall: there is no next impact to compute (speed 0)")
+    if status == flight.NO_IMPACT:
+        raise RattleError(f"no impact within {flight.LONGEST:g} forcing periods")
+
+
+@dataclass(frozen=True)
+class Gear:
+    """The impacting gear model at damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all dimensionless.
+
+    Φ'' + δΦ' = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt between the walls Φ = ±β, elastic impacts; time in forcing periods. States are
+    (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v. Raises ParameterError on other parameters.
+    Source: Mason and Piiroinen, SIAM J. Appl. Dyn. Syst. 8 (2009) 1694–1711, equations (2.3), (2.4).
+    """
+
+    delta: float
+    epsilon: float
+    beta: float = 0.6
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "delta", require_number("delta", self.delta, positive=True))
+        object.__setattr__(self, "epsilon", require_number("epsilon", self.epsilon))
+        object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
+
+    @property
+    def sn1(self) -> float:
+        """ε at which A and C are born at this damping (paper 4.1)."""
+        return float(limits.sn1(self.delta))
+
+    @property
+    def flip(self) -> float:
+        """ε above which C is unstable at this damping (PDC, not in the paper)."""
+        return float(limits.flip(self.delta))
+
+    @property
+    def quiet_limit(self) -> float:
+        """ε from which permanent contact is impossible at this damping."""
+        return float(limits.quiet_limit(self.delta))
+
+    @property
+    def capture_speed(self) -> float:
+        """Impact speed below which a bouncing motion is certain to become quiet; 0 at and above the quiet limit."""
+        return capture_speed(self.delta, self.epsilon, self.beta)
+
+    def first_impact(self, wall: int, phase: float, velocity: float) -> FirstImpact:
+        """The first impact after leaving wall (+1: Φ = β, −1: Φ = −β) at this phase with this velocity (into the gap).
+
+        Returns (flight_time, next_wall, impact_velocity); the velocity is the one before reflection. Raises ParameterError if wall is
+        not ±1, a number is not finite, or the velocity is zero or points out of the gap.
+        """
+        require(wall in (1, -1), f"wall must be +1 or -1, got {wall!r}")
+        tau = _phase(phase)
+        speed = -wall * require_finite("velocity", velocity)
+        require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
+        found = flight.first_impact(int(wall), tau, -wall * speed, self.delta, self.epsilon, self.beta, flight.DRIFT)
+        status, time, next_wall, w1 = found[:4]
+        _raise_for(status)
+        return FirstImpact(time, next_wall, w1)
+
+    def impact(self, tau: float, v: float) -> Impact:
+        """The impact map Π of (τ, v), v > 0, with its tangent matrix (2, 2) (paper 3.16).
+
+        The tangent is infinite at a graze. Raises ParameterError, and RattleError if there is no next impact.
+        """
+        v = require_number("v", v, positive=True)
+        found = impact_map.impact_tangent(_phase(tau), v, self.delta, self.epsilon, self.beta, flight.DRIFT, False)
+        status, tau1, v1, time, n_minus, j00, j01, j10, j11, _ = found
+        _raise_for(status)
+        return Impact(tau1, v1, n_minus, np.array([[j00, j01], [j10, j11]]), time)
+
+    def inverse_impact(self, tau: float, v: float) -> Impact:
+        """The (τ, v) that Π maps here, with the tangent matrix of Π⁻¹; time is the positive time between. Raises as `impact`."""
+        v = require_number("v", v, positive=True)
+        status, tau0, v0, time, n_minus = impact_map.inverse_impact(_phase(tau), v, self.delta, self.epsilon, self.beta)
+        _raise_for(status)
+        forward = self.impact(tau0, v0)
+        return Impact(tau0, v0, n_minus, np.linalg.inv(forward.tangent), time)
+
+    def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
+        """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
+
+        A trajectory that comes to rest keeps its last state and has n_plus < n. Raises ParameterError.
+        """
+        try:
+            tau, v, n = np.broadcast_arrays(np.asarray(tau, np.float64), np.asarray(v, np.float64), np.asarray(n))
+        except ValueError as error:
+            require(False, f"tau, v and n must broadcast: {error}")
+        require(bool(np.isfinite(tau).all()), "tau must be finite")
+        require(bool((np.isfinite(v) & (v > 0)).all()), "v must be finite and greater than 0")
+        require(np.issubdtype(n.dtype, np.integer) and bool((n >= 0).all()), "n must be integers of at least 0")
+        flat = [
+            np.ascontiguousarray(x, t).ravel() for x, t in ((tau % 1.0, np.float64), (v, np.float64), (n, np.int64))
+        ]
+        point = [np.full(flat[0].size, x) for x in (self.delta, self.epsilon, self.beta)]
+        _status, *out = impact_map.iterate_many(*flat, *point)
+        return Iterates(*(x.reshape(tau.shape) for x in out))
+
+    def orbits(self) -> tuple[Orbit, ...]:
+        """The admissible period-one orbits among A, B, C, D, in that order, with multipliers and stability."""
+        return orbits_at(self.delta, self.epsilon, self.beta)
+
+    def region(self) -> int:
+        """Region 1…5 (I…V) of the paper's Figure 7; 0 for another combination of orbits."""
+        return int(regions(self.delta, self.epsilon, self.beta))
+
+    def attractors(self, count: int = 256, v_max: float = 7.0, seed: int = 0) -> tuple[Attractor, ...]:
+        """The attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds, by falling fraction.
+
+        Quiet: captured by a proven-small bounce. Periodic: a stable fixed point of Π^k that the trajectory is seen to approach, with its
+        exact label. Chaotic: neither within the watch of some thousand periods, and a first exponent above zero by its own error bar.
+        Else undecided. Deterministic in all arguments. Raises ParameterError.
+        """
+        return attractors(self.delta, self.epsilon, self.beta, count, v_max, seed)
+
+
+def _phase(phase: float) -> float:
+    """A finite phase folded into [0, 1)."""
+    folded = require_finite("phase", phase) % 1.0
+    return folded if folded < 1.0 else 0.0  # a tiny negative phase rounds up to 1

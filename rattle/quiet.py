@@ -1,0 +1,59 @@
+"""When is a bouncing motion certain to become quiet? An adiabatic criterion.
+
+The contact force g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt is positive for all t below the quiet limit. A bounce of speed v lasts 2v/g.
+While that is short, I = v³/g(t) at the impacts is an adiabatic invariant, damped by e^(−δ) per period (so v by e^(−δ/3)): impacts
+are points of time-reversal symmetry, so the error of I is of second order in
+
+    η = max over t of (v/g) · max(|g'|/g, π, δ)    with v = (I g)^(1/3).
+
+The net change of ln I per period beyond −δ is exponentially small: measured, at most about 10 e^(−1.9/η) for any δ and ε. Quiet
+is certain once η is so small that this is below δ/4, and the bounces are lower than half the gap. I then falls in every period, η
+with it. docs/decisions/0003-quiet-capture.md has the measurement; a test repeats it.
+"""
+
+import math
+
+import numpy as np
+
+from rattle._compile import kernel
+from rattle.flight import TWO_PI
+
+PHASES = 2048
+LARGEST_ETA = 0.3
+KICK, DECAY_RATE = 10.0, 1.9
+
+
+@kernel
+def contact_force(tau, delta, epsilon):
+    """g at phase tau."""
+    theta = TWO_PI * tau
+    return TWO_PI * (2.0 * delta - TWO_PI * epsilon * math.cos(theta) - delta * epsilon * math.sin(theta))
+
+
+@kernel
+def largest_eta(delta):
+    """η below which the kick per period is under δ/4."""
+    return min(LARGEST_ETA, DECAY_RATE / math.log(4.0 * KICK / delta))
+
+
+@kernel
+def capture_invariant(delta, epsilon, beta):
+    """Largest I = v³/g(τ) that is certain to become quiet; 0 where no quiet motion exists."""
+    smallest = 2.0 * TWO_PI * delta - TWO_PI * epsilon * math.hypot(TWO_PI, delta)
+    if smallest <= 0.0:
+        return 0.0
+    fastest = 0.0
+    for i in range(PHASES):
+        theta = TWO_PI * i / PHASES
+        g = max(contact_force(i / PHASES, delta, epsilon), smallest)
+        slope = TWO_PI * TWO_PI * epsilon * (TWO_PI * math.sin(theta) - delta * math.cos(theta))
+        fastest = max(fastest, max(abs(slope) / g, max(math.pi, delta)) * g ** (-2.0 / 3.0))
+    adiabatic = (largest_eta(delta) / fastest) ** 3
+    low = (2.0 * beta) ** 1.5 * math.sqrt(smallest)  # bounce height v²/2g ≤ β
+    return min(adiabatic, low)
+
+
+def capture_speed(delta: float, epsilon: float, beta: float) -> float:
+    """Impact speed below which quiet is certain at every phase: (I g_min)^(1/3), 0 at and above the quiet limit."""
+    smallest = 2 * TWO_PI * delta - TWO_PI * epsilon * np.hypot(TWO_PI, delta)
+    return float((capture_invariant(delta, epsilon, beta) * max(smallest, 0.0)) ** (1 / 3))
