@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, delete, event, func, select
+from sqlalchemy import Connection, Engine, create_engine, delete, event, func, inspect, select
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 from sqlalchemy.orm import Session
 
@@ -33,11 +33,12 @@ class NewJob:
 
 @dataclass(frozen=True)
 class DoneTile:
-    """A tile that has been written to the store; ``failures`` are its failed cells, with their messages."""
+    """A tile that has been written to the store; ``failures`` explains the first of its ``failed`` cells."""
 
     index: int
     cells: int
     seconds: float
+    failed: int
     failures: list[dict[str, Any]]
 
 
@@ -58,6 +59,7 @@ class Database:
             engine = create_engine(url)
             if engine.dialect.name == "sqlite":
                 _prepare_sqlite(engine)
+            _refuse_foreign(engine)
             Table.metadata.create_all(engine)
         except (SQLAlchemyError, ImportError) as error:
             raise DataDirectoryError(f"The job database {url} cannot be opened: {error}") from error
@@ -155,14 +157,14 @@ class Database:
                     index=tile.index,
                     cells=tile.cells,
                     seconds=tile.seconds,
-                    failed=len(tile.failures),
+                    failed=tile.failed,
                     failures=tile.failures,
                 )
             )
             job.tiles_done += 1
             job.cells_done += tile.cells
-            job.cells_failed += len(tile.failures)
-            data = {"tile": tile.index, "seconds": round(tile.seconds, 4), "failed": len(tile.failures)}
+            job.cells_failed += tile.failed
+            data = {"tile": tile.index, "seconds": round(tile.seconds, 4), "failed": tile.failed}
             _add_event(session, job, "tile", data | _counts(job))
         self._on_change(survey_id)
 
@@ -223,6 +225,18 @@ def _prepare_sqlite(engine: Engine) -> None:
         # A transaction that reads before it writes must hold the write lock from its start.
         writes = connection.get_execution_options().get("writes", False)
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def _refuse_foreign(engine: Engine) -> None:
+    present = inspect(engine)
+    for table in Table.metadata.tables.values():
+        if present.has_table(table.name):
+            found = {column["name"] for column in present.get_columns(table.name)}
+            if found != set(table.columns.keys()):
+                raise DataDirectoryError(
+                    f"Table {table.name} of the job database {engine.url} belongs to another program or version. "
+                    "Use another data directory."
+                )
 
 
 def _find(session: Session, survey_id: str) -> JobRow:

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from workers import TileRecord
 
 LONGEST_PAUSE = 30.0
+MAX_FAILURES = 100  # messages kept of one tile
 
 log = logging.getLogger(__name__)
 
@@ -149,5 +150,7 @@ class JobManager:
         return self._stopping.is_set() or self._dismissed.is_set()
 
     def _record(self, survey_id: str, tile: TileRecord) -> None:
-        failures = [{"epsilon": i, "delta": j, "message": message} for i, j, message in tile.failed_cells]
-        self._database.add_tile(survey_id, DoneTile(tile.index, tile.cells, tile.seconds, failures))
+        first = tile.failed_cells[:MAX_FAILURES]
+        failures = [{"epsilon": i, "delta": j, "message": message} for i, j, message in first]
+        failed = len(tile.failed_cells)
+        self._database.add_tile(survey_id, DoneTile(tile.index, tile.cells, tile.seconds, failed, failures))

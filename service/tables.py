@@ -72,7 +72,10 @@ class JobRow(Table):
 
 
 class TileRow(Table):
-    """A tile that is done. A tile without a row is still to be computed."""
+    """A tile that is done. A tile without a row is still to be computed.
+
+    ``failures`` holds the indices and messages of the first ``failed`` cells.
+    """
 
     __tablename__ = "tiles"
 

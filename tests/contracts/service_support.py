@@ -1,0 +1,57 @@
+"""A front end without a cluster, for tests of what it answers: accepted surveys stay accepted."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from fastapi.testclient import TestClient
+
+from service.app import create_app
+from service.errors import UnavailableError
+from service.settings import Settings
+from service.state import Front
+
+BODY: dict[str, Any] = {
+    "name": "small",
+    "delta": {"start": 0.5, "stop": 0.7, "num": 6},
+    "epsilon": {"start": 0.05, "stop": 0.15, "num": 4},
+    "initial_conditions": {"count": 4},
+    "tile": {"delta": 3, "epsilon": 2},
+}
+
+
+@contextmanager
+def no_cluster() -> Iterator[Any]:
+    """A cluster that cannot be reached."""
+    raise UnavailableError("there is no cluster in this test")
+    yield
+
+
+@contextmanager
+def front_end(data: Path, **settings: Any) -> Iterator[TestClient]:
+    """A client of an application with these settings, without a cluster."""
+    app = create_app(Settings(data=data, **settings), no_cluster)
+    with TestClient(app, raise_server_exceptions=False) as client:
+        yield client
+
+
+def front_of(client: TestClient) -> Front:
+    """What the routes of this application share."""
+    front: Front = client.app.state.front
+    return front
+
+
+def assert_problem(response: Any, status: int, *words: str) -> dict[str, Any]:
+    """The problem document of a response, which must be complete and mention the words."""
+    assert response.status_code == status, response.text
+    assert response.headers["content-type"] == "application/problem+json"
+    problem: dict[str, Any] = response.json()
+    assert problem["status"] == status
+    assert problem["type"] == "about:blank"
+    assert problem["title"]
+    assert len(problem["detail"]) > 10
+    text = problem["detail"] + " ".join(item["field"] + item["message"] for item in problem["errors"])
+    for word in words:
+        assert word in text, (word, problem)
+    return problem

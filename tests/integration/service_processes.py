@@ -1,0 +1,108 @@
+"""Real processes of the front end, on loopback, and what a survey must hold."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import xarray as xr
+
+from workers import SurveyRequest, compute_tile, tiles_of
+
+ROOT = Path(__file__).parents[2]
+RATTLE = [sys.executable, "-c", "from service.cli import main; main()"]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+START_SECONDS = 120
+
+#: 144 cells in 36 tiles, which take seconds on two processes.
+FIELDS: dict[str, Any] = {
+    "delta": {"start": 0.45, "stop": 0.9, "num": 12},
+    "epsilon": {"start": 0.02, "stop": 0.25, "num": 12},
+    "initial_conditions": {"count": 16},
+    "tile": {"delta": 2, "epsilon": 2},
+    "seed": 7,
+}
+OPTIONS = ["--delta", "0.45:0.9:12", "--epsilon", "0.02:0.25:12", "--count", "16", "--tile", "2x2", "--seed", "7"]
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def wait_until(condition: Callable[[], Any], seconds: float = START_SECONDS) -> Any:
+    """Poll until the condition is true; its value."""
+    deadline = time.monotonic() + seconds
+    while not (value := condition()):
+        assert time.monotonic() < deadline, f"{condition} did not happen within {seconds} s"
+        time.sleep(0.02)
+    return value
+
+
+def start(*arguments: str, **options: Any) -> subprocess.Popen[str]:
+    """A command of rattle, in a process group of its own."""
+    return subprocess.Popen(
+        [*RATTLE, *arguments], cwd=ROOT, env=ENVIRONMENT, text=True, start_new_session=True, **options
+    )
+
+
+def finish(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """A command of rattle, when it has ended, with what it printed."""
+    return subprocess.run(
+        [*RATTLE, *arguments], cwd=ROOT, env=ENVIRONMENT, text=True, capture_output=True, timeout=START_SECONDS
+    )
+
+
+@contextmanager
+def server(data: Path, port: int, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """A server that answers; stopped by SIGTERM at the end, and it must stop in time and without error."""
+    process = start("serve", "--port", str(port), "--data", str(data), *arguments)
+    try:
+        wait_until(lambda: answers(process, port))
+        yield process
+        if process.poll() is None:
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(timeout=60) == 0
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+
+
+def answers(process: subprocess.Popen[str], port: int) -> bool:
+    assert process.poll() is None, "the server ended"
+    try:
+        return httpx.get(f"http://127.0.0.1:{port}/v1/health").is_success
+    except httpx.TransportError:
+        return False
+
+
+def serial_run(request: SurveyRequest) -> dict[str, np.ndarray]:
+    """Every per-cell variable, computed here, tile by tile, in reverse order."""
+    whole: dict[str, np.ndarray] = {}
+    for tile in reversed(tiles_of(request)):
+        arrays, _ = compute_tile(request, tile)
+        for name, values in arrays.items():
+            target = whole.setdefault(name, np.empty((*values.shape[:-2], *request.shape), values.dtype))
+            target[..., tile.epsilon, tile.delta] = values
+    return whole
+
+
+def assert_bit_identical(dataset: xr.Dataset, expected: dict[str, np.ndarray]) -> None:
+    """Every expected variable is there, with the same dtype and the same bytes, NaN included."""
+    assert len(expected) > 10
+    for name, values in expected.items():
+        found = dataset[name].values
+        assert found.dtype == values.dtype, name
+        assert found.shape == values.shape, name
+        assert found.tobytes() == values.tobytes(), name

@@ -1,0 +1,167 @@
+"""A survey through a real server and a real two-process cluster, and what interrupts it."""
+
+import os
+import signal
+import sqlite3
+import subprocess
+from collections.abc import Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from service_processes import (
+    FIELDS,
+    OPTIONS,
+    assert_bit_identical,
+    finish,
+    free_port,
+    serial_run,
+    server,
+    start,
+    wait_until,
+)
+
+from service.client import Client
+from service.errors import ResponseError, ServiceError
+from workers import SurveyRequest
+
+REQUEST = SurveyRequest(**FIELDS)
+
+
+@pytest.fixture(scope="module")
+def expected() -> dict[str, np.ndarray]:
+    return serial_run(REQUEST)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("data")
+
+
+@pytest.fixture(scope="module")
+def client(data: Path) -> Iterator[Client]:
+    port = free_port()
+    with server(data, port), Client(f"http://127.0.0.1:{port}") as client:
+        yield client
+
+
+def test_a_survey_by_rest_equals_a_serial_run_bit_for_bit(
+    client: Client, data: Path, expected: dict[str, np.ndarray]
+) -> None:
+    job = client.submit(REQUEST)
+    path = job.document["links"]["events"]
+    # The client goes away twice and comes back with the last id that it saw.
+    seen = list(islice(client.events(path, after=0), 3))
+    seen += islice(client.events(path, after=seen[-1][0]), 5)
+    seen += client.events(path, after=seen[-1][0])
+    assert [number for number, _ in seen] == list(range(1, len(seen) + 1))
+    assert sorted(event["tile"] for _, event in seen if "tile" in event) == list(range(36))
+    assert seen[-1][1]["state"] == "successful"
+    assert job.refresh().document["progress"] == 100
+
+    over_http = xr.open_zarr(f"{client.url}/v1/surveys/{job.id}/store")
+    from_disk = xr.open_zarr(data / "surveys" / f"{job.id}.zarr")
+    assert_bit_identical(over_http, expected)
+    assert_bit_identical(from_disk, expected)
+    assert over_http.identical(from_disk)
+    assert job.open().identical(from_disk)
+    for name, variable in over_http.variables.items():
+        assert {"long_name", "units"} <= set(variable.attrs), name
+
+
+def test_a_picture_is_there_while_a_survey_runs(client: Client) -> None:
+    job = client.submit(REQUEST.model_copy(update={"seed": 8}))
+    first_tile = next(event for _, event in client.events(job.document["links"]["events"], 0) if "tile" in event)
+    assert first_tile["progress"] < 100
+    for variable in ("region", "quiet_fraction", "lyapunov_max"):
+        answer = client.call("GET", job.document["links"]["map"], params={"variable": variable})
+        assert answer.headers["content-type"] == "image/png"
+        assert answer.content.startswith(b"\x89PNG")
+    with pytest.raises(ResponseError, match="weather") as refused:
+        client.call("GET", job.document["links"]["map"], params={"variable": "weather"})
+    assert refused.value.status == 422
+    job.wait()
+
+
+def test_a_dismissed_survey_stops_and_the_next_one_runs(client: Client) -> None:
+    job = client.submit(REQUEST.model_copy(update={"seed": 9}))
+    stream = client.events(job.document["links"]["events"], after=0)
+    next(event for _, event in stream if "tile" in event)
+    job.delete()
+    assert list(stream)[-1][1]["state"] == "dismissed"
+    with pytest.raises(ServiceError, match="dismissed"):
+        job.wait()
+    following = client.submit(REQUEST.model_copy(update={"seed": 10})).wait()
+    assert following.document["tiles_done"] == 36
+    assert job.refresh().document["tiles_done"] < 36
+    job.delete()
+    with pytest.raises(ResponseError) as gone:
+        job.refresh()
+    assert gone.value.status == 404
+
+
+def test_a_survey_outlives_the_kill_of_its_server(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
+    port = free_port()
+    with Client(f"http://127.0.0.1:{port}") as client:
+        with server(tmp_path, port) as process:
+            job = client.submit(REQUEST)
+            tiles = (event for _, event in client.events(job.document["links"]["events"], 0) if "tile" in event)
+            done = list(islice(tiles, 5))[-1]["tiles_done"]
+            process.kill()
+            process.wait()
+        with server(tmp_path, port):
+            assert [found.id for found in client.surveys()] == [job.id]
+            job.wait()
+            assert job.document["tiles_done"] == 36 > done
+            assert_bit_identical(job.open(), expected)
+
+
+def test_a_finished_store_whose_row_says_otherwise_heals(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
+    port = free_port()
+    with Client(f"http://127.0.0.1:{port}") as client:
+        with server(tmp_path, port):
+            job = client.submit(REQUEST).wait()
+        with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+            database.execute("UPDATE jobs SET state = 'running', tiles_done = 35")
+            database.execute('DELETE FROM tiles WHERE "index" = 11')
+        with server(tmp_path, port):
+            assert job.wait().document["tiles_done"] == 36
+            assert_bit_identical(job.open(), expected)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_is_resumed_by_the_same_command(
+    tmp_path: Path, expected: dict[str, np.ndarray], number: signal.Signals
+) -> None:
+    out = tmp_path / "survey.zarr"
+    command: list[Any] = ["run", *OPTIONS, "--out", str(out)]
+    process = start(*command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    wait_until(lambda: process.poll() is not None or any(out.glob("status/c/*/*")))
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)  # a terminal sends Ctrl-C to the cluster's processes too
+    else:
+        process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130, errors
+    assert "resumes" in errors
+    assert "Traceback" not in errors
+    partial = xr.open_zarr(out, consolidated=False)["status"].values
+    assert 0 < np.count_nonzero(partial) < partial.size
+
+    done = finish(*command)
+    assert done.returncode == 0, done.stderr
+    assert "\x1b" not in done.stdout + done.stderr
+    assert "undecided" in done.stdout
+    assert_bit_identical(xr.open_zarr(out), expected)
+    before = sorted((path, path.stat().st_mtime_ns) for path in out.rglob("c/*"))
+
+    again = finish(*command)
+    assert again.returncode == 0, again.stderr
+    assert "complete" in again.stdout
+    other = finish(*command, "--beta", "0.7")
+    assert other.returncode == 2
+    assert "Traceback" not in other.stderr
+    assert sorted((path, path.stat().st_mtime_ns) for path in out.rglob("c/*")) == before
