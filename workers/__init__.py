@@ -1,0 +1,33 @@
+"""A survey of the (δ, ε) plane: its request, its tiles, its zarr store, and the dask cluster that fills it."""
+
+from workers.cluster import connect, embedded_cluster
+from workers.errors import ClusterLostError, SurveyError
+from workers.quantities import QUANTITIES
+from workers.request import Axis, InitialConditions, SurveyRequest, TileShape
+from workers.runner import run_tiles
+from workers.schema import Group, Quantity
+from workers.store import create_store, finish_store, open_survey, tiles_done
+from workers.tiles import Tile, TileRecord, compute_tile, tiles_of
+
+__all__ = [
+    "QUANTITIES",
+    "Axis",
+    "ClusterLostError",
+    "Group",
+    "InitialConditions",
+    "Quantity",
+    "SurveyError",
+    "SurveyRequest",
+    "Tile",
+    "TileRecord",
+    "TileShape",
+    "compute_tile",
+    "connect",
+    "create_store",
+    "embedded_cluster",
+    "finish_store",
+    "open_survey",
+    "run_tiles",
+    "tiles_done",
+    "tiles_of",
+]

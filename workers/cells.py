@@ -1,0 +1,74 @@
+"""A block of cells of the (δ, ε) plane, and what the model says about it."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+import rattle
+
+GRAZING_CURVES = ("G1", "G2")
+
+
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The cells `epsilon` × `delta`; what is asked of them is evaluated once, when first asked for.
+
+    No cell knows its block: every value follows from (δ, ε, β) and, for attractors, the sample's count, v_max and
+    seed, so the same cell holds the same bits in any block.
+    """
+
+    delta: np.ndarray  # (n_delta,)
+    epsilon: np.ndarray  # (n_epsilon,)
+    beta: float
+    count: int  # initial conditions per cell; 0 where no attractors are asked for
+    v_max: float
+    seed: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells along (epsilon, delta)."""
+        return len(self.epsilon), len(self.delta)
+
+    def one(self, i: int, j: int) -> "Cells":
+        """Return the cell at (i_epsilon, i_delta), with nothing evaluated."""
+        return replace(self, delta=self.delta[j : j + 1], epsilon=self.epsilon[i : i + 1])
+
+    @cached_property
+    def region(self) -> np.ndarray:
+        """Regions I to V as int8, shape (n_epsilon, n_delta)."""
+        return rattle.regions(self.delta, self.epsilon[:, None], self.beta)
+
+    @cached_property
+    def period_one(self) -> rattle.PeriodOne:
+        """The orbits A to D; shapes end in (n_epsilon, n_delta)."""
+        return rattle.period_one(self.delta, self.epsilon[:, None], self.beta)
+
+    @cached_property
+    def attractors(self) -> list[tuple[rattle.Attractor, ...]]:
+        """The attractors of each cell, row by row; the calls that a reader makes to reproduce a cell."""
+        return [
+            rattle.Gear(float(delta), float(epsilon), self.beta).attractors(self.count, self.v_max, self.seed)
+            for epsilon in self.epsilon
+            for delta in self.delta
+        ]
+
+    def each(self) -> Iterator[tuple[int, int, tuple[rattle.Attractor, ...]]]:
+        """Yield (i_epsilon, i_delta, attractors) of every cell."""
+        for index, found in enumerate(self.attractors):
+            yield *divmod(index, len(self.delta)), found
+
+    @cached_property
+    def grazing(self) -> tuple[rattle.Grazing, ...]:
+        """The grazing curves G1 and G2 at each δ of the block."""
+        return tuple(rattle.grazing(curve, self.delta, self.beta) for curve in GRAZING_CURVES)
+
+    @cached_property
+    def robust_chaos(self) -> np.ndarray:
+        """Whether each δ lies inside the robust-chaos interval, which not every β has."""
+        try:
+            low, high = rattle.robust_chaos_interval(self.beta)
+        except rattle.RattleError:
+            return np.zeros(len(self.delta), dtype=bool)
+        return (low < self.delta) & (self.delta < high)

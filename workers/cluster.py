@@ -1,0 +1,78 @@
+"""The dask cluster that computes tiles: one of our own, or an existing one."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+from distributed import Client, LocalCluster, Worker, WorkerPlugin
+
+import rattle
+from workers.errors import ClusterLostError, SurveyError
+
+MEMORY_LIMIT = 2 * 2**30
+CONNECT_SECONDS = 10
+#: Tiles are the parallelism: threads inside a worker would only compete.
+ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+
+
+class WarmKernels(WorkerPlugin):
+    """Compile or load the kernels before the first tile, also on a worker that was restarted."""
+
+    name = "gear-rattle-kernels"
+
+    def setup(self, worker: Worker) -> None:  # noqa: ARG002  (dask's signature)
+        """Warm the kernels of this process."""
+        rattle.warm_up()
+
+
+@contextmanager
+def embedded_cluster(n_workers: int = 2) -> Iterator[Client]:
+    """Start processes of one thread each on this machine, on loopback only, for as long as the context lasts.
+
+    Raises:
+        SurveyError: the processes do not start.
+    """
+    with ExitStack() as stack:
+        try:
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=n_workers,
+                    threads_per_worker=1,
+                    processes=True,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    memory_limit=MEMORY_LIMIT,
+                    silence_logs=logging.CRITICAL,
+                    env=ONE_THREAD,
+                )
+            )
+            client = stack.enter_context(Client(cluster, set_as_default=False))
+            client.register_plugin(WarmKernels())
+        except Exception as error:
+            raise SurveyError(f"the embedded cluster of {n_workers} processes does not start: {error}") from error
+        yield client
+
+
+@contextmanager
+def connect(url: str) -> Iterator[Client]:
+    """Use an existing dask scheduler, such as `tcp://host:8786`, which is left running.
+
+    Its workers need this package in the same version, and the file system of the store.
+
+    Raises:
+        ClusterLostError: nothing answers at the address, or it has no workers.
+        SurveyError: its workers cannot run the kernels.
+    """
+    with ExitStack() as stack:
+        try:
+            client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
+            client.wait_for_workers(1, timeout=CONNECT_SECONDS)
+        except (OSError, ValueError, TypeError) as error:
+            raise ClusterLostError(
+                f"no dask scheduler with workers answers at {url}: start them, or correct it"
+            ) from error
+        try:
+            client.register_plugin(WarmKernels())
+        except Exception as error:
+            raise SurveyError(f"the workers at {url} cannot run the kernels: {error}") from error
+        yield client

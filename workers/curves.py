@@ -1,0 +1,42 @@
+"""The curves and points that divide the plane of a survey, for its store and its picture."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+import rattle
+from workers.quantities import DOI
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A curve ε(δ) for a half-backlash β; NaN where it does not exist."""
+
+    long_name: str
+    reference: str
+    epsilon: Callable[[np.ndarray, float], np.ndarray]
+
+
+_FIGURE_7 = f"doi:{DOI} section 5.2, Figure 7"
+
+CURVES = {
+    "SN1": Curve("saddle-node of A and C", f"doi:{DOI} equation 4.1", lambda delta, _: rattle.sn1(delta)),
+    "PDC": Curve("flip (period doubling) of C", f"doi:{DOI} section 3.3", lambda delta, _: rattle.flip(delta)),
+    "G1": Curve("grazing of C", _FIGURE_7, lambda delta, beta: rattle.grazing("G1", delta, beta).epsilon),
+    "G2": Curve("grazing of A", _FIGURE_7, lambda delta, beta: rattle.grazing("G2", delta, beta).epsilon),
+    "quiet_limit": Curve(
+        "limit of permanent contact", f"doi:{DOI} section 3.1", lambda delta, _: rattle.quiet_limit(delta)
+    ),
+}
+
+POINTS = ("COD20", "COD21", "COD22")
+
+
+def codimension_two(name: str, beta: float) -> tuple[float, float]:
+    """Return (δ, ε) of a codimension-two point, NaN where this β has none."""
+    try:
+        point = rattle.codimension_two(name, beta)
+    except rattle.RattleError:
+        return float("nan"), float("nan")
+    return point.delta, point.epsilon

@@ -1,0 +1,283 @@
+"""The registry of what a survey stores: one entry per variable, from which schema, REST enum and docs follow.
+
+To add a variable, add one `Quantity` to `QUANTITIES`. A new dimension needs one `Coordinate` besides.
+"""
+
+from collections.abc import Iterable
+
+from workers import evaluate
+from workers.cells import GRAZING_CURVES
+from workers.schema import CELL, Coordinate, Group, Quantity
+
+DOI = "10.1137/090759641"
+
+COORDINATES = {
+    "delta": Coordinate("damping δ"),
+    "epsilon": Coordinate("eccentricity ε"),
+    "orbit": Coordinate("period-one orbit", ("A", "B", "C", "D")),
+    "multiplier": Coordinate("number of the Floquet multiplier", (1, 2)),
+    "attractor": Coordinate("slot of the attractor, by falling basin fraction", tuple(range(evaluate.SLOTS))),
+    "exponent": Coordinate("number of the Lyapunov exponent, by falling value", (1, 2)),
+    "grazing_curve": Coordinate("grazing curve", GRAZING_CURVES),
+}
+
+_PAPER = f"doi:{DOI}"
+_QUIET = f"{_PAPER} section 3.1"
+_MAP = f"{_PAPER} section 3.2, equation 3.16"
+_ORBITS = f"{_PAPER} section 3.3"
+_BASINS = f"{_PAPER} section 5.1, Figure 4"
+_PLANE = f"{_PAPER} section 5.2, Figure 7"
+_WILSON = "E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212"
+_SUM_RULE = f"tangent map of {_MAP}"
+
+_ORBIT = ("orbit", *CELL)
+_SLOT = ("attractor", *CELL)
+_CURVE = ("grazing_curve", "delta")
+
+_nan = float("nan")
+
+#: In the order of the store; `status` is last because a tile is done when its status says so.
+QUANTITIES: tuple[Quantity, ...] = (
+    Quantity(
+        "region",
+        Group.REGION,
+        CELL,
+        "int8",
+        "region of the plane, by the period-one orbits that exist",
+        _PLANE,
+        lambda cells: cells.region,
+        ("not_computed", "I", "II", "III", "IV", "V"),
+    ),
+    Quantity(
+        "orbit_exists", Group.ORBITS, _ORBIT, "bool", "whether the orbit exists", _ORBITS, evaluate.orbits("exists")
+    ),
+    Quantity(
+        "orbit_stable",
+        Group.ORBITS,
+        _ORBIT,
+        "bool",
+        "whether the orbit exists and is stable",
+        _ORBITS,
+        evaluate.orbits("stable"),
+    ),
+    Quantity(
+        "orbit_phase",
+        Group.ORBITS,
+        _ORBIT,
+        "float64",
+        "phase τ of the impact on Σ+, in forcing periods",
+        _ORBITS,
+        evaluate.orbits("tau"),
+    ),
+    Quantity(
+        "orbit_velocity",
+        Group.ORBITS,
+        _ORBIT,
+        "float64",
+        "speed v after the impact on Σ+",
+        _ORBITS,
+        evaluate.orbits("v"),
+    ),
+    Quantity(
+        "orbit_multiplier",
+        Group.ORBITS,
+        ("orbit", "multiplier", *CELL),
+        "complex128",
+        "Floquet multiplier of the orbit",
+        _ORBITS,
+        evaluate.orbits("multipliers"),
+    ),
+    Quantity(
+        "attractor_kind",
+        Group.ATTRACTORS,
+        _SLOT,
+        "int8",
+        "kind of attractor",
+        _BASINS,
+        evaluate.slots(lambda attractor: evaluate.KINDS.index(attractor.kind), "int8"),
+        evaluate.KINDS,
+    ),
+    Quantity(
+        "attractor_m",
+        Group.ATTRACTORS,
+        _SLOT,
+        "int16",
+        "m of P(m, n+, n-), forcing periods; 0 unless periodic",
+        _ORBITS,
+        evaluate.slots(lambda attractor: attractor.m, "int16"),
+    ),
+    Quantity(
+        "attractor_n_plus",
+        Group.ATTRACTORS,
+        _SLOT,
+        "int16",
+        "n+ of P(m, n+, n-), impacts on Σ+; 0 unless periodic",
+        _ORBITS,
+        evaluate.slots(lambda attractor: attractor.n_plus, "int16"),
+    ),
+    Quantity(
+        "attractor_n_minus",
+        Group.ATTRACTORS,
+        _SLOT,
+        "int16",
+        "n- of P(m, n+, n-), impacts on Σ-; 0 unless periodic",
+        _ORBITS,
+        evaluate.slots(lambda attractor: attractor.n_minus, "int16"),
+    ),
+    Quantity(
+        "attractor_fraction",
+        Group.ATTRACTORS,
+        _SLOT,
+        "float32",
+        "share of the sampled initial conditions",
+        _BASINS,
+        evaluate.slots(lambda attractor: attractor.fraction, "float32"),
+    ),
+    Quantity(
+        "attractor_phase",
+        Group.ATTRACTORS,
+        _SLOT,
+        "float64",
+        "phase τ of a representative point, in forcing periods",
+        _MAP,
+        evaluate.slots(lambda attractor: attractor.tau, "float64", _nan),
+    ),
+    Quantity(
+        "attractor_velocity",
+        Group.ATTRACTORS,
+        _SLOT,
+        "float64",
+        "speed v of a representative point",
+        _MAP,
+        evaluate.slots(lambda attractor: attractor.v, "float64", _nan),
+    ),
+    Quantity(
+        "n_attractors",
+        Group.ATTRACTORS,
+        CELL,
+        "int16",
+        "number of attractors found, beyond the slots too",
+        _BASINS,
+        evaluate.per_cell(lambda found, _: len(found)),
+    ),
+    Quantity(
+        "quiet_fraction",
+        Group.ATTRACTORS,
+        CELL,
+        "float32",
+        "share of the sample that ends quiet",
+        _QUIET,
+        evaluate.fraction("quiet"),
+    ),
+    Quantity(
+        "periodic_fraction",
+        Group.ATTRACTORS,
+        CELL,
+        "float32",
+        "share of the sample that ends periodic",
+        _BASINS,
+        evaluate.fraction("periodic"),
+    ),
+    Quantity(
+        "chaotic_fraction",
+        Group.ATTRACTORS,
+        CELL,
+        "float32",
+        "share of the sample that ends chaotic",
+        _BASINS,
+        evaluate.fraction("chaotic"),
+    ),
+    Quantity(
+        "undecided_fraction",
+        Group.ATTRACTORS,
+        CELL,
+        "float32",
+        "share of the sample left undecided",
+        _BASINS,
+        evaluate.fraction("undecided"),
+    ),
+    Quantity(
+        "fraction_error",
+        Group.ATTRACTORS,
+        CELL,
+        "float32",
+        "half-width of the 95 % Wilson interval of quiet_fraction",
+        _WILSON,
+        evaluate.fraction_error,
+    ),
+    Quantity(
+        "attractor_lyapunov",
+        Group.LYAPUNOV,
+        ("attractor", "exponent", *CELL),
+        "float64",
+        "Lyapunov exponent per forcing period, natural logarithm",
+        _SUM_RULE,
+        evaluate.lyapunov,
+    ),
+    Quantity(
+        "lyapunov_max",
+        Group.LYAPUNOV,
+        CELL,
+        "float64",
+        "largest Lyapunov exponent of the attractors that are not quiet",
+        _SUM_RULE,
+        evaluate.per_cell(evaluate.lyapunov_max),
+    ),
+    Quantity(
+        "sum_rule_error",
+        Group.LYAPUNOV,
+        CELL,
+        "float64",
+        "largest |λ1 + λ2 + δ| of the attractors that are not quiet",
+        _SUM_RULE,
+        evaluate.per_cell(evaluate.sum_rule_error),
+    ),
+    Quantity(
+        "grazing_epsilon",
+        Group.GRAZING,
+        _CURVE,
+        "float64",
+        "ε on the grazing curve",
+        _PLANE,
+        evaluate.grazing("epsilon"),
+    ),
+    Quantity(
+        "grazing_phase",
+        Group.GRAZING,
+        _CURVE,
+        "float64",
+        "phase τ of the grazing orbit, in forcing periods",
+        _PLANE,
+        evaluate.grazing("tau"),
+    ),
+    Quantity(
+        "grazing_multiplier",
+        Group.GRAZING,
+        ("grazing_curve", "multiplier", "delta"),
+        "complex128",
+        "Floquet multiplier of the grazing orbit, without the square root",
+        _PLANE,
+        evaluate.grazing("multipliers"),
+    ),
+    Quantity(
+        "robust_chaos",
+        Group.GRAZING,
+        ("delta",),
+        "bool",
+        "whether δ lies inside the robust-chaos interval",
+        _PLANE,
+        lambda cells: cells.robust_chaos,
+    ),
+    Quantity("status", None, CELL, "int8", "what became of the cell", "this survey", evaluate.status, evaluate.STATUS),
+)
+
+
+def stored(groups: Iterable[Group]) -> tuple[Quantity, ...]:
+    """Return the variables of these groups, and `status`."""
+    wanted = {*groups, None}
+    return tuple(quantity for quantity in QUANTITIES if quantity.group in wanted)
+
+
+def shape_of(quantity: Quantity, cells: tuple[int, int]) -> tuple[int, ...]:
+    """Return the shape of a per-cell variable on (n_epsilon, n_delta) cells."""
+    return *(len(COORDINATES[dim].values) for dim in quantity.dims[:-2]), *cells

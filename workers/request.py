@@ -1,0 +1,165 @@
+"""What a survey is asked to compute, validated before anything is computed or stored."""
+
+import json
+from hashlib import sha256
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from workers.errors import SurveyError
+from workers.schema import Group
+from workers.version import code_version
+
+#: Strict: neither True nor "0.6" is a number here.
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
+
+DEFAULT_TILE = 16
+MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
+MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Axis(_Strict):
+    """`num` evenly spaced values from `start` to `stop`, both included."""
+
+    start: Real
+    stop: Real
+    num: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
+
+    @model_validator(mode="after")
+    def _increasing(self) -> Self:
+        if not self.start < self.stop:
+            raise ValueError(f"start ({self.start}) must be below stop ({self.stop}): exchange or separate them")
+        with np.errstate(over="ignore", invalid="ignore"):
+            spaced = np.all(np.diff(self.values()) > 0)
+        if not spaced:
+            raise ValueError(f"{self.num} values between {self.start} and {self.stop} are not distinct: lower num")
+        return self
+
+    def values(self) -> np.ndarray:
+        """Return the values as float64, shape (num,): the ones that are computed with and stored."""
+        return np.linspace(self.start, self.stop, self.num)
+
+    @classmethod
+    def parse(cls, text: str) -> "Axis":
+        """Read `START:STOP:NUM`, as the command line takes it. Raises SurveyError."""
+        try:
+            start, stop, num = text.split(":")
+            return cls(start=float(start), stop=float(stop), num=int(num))
+        except ValueError as error:
+            raise SurveyError(f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61 ({_reason(error)})") from error
+
+
+class InitialConditions(_Strict):
+    """The sample of each cell: `count` points (τ, v) of [0, 1) × (0, v_max)."""
+
+    count: Count = 64
+    v_max: Annotated[Real, Field(gt=0)] = 7.0
+
+
+class TileShape(_Strict):
+    """Cells along each axis of a tile; not given means 16, or the whole axis where that is shorter."""
+
+    delta: Annotated[int, Field(strict=True, ge=1)] | None = None
+    epsilon: Annotated[int, Field(strict=True, ge=1)] | None = None
+
+
+class SurveyRequest(_Strict):
+    """A survey of the (δ, ε) plane: the body of `POST /v1/surveys`; all but the axes has a default."""
+
+    name: Annotated[str, Field(max_length=200)] = ""
+    beta: Annotated[Real, Field(gt=0)] = 0.6
+    delta: Axis
+    epsilon: Axis
+    quantities: tuple[Group, ...] = tuple(Group)
+    initial_conditions: InitialConditions = InitialConditions()
+    tile: TileShape = TileShape()
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
+
+    @field_validator("name")
+    @classmethod
+    def _printable(cls, name: str) -> str:
+        if not name.isprintable():
+            raise ValueError("the name holds characters that cannot be printed: remove them")
+        return name
+
+    @field_validator("delta")
+    @classmethod
+    def _damped(cls, delta: Axis) -> Axis:
+        if delta.start <= 0:
+            raise ValueError(f"delta must be positive: raise start ({delta.start}) above 0")
+        return delta
+
+    @field_validator("epsilon")
+    @classmethod
+    def _eccentric(cls, epsilon: Axis) -> Axis:
+        if epsilon.start < 0:
+            raise ValueError(f"epsilon must not be negative: raise start ({epsilon.start}) to 0 or more")
+        return epsilon
+
+    @field_validator("quantities")
+    @classmethod
+    def _distinct(cls, quantities: tuple[Group, ...]) -> tuple[Group, ...]:
+        if not quantities:
+            raise ValueError(f"name at least one of {', '.join(Group)}")
+        if len(set(quantities)) < len(quantities):
+            raise ValueError("each quantity may be named once: remove the duplicates")
+        return tuple(group for group in Group if group in quantities)
+
+    @model_validator(mode="after")
+    def _tiles_fit(self) -> Self:
+        for axis in ("delta", "epsilon"):
+            size, num = getattr(self.tile, axis), getattr(self, axis).num
+            if size is not None and size > num:
+                raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
+        if self.tile_shape[0] * self.tile_shape[1] > MAX_TILE_CELLS:
+            raise ValueError(f"a tile may hold {MAX_TILE_CELLS} cells: use a smaller tile")
+        if self.n_tiles > MAX_TILES:
+            raise ValueError(f"{self.n_tiles} tiles, at most {MAX_TILES}: use a larger tile or a coarser grid")
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells of the grid along (epsilon, delta)."""
+        return self.epsilon.num, self.delta.num
+
+    @property
+    def tile_shape(self) -> tuple[int, int]:
+        """Cells of a tile along (epsilon, delta); the last tile of an axis may be smaller."""
+        sizes = (self.tile.epsilon, self.tile.delta)
+        return (
+            sizes[0] or min(DEFAULT_TILE, self.epsilon.num),
+            sizes[1] or min(DEFAULT_TILE, self.delta.num),
+        )
+
+    @property
+    def n_cells(self) -> int:
+        """Cells of the grid."""
+        return self.epsilon.num * self.delta.num
+
+    @property
+    def n_tiles(self) -> int:
+        """Tiles that cover the grid."""
+        rows, columns = (-(-num // size) for num, size in zip(self.shape, self.tile_shape, strict=True))
+        return rows * columns
+
+    def content_hash(self) -> str:
+        """Return the hex SHA-256 of everything that decides the bytes of the store, code version included.
+
+        The name is left out: renaming a survey does not make it another one. The tile shape counts, though no cell
+        depends on it, because it is the chunk shape of the store that a resumed run writes to.
+        """
+        content = self.model_dump(mode="json", exclude={"name", "tile"})
+        content |= {"tile": self.tile_shape, "code": code_version()}
+        return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def _reason(error: ValueError) -> str:
+    """Return the first thing that is wrong, without pydantic's preamble."""
+    errors = getattr(error, "errors", None)
+    return str(errors()[0]["msg"]) if errors else str(error)

@@ -1,0 +1,66 @@
+"""The words of the registry: groups that a request names, variables, and dimensions."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from workers.evaluate import Evaluate
+
+CELL = ("epsilon", "delta")
+
+
+class Group(StrEnum):
+    """What a request can ask for; each stands for the variables of that group."""
+
+    REGION = "region"
+    ORBITS = "orbits"
+    ATTRACTORS = "attractors"
+    LYAPUNOV = "lyapunov"
+    GRAZING = "grazing"
+
+
+#: The groups that need every cell sampled.
+SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV})
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """A dimension; δ and ε take their values from the request."""
+
+    long_name: str
+    values: tuple[int, ...] | tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A stored variable: its schema, and how a block of cells gets its values."""
+
+    name: str
+    group: Group | None  # None: in every survey
+    dims: tuple[str, ...]
+    dtype: str
+    long_name: str
+    reference: str
+    evaluate: Evaluate
+    flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
+
+    @property
+    def fill(self) -> int | float | complex | bool:
+        """What an entry holds before it is computed and where the thing does not exist: NaN, False or 0."""
+        fills = {"f": float("nan"), "c": complex("nan+nanj"), "b": False}
+        return fills.get(np.dtype(self.dtype).kind, 0)
+
+    @property
+    def per_cell(self) -> bool:
+        """Whether tiles fill it; what depends on δ alone is computed with the template."""
+        return self.dims[-2:] == CELL
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """CF attributes."""
+        attributes: dict[str, Any] = {"long_name": self.long_name, "units": "1", "references": self.reference}
+        if self.flags:
+            attributes |= {"flag_values": list(range(len(self.flags))), "flag_meanings": " ".join(self.flags)}
+        return attributes

@@ -1,0 +1,116 @@
+"""The empty store of a survey: every array, coordinate and attribute that it will ever have."""
+
+import json
+import warnings
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import zarr
+from zarr.errors import ZarrUserWarning
+
+from workers.curves import CURVES, POINTS, codimension_two
+from workers.quantities import COORDINATES, DOI, shape_of, stored
+from workers.request import SurveyRequest
+from workers.schema import Quantity
+from workers.tiles import cells_of
+from workers.version import code_version
+
+
+def write_template(request: SurveyRequest, path: Path) -> None:
+    """Write the template to a path where nothing is.
+
+    Its metadata is consolidated here, before the first tile: chunks never touch it, so a survey can be opened from
+    disk and over HTTP while it runs, and nothing is left to go stale.
+    """
+    root = zarr.create_group(path, zarr_format=3, attributes=_attributes(request))
+    quantities = stored(request.quantities)
+    _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
+    for quantity in quantities:
+        _create(root, request, quantity)
+    _write_curves(root, request)
+    consolidate(path)
+
+
+def consolidate(path: Path) -> None:
+    """Gather all metadata in the root's: without that, an HTTP open gives an empty dataset and no error."""
+    with warnings.catch_warnings():
+        # zarr warns that other libraries may ignore consolidated metadata, which is harmless.
+        warnings.simplefilter("ignore", ZarrUserWarning)
+        zarr.consolidate_metadata(path)
+
+
+def _attributes(request: SurveyRequest) -> dict[str, Any]:
+    """Return the attributes of the whole survey: text and numbers, which NetCDF can hold too."""
+    return {
+        "Conventions": "CF-1.11",
+        "title": request.name or "Survey of the (delta, epsilon) plane of the impacting gear model",
+        "source": f"gear-rattle {code_version()}",
+        "references": f"https://doi.org/{DOI}",
+        "doi": DOI,
+        "date_created": now(),
+        "request": json.dumps(request.model_dump(mode="json")),
+        "content_hash": request.content_hash(),
+        "code_version": code_version(),
+        "beta": request.beta,
+    }
+
+
+def now() -> str:
+    """Return the time in UTC, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str]) -> None:
+    axes = {"delta": request.delta, "epsilon": request.epsilon}
+    for dim, coordinate in COORDINATES.items():
+        if dim in dims:
+            values = axes[dim].values() if dim in axes else coordinate_values(coordinate.values)
+            _write(root, dim, (dim,), values, {"long_name": coordinate.long_name, "units": "1"})
+
+
+def coordinate_values(values: tuple[int, ...] | tuple[str, ...]) -> np.ndarray:
+    """Return labels as variable-length text, the only kind of text that zarr v3 specifies, or as int64."""
+    text = isinstance(values[0], str)
+    return np.array(values, dtype=np.dtypes.StringDType() if text else np.int64)
+
+
+def _create(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> None:
+    if not quantity.per_cell:
+        values = np.asarray(quantity.evaluate(cells_of(request))).astype(quantity.dtype)
+        _write(root, quantity.name, quantity.dims, values, quantity.attributes)
+        return
+    root.create_array(
+        quantity.name,
+        shape=shape_of(quantity, request.shape),
+        chunks=shape_of(quantity, request.tile_shape),
+        dtype=quantity.dtype,
+        fill_value=quantity.fill,
+        dimension_names=quantity.dims,
+        attributes=quantity.attributes,
+    )
+
+
+def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
+    """Write the curves on the survey's δ, and the codimension-two points, as groups beside the survey."""
+    delta, beta = request.delta.values(), request.beta
+    curves = root.create_group("curves")
+    for name, curve in CURVES.items():
+        attributes = {"long_name": f"ε of {name}, {curve.long_name}", "units": "1", "references": curve.reference}
+        _write(curves, name, ("delta",), curve.epsilon(delta, beta), attributes)
+    points = root.create_group("codimension_two")
+    values = np.array([codimension_two(name, beta) for name in POINTS])
+    described = {"long_name": "codimension-two point", "units": "1"}
+    _write(points, "point", ("point",), coordinate_values(POINTS), described)
+    for name, symbol, column in (("point_delta", "δ", 0), ("point_epsilon", "ε", 1)):
+        attributes = {"long_name": f"{symbol} of the codimension-two point", "units": "1"}
+        _write(points, name, ("point",), values[:, column], attributes)
+
+
+def _write(group: zarr.Group, name: str, dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, Any]) -> None:
+    """Write an array whole, in one chunk: no tile ever writes to it."""
+    array = group.create_array(
+        name, shape=values.shape, chunks=values.shape, dtype=values.dtype, dimension_names=dims, attributes=attributes
+    )
+    array[...] = values
