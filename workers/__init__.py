@@ -2,6 +2,8 @@
 
 from workers.cluster import connect, embedded_cluster
 from workers.errors import ClusterLostError, SurveyError
+from workers.figure import survey_figure
+from workers.maps import map_png
 from workers.quantities import QUANTITIES
 from workers.request import Axis, InitialConditions, SurveyRequest, TileShape
 from workers.runner import run_tiles
@@ -26,8 +28,10 @@ __all__ = [
     "create_store",
     "embedded_cluster",
     "finish_store",
+    "map_png",
     "open_survey",
     "run_tiles",
+    "survey_figure",
     "tiles_done",
     "tiles_of",
 ]

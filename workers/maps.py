@@ -1,0 +1,150 @@
+"""One variable as a map over the (δ, ε) plane, without matplotlib's global state: a server draws in threads."""
+
+from collections.abc import Sequence
+from io import BytesIO
+
+import numpy as np
+import xarray as xr
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
+from matplotlib.figure import Figure
+
+from workers.errors import SurveyError
+from workers.evaluate import FAILED
+from workers.schema import CELL
+
+NOT_COMPUTED, FAILURE, NOTHING = "0.78", "#3b0a0a", "#f6f2e9"
+REGION_COLOURS = ("#e8e8e8", "#f4efe3", "#bfdcec", "#8fc79a", "#f2c879", "#dd8f7d")
+CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
+DPI = 150
+
+
+def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
+    """Draw a variable of an open survey, finished or not, as a PNG picture.
+
+    Args:
+        variable: any variable over (epsilon, delta).
+        index: which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
+
+    Raises:
+        SurveyError: the survey has no such map.
+    """
+    plane = _plane(dataset, variable, index)
+    figure = new_figure(7.0, 5.2)
+    axes = figure.add_subplot()
+    draw_map(axes, dataset, plane)
+    axes.set_title(_title(plane), fontsize=11)
+    draw_legend(axes)
+    with BytesIO() as png:
+        figure.savefig(png, format="png", dpi=DPI)
+        return png.getvalue()
+
+
+def _plane(dataset: xr.Dataset, variable: str, index: int) -> xr.DataArray:
+    """Return a variable on (epsilon, delta) alone."""
+    if variable not in dataset.data_vars or dataset[variable].dims[-2:] != CELL:
+        maps = sorted(str(name) for name, values in dataset.data_vars.items() if values.dims[-2:] == CELL)
+        raise SurveyError(f"no map of {variable!r} in this survey: it has {', '.join(maps)}")
+    plane = dataset[variable]
+    first, *others = [*plane.dims[:-2], ""]
+    if index and not first:
+        raise SurveyError(f"{variable} has a single map: leave the index out")
+    if first:
+        if not 0 <= index < plane.sizes[first]:
+            raise SurveyError(
+                f"{variable} has {plane.sizes[first]} maps: use an index from 0 to {plane.sizes[first] - 1}"
+            )
+        plane = plane.isel({first: index, **{dim: 0 for dim in others if dim}})
+    return plane
+
+
+def _title(plane: xr.DataArray) -> str:
+    name = str(plane.attrs.get("long_name", plane.name))
+    if np.iscomplexobj(plane):
+        name = f"|{name}|"
+    chosen = ", ".join(f"{dim} {value.item()}" for dim, value in plane.coords.items() if not value.dims)
+    return f"{name} ({chosen})" if chosen else name
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return an empty figure of this size in inches, with a canvas of its own."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str = "none") -> None:
+    """Draw a map with its colour bar; cells without a value are told apart: to be computed, failed, none.
+
+    Args:
+        nothing: what it means that a computed cell has no value.
+    """
+    values = np.asarray(np.abs(plane) if np.iscomplexobj(plane) else plane).astype(float)
+    status = np.asarray(dataset["status"])
+    layers = {
+        "not computed": (status == 0, NOT_COMPUTED),
+        "failed": (status == FAILED, FAILURE),
+        nothing: ((status > 0) & (status != FAILED) & np.isnan(values), NOTHING),
+    }
+    valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
+    for mask, colour in layers.values():
+        _cells(axes, dataset, np.where(mask, 1.0, np.nan), ListedColormap([colour]), Normalize(0, 1))
+    cmap, norm, ticks, labels = _scale(plane, values[~valueless])
+    mesh = _cells(axes, dataset, np.where(valueless, np.nan, values), cmap, norm)
+    bar = axes.get_figure().colorbar(mesh, ax=axes, ticks=ticks, pad=0.02)  # type: ignore[union-attr]
+    if labels:
+        bar.ax.set_yticklabels(labels)
+        bar.ax.tick_params(length=0)
+    for label, (mask, colour) in layers.items():
+        if mask.any():
+            axes.plot([], [], "s", color=colour, markeredgecolor="0.4", label=label)
+    axes.set_xlabel("damping δ")
+    axes.set_ylabel("eccentricity ε")
+
+
+def draw_legend(axes: Axes) -> None:
+    """Explain what the colour bar does not, if there is anything."""
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(loc="best", fontsize=8, framealpha=0.9)
+
+
+def _cells(axes: Axes, dataset: xr.Dataset, values: np.ndarray, cmap: Colormap, norm: Normalize) -> ScalarMappable:
+    # rasterised: a vector file of a fine survey would have a path for each cell.
+    return axes.pcolormesh(
+        dataset["delta"].values,
+        dataset["epsilon"].values,
+        np.ma.masked_invalid(values),
+        cmap=cmap,
+        norm=norm,
+        shading="nearest",
+        rasterized=True,
+    )
+
+
+def _scale(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:
+    """Return colour map, norm, ticks and tick labels that suit a variable."""
+    if "flag_meanings" in plane.attrs:
+        meanings = plane.attrs["flag_meanings"].replace("not_computed", "none").split()
+        colours = REGION_COLOURS if plane.name == "region" else CODE_COLOURS
+        first = 0 if (values == 0).any() else 1
+        codes = list(range(first, len(meanings)))
+        cmap = ListedColormap([colours[code] for code in codes])
+        norm = BoundaryNorm([code - 0.5 for code in (*codes, len(meanings))], cmap.N)
+        return cmap, norm, codes, [meanings[code].replace("_", " ") for code in codes]
+    if plane.dtype == bool:
+        return (
+            ListedColormap([CODE_COLOURS[0], CODE_COLOURS[1]]),
+            BoundaryNorm([-0.5, 0.5, 1.5], 2),
+            [0, 1],
+            ["no", "yes"],
+        )
+    low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    if str(plane.name).endswith("_fraction"):
+        return colormaps["viridis"], Normalize(0, 1), None, []
+    if "lyapunov" in str(plane.name):
+        reach = max(abs(low), abs(high), 1e-12)
+        return colormaps["RdBu_r"], TwoSlopeNorm(0, -reach, reach), None, []
+    return colormaps["viridis"], Normalize(low, high if high > low else low + 1), None, []
