@@ -1,6 +1,7 @@
 """rattle: the impacting gear model of Mason and Piiroinen (2009), exact and fast.
 
-`Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and `quiet_limit` work on whole arrays.
+`Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and
+`quiet_limit` work on whole arrays.
 """
 
 from rattle._compile import source_hash

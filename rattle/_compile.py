@@ -1,7 +1,7 @@
 """How kernels are compiled: one decorator, and a disk cache that an edit can never leave stale.
 
-Numba's own cache looks only at the file that holds a function, so it misses an edit in a helper that the function imports. Ours is
-keyed by the sources of the whole library, the compiler's versions and the processor.
+Numba's own cache looks only at the file that holds a function, so it misses an edit in a helper that the function
+imports. Ours is keyed by the sources of the whole library, the compiler's versions and the processor.
 """
 
 import hashlib
@@ -16,6 +16,8 @@ from typing import Any
 import llvmlite
 import numba
 import numpy as np
+
+config: Any = numba.config  # its options are made at run time
 
 
 @cache
@@ -37,10 +39,12 @@ def _cache_directory() -> str:
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a kernel on first call: IEEE arithmetic with fused multiply-add, 1/0 = inf instead of an exception, cached on disk."""
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _cache_directory()
+    """Compile a kernel on first call: IEEE arithmetic with fused multiply-add, 1/0 = inf instead of an exception,
+    cached on disk.
+    """
+    before = config.CACHE_DIR
+    config.CACHE_DIR = _cache_directory()
     try:
         return numba.njit(cache=True, error_model="numpy", fastmath={"contract"})(function)
     finally:
-        numba.config.CACHE_DIR = before
+        config.CACHE_DIR = before

@@ -21,10 +21,10 @@ MOST_SAMPLES = 1 << 20
 class Attractor:
     """A motion that attracts a share of the sampled initial conditions.
 
-    kind is quiet, periodic, chaotic or undecided (all undecided samples together). m, n_plus, n_minus: the label P(m, n₊, n₋), 0 unless
-    periodic. fraction of the sample, with its 95 % Wilson interval. lyapunov: both exponents per forcing period, natural logarithm
-    (periodic: ln|multiplier|/m; NaN for quiet and undecided). lyapunov_error: 95 % half-width of the first (0 for periodic). tau, v:
-    a point of it on Σ⁺ (periodic: its fastest impact).
+    kind is quiet, periodic, chaotic or undecided (all undecided samples together). m, n_plus, n_minus: the label P(m,
+    n₊, n₋), 0 unless periodic. fraction of the sample, with its 95 % Wilson interval. lyapunov: both exponents per
+    forcing period, natural logarithm (periodic: ln|multiplier|/m; NaN for quiet and undecided). lyapunov_error: 95 %
+    half-width of the first (0 for periodic). tau, v: a point of it on Σ⁺ (periodic: its fastest impact).
     """
 
     kind: str
@@ -53,17 +53,14 @@ def _bits(footprint: NDArray[np.uint64]) -> int:
 
 
 def _same_periodic(a: fate.Outcome, b: fate.Outcome, point: fate.Point) -> bool:
-    """Whether b's point is one of a's: mostly the same fastest impact, but a tie may have picked another of the orbit."""
-    if (a.m, a.n_plus, a.n_minus) != (b.m, b.n_plus, b.n_minus):
+    """Whether b's point is one of a's. Both are the fastest impact, but a near tie may be broken either way."""
+    if (a.m, a.n_plus, a.n_minus) != (b.m, b.n_plus, b.n_minus) or abs(a.v - b.v) > SAME_POINT:
         return False
     tau, v = a.tau, a.v
     for _ in range(a.n_plus):
         if abs(fate.wrapped(tau - b.tau)) < SAME_POINT and abs(v - b.v) < SAME_POINT:
             return True
-        if abs(v - b.v) < SAME_POINT or abs(a.v - b.v) < SAME_POINT:
-            _, tau, v, _, _ = fate.impact(tau, v, point.delta, point.epsilon, point.beta, fate.DRIFT)
-        else:
-            return False
+        _, tau, v, _, _ = fate.impact(tau, v, point.delta, point.epsilon, point.beta, fate.DRIFT)
     return False
 
 

@@ -1,9 +1,9 @@
 """Where one initial condition goes: quiet, periodic, chaotic or undecided (compiled).
 
-A trajectory is watched for capture by the quiet motion and for recurrence (Brent's cycle search: a reference point that moves up at
-powers of two). A recurrence is only a candidate: Newton's method must find a fixed point of Π^k with both multipliers inside the unit
-circle, and the trajectory must be seen to approach it. What remains after the transient is measured with a tangent vector, and still
-watched.
+A trajectory is watched for capture by the quiet motion and for recurrence (Brent's cycle search: a reference point
+that moves up at powers of two). A recurrence is only a candidate: Newton's method must find a fixed point of Π^k with
+both multipliers inside the unit circle, and the trajectory must be seen to approach it. What remains after the
+transient is measured with a tangent vector, and still watched.
 """
 
 import math
@@ -36,7 +36,9 @@ class Point(NamedTuple):
 
 
 class Budget(NamedTuple):
-    """Forcing periods of transient and of first measurement, the most impacts for each, and how often an unclear one is repeated longer."""
+    """Forcing periods of transient and of first measurement, the most impacts for each, and how often an unclear
+    one is repeated longer.
+    """
 
     transient: float = 1000.0
     measured: float = 1000.0
@@ -45,7 +47,9 @@ class Budget(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What became of one initial condition; m, n_plus, n_minus, log-multipliers for periodic, (tau, v) a point of the attractor."""
+    """What became of one initial condition; m, n_plus, n_minus, log-multipliers for periodic, (tau, v) a point of
+    the attractor.
+    """
 
     kind: int
     m: int
@@ -188,7 +192,9 @@ def periodic_outcome(tau, v, k, impacts, most, point):
 
 @kernel
 def mark(tau, v, epsilon, footprint):
-    """Enter (τ, v) into the footprint, whose rows are phases and whose bits are speeds up to the largest there can be."""
+    """Enter (τ, v) into the footprint, whose rows are phases and whose bits are speeds up to the largest there can
+    be.
+    """
     row = min(int(tau * GRID), GRID - 1)
     column = min(int(v / (DRIFT + TWO_PI * epsilon) * GRID), GRID - 1)
     footprint[row] |= np.uint64(1) << np.uint64(column)
@@ -196,7 +202,8 @@ def mark(tau, v, epsilon, footprint):
 
 @kernel
 def follow(tau, v, point, periods, most, measuring, sums, footprint):
-    """Follow a trajectory until it is captured, periodic, or its periods or impacts are spent (kind NONE): (outcome, τ, v).
+    """Follow a trajectory until it is captured, periodic, or its periods or impacts are spent (kind NONE): (outcome,
+    τ, v).
 
     While measuring, sums[b] gathers time, ln stretch and ln|det| of batch b, and the footprint its visited boxes.
     """

@@ -1,7 +1,8 @@
 """The period-one motions in closed form (compiled): A and C (P(1,1,0)), B and D (P(1,1,1)).
 
-With X = ε cos 2πτ, Y = ε sin 2πτ and the time s from Σ⁺ to Σ⁻, closure of P(1,1,1) is linear in X and Y. Let p and q be the decaying
-parts of the velocity after Σ⁺ and after Σ⁻, Y' = ε sin 2π(τ + s), E = e^(−δ), Es = e^(−δs), Er = e^(−δ(1−s)). The velocities close if
+With X = ε cos 2πτ, Y = ε sin 2πτ and the time s from Σ⁺ to Σ⁻, closure of P(1,1,1) is linear in X and Y. Let p and q
+be the decaying parts of the velocity after Σ⁺ and after Σ⁻, Y' = ε sin 2π(τ + s), E = e^(−δ), Es = e^(−δs), Er =
+e^(−δ(1−s)). The velocities close if
 
     p + Er q = 8π − 4πY,    Es p + q = 8π − 4πY',
 
@@ -65,7 +66,9 @@ def residual(kind, level, s, delta, beta):
 
 @kernel
 def solve(kind, level, lo, hi, delta, beta):
-    """Root of a residual that changes sign over (lo, hi): secant steps, halved when they stall, down to adjacent doubles."""
+    """Root of a residual that changes sign over (lo, hi): secant steps, halved when they stall, down to adjacent
+    doubles.
+    """
     f_lo, f_hi = residual(kind, level, lo, delta, beta), residual(kind, level, hi, delta, beta)
     side, last = 0, math.nan
     for _ in range(200):
@@ -107,7 +110,9 @@ def turning_point(lo, hi, sign, delta, beta):
 
 @kernel
 def nodes(delta, beta):
-    """Increasing s and ε(s), between which ε is monotone: a scan that is geometric about the pole, with the turning points added."""
+    """Increasing s and ε(s), between which ε is monotone: a scan that is geometric about the pole, with the turning
+    points added.
+    """
     n = NODES_PER_SIDE
     s = np.empty(2 * n + 24)
     for i in range(n):
@@ -186,7 +191,9 @@ def record(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
 
 @kernel
 def period_one_cells(order, delta, epsilon, beta, offset):
-    """All admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other: (exists, τ, v, trace), (4, n)."""
+    """All admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other: (exists, τ, v,
+    trace), (4, n).
+    """
     n = delta.size
     exists = np.zeros((4, n), np.bool_)
     phase, speed, traces = np.full((4, n), np.nan), np.full((4, n), np.nan), np.full((4, n), np.nan)
@@ -225,7 +232,9 @@ def next_grazing(s, delta, beta):
 
 @kernel
 def grazing_point(s, delta, beta):
-    """The grazing orbit of that time: (admissible, ε, τ, ε cos 2πτ). Its minimum is on Σ⁻, and nothing else is touched."""
+    """The grazing orbit of that time: (admissible, ε, τ, ε cos 2πτ). Its minimum is on Σ⁻, and nothing else is
+    touched.
+    """
     x, y, _v, _u, determinant = closure(s, delta, beta)
     x, y = x / determinant, y / determinant
     epsilon, tau = math.hypot(x, y), math.atan2(y, x) / TWO_PI

@@ -1,11 +1,12 @@
 """Free flight between the walls in closed form, and its first impact (compiled).
 
-A flight leaves a wall (+1: Φ = β, −1: Φ = −β) with phase τ and velocity w. With θ = 2πτ, A = q − 2πε sin θ − w and k(x) = e^(−x) − 1 + x,
-equation (3.1) of Mason and Piiroinen (2009) becomes, free of cancellation for short flights,
+A flight leaves a wall (+1: Φ = β, −1: Φ = −β) with phase τ and velocity w. With θ = 2πτ, A = q − 2πε sin θ − w and
+k(x) = e^(−x) − 1 + x, equation (3.1) of Mason and Piiroinen (2009) becomes, free of cancellation for short flights,
 
     F(s) = Φ(s) − Φ(0) = w s + A k(δs)/δ − ε [cos θ (1 − cos 2πs) − sin θ (2πs − sin 2πs)].
 
-q = 4π is the mean drift. Running time backwards is the same law with δ → −δ, q → −q, τ → −τ, w → −w, so one kernel serves both directions.
+q = 4π is the mean drift. Running time backwards is the same law with δ → −δ, q → −q, τ → −τ, w → −w, so one kernel
+serves both directions.
 """
 
 import math
@@ -25,7 +26,8 @@ PANEL = 0.12  # longest march step: there the cubic of a typical flight is good 
 TINIEST = 1e-13  # below this panel two events cannot be told apart in double precision
 
 
-# Taylor coefficients, highest power first. With z ∈ [−π, π] and |x| ≤ 1 the first term left out is below 1e-17 of the sum.
+# Taylor coefficients, highest power first. With z ∈ [−π, π] and |x| ≤ 1 the first term left out is below 1e-17 of the
+# sum.
 VERSINE = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(13, -1, -1))  # (1 − cos z)/z² in z²
 SINE_DEFECT = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(13, -1, -1))  # (z − sin z)/z³ in z²
 DECAY_DEFECT = tuple((-1.0) ** k / math.factorial(k + 2) for k in range(16, -1, -1))  # (e^(−x) − 1 + x)/x² in x
@@ -149,7 +151,9 @@ def impact_on_piece(s0, s1, start, end, guess, lower, upper, w, a, sin0, cos0, d
 
 @kernel
 def panel(s, h, f0, f1, f2, f3, m4, epsilon, beta, lower, upper):
-    """The longest panel, by halving from h, on which F provably stays inside (True), or bends or slopes one way (False)."""
+    """The longest panel, by halving from h, on which F provably stays inside (True), or bends or slopes one way
+    (False).
+    """
     while True:
         rounding = 4.0e-15 * (abs(f0) + abs(f1) * h + epsilon + 1e-3 * beta)
         if s > 0.0 and stays_inside(f0, f1, f2, f3, h, m4 * h**4 / 24.0 + rounding, lower, upper):
@@ -166,7 +170,8 @@ def panel(s, h, f0, f1, f2, f3, m4, epsilon, beta, lower, upper):
 
 @kernel
 def march(wall, w, a, sin0, cos0, delta, epsilon, beta):
-    """First impact by panels on which F provably stays inside, or is convex, concave or monotone: no crossing is skipped.
+    """First impact by panels on which F provably stays inside, or is convex, concave or monotone: no crossing is
+    skipped.
 
     |F''''| ≤ δ³|A| e^(−δs) + (2π)⁴ ε bounds the error of the cubic on a panel. Returns (status, wall, time).
     """
@@ -203,8 +208,9 @@ def march(wall, w, a, sin0, cos0, delta, epsilon, beta):
 def convex_to_the_end(w1, decay, cos0, tau0, s, cos1, a, delta, epsilon):
     """True if F'' > 0 is certain on the whole flight that ends after s with speed w1.
 
-    Either w1 stays below q − 2πε √(1 + 4π²/δ²): F'' > 0 wherever F' is below it, so F' cannot have been above and come back. Or
-    the decaying part of F'' at its end (its smallest value) outweighs the largest 4π²ε cos 2πt of the flight.
+    Either w1 stays below q − 2πε √(1 + 4π²/δ²): F'' > 0 wherever F' is below it, so F' cannot have been above and
+    come back. Or the decaying part of F'' at its end (its smallest value) outweighs the largest 4π²ε cos 2πt of the
+    flight.
     """
     if w1 < DRIFT - TWO_PI * epsilon * math.sqrt(1.0 + TWO_PI * TWO_PI / (delta * delta)) - 1e-9:
         return True
@@ -265,7 +271,9 @@ def polish(s, level, w, a, sin0, cos0, delta, epsilon):
 
 @kernel
 def convex_impact(wall, tau0, w, a, sin0, cos0, delta, epsilon, beta):
-    """First impact by Newton's method with a proof that it is the first: (proved, wall, time, F', e^(−δs), sin, cos)."""
+    """First impact by Newton's method with a proof that it is the first: (proved, wall, time, F', e^(−δs), sin,
+    cos).
+    """
     target, level = 1, 0.0
     if wall > 0:
         side, s, f0, f1, f2 = descend(w, a, sin0, cos0, delta, epsilon, -2.0 * beta)
@@ -288,7 +296,8 @@ def convex_impact(wall, tau0, w, a, sin0, cos0, delta, epsilon, beta):
 def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     """First impact after leaving a wall at phase tau ∈ [0, 1) with velocity w into the gap.
 
-    Returns (status, time, wall, velocity before reflection, e^(−δ time), sin, cos of 2π phase at departure, at arrival).
+    Returns (status, time, wall, velocity before reflection, e^(−δ time), sin, cos of 2π phase at departure, at
+    arrival).
     """
     versine, sin0, _defect = versines(tau)
     cos0 = 1.0 - versine

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle import flight, impact_map, limits
 from rattle.attractors import Attractor, attractors
-from rattle.errors import RattleError, require, require_finite, require_number
+from rattle.errors import ParameterError, RattleError, require, require_finite, require_number
 from rattle.orbits import Orbit, orbits_at
 from rattle.quiet import capture_speed
 from rattle.regions import regions
@@ -23,7 +23,9 @@ class FirstImpact(NamedTuple):
 
 
 class Impact(NamedTuple):
-    """One step of the impact map: (τ, v), the impacts on Σ⁻ on the way, the tangent matrix ∂(τ', v')/∂(τ, v), and the time taken."""
+    """One step of the impact map: (τ, v), the impacts on Σ⁻ on the way, the tangent matrix ∂(τ', v')/∂(τ, v), and
+    the time taken.
+    """
 
     tau: float
     v: float
@@ -51,11 +53,12 @@ def _raise_for(status: int) -> None:
 
 @dataclass(frozen=True)
 class Gear:
-    """The impacting gear model at damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all dimensionless.
+    """The impacting gear model at damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all
+    dimensionless.
 
-    Φ'' + δΦ' = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt between the walls Φ = ±β, elastic impacts; time in forcing periods. States are
-    (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v. Raises ParameterError on other parameters.
-    Source: Mason and Piiroinen, SIAM J. Appl. Dyn. Syst. 8 (2009) 1694–1711, equations (2.3), (2.4).
+    Φ'' + δΦ' = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt between the walls Φ = ±β, elastic impacts; time in forcing periods.
+    States are (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v. Raises ParameterError on other
+    parameters. Source: Mason and Piiroinen, SIAM J. Appl. Dyn. Syst. 8 (2009) 1694–1711, equations (2.3), (2.4).
     """
 
     delta: float
@@ -90,8 +93,8 @@ class Gear:
     def first_impact(self, wall: int, phase: float, velocity: float) -> FirstImpact:
         """The first impact after leaving wall (+1: Φ = β, −1: Φ = −β) at this phase with this velocity (into the gap).
 
-        Returns (flight_time, next_wall, impact_velocity); the velocity is the one before reflection. Raises ParameterError if wall is
-        not ±1, a number is not finite, or the velocity is zero or points out of the gap.
+        Returns (flight_time, next_wall, impact_velocity); the velocity is the one before reflection. Raises
+        ParameterError if wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
         """
         require(wall in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         tau = _phase(phase)
@@ -114,12 +117,15 @@ class Gear:
         return Impact(tau1, v1, n_minus, np.array([[j00, j01], [j10, j11]]), time)
 
     def inverse_impact(self, tau: float, v: float) -> Impact:
-        """The (τ, v) that Π maps here, with the tangent matrix of Π⁻¹; time is the positive time between. Raises as `impact`."""
+        """The (τ, v) that Π maps here, with the tangent matrix of Π⁻¹; time is the positive time between. Raises as
+        `impact`.
+        """
         v = require_number("v", v, positive=True)
         status, tau0, v0, time, n_minus = impact_map.inverse_impact(_phase(tau), v, self.delta, self.epsilon, self.beta)
         _raise_for(status)
         forward = self.impact(tau0, v0)
-        return Impact(tau0, v0, n_minus, np.linalg.inv(forward.tangent), time)
+        tangent = np.asarray(np.linalg.inv(forward.tangent), np.float64)
+        return Impact(tau0, v0, n_minus, tangent, time)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
@@ -127,18 +133,22 @@ class Gear:
         A trajectory that comes to rest keeps its last state and has n_plus < n. Raises ParameterError.
         """
         try:
-            tau, v, n = np.broadcast_arrays(np.asarray(tau, np.float64), np.asarray(v, np.float64), np.asarray(n))
-        except ValueError as error:
-            require(False, f"tau, v and n must broadcast: {error}")
-        require(bool(np.isfinite(tau).all()), "tau must be finite")
-        require(bool((np.isfinite(v) & (v > 0)).all()), "v must be finite and greater than 0")
-        require(np.issubdtype(n.dtype, np.integer) and bool((n >= 0).all()), "n must be integers of at least 0")
+            phases, speeds, steps = np.broadcast_arrays(
+                np.asarray(tau, np.float64), np.asarray(v, np.float64), np.asarray(n)
+            )
+        except (TypeError, ValueError) as error:
+            raise ParameterError(f"tau, v and n must be numbers that broadcast: {error}") from None
+        require(bool(np.isfinite(phases).all()), "tau must be finite")
+        require(bool((np.isfinite(speeds) & (speeds > 0)).all()), "v must be finite and greater than 0")
+        require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
         flat = [
-            np.ascontiguousarray(x, t).ravel() for x, t in ((tau % 1.0, np.float64), (v, np.float64), (n, np.int64))
+            np.ascontiguousarray(_fold(phases)).ravel(),
+            np.ascontiguousarray(speeds).ravel(),
+            np.ascontiguousarray(steps, np.int64).ravel(),
         ]
         point = [np.full(flat[0].size, x) for x in (self.delta, self.epsilon, self.beta)]
         _status, *out = impact_map.iterate_many(*flat, *point)
-        return Iterates(*(x.reshape(tau.shape) for x in out))
+        return Iterates(*(x.reshape(phases.shape) for x in out))
 
     def orbits(self) -> tuple[Orbit, ...]:
         """The admissible period-one orbits among A, B, C, D, in that order, with multipliers and stability."""
@@ -149,16 +159,23 @@ class Gear:
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def attractors(self, count: int = 256, v_max: float = 7.0, seed: int = 0) -> tuple[Attractor, ...]:
-        """The attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds, by falling fraction.
+        """The attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds, by falling
+        fraction.
 
-        Quiet: captured by a proven-small bounce. Periodic: a stable fixed point of Π^k that the trajectory is seen to approach, with its
-        exact label. Chaotic: neither within the watch of some thousand periods, and a first exponent above zero by its own error bar.
-        Else undecided. Deterministic in all arguments. Raises ParameterError.
+        Quiet: captured by a proven-small bounce. Periodic: a stable fixed point of Π^k that the trajectory is seen to
+        approach, with its exact label. Chaotic: neither within the watch of some thousand periods, and a first
+        exponent above zero by its own error bar. Else undecided. Deterministic in all arguments. Raises
+        ParameterError.
         """
         return attractors(self.delta, self.epsilon, self.beta, count, v_max, seed)
 
 
+def _fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Phases folded into [0, 1); a tiny negative one would round up to 1."""
+    folded = phases % 1.0
+    return np.where(folded < 1.0, folded, 0.0)
+
+
 def _phase(phase: float) -> float:
-    """A finite phase folded into [0, 1)."""
-    folded = require_finite("phase", phase) % 1.0
-    return folded if folded < 1.0 else 0.0  # a tiny negative phase rounds up to 1
+    """One finite phase folded into [0, 1)."""
+    return float(_fold(np.float64(require_finite("phase", phase))))

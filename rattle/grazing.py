@@ -1,7 +1,9 @@
-"""Grazing of the single-impact orbits: G1 (C touches Σ⁻), G2 (A touches), their multipliers, and robust chaos between COD21 and COD22.
+"""Grazing of the single-impact orbits: G1 (C touches Σ⁻), G2 (A touches), their multipliers, and robust chaos between
+COD21 and COD22.
 
-On the P(1,1,1) family of `rattle.family` the orbit grazes where its speed at Σ⁻ vanishes. There it is also A or C, so v = 2πδ, and the
-multipliers on the non-square-root side are those of A or C: trace 1 + E − 4π(1 − E) ε cos 2πτ/δ², determinant E = e^(−δ).
+On the P(1,1,1) family of `rattle.family` the orbit grazes where its speed at Σ⁻ vanishes. There it is also A or C, so
+v = 2πδ, and the multipliers on the non-square-root side are those of A or C: trace 1 + E − 4π(1 − E) ε cos 2πτ/δ²,
+determinant E = e^(−δ).
 """
 
 import math
@@ -20,7 +22,9 @@ CURVES = ("G1", "G2")
 
 
 class Grazing(NamedTuple):
-    """Points of a grazing curve for damping of shape S: ε, phase τ and speed v at Σ⁺ (*S), multipliers (2, *S); NaN where absent."""
+    """Points of a grazing curve for damping of shape S: ε, phase τ and speed v at Σ⁺ (*S), multipliers (2, *S); NaN
+    where absent.
+    """
 
     epsilon: NDArray[np.float64]
     tau: NDArray[np.float64]
@@ -81,8 +85,8 @@ CONDITIONS = {"COD20": _flip, "COD21": _equal_multipliers, "COD22": _fold}
 def codimension_two(name: str, beta: float = 0.6) -> CodimensionTwo:
     """COD20, COD21 or COD22 of Figure 8 for half-backlash beta, to about 1e-13.
 
-    All lie on G1 at and below COD22, whose damping is near 4β/π (where a speed of 2πδ just crosses the gap). Raises ParameterError,
-    and RattleError if this backlash has no such point.
+    All lie on G1 at and below COD22, whose damping is near 4β/π (where a speed of 2πδ just crosses the gap). Raises
+    ParameterError, and RattleError if this backlash has no such point.
     """
     require(name in CONDITIONS, f"name must be one of {', '.join(CONDITIONS)}, got {name!r}")
     return _on_grazing(name, CONDITIONS[name], require_number("beta", beta, positive=True))
@@ -101,10 +105,11 @@ def _on_grazing(name: str, residual: Callable[[float, float], float], beta: floa
 
 
 def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
-    """Damping interval in which the larger multiplier of the grazing C is real and in (2/3, 1): robust chaos is born at G1.
+    """Damping interval in which the larger multiplier of the grazing C is real and in (2/3, 1): robust chaos is born
+    at G1.
 
-    From COD21 to COD22; at large backlash, where both multipliers at COD21 are still e^(−δ/2) < 2/3, from where the larger reaches
-    2/3. Raises as `codimension_two`. Source: paper, section 5.2 (one-dimensional square-root map).
+    From COD21 to COD22; at large backlash, where both multipliers at COD21 are still e^(−δ/2) < 2/3, from where the
+    larger reaches 2/3. Raises as `codimension_two`. Source: paper, section 5.2 (one-dimensional square-root map).
     """
     beta = require_number("beta", beta, positive=True)
     lower, upper = codimension_two("COD21", beta).delta, codimension_two("COD22", beta).delta

@@ -1,7 +1,7 @@
 """The impact map Π on Σ⁺ (paper 3.16), its inverse and its tangent map (compiled).
 
-State (τ, v): leave Φ = β at phase τ with velocity −v, v > 0. Π flies, bounces off Σ⁻ as often as the motion does, and arrives at Σ⁺.
-Run with (−δ, −q, −τ) the same kernel is the inverse map.
+State (τ, v): leave Φ = β at phase τ with velocity −v, v > 0. Π flies, bounces off Σ⁻ as often as the motion does, and
+arrives at Σ⁺. Run with (−δ, −q, −τ) the same kernel is the inverse map.
 """
 
 import math
@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from rattle._compile import kernel
-from rattle.flight import DRIFT, NO_IMPACT, OK, TWO_PI, first_impact
+from rattle.flight import DRIFT, OK, TWO_PI, first_impact
 
 STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
 MOST_BOUNCES = 100_000
@@ -61,7 +61,6 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
     """
     status, wall, w, elapsed, n_minus = OK, 1, -v, 0.0, 0
     j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0
-    w_start, w_end = (v, 0.0)
     while True:
         if not wall * w < 0.0:
             return STUCK, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
@@ -80,14 +79,13 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
         tau += s
         tau -= math.floor(tau)
         if wall > 0:
-            w_end = w1
             break
         n_minus += 1
         if n_minus > MOST_BOUNCES:
             return STUCK, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
     if not energy:  # dv = −dw at both ends
         j01, j10 = -j01, -j10
-    return OK, tau, w_end, elapsed, n_minus, j00, j01, j10, j11, log_det
+    return OK, tau, w1, elapsed, n_minus, j00, j01, j10, j11, log_det
 
 
 @kernel
@@ -116,6 +114,3 @@ def iterate_many(tau, v, n, delta, epsilon, beta):
             n_plus[i] += 1
         out_tau[i], out_v[i] = t, speed
     return status, out_tau, out_v, n_plus, n_minus
-
-
-__all__ = ["NO_IMPACT", "OK", "STUCK", "flight_tangent", "impact", "impact_tangent", "inverse_impact", "iterate_many"]

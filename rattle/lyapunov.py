@@ -1,8 +1,8 @@
 """Lyapunov exponents per forcing period with error bars, from batch sums of a trajectory's tangent (compiled).
 
-The tangent runs in (t, v²/2), where one flight of duration s has determinant e^(−δs), so that λ₁ + λ₂ = −δ holds at finite time and tests
-every matrix. λ₁ comes from the growth of one vector; after re-orthonormalisation the second diagonal entry is the determinant over
-the first, so λ₂ needs no second vector.
+The tangent runs in (t, v²/2), where one flight of duration s has determinant e^(−δs), so that λ₁ + λ₂ = −δ holds at
+finite time and tests every matrix. λ₁ comes from the growth of one vector; after re-orthonormalisation the second
+diagonal entry is the determinant over the first, so λ₂ needs no second vector.
 """
 
 import math

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle import family
-from rattle.errors import require
+from rattle.errors import ParameterError, require
 from rattle.limits import sine_offset
 
 NAMES = ("A", "B", "C", "D")
@@ -16,8 +16,8 @@ N_MINUS = (0, 1, 0, 1)
 class Orbit(NamedTuple):
     """A period-one orbit P(m, n_plus, n_minus) of the impact map, at one of its impacts on Σ⁺.
 
-    tau is the phase in [0, 1), v > 0 the speed after impact (units: gap coordinate per forcing period), multipliers the two Floquet
-    multipliers over m forcing periods (complex, product e^(−δm)).
+    tau is the phase in [0, 1), v > 0 the speed after impact (units: gap coordinate per forcing period), multipliers
+    the two Floquet multipliers over m forcing periods (complex, product e^(−δm)).
     """
 
     name: str
@@ -54,8 +54,8 @@ def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike) -> list[ND
     """Broadcast and validate δ > 0, ε ≥ 0, β > 0; raises ParameterError."""
     try:
         arrays = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (delta, epsilon, beta)))
-    except ValueError as error:
-        require(False, f"delta, epsilon and beta must be numbers or arrays that broadcast: {error}")
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"delta, epsilon and beta must be numbers that broadcast: {error}") from None
     for name, array, least in zip(("delta", "epsilon", "beta"), arrays, (False, True, False), strict=True):
         require(bool(np.isfinite(array).all()), f"{name} must be finite")
         inside = array >= 0 if least else array > 0
@@ -66,8 +66,8 @@ def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike) -> list[ND
 def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> PeriodOne:
     """The admissible period-one orbits A, B, C, D for every element of the broadcast parameters (dimensionless).
 
-    Admissible: each flight of the closed form is a true first impact. A, C: P(1,1,0), born at SN1; B, D: P(1,1,1), at given ε the
-    roots of ε(s) on one explicit family, B where it falls and D where it rises. Raises ParameterError.
+    Admissible: each flight of the closed form is a true first impact. A, C: P(1,1,0), born at SN1; B, D: P(1,1,1), at
+    given ε the roots of ε(s) on one explicit family, B where it falls and D where it rises. Raises ParameterError.
     Source: Mason and Piiroinen (2009), sections 4 and 5.
     """
     d, e, b = parameters(delta, epsilon, beta)

@@ -1,14 +1,14 @@
 """When is a bouncing motion certain to become quiet? An adiabatic criterion.
 
-The contact force g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt is positive for all t below the quiet limit. A bounce of speed v lasts 2v/g.
-While that is short, I = v³/g(t) at the impacts is an adiabatic invariant, damped by e^(−δ) per period (so v by e^(−δ/3)): impacts
-are points of time-reversal symmetry, so the error of I is of second order in
+The contact force g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt is positive for all t below the quiet limit. A bounce of
+speed v lasts 2v/g. While that is short, I = v³/g(t) at the impacts is an adiabatic invariant, damped by e^(−δ) per
+period (so v by e^(−δ/3)): impacts are points of time-reversal symmetry, so the error of I is of second order in
 
     η = max over t of (v/g) · max(|g'|/g, π, δ)    with v = (I g)^(1/3).
 
-The net change of ln I per period beyond −δ is exponentially small: measured, at most about 10 e^(−1.9/η) for any δ and ε. Quiet
-is certain once η is so small that this is below δ/4, and the bounces are lower than half the gap. I then falls in every period, η
-with it. docs/decisions/0003-quiet-capture.md has the measurement; a test repeats it.
+The net change of ln I per period beyond −δ is exponentially small: measured, at most about 10 e^(−1.9/η) for any δ
+and ε. Quiet is certain once η is so small that this is below δ/4, and the bounces are lower than half the gap. I then
+falls in every period, η with it. docs/decisions/0003-quiet-capture.md has the measurement; a test repeats it.
 """
 
 import math

@@ -5,8 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.orbits import PeriodOne, period_one
 
-OTHER, I, II, III, IV, V = range(6)
-NAMES = ("other", "I", "II", "III", "IV", "V")
+OTHER, REGION_I, REGION_II, REGION_III, REGION_IV, REGION_V = range(6)
 
 
 def classify(orbits: PeriodOne) -> NDArray[np.int8]:
@@ -17,11 +16,11 @@ def classify(orbits: PeriodOne) -> NDArray[np.int8]:
     a, b, c, d = orbits.exists
     stable = orbits.stable[3]
     region = np.full(a.shape, OTHER, np.int8)
-    region[~(a | b | c | d)] = I
-    region[a & c & ~b & ~d] = II
-    region[a & b & c & d & stable] = III
-    region[a & b & c & d & ~stable] = IV
-    region[a & d & ~b & ~c] = V
+    region[~(a | b | c | d)] = REGION_I
+    region[a & c & ~b & ~d] = REGION_II
+    region[a & b & c & d & stable] = REGION_III
+    region[a & b & c & d & ~stable] = REGION_IV
+    region[a & d & ~b & ~c] = REGION_V
     return region
 
 

@@ -23,8 +23,8 @@ def initial_conditions(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max): two arrays of shape (count,).
 
-    Sobol points, shifted modulo 1 by an amount that depends on the seed and the parameter point alone. So a cell's sample depends
-    on nothing but the request and the cell, and cells have independent sampling errors.
+    Sobol points, shifted modulo 1 by an amount that depends on the seed and the parameter point alone. So a cell's
+    sample depends on nothing but the request and the cell, and cells have independent sampling errors.
     """
     bits = np.asarray(parameters, np.float64).view(np.uint64)
     shift = np.random.default_rng([seed, *(int(b) for b in bits)]).random(2)

@@ -1,0 +1,6 @@
+"""Lets the oracles import their high-precision model by name."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))

@@ -1,0 +1,80 @@
+"""First impacts against 40-digit values: the committed ones, and fresh ones at other points."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from high_precision import Flight
+
+import rattle
+from rattle import flight
+
+FLIGHTS = json.loads((Path(__file__).parents[1] / "reference" / "flights.json").read_text())
+
+
+@pytest.mark.parametrize("case", FLIGHTS, ids=lambda c: f"{c['delta']:.3f}-{c['epsilon']:.3f}-{c['velocity']:.2g}")
+def test_reference_flights_to_twelve_digits(case):
+    gear = rattle.Gear(case["delta"], case["epsilon"], case["beta"])
+    found = gear.first_impact(case["wall"], case["phase"], case["velocity"])
+    assert found.next_wall == case["next_wall"]
+    assert found.flight_time == pytest.approx(float(case["flight_time"]), rel=1e-12, abs=0)
+    assert found.impact_velocity == pytest.approx(float(case["impact_velocity"]), rel=1e-12, abs=0)
+    assert tuple(found) == (found.flight_time, found.next_wall, found.impact_velocity)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_other_flights_to_twelve_digits(seed):
+    rng = np.random.default_rng([seed, 2009])
+    delta, epsilon, beta = rng.uniform(0.15, 1.6), rng.uniform(0, 0.45), rng.uniform(0.15, 1.3)
+    wall, phase, speed = int(rng.choice([1, -1])), rng.random(), 10 ** rng.uniform(-4, 1.1)
+    reference = Flight(wall, phase, -wall * speed, delta, epsilon, beta)
+    time, next_wall, velocity = reference.first_impact()
+    found = rattle.Gear(delta, epsilon, beta).first_impact(wall, phase, -wall * speed)
+    assert found.next_wall == next_wall
+    assert found.flight_time == pytest.approx(float(time), rel=1e-12, abs=0)
+    assert found.impact_velocity == pytest.approx(float(velocity), rel=1e-12, abs=0)
+
+
+def test_the_convex_path_and_the_march_agree():
+    """Two algorithms, one answer: Newton with a proof of convexity, and panels that cannot skip a crossing."""
+    rng = np.random.default_rng(5)
+    proved = 0
+    for _ in range(20_000):
+        delta, epsilon, beta = rng.uniform(0.2, 1.5), rng.uniform(0, 0.4), rng.uniform(0.2, 1.2)
+        wall, tau, w = int(rng.choice([1, -1])), rng.random(), 10 ** rng.uniform(-6, 1.17)
+        w *= -wall
+        sin0, cos0 = np.sin(2 * np.pi * tau), np.cos(2 * np.pi * tau)
+        a = flight.DRIFT - 2 * np.pi * epsilon * sin0 - w
+        ok, target, s, *_ = flight.convex_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta)
+        if ok:
+            proved += 1
+            status, march_target, march_s = flight.march(wall, w, a, sin0, cos0, delta, epsilon, beta)
+            assert (status, march_target) == (flight.OK, target)
+            speed = abs(flight.evaluate(s, w, a, sin0, cos0, delta, epsilon)[1])
+            assert abs(march_s - s) <= 1e-13 * s + 1e-14 / speed
+    assert proved > 8_000  # both paths were really exercised
+    assert proved < 19_500
+
+
+def test_a_flight_with_a_maximum_inside_is_not_skipped():
+    """Φ'' < 0 on part of this flight from the reference set: the paper's one-minimum picture fails."""
+
+    def bends_down(case):
+        w, d, e = case["velocity"], case["delta"], case["epsilon"]
+        theta = 2 * np.pi * case["phase"]
+        a = 4 * np.pi - 2 * np.pi * e * np.sin(theta) - w
+        s = np.linspace(0, float(case["flight_time"]), 400)
+        return (d * a * np.exp(-d * s) - 4 * np.pi**2 * e * np.cos(theta + 2 * np.pi * s)).min() < 0
+
+    assert sum(bends_down(case) for case in FLIGHTS) > 20
+
+
+@pytest.mark.parametrize(
+    ("wall", "phase", "velocity"),
+    [(0, 0.1, -1.0), (2, 0.1, -1.0), (1, float("nan"), -1.0), (1, 0.1, 1.0), (-1, 0.1, -1.0), (1, 0.1, 0.0),
+     (1, 0.1, float("inf")), (1, "x", -1.0)],
+)  # fmt: skip
+def test_bad_departures_are_refused(wall, phase, velocity):
+    with pytest.raises(rattle.ParameterError):
+        rattle.Gear(0.6, 0.1).first_impact(wall, phase, velocity)
