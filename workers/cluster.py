@@ -1,10 +1,14 @@
 """The dask cluster that computes tiles: one of our own, or an existing one."""
 
+import asyncio
 import logging
+import signal
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 
-from distributed import Client, LocalCluster, Worker, WorkerPlugin
+from distributed import Client, LocalCluster, Security, Worker, WorkerPlugin, comm
+from distributed.utils import silence_logging_cmgr
 
 import rattle
 from workers.errors import ClusterLostError, SurveyError
@@ -23,6 +27,16 @@ class WarmKernels(WorkerPlugin):
     def setup(self, worker: Worker) -> None:  # noqa: ARG002  (dask's signature)
         """Warm the kernels of this process."""
         rattle.warm_up()
+
+
+class LeaveInterrupts(WorkerPlugin):
+    """Leave Ctrl-C, which a terminal sends to every process of ours, to the one that runs the survey."""
+
+    name = "gear-rattle-interrupts"
+
+    def setup(self, worker: Worker) -> None:  # noqa: ARG002
+        """Ignore interrupts in this process."""
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @contextmanager
@@ -47,6 +61,7 @@ def embedded_cluster(n_workers: int = 2) -> Iterator[Client]:
                 )
             )
             client = stack.enter_context(Client(cluster, set_as_default=False))
+            client.register_plugin(LeaveInterrupts())
             client.register_plugin(WarmKernels())
         except Exception as error:
             raise SurveyError(f"the embedded cluster of {n_workers} processes does not start: {error}") from error
@@ -64,15 +79,30 @@ def connect(url: str) -> Iterator[Client]:
         SurveyError: its workers cannot run the kernels.
     """
     with ExitStack() as stack:
+        # The client logs every lost connection with a traceback; here it becomes one exception.
+        stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         try:
+            _probe(url)
             client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
         except (OSError, ValueError, TypeError) as error:
             raise ClusterLostError(
-                f"no dask scheduler with workers answers at {url}: start them, or correct it"
+                f"no dask scheduler with workers answers at {url} ({error}): start them, or correct it"
             ) from error
         try:
             client.register_plugin(WarmKernels())
         except Exception as error:
             raise SurveyError(f"the workers at {url} cannot run the kernels: {error}") from error
         yield client
+
+
+def _probe(url: str) -> None:
+    """Raise unless something answers at the address: a dask client that never connected hangs when it is dropped."""
+
+    async def knock() -> None:
+        answer = await comm.connect(url, timeout=CONNECT_SECONDS, **Security().get_connection_args("client"))
+        await answer.close()
+
+    # In a thread of its own, because a notebook's thread has an event loop already.
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(asyncio.run, knock()).result()

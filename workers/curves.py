@@ -18,11 +18,33 @@ class Curve:
     epsilon: Callable[[np.ndarray, float], np.ndarray]
 
 
+def codimension_two(name: str, beta: float) -> tuple[float, float]:
+    """Return (δ, ε) of a codimension-two point, NaN where this β has none."""
+    try:
+        point = rattle.codimension_two(name, beta)
+    except rattle.RattleError:
+        return float("nan"), float("nan")
+    return point.delta, point.epsilon
+
+
+def _until(name: str, epsilon: np.ndarray, delta: np.ndarray, beta: float) -> np.ndarray:
+    """End a curve at a codimension-two point, beyond which its orbit would cross the other wall."""
+    return np.where(delta > codimension_two(name, beta)[0], np.nan, epsilon)
+
+
 _FIGURE_7 = f"doi:{DOI} section 5.2, Figure 7"
 
 CURVES = {
-    "SN1": Curve("saddle-node of A and C", f"doi:{DOI} equation 4.1", lambda delta, _: rattle.sn1(delta)),
-    "PDC": Curve("flip (period doubling) of C", f"doi:{DOI} section 3.3", lambda delta, _: rattle.flip(delta)),
+    "SN1": Curve(
+        "saddle-node of A and C, up to COD22",
+        f"doi:{DOI} equation 4.1",
+        lambda delta, beta: _until("COD22", rattle.sn1(delta), delta, beta),
+    ),
+    "PDC": Curve(
+        "flip (period doubling) of C, up to COD20",
+        f"doi:{DOI} section 3.3",
+        lambda delta, beta: _until("COD20", rattle.flip(delta), delta, beta),
+    ),
     "G1": Curve("grazing of C", _FIGURE_7, lambda delta, beta: rattle.grazing("G1", delta, beta).epsilon),
     "G2": Curve("grazing of A", _FIGURE_7, lambda delta, beta: rattle.grazing("G2", delta, beta).epsilon),
     "quiet_limit": Curve(
@@ -31,12 +53,3 @@ CURVES = {
 }
 
 POINTS = ("COD20", "COD21", "COD22")
-
-
-def codimension_two(name: str, beta: float) -> tuple[float, float]:
-    """Return (δ, ε) of a codimension-two point, NaN where this β has none."""
-    try:
-        point = rattle.codimension_two(name, beta)
-    except rattle.RattleError:
-        return float("nan"), float("nan")
-    return point.delta, point.epsilon

@@ -9,14 +9,14 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize, TwoSlopeNorm
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 
 from workers.errors import SurveyError
 from workers.evaluate import FAILED
 from workers.schema import CELL
 
-NOT_COMPUTED, FAILURE, NOTHING = "0.78", "#3b0a0a", "#f6f2e9"
+NOT_COMPUTED, FAILURE, NOTHING = "0.78", "#3b0a0a", "#eee3bd"
 REGION_COLOURS = ("#e8e8e8", "#f4efe3", "#bfdcec", "#8fc79a", "#f2c879", "#dd8f7d")
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 DPI = 150
@@ -93,10 +93,12 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
     for mask, colour in layers.values():
         _cells(axes, dataset, np.where(mask, 1.0, np.nan), ListedColormap([colour]), Normalize(0, 1))
     cmap, norm, ticks, labels = _scale(plane, values[~valueless])
+    extend = _extend(norm, values[~valueless])
     mesh = _cells(axes, dataset, np.where(valueless, np.nan, values), cmap, norm)
-    bar = axes.get_figure().colorbar(mesh, ax=axes, ticks=ticks, pad=0.02)  # type: ignore[union-attr]
+    bar = axes.get_figure().colorbar(mesh, ax=axes, ticks=ticks, pad=0.02, extend=extend)  # type: ignore[union-attr]
     if labels:
         bar.ax.set_yticklabels(labels)
+        bar.minorticks_off()
         bar.ax.tick_params(length=0)
     for label, (mask, colour) in layers.items():
         if mask.any():
@@ -106,9 +108,11 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
 
 
 def draw_legend(axes: Axes) -> None:
-    """Explain what the colour bar does not, if there is anything."""
+    """Explain below the map what the colour bar does not, if there is anything."""
     if axes.get_legend_handles_labels()[1]:
-        axes.legend(loc="best", fontsize=8, framealpha=0.9)
+        axes.legend(
+            loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=5, columnspacing=1.2, fontsize=8, frameon=False
+        )
 
 
 def _cells(axes: Axes, dataset: xr.Dataset, values: np.ndarray, cmap: Colormap, norm: Normalize) -> ScalarMappable:
@@ -122,6 +126,12 @@ def _cells(axes: Axes, dataset: xr.Dataset, values: np.ndarray, cmap: Colormap, 
         shading="nearest",
         rasterized=True,
     )
+
+
+def _extend(norm: Normalize, values: np.ndarray) -> str:
+    """Return which ends of the colour bar have values beyond them."""
+    low, high = bool(np.any(values < norm.vmin)), bool(np.any(values > norm.vmax))
+    return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
 
 
 def _scale(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:
@@ -145,6 +155,8 @@ def _scale(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize
     if str(plane.name).endswith("_fraction"):
         return colormaps["viridis"], Normalize(0, 1), None, []
     if "lyapunov" in str(plane.name):
-        reach = max(abs(low), abs(high), 1e-12)
-        return colormaps["RdBu_r"], TwoSlopeNorm(0, -reach, reach), None, []
+        # The few largest exponents, close to the quiet limit, would wash out all others.
+        reach = float(np.quantile(np.abs(values), 0.98)) if values.size else 1.0
+        reach = reach or 1.0
+        return colormaps["RdBu_r"], Normalize(-reach, reach), None, []
     return colormaps["viridis"], Normalize(low, high if high > low else low + 1), None, []
