@@ -1,4 +1,4 @@
-"""The model in 40 digits, written from the equations alone: it shares no code and no formula rearrangement with the library."""
+"""The model in 40 digits, written from the equations alone: no code or formula is shared with the library."""
 
 from mpmath import mp, mpf
 
@@ -21,8 +21,8 @@ class Flight:
         forced = 4 * mp.pi - 2 * mp.pi * self.epsilon * mp.sin(2 * mp.pi * (self.t0 + s))
         return forced - self.delta * self.c * mp.exp(-self.delta * s)
 
-    def first_impact(self, longest=mpf("4e-3")):
-        """(time, wall, velocity) by steps of 4 % of the time flown, 0.004 at most; extrema between steps are refined."""
+    def first_impact(self, longest=0.004):
+        """(time, wall, velocity) by steps of 4 % of the time flown, 0.004 at most; turning points are refined."""
         lo = mpf(10) ** -14
         while True:
             hi = lo + min(lo / 25, longest)

@@ -1,0 +1,131 @@
+"""What must hold for the attractors of any parameter point."""
+
+import numpy as np
+import pytest
+
+import rattle
+from rattle.sampling import initial_conditions
+
+
+def random_gears(count, seed):
+    rng = np.random.default_rng(seed)
+    return [rattle.Gear(rng.uniform(0.2, 1.5), rng.uniform(0.0, 0.4), rng.uniform(0.2, 1.2)) for _ in range(count)]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return [(gear, gear.attractors(count=24)) for gear in random_gears(120, 12)]
+
+
+def test_fractions_are_shares_of_the_sample(found):
+    for _, attractors in found:
+        assert sum(a.fraction for a in attractors) == pytest.approx(1.0)
+        assert [a.fraction for a in attractors] == sorted((a.fraction for a in attractors), reverse=True)
+        for a in attractors:
+            low, high = a.fraction_interval
+            assert 0 <= low <= a.fraction <= high <= 1
+
+
+def test_sum_rule(found):
+    kinds = set()
+    for gear, attractors in found:
+        for a in attractors:
+            if a.kind in ("periodic", "chaotic"):
+                kinds.add(a.kind)
+                assert abs(sum(a.lyapunov) + gear.delta) < 1e-9
+            else:
+                assert np.isnan(a.lyapunov).all()
+    assert kinds == {"periodic", "chaotic"}
+
+
+def test_periodic_attractors_close_with_their_label_and_multipliers(found):
+    """Stepping the public map around the orbit gives back the label, and its tangent the exponents."""
+    checked = 0
+    for gear, attractors in found:
+        for a in (a for a in attractors if a.kind == "periodic"):
+            tau, v, time, below, tangent = a.tau, a.v, 0.0, 0, np.eye(2)
+            returns = []
+            for n in range(1, a.n_plus + 1):
+                step = gear.impact(tau, v)
+                tau, v, time, below = step.tau, step.v, time + step.time, below + step.n_minus
+                tangent = step.tangent @ tangent
+                if abs((tau - a.tau + 0.5) % 1 - 0.5) < 1e-8 and abs(v - a.v) < 1e-8:
+                    returns.append(n)
+            assert returns == [a.n_plus]
+            assert (round(time), below) == (a.m, a.n_minus)
+            assert time == pytest.approx(a.m, abs=1e-9)
+            radius = max(abs(np.linalg.eigvals(tangent)))
+            assert a.lyapunov[0] == pytest.approx(np.log(radius) / a.m, abs=1e-6)
+            assert a.lyapunov[0] < 0
+            checked += 1
+    assert checked > 30
+
+
+def test_chaotic_attractors_are_chaotic_by_their_own_error_bar(found):
+    for _, attractors in found:
+        for a in (a for a in attractors if a.kind == "chaotic"):
+            assert a.lyapunov[0] > a.lyapunov_error > 0
+
+
+def test_quiet_only_below_the_quiet_limit(found):
+    sides = set()
+    for gear, attractors in found:
+        quiet = any(a.kind == "quiet" for a in attractors)
+        sides.add((quiet, gear.epsilon < gear.quiet_limit))
+    assert (True, False) not in sides
+    assert (True, True) in sides
+
+
+def test_undecided_is_rare(found):
+    assert np.mean([sum(a.fraction for a in attractors if a.kind == "undecided") for _, attractors in found]) < 0.005
+
+
+def test_attractors_are_deterministic_and_seeds_agree_within_sampling_error():
+    gear = rattle.Gear(0.6, 0.089)
+    first = gear.attractors(count=512, seed=1)
+    assert repr(first) == repr(gear.attractors(count=512, seed=1))  # repr: NaN equals itself
+    second = {(a.kind, a.m, a.n_plus, a.n_minus): a for a in gear.attractors(count=512, seed=2)}
+    for a in first:
+        other = second[a.kind, a.m, a.n_plus, a.n_minus]
+        assert a.fraction_interval[0] <= other.fraction_interval[1]
+        assert other.fraction_interval[0] <= a.fraction_interval[1]
+        if a.kind == "periodic":
+            assert (a.tau, a.v) == pytest.approx((other.tau, other.v), abs=1e-9)
+            assert a.lyapunov == pytest.approx(other.lyapunov, abs=1e-9)
+
+
+def test_equal_labels_at_different_places_stay_apart():
+    """Coexisting orbits of one label are separate attractors, and no attractor is listed twice."""
+    for gear in random_gears(40, 77):
+        seen = [(a.kind, a.m, a.n_plus, a.n_minus, round(a.v, 6)) for a in gear.attractors(count=16)]
+        periodic = [s for s in seen if s[0] == "periodic"]
+        assert len(set(periodic)) == len(periodic)
+        assert sum(s[0] == "quiet" for s in seen) <= 1
+        assert sum(s[0] == "undecided" for s in seen) <= 1
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 100, 256])
+def test_sample_is_uniform_and_depends_on_seed_and_cell(count):
+    tau, v = initial_conditions(count, 7.0, 0, (0.6, 0.1, 0.6))
+    assert tau.shape == v.shape == (count,)
+    assert ((tau >= 0) & (tau < 1) & (v > 0) & (v < 7)).all()
+    if count >= 100:
+        counts, _, _ = np.histogram2d(tau, v, bins=5, range=[[0, 1], [0, 7]])
+        assert abs(counts - count / 25).max() < 0.5 * count / 25 + 2
+    for other in [(1, (0.6, 0.1, 0.6)), (0, (0.6, np.nextafter(0.1, 1), 0.6))]:
+        assert not np.allclose(tau, initial_conditions(count, 7.0, *other)[0])
+
+
+@pytest.mark.parametrize(
+    "bad", [{"count": 0}, {"count": 2.5}, {"count": 10**9}, {"v_max": 0}, {"v_max": np.nan}, {"seed": -1}]
+)
+def test_bad_samples_are_refused(bad):
+    with pytest.raises(rattle.ParameterError):
+        rattle.Gear(0.6, 0.1).attractors(**bad)
+
+
+def test_wilson_interval_against_published_values():
+    """Newcombe (1998), Statistics in Medicine 17, 857: 81/263 and 0/20."""
+    low, high = rattle.wilson_interval(np.array([81, 0]), np.array([263, 20]))
+    assert low == pytest.approx([0.2553, 0.0], abs=5e-5)
+    assert high == pytest.approx([0.3662, 0.1611], abs=5e-5)
