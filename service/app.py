@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager
 from typing import TYPE_CHECKING
 
 from anyio import CapacityLimiter
@@ -59,7 +59,7 @@ def _cluster_of(settings: Settings) -> Cluster:
     return lambda: workers.embedded_cluster(settings.workers)
 
 
-def _lifespan(settings: Settings, cluster: Cluster) -> Callable[[FastAPI], AbstractContextManager[None]]:
+def _lifespan(settings: Settings, cluster: Cluster) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         directory = DataDirectory(settings.data)

@@ -16,6 +16,7 @@ REFUSED = 2
 app = typer.Typer(
     help="Survey the damping-eccentricity plane of an impacting gear model.",
     no_args_is_help=True,
+    add_completion=False,
     pretty_exceptions_enable=False,
 )
 app.command()(run)

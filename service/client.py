@@ -110,7 +110,8 @@ class Client:
             if source.response.status_code == httpx.codes.NO_CONTENT:
                 return
             for event in source.iter_sse():
-                yield int(event.id), json.loads(event.data)
+                if event.data:  # httpx-sse shows a heartbeat as an event without data
+                    yield int(event.id), json.loads(event.data)
 
     @property
     def url(self) -> str:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from workers import TileRecord
 
-LONGEST_PAUSE = 30.0
+FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 MAX_FAILURES = 100  # messages kept of one tile
 
 log = logging.getLogger(__name__)
@@ -91,23 +91,23 @@ class JobManager:
         return None
 
     def _main(self) -> None:
-        pause = 1.0
+        pause = FIRST_PAUSE
         while not self._stopping.is_set():
+            self.cluster_state = "starting"
             try:
                 with self._cluster() as client:
-                    self.cluster_state, pause = "ready", 1.0
+                    self.cluster_state, pause = "ready", FIRST_PAUSE
                     self._run_all(client)
-            except (RattleError, OSError, SQLAlchemyError) as error:
-                log.warning("no cluster, trying again in %.0f s: %s", pause, error)
-                self.cluster_state = f"unavailable: {error}"
             except Exception as error:
-                log.exception("the cluster failed, trying again in %.0f s", pause)
+                unexpected = None if isinstance(error, RattleError) else error
+                log.warning("no cluster or no database, next try in %.0f s: %s", pause, error, exc_info=unexpected)
                 self.cluster_state = f"unavailable: {error}"
-            self._stopping.wait(pause)
-            pause = min(2 * pause, LONGEST_PAUSE)
+                self._stopping.wait(pause)
+                pause = min(2 * pause, LONGEST_PAUSE)
 
     def _run_all(self, client: Client) -> None:
-        while not self._stopping.is_set():
+        """Run surveys until the end of the service, or until one is dismissed while it runs."""
+        while not self._interrupted():
             self._wake.clear()
             job = self._database.next_job()
             if job is None:
@@ -115,21 +115,23 @@ class JobManager:
                 continue
             with self._lock:
                 self._current = job.id
-                self._dismissed.clear()
             try:
                 self._run(job, client)
             finally:
                 with self._lock:
                     self._current = None
+        # Tiles that have begun cannot be interrupted: a new cluster starts without those of a dismissed survey.
+        self._dismissed.clear()
 
     def _run(self, job: JobRow, client: Client) -> None:
         try:
             self._compute(job, client)
-        except ClusterLostError:
-            raise  # not the survey's fault: it goes on with the next cluster
-        except (RattleError, OSError, ValueError) as error:
-            log.warning("survey %s failed: %s", job.id, error)
-            self._database.set_state(job.id, State.FAILED, str(error))
+        except (ClusterLostError, SQLAlchemyError):
+            raise  # not the survey's fault: it goes on later
+        except Exception as error:
+            unexpected = None if isinstance(error, RattleError) else error
+            log.warning("survey %s failed: %s", job.id, error, exc_info=unexpected)
+            self._database.set_state(job.id, State.FAILED, str(error) or type(error).__name__)
 
     def _compute(self, job: JobRow, client: Client) -> None:
         if not self._database.set_state(job.id, State.RUNNING):

@@ -21,6 +21,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rattle import ParameterError, RattleError
 from service import errors
+from workers import SurveyError
 
 MEDIA_TYPE = "application/problem+json"
 MAX_FIELD_ERRORS = 50
@@ -36,6 +37,7 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (errors.ConflictError, 409),
     (errors.LimitError, 422),
     (ParameterError, 422),
+    (SurveyError, 422),
     (errors.QueueFullError, 429),
     (errors.UnavailableError, 503),
     (SQLAlchemyError, 503),

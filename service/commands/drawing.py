@@ -22,8 +22,10 @@ def draw(store: str | Path, out: Path) -> None:
 
 
 def figure(
-    store: Annotated[str, typer.Argument(help="Path or URL of a survey's store.")],
-    out: Annotated[Path, typer.Argument(help="The picture to write; .png, .pdf or .svg.")] = Path("survey.png"),
+    store: Annotated[str, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The picture to write; .png, .pdf or .svg.")] = Path(
+        "survey.png"
+    ),
 ) -> None:
     """Draw a survey: regions with the bifurcation curves, quiet fraction, largest Lyapunov exponent."""
     draw(store, out)

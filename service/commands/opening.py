@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 
-def open_(store: Annotated[str, typer.Argument(help="Path or URL of a survey's store.")]) -> None:
+def open_(store: Annotated[str, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")]) -> None:
     """Print the dataset of a survey, as xarray shows it."""
     from workers import open_survey
 

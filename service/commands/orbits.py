@@ -12,8 +12,8 @@ REGIONS = ("none of I to V", "I", "II", "III", "IV", "V")
 
 
 def orbits(
-    delta: Annotated[float, typer.Argument(help="Damping.")],
-    epsilon: Annotated[float, typer.Argument(help="Eccentricity.")],
+    delta: Annotated[float, typer.Argument(metavar="DELTA", help="Damping.")],
+    epsilon: Annotated[float, typer.Argument(metavar="EPSILON", help="Eccentricity.")],
     beta: Beta = 0.6,
 ) -> None:
     """Print the period-one orbits of one parameter point, its region and its analytic limits."""

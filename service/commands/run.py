@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from workers import SurveyRequest, Tile, TileRecord
 
 INTERRUPTED = 130
-FAILED = 3
 MAX_MESSAGES = 10
 
 
@@ -105,9 +104,11 @@ def _compute(
 
 def _summarise(out: Path) -> None:
     from workers import open_survey
+    from workers.evaluate import FAILED
 
     with open_survey(out) as dataset:
-        undecided, failed = dataset["undecided_fraction"], int((dataset["status"] == FAILED).sum())
-        typer.echo(
-            f"{undecided.size} cells, {failed} failed, {100 * float(undecided.mean()):.3f} % of samples undecided"
-        )
+        status = dataset["status"]
+        summary = f"{status.size} cells, {int((status == FAILED).sum())} failed"
+        if "undecided_fraction" in dataset:
+            summary += f", {100 * float(dataset['undecided_fraction'].mean()):.3f} % of samples undecided"
+        typer.echo(summary)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -33,7 +33,7 @@ def serve(
     from service.datadir import DataDirectory
     from service.settings import Settings
 
-    given = {"host": host, "port": port, "data": data, "scheduler": scheduler, "workers": workers}
+    given: dict[str, Any] = {"host": host, "port": port, "data": data, "scheduler": scheduler, "workers": workers}
     try:
         settings = Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:

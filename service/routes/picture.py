@@ -13,11 +13,12 @@ from service.errors import MissingError
 from service.problems import declared
 from service.state import FrontState
 from service.tables import State
-from workers import map_png, open_survey
+from workers import QUANTITIES, map_png, open_survey
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 PNG = "image/png"
+MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
 
 
 @router.get(
@@ -29,18 +30,19 @@ PNG = "image/png"
 async def picture(
     front: FrontState,
     survey_id: str,
-    variable: Annotated[str, Query(max_length=64, description="a variable of the store, such as region")] = "region",
+    variable: Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})] = "region",
+    index: Annotated[int, Query(ge=0, le=64, description="which orbit, or slot of attractors")] = 0,
 ) -> Response:
-    """Cells that are still to be computed are left blank."""
+    """Cells that failed or are still to be computed are told apart from the others."""
     job = await run_in_threadpool(front.database.job, survey_id)
     path = front.directory.store(survey_id)
     if not path.exists():
         raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
-    png = await anyio.to_thread.run_sync(_draw, path, variable, limiter=front.pictures)
+    png = await anyio.to_thread.run_sync(_draw, path, variable, index, limiter=front.pictures)
     cache = "max-age=3600" if State(job.state).final else "no-cache"
     return Response(png, media_type=PNG, headers={"Cache-Control": cache})
 
 
-def _draw(path: Path, variable: str) -> bytes:
+def _draw(path: Path, variable: str, index: int) -> bytes:
     with open_survey(path) as dataset:
-        return map_png(dataset, variable)
+        return map_png(dataset, variable, index)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated
 
 import anyio
+from anyio import BrokenWorkerProcess, to_process
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
 
@@ -16,7 +17,8 @@ from service.state import Front, FrontState
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
-Parameter = Annotated[float, Query(allow_inf_nan=False)]
+Positive = Annotated[float, Query(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Query(ge=0, allow_inf_nan=False)]
 
 
 class Point(BaseModel):
@@ -30,19 +32,19 @@ class Point(BaseModel):
 class Multiplier(BaseModel):
     """A Floquet multiplier."""
 
-    re: float
-    im: float
+    re: float | None
+    im: float | None
 
 
 class OrbitDocument(BaseModel):
     """An admissible period-one orbit."""
 
-    name: Literal["A", "B", "C", "D"]
+    name: str = Field(description="A, B, C or D")
     m: int = Field(description="forcing periods")
     n_plus: int = Field(description="impacts on the positive wall")
     n_minus: int = Field(description="impacts on the negative wall")
-    tau: float = Field(description="phase of the impact, in forcing periods")
-    v: float = Field(description="speed after the impact")
+    tau: float | None = Field(description="phase of the impact, in forcing periods")
+    v: float | None = Field(description="speed after the impact")
     multipliers: tuple[Multiplier, Multiplier]
     stable: bool
 
@@ -51,16 +53,16 @@ class Orbits(Point):
     """Period-one orbits and analytic limits of one parameter point."""
 
     region: int = Field(ge=0, le=5, description="1…5 = I…V, 0 none of them")
-    sn1: float = Field(description="epsilon above which A and C exist")
-    flip: float = Field(description="epsilon above which C is unstable")
-    quiet_limit: float = Field(description="epsilon above which nothing is quiet")
+    sn1: float | None = Field(description="epsilon above which A and C exist")
+    flip: float | None = Field(description="epsilon above which C is unstable")
+    quiet_limit: float | None = Field(description="epsilon above which nothing is quiet")
     orbits: list[OrbitDocument]
 
 
 class AttractorDocument(BaseModel):
     """An attractor, with its share of the sampled initial conditions."""
 
-    kind: Literal["quiet", "periodic", "chaotic", "undecided"]
+    kind: str = Field(description="quiet, periodic, chaotic or undecided")
     m: int
     n_plus: int
     n_minus: int
@@ -81,7 +83,7 @@ class Attractors(Point):
     attractors: list[AttractorDocument]
 
 
-def gear(delta: Parameter, epsilon: Parameter, beta: Parameter = 0.6) -> rattle.Gear:
+def gear(delta: Positive, epsilon: NotNegative, beta: Positive = 0.6) -> rattle.Gear:
     """The model at the parameters of the query."""
     return rattle.Gear(delta, epsilon, beta)
 
@@ -94,9 +96,9 @@ def orbits(model: GearQuery) -> Orbits:
     return Orbits(
         **_point(model),
         region=model.region(),
-        sn1=model.sn1,
-        flip=model.flip,
-        quiet_limit=model.quiet_limit,
+        sn1=_number(model.sn1),
+        flip=_number(model.flip),
+        quiet_limit=_number(model.quiet_limit),
         orbits=[_orbit(orbit) for orbit in model.orbits()],
     )
 
@@ -120,10 +122,23 @@ async def attractors(
 async def _in_turn(
     front: Front, model: rattle.Gear, count: int, v_max: float, seed: int
 ) -> tuple[rattle.Attractor, ...]:
-    # A computation cannot be interrupted, so that a client gives up its turn only while it waits for one.
-    if front.points.statistics().tasks_waiting >= front.settings.max_points_waiting:
+    # In a process of its own: a compiled loop can neither be interrupted nor does it let other threads run, and at
+    # extreme parameters it takes minutes.
+    limits = front.settings
+    if front.points.statistics().tasks_waiting >= limits.max_points_waiting:
         raise UnavailableError("Too many parameter points are being computed. Try again in a few seconds.")
-    return await anyio.to_thread.run_sync(model.attractors, count, v_max, seed, limiter=front.points)
+    try:
+        with anyio.fail_after(limits.max_point_seconds):
+            return await to_process.run_sync(
+                model.attractors, count, v_max, seed, cancellable=True, limiter=front.points
+            )
+    except TimeoutError as error:
+        raise UnavailableError(
+            f"The attractors were not found within {limits.max_point_seconds:g} s. "
+            "Ask for fewer initial conditions (count), or submit a survey."
+        ) from error
+    except BrokenWorkerProcess as error:
+        raise UnavailableError("The process that computed this point has died. Try again.") from error
 
 
 def _point(model: rattle.Gear) -> dict[str, float]:
@@ -131,14 +146,14 @@ def _point(model: rattle.Gear) -> dict[str, float]:
 
 
 def _orbit(orbit: rattle.Orbit) -> OrbitDocument:
-    first, second = (Multiplier(re=value.real, im=value.imag) for value in orbit.multipliers)
+    first, second = (Multiplier(re=_number(value.real), im=_number(value.imag)) for value in orbit.multipliers)
     return OrbitDocument(
         name=orbit.name,
         m=orbit.m,
         n_plus=orbit.n_plus,
         n_minus=orbit.n_minus,
-        tau=orbit.tau,
-        v=orbit.v,
+        tau=_number(orbit.tau),
+        v=_number(orbit.v),
         multipliers=(first, second),
         stable=orbit.stable,
     )
@@ -160,5 +175,5 @@ def _attractor(item: rattle.Attractor) -> AttractorDocument:
 
 
 def _number(value: float) -> float | None:
-    """JSON has no NaN."""
+    """JSON has neither NaN nor infinity; both occur where a limit overflows at extreme parameters."""
     return value if math.isfinite(value) else None
