@@ -1,0 +1,176 @@
+"""Every variable of a store: the published schema, attributes that others can read, and values from the registry."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from workers import QUANTITIES, Axis, Group, Quantity, SurveyRequest, create_store
+from workers.quantities import COORDINATES
+from workers.runner import compute_and_write
+from workers.tiles import tiles_of
+
+CELL = ("epsilon", "delta")
+ORBIT, SLOT, CURVE = ("orbit", *CELL), ("attractor", *CELL), ("grazing_curve", "delta")
+
+#: The schema that readers rely on: a change here breaks their notebooks.
+SCHEMA = {
+    "region": (CELL, "int8"),
+    "orbit_exists": (ORBIT, "bool"),
+    "orbit_stable": (ORBIT, "bool"),
+    "orbit_phase": (ORBIT, "float64"),
+    "orbit_velocity": (ORBIT, "float64"),
+    "orbit_multiplier": (("orbit", "multiplier", *CELL), "complex128"),
+    "attractor_kind": (SLOT, "int8"),
+    "attractor_m": (SLOT, "int16"),
+    "attractor_n_plus": (SLOT, "int16"),
+    "attractor_n_minus": (SLOT, "int16"),
+    "attractor_fraction": (SLOT, "float32"),
+    "attractor_lyapunov": (("attractor", "exponent", *CELL), "float64"),
+    "attractor_phase": (SLOT, "float64"),
+    "attractor_velocity": (SLOT, "float64"),
+    "n_attractors": (CELL, "int16"),
+    "quiet_fraction": (CELL, "float32"),
+    "periodic_fraction": (CELL, "float32"),
+    "chaotic_fraction": (CELL, "float32"),
+    "undecided_fraction": (CELL, "float32"),
+    "fraction_error": (CELL, "float32"),
+    "lyapunov_max": (CELL, "float64"),
+    "sum_rule_error": (CELL, "float64"),
+    "status": (CELL, "int8"),
+    "grazing_epsilon": (CURVE, "float64"),
+    "grazing_phase": (CURVE, "float64"),
+    "grazing_multiplier": (("grazing_curve", "multiplier", "delta"), "complex128"),
+    "robust_chaos": (("delta",), "bool"),
+}
+SIZES = {"orbit": 4, "multiplier": 2, "attractor": 8, "exponent": 2, "grazing_curve": 2, "delta": 5, "epsilon": 4}
+
+
+@pytest.fixture(scope="module")
+def request_() -> SurveyRequest:
+    return SurveyRequest(
+        name="registry",
+        delta=Axis(start=0.55, stop=0.765, num=5),
+        epsilon=Axis(start=0.05, stop=0.1, num=4),
+        initial_conditions={"count": 6},
+        tile={"delta": 2, "epsilon": 3},
+    )
+
+
+@pytest.fixture(scope="module")
+def template(request_: SurveyRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("template") / "survey.zarr"
+    create_store(request_, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def survey(request_: SurveyRequest, tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
+    path = tmp_path_factory.mktemp("survey") / "survey.zarr"
+    create_store(request_, path)
+    for tile in tiles_of(request_):
+        compute_and_write(request_, str(path), tile)
+    return xr.open_zarr(path, chunks=None).load()
+
+
+def test_the_registry_is_the_schema() -> None:
+    assert {quantity.name: (quantity.dims, quantity.dtype) for quantity in QUANTITIES} == SCHEMA
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda quantity: quantity.name)
+def test_variable_of_an_empty_store(template: Path, quantity: Quantity) -> None:
+    variable = xr.open_zarr(template, chunks=None)[quantity.name]
+    dims, dtype = SCHEMA[quantity.name]
+    assert (variable.dims, variable.dtype) == (dims, np.dtype(dtype))
+    assert variable.shape == tuple(SIZES[dim] for dim in dims)
+    assert {"long_name", "units", "references"} <= set(variable.attrs)
+    assert variable.attrs["units"] == "1"
+    if quantity.per_cell:
+        assert variable.encoding["chunks"] == (*variable.shape[:-2], 3, 2)
+        filled = variable.isnull() if variable.dtype.kind in "fc" else variable == 0
+        assert bool(filled.all())
+
+
+@pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda quantity: quantity.name)
+def test_variable_of_a_filled_store(survey: xr.Dataset, quantity: Quantity) -> None:
+    values = survey[quantity.name]
+    if "flag_values" in values.attrs:
+        assert len(values.attrs["flag_meanings"].split()) == len(values.attrs["flag_values"])
+        assert set(np.unique(values)) <= set(values.attrs["flag_values"])
+    # each of these happens somewhere on this grid, so that nothing stays at its fill value
+    assert np.unique(values).size > (1 if quantity.name not in {"status", "undecided_fraction"} else 0)
+
+
+@pytest.mark.parametrize("name", COORDINATES)
+def test_coordinate(template: Path, name: str) -> None:
+    coordinate = xr.open_zarr(template, chunks=None).coords[name]
+    assert coordinate.shape == (SIZES[name],)
+    assert coordinate.attrs["long_name"]
+    assert coordinate.attrs["units"] == "1"
+
+
+def test_axes_are_the_computed_values(template: Path, request_: SurveyRequest) -> None:
+    dataset = xr.open_zarr(template)
+    assert dataset.delta.values.tobytes() == request_.delta.values().tobytes()
+    assert dataset.epsilon.values.tobytes() == request_.epsilon.values().tobytes()
+    assert list(dataset.orbit.values) == ["A", "B", "C", "D"]
+    assert list(dataset.grazing_curve.values) == ["G1", "G2"]
+
+
+@pytest.mark.parametrize("open_it", [xr.open_zarr, lambda path: xr.open_datatree(path, engine="zarr")])
+def test_opens_without_a_warning(template: Path, open_it) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        open_it(template).load()
+
+
+def test_attributes_tell_where_it_comes_from(template: Path, request_: SurveyRequest) -> None:
+    attributes = xr.open_zarr(template).attrs
+    assert SurveyRequest.model_validate_json(attributes["request"]) == request_
+    assert attributes["content_hash"] == request_.content_hash()
+    assert attributes["doi"] == "10.1137/090759641"
+    assert attributes["title"] == "registry"
+    assert {"Conventions", "code_version", "date_created", "source"} <= set(attributes)
+
+
+def test_groups_hold_the_curves_and_points_of_the_plane(template: Path) -> None:
+    tree = xr.open_datatree(template, engine="zarr")
+    for group in ("curves", "codimension_two"):
+        for variable in tree[group].variables.values():
+            assert variable.attrs["long_name"]
+            assert variable.attrs["units"] == "1"
+    curves, points = tree["curves"], tree["codimension_two"]
+    assert curves["SN1"].sel(delta=0.55) == pytest.approx(abs(2 - 0.55 / np.tanh(0.275)), rel=1e-12)
+    assert np.isnan(curves["PDC"].sel(delta=0.55))  # C meets G1 before it could flip
+    assert list(points["point"].values) == ["COD20", "COD21", "COD22"]
+    assert points["point_delta"].values[1:] == pytest.approx([0.759042986991, 0.770147130934], abs=1e-9)
+
+
+@pytest.mark.parametrize("group", Group)
+def test_only_what_is_asked_for_is_stored(tmp_path: Path, request_: SurveyRequest, group: Group) -> None:
+    path = tmp_path / "survey.zarr"
+    create_store(request_.model_copy(update={"quantities": (group,)}), path)
+    dataset = xr.open_zarr(path)
+    assert set(dataset.data_vars) == {q.name for q in QUANTITIES if q.group == group} | {"status"}
+    assert set(dataset.coords) == {dim for name in dataset.data_vars for dim in dataset[name].dims}
+
+
+def test_fractions_add_to_one(survey: xr.Dataset) -> None:
+    kinds = ("quiet", "periodic", "chaotic", "undecided")
+    total = sum(survey[f"{kind}_fraction"] for kind in kinds)
+    assert np.allclose(total, 1, atol=1e-6)
+    assert np.all(survey.attractor_fraction.sum("attractor") <= 1 + 1e-6)
+
+
+def test_sum_rule_holds(survey: xr.Dataset) -> None:
+    error = survey.attractor_lyapunov.sum("exponent", skipna=False) + survey.delta
+    assert float(abs(error).max()) < 1e-6
+    assert float(survey.sum_rule_error.max()) == pytest.approx(float(abs(error).max()))
+
+
+def test_slots_fall_and_are_empty_beyond_the_attractors(survey: xr.Dataset) -> None:
+    assert np.all(np.diff(survey.attractor_fraction, axis=0) <= 0)
+    assert np.array_equal((survey.attractor_kind > 0).sum("attractor"), np.minimum(survey.n_attractors, 8))
+    assert np.array_equal(survey.attractor_kind == 0, survey.attractor_phase.isnull() & (survey.attractor_kind != 1))

@@ -1,0 +1,152 @@
+"""What a survey may ask for: everything sensible, and a message that says what to do about the rest."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+import workers.request
+from workers import Axis, Group, SurveyError, SurveyRequest
+
+AXES = {"delta": {"start": 0.4, "stop": 1.0, "num": 61}, "epsilon": {"start": 0.005, "stop": 0.3, "num": 60}}
+
+
+def survey(**fields: object) -> SurveyRequest:
+    return SurveyRequest.model_validate(AXES | fields)
+
+
+def test_defaults() -> None:
+    request = survey()
+    assert (request.beta, request.seed, request.name) == (0.6, 0, "")
+    assert (request.initial_conditions.count, request.initial_conditions.v_max) == (64, 7.0)
+    assert request.quantities == tuple(Group)
+    assert (request.n_cells, request.tile_shape, request.n_tiles) == (3660, (16, 16), 16)
+
+
+def test_a_default_tile_shrinks_to_the_grid_and_a_given_one_does_not() -> None:
+    small = {"start": 0.4, "stop": 1.0, "num": 5}
+    assert survey(delta=small).tile_shape == (16, 5)
+    assert survey(delta=small, tile={"delta": 5}).tile_shape == (16, 5)
+    with pytest.raises(ValidationError, match="tile.delta .6. exceeds the axis .5 values.: use 5 or less"):
+        survey(delta=small, tile={"delta": 6})
+
+
+AXIS = AXES["delta"]
+BAD = [
+    ({"delta": AXIS | {"start": math.nan}}, "finite"),
+    ({"delta": AXIS | {"stop": math.inf}}, "finite"),
+    ({"delta": AXIS | {"start": 10**400}}, "number"),
+    ({"delta": AXIS | {"start": True}}, "number"),
+    ({"delta": AXIS | {"start": "0.4"}}, "number"),
+    ({"delta": AXIS | {"start": 1.0, "stop": 0.4}}, "below stop"),
+    ({"delta": AXIS | {"start": 1.0}}, "below stop"),
+    ({"delta": AXIS | {"num": 1}}, "greater than or equal to 2"),
+    ({"delta": AXIS | {"num": 61.0}}, "integer"),
+    ({"delta": AXIS | {"num": 10**9}}, "less than or equal"),
+    ({"delta": AXIS | {"start": 1.0, "stop": math.nextafter(1, 2)}}, "not distinct"),
+    ({"delta": AXIS | {"start": -1.7e308, "stop": 1.7e308}}, "not distinct"),
+    ({"delta": AXIS | {"start": 0.0}}, "positive"),
+    ({"delta": AXIS | {"step": 0.1}}, "Extra inputs"),
+    ({"epsilon": AXIS | {"start": -0.1}}, "not be negative"),
+    ({"beta": 0.0}, "greater than 0"),
+    ({"beta": math.nan}, "finite"),
+    ({"quantities": []}, "at least one"),
+    ({"quantities": ["region", "region"]}, "once"),
+    ({"quantities": ["regions"]}, "region"),
+    ({"initial_conditions": {"count": 0}}, "greater than or equal to 1"),
+    ({"initial_conditions": {"count": 65_537}}, "less than or equal to 65536"),
+    ({"initial_conditions": {"v_max": 0.0}}, "greater than 0"),
+    ({"tile": {"delta": 0}}, "greater than or equal to 1"),
+    ({"tile": {"epsilon": 61}}, "exceeds the axis"),
+    ({"tile": {"delta": 16.0}}, "integer"),
+    ({"delta": AXIS | {"num": 300}, "epsilon": AXIS | {"num": 300}, "tile": {"delta": 300, "epsilon": 300}}, "smaller"),
+    ({"delta": AXIS | {"num": 10**6}, "tile": {"delta": 1}}, "larger tile"),
+    ({"seed": -1}, "greater than or equal to 0"),
+    ({"seed": 2**32}, "less than"),
+    ({"name": "line\nbreak"}, "cannot be printed"),
+    ({"name": "\ud800"}, "unicode"),
+    ({"name": "n" * 201}, "at most 200"),
+    ({"colour": "red"}, "Extra inputs"),
+]
+
+
+@pytest.mark.parametrize(("fields", "message"), BAD)
+def test_refused_with_a_reason(fields: dict[str, object], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        survey(**fields)
+
+
+def test_frozen() -> None:
+    with pytest.raises(ValidationError, match="frozen"):
+        survey().beta = 0.7
+
+
+FLOATS = st.floats(min_value=0, max_value=1e300)
+
+
+@given(start=FLOATS, width=FLOATS, num=st.integers(2, 500))
+def test_an_accepted_axis_rises_from_start_to_stop(start: float, width: float, num: int) -> None:
+    try:
+        axis = Axis(start=start, stop=start + width, num=num)
+    except ValidationError:
+        return
+    values = axis.values()
+    assert values.shape == (num,)
+    assert np.all(np.diff(values) > 0)
+    assert (values[0], values[-1]) == (axis.start, axis.stop)
+
+
+@given(start=st.floats(0.01, 1), width=st.floats(0.01, 10), num=st.integers(2, 10_000))
+def test_axis_text_is_read_exactly(start: float, width: float, num: int) -> None:
+    stop = start + width
+    assert Axis.parse(f"{start!r}:{stop!r}:{num}") == Axis(start=start, stop=stop, num=num)
+
+
+@pytest.mark.parametrize("text", ["", "0.4:1.0", "0.4:1.0:61:2", "a:b:c", "0.4:1.0:6.5", "1.0:0.4:61", "nan:1:3", "::"])
+def test_bad_axis_text_says_how_to_write_it(text: str) -> None:
+    with pytest.raises(SurveyError, match="START:STOP:NUM"):
+        Axis.parse(text)
+
+
+@given(st.text(max_size=30))
+def test_any_axis_text_is_read_or_refused(text: str) -> None:
+    try:
+        Axis.parse(text)
+    except SurveyError as error:
+        assert "START:STOP:NUM" in str(error)
+
+
+def test_hash_is_of_the_content() -> None:
+    request = survey()
+    same = [
+        survey(name="another name"),
+        survey(quantities=list(reversed(Group))),
+        survey(tile={"delta": 16, "epsilon": 16}),
+        SurveyRequest.model_validate_json(request.model_dump_json()),
+    ]
+    assert {other.content_hash() for other in same} == {request.content_hash()}
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"beta": 0.6000000000000001},
+        {"seed": 1},
+        {"delta": AXIS | {"num": 62}},
+        {"quantities": ["region"]},
+        {"tile": {"delta": 15}},
+        {"initial_conditions": {"count": 65}},
+        {"initial_conditions": {"v_max": 8.0}},
+    ],
+)
+def test_hash_tells_surveys_apart(fields: dict[str, object]) -> None:
+    assert survey(**fields).content_hash() != survey().content_hash()
+
+
+def test_hash_tells_versions_of_the_code_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = survey().content_hash()
+    monkeypatch.setattr(workers.request, "code_version", lambda: "another")
+    assert survey().content_hash() != before
