@@ -87,23 +87,29 @@ def third_derivative(a, decay, sin1, delta, epsilon):
 
 @kernel
 def root_in(lo, hi, guess, level, rising, w, a, sin0, cos0, delta, epsilon):
-    """The crossing F = level in (lo, hi), where F is monotone: Halley steps kept inside a shrinking bracket."""
+    """The crossing F = level in (lo, hi), where F is monotone: Halley steps u kept inside a shrinking bracket.
+
+    A step leaves an error of u³ (p² + |F‴/6F'|) with p = F''/2F'; the last one leaves less than rounding.
+    """
     s = guess
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
     for _ in range(100):
-        f0, f1, f2, _decay, _s, _c = evaluate(s, w, a, sin0, cos0, delta, epsilon)
+        f0, f1, f2, decay, sin1, _c = evaluate(s, w, a, sin0, cos0, delta, epsilon)
         f0 -= level
         if (f0 > 0.0) == rising:
             hi = s
         else:
             lo = s
-        denominator = f1 * f1 - 0.5 * f0 * f2
-        step = -f0 * f1 / denominator if denominator != 0.0 else math.nan
-        new = s + step
+        u, p = -f0 / f1, 0.5 * f2 / f1
+        u /= 1.0 + u * p
+        bend = p * p + abs(third_derivative(a, decay, sin1, delta, epsilon) / f1)
+        new = s + u
         if not (lo <= new <= hi):
             new = 0.5 * (lo + hi)
-        if abs(new - s) <= 2.0e-16 * abs(new) or new == lo == hi:
+        elif abs(u) * u * u * bend < 1e-17 * s:
+            return new
+        if new == s or lo == hi:
             return new
         s = new
     return s
@@ -111,18 +117,21 @@ def root_in(lo, hi, guess, level, rising, w, a, sin0, cos0, delta, epsilon):
 
 @kernel
 def extremum_in(lo, hi, convex, w, a, sin0, cos0, delta, epsilon):
-    """The zero of F' in (lo, hi), where F'' keeps its sign."""
+    """The zero of F' in (lo, hi), where F'' keeps its sign, to 1e-9: F there is then exact to rounding."""
     s = 0.5 * (lo + hi)
     for _ in range(100):
-        _f0, f1, f2, _decay, _s, _c = evaluate(s, w, a, sin0, cos0, delta, epsilon)
+        _f0, f1, f2, decay, sin1, _c = evaluate(s, w, a, sin0, cos0, delta, epsilon)
         if (f1 > 0.0) == convex:
             hi = s
         else:
             lo = s
-        new = s - f1 / f2
+        u = -f1 / f2
+        new = s + u
         if not (lo <= new <= hi):
             new = 0.5 * (lo + hi)
-        if abs(new - s) <= 4.0e-16 * abs(new) or new == lo == hi:
+        elif u * u * abs(third_derivative(a, decay, sin1, delta, epsilon) / f2) < 1e-9 * min(s, 1.0):
+            return new
+        if new == s or lo == hi:
             return new
         s = new
     return s
@@ -142,11 +151,13 @@ def stays_inside(f0, f1, f2, f3, h, remainder, lower, upper):
 @kernel
 def impact_on_piece(s0, s1, start, end, guess, lower, upper, w, a, sin0, cos0, delta, epsilon):
     """The crossing, if any, on a monotone piece from F = start to F = end: (wall or 0, time)."""
-    if end > start and end > upper:
-        return 1, root_in(s0, s1, guess, upper, True, w, a, sin0, cos0, delta, epsilon)
-    if end < start and end < lower:
-        return -1, root_in(s0, s1, guess, lower, False, w, a, sin0, cos0, delta, epsilon)
-    return 0, s1
+    wall = 1 if end > start and end > upper else -1 if end < start and end < lower else 0
+    if wall == 0:
+        return 0, s1
+    level = upper if wall > 0 else lower
+    if math.isnan(guess):
+        guess = s0 + (level - start) / (end - start) * (s1 - s0)
+    return wall, root_in(s0, s1, guess, level, wall > 0, w, a, sin0, cos0, delta, epsilon)
 
 
 @kernel
@@ -191,12 +202,10 @@ def march(wall, w, a, sin0, cos0, delta, epsilon, beta):
             if (f1 < 0.0 < e1 or e1 < 0.0 < f1) and h >= TINIEST:
                 first = extremum_in(s, e, e1 > 0.0, w, a, sin0, cos0, delta, epsilon)
                 x0 = evaluate(first, w, a, sin0, cos0, delta, epsilon)[0]
-                hit, t = impact_on_piece(
-                    s, first, f0, x0, 0.5 * (s + first), lower, upper, w, a, sin0, cos0, delta, epsilon
-                )
+                hit, t = impact_on_piece(s, first, f0, x0, math.nan, lower, upper, w, a, sin0, cos0, delta, epsilon)
                 if hit != 0:
                     return OK, hit, t
-            guess = 2.0 * first if s == 0.0 else 0.5 * (first + e)
+            guess = 2.0 * first if s == 0.0 else math.nan  # a small bounce is a parabola
             hit, t = impact_on_piece(first, e, x0, e0, guess, lower, upper, w, a, sin0, cos0, delta, epsilon)
             if hit != 0:
                 return OK, hit, t
