@@ -83,7 +83,6 @@ def _compute(
     from service.commands.progress import reporter
     from workers import run_tiles
 
-    began = time.monotonic()
     todo = sum(tile.n_cells for tile in missing)
     done = before = request.n_cells - todo
     failed: list[tuple[int, int, str]] = []
@@ -95,8 +94,9 @@ def _compute(
             failed.extend(record.failed_cells)
             progress.show(done)
 
+        began = time.monotonic()
         run_tiles(request, out, missing, client, on_tile, should_stop)
-    seconds = time.monotonic() - began
+        seconds = time.monotonic() - began
     typer.echo(f"{done - before} cells in {seconds:.1f} s: {(done - before) / seconds:.1f} cells/s")
     for i, j, message in failed[:MAX_MESSAGES]:
         typer.echo(f"failed: epsilon[{i}], delta[{j}]: {message}", err=True)

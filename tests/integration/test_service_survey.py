@@ -7,7 +7,6 @@ import subprocess
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -103,7 +102,9 @@ def test_a_dismissed_survey_stops_and_the_next_one_runs(client: Client) -> None:
     assert gone.value.status == 404
 
 
-def test_a_survey_outlives_the_kill_of_its_server(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
+def test_a_survey_outlives_the_kill_of_its_server_and_a_row_that_lies(
+    tmp_path: Path, expected: dict[str, np.ndarray]
+) -> None:
     port = free_port()
     with Client(f"http://127.0.0.1:{port}") as client:
         with server(tmp_path, port) as process:
@@ -117,51 +118,58 @@ def test_a_survey_outlives_the_kill_of_its_server(tmp_path: Path, expected: dict
             job.wait()
             assert job.document["tiles_done"] == 36 > done
             assert_bit_identical(job.open(), expected)
-
-
-def test_a_finished_store_whose_row_says_otherwise_heals(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
-    port = free_port()
-    with Client(f"http://127.0.0.1:{port}") as client:
-        with server(tmp_path, port):
-            job = client.submit(REQUEST).wait()
+        # As if the server had been killed between the last tile, or the end of the store, and its commit.
         with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
-            database.execute("UPDATE jobs SET state = 'running', tiles_done = 35")
+            database.execute("UPDATE jobs SET state = 'running', tiles_done = 35, cells_done = 140")
             database.execute('DELETE FROM tiles WHERE "index" = 11')
         with server(tmp_path, port):
             assert job.wait().document["tiles_done"] == 36
             assert_bit_identical(job.open(), expected)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_run_is_resumed_by_the_same_command(
-    tmp_path: Path, expected: dict[str, np.ndarray], number: signal.Signals
-) -> None:
+def test_an_interrupted_run_is_resumed_by_the_same_command(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
     out = tmp_path / "survey.zarr"
-    command: list[Any] = ["run", *OPTIONS, "--out", str(out)]
-    process = start(*command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    wait_until(lambda: process.poll() is not None or any(out.glob("status/c/*/*")))
+    command = ["run", *OPTIONS, "--out", str(out)]
+    done = 0
+    for number in (signal.SIGINT, signal.SIGTERM):
+        errors = interrupt(start(*command, stdout=subprocess.PIPE, stderr=subprocess.PIPE), number, out, done)
+        assert "the same command resumes it" in errors
+        assert "Traceback" not in errors
+        status = xr.open_zarr(out)["status"].values
+        assert done < np.count_nonzero(status) < status.size
+        done = np.count_nonzero(status)
+
+    ended = finish(*command)
+    assert ended.returncode == 0, ended.stderr
+    assert f"{144 - done} cells in" in ended.stdout
+    assert "144 cells, 0 failed" in ended.stdout
+    assert "undecided" in ended.stdout
+    assert "\x1b" not in ended.stdout + ended.stderr
+    assert_bit_identical(xr.open_zarr(out), expected)
+
+    before = chunks(out)
+    again = finish(*command)
+    assert again.returncode == 0, again.stderr
+    assert "is complete" in again.stdout
+    other = finish(*command, "--beta", "0.7")
+    assert other.returncode == 2
+    assert "another survey" in other.stderr
+    assert "Traceback" not in other.stderr
+    assert chunks(out) == before
+
+
+def interrupt(process: subprocess.Popen[str], number: signal.Signals, out: Path, done: int) -> str:
+    """Send a signal once more cells are done than before; what the process wrote to stderr until its end."""
+    wait_until(lambda: process.poll() is not None or len(list(out.glob("status/c/*/*"))) * 4 > done)
     if number == signal.SIGINT:
-        os.killpg(process.pid, number)  # a terminal sends Ctrl-C to the cluster's processes too
+        os.killpg(process.pid, number)  # as a terminal does: the processes of the cluster get it too
     else:
         process.send_signal(number)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
-    assert "resumes" in errors
-    assert "Traceback" not in errors
-    partial = xr.open_zarr(out, consolidated=False)["status"].values
-    assert 0 < np.count_nonzero(partial) < partial.size
+    return errors
 
-    done = finish(*command)
-    assert done.returncode == 0, done.stderr
-    assert "\x1b" not in done.stdout + done.stderr
-    assert "undecided" in done.stdout
-    assert_bit_identical(xr.open_zarr(out), expected)
-    before = sorted((path, path.stat().st_mtime_ns) for path in out.rglob("c/*"))
 
-    again = finish(*command)
-    assert again.returncode == 0, again.stderr
-    assert "complete" in again.stdout
-    other = finish(*command, "--beta", "0.7")
-    assert other.returncode == 2
-    assert "Traceback" not in other.stderr
-    assert sorted((path, path.stat().st_mtime_ns) for path in out.rglob("c/*")) == before
+def chunks(store: Path) -> list[tuple[Path, int]]:
+    """Every file of a store with its time of change."""
+    return sorted((path, path.stat().st_mtime_ns) for path in store.rglob("*") if path.is_file())
