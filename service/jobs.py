@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
+from distributed.comm import CommClosedError
 from sqlalchemy.exc import SQLAlchemyError
 
 from rattle import RattleError
@@ -126,7 +127,7 @@ class JobManager:
     def _run(self, job: JobRow, client: Client) -> None:
         try:
             self._compute(job, client)
-        except (ClusterLostError, SQLAlchemyError):
+        except (ClusterLostError, CommClosedError, SQLAlchemyError):
             raise  # not the survey's fault: it goes on later
         except Exception as error:
             unexpected = None if isinstance(error, RattleError) else error
