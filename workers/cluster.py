@@ -44,8 +44,10 @@ def embedded_cluster(n_workers: int = 2) -> Iterator[Client]:
     """Start processes of one thread each on this machine, on loopback only, for as long as the context lasts.
 
     Raises:
-        SurveyError: the processes do not start.
+        SurveyError: no processes are asked for, or they do not start.
     """
+    if n_workers < 1:
+        raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
     with ExitStack() as stack:
         try:
             cluster = stack.enter_context(
@@ -55,6 +57,8 @@ def embedded_cluster(n_workers: int = 2) -> Iterator[Client]:
                     processes=True,
                     host="127.0.0.1",
                     dashboard_address=None,
+                    # dask's health page takes port 8787 otherwise, and complains if somebody has it.
+                    scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
                     memory_limit=MEMORY_LIMIT,
                     silence_logs=logging.CRITICAL,
                     env=ONE_THREAD,

@@ -1,8 +1,9 @@
 """Tiles on a cluster: what to submit next is decided here, what a tile is is decided elsewhere."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
-from itertools import islice
+from concurrent.futures import CancelledError
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from uuid import uuid4
@@ -17,7 +18,6 @@ from workers.tiles import Tile, TileRecord, compute_tile
 
 POLL_SECONDS = 0.5
 GRACE_SECONDS = 2.0
-TILES_PER_THREAD = 2  # one computed, one waiting: no thread idles while a result travels
 
 
 def compute_and_write(request: SurveyRequest, path: str, tile: Tile) -> TileRecord:
@@ -54,22 +54,22 @@ def run_tiles(
     with writing(path):
         submission = _Submission(request, str(path), client)
         try:
-            _run(submission, iter(tiles), on_tile, should_stop)
+            _run(submission, deque(tiles), on_tile, should_stop)
         finally:
             submission.cancel()
 
 
 def _run(
     submission: "_Submission",
-    waiting: Iterable[Tile],
+    waiting: deque[Tile],
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
 ) -> None:
-    submission.submit(islice(waiting, submission.room()))
-    while submission.in_flight and not should_stop():
+    while (waiting or submission.in_flight) and not should_stop():
+        for _ in range(min(submission.room(), len(waiting))):
+            submission.submit(waiting.popleft())
         if record := submission.next_record(POLL_SECONDS):
             on_tile(record)
-        submission.submit(islice(waiting, submission.room()))
     deadline = time.monotonic() + GRACE_SECONDS
     while submission.in_flight and (left := deadline - time.monotonic()) > 0:
         if record := submission.next_record(left):
@@ -86,19 +86,22 @@ class _Submission:
         self.in_flight: dict[Key, tuple[Future, Tile]] = {}
 
     def room(self) -> int:
-        """Return how many more tiles keep every thread busy: all at once would fill the scheduler's memory."""
+        """Return how many more tiles keep every thread busy.
+
+        None waits at a worker: dask counts a worker's death against everything that is there, and would blame it.
+        """
         try:
             threads = sum(self._client.nthreads().values())
         except OSError as error:
             raise _lost() from error
-        return max(TILES_PER_THREAD * max(threads, 1) - len(self.in_flight), 0)
+        return max(threads - len(self.in_flight), 0)
 
-    def submit(self, tiles: Iterable[Tile]) -> None:
-        for tile in tiles:
-            key = f"tile-{self._run}-{tile.index}"
-            future = self._client.submit(compute_and_write, self._request, self._path, tile, key=key, pure=False)
-            self.in_flight[key] = future, tile
-            future.add_done_callback(self._ended.put)
+    def submit(self, tile: Tile) -> None:
+        """Put a tile on the cluster."""
+        key = f"tile-{self._run}-{tile.index}"
+        future = self._client.submit(compute_and_write, self._request, self._path, tile, key=key, pure=False)
+        self.in_flight[key] = future, tile
+        future.add_done_callback(self._ended.put)
 
     def next_record(self, seconds: float) -> TileRecord | None:
         """Return the record of the next tile that ends, None if none does in this time."""
@@ -107,16 +110,18 @@ class _Submission:
         except Empty:
             return None
         tile = self.in_flight[future.key][1]
-        if future.status in ("cancelled", "lost"):  # nobody else cancels: the scheduler is gone
+        if future.status == "cancelled":  # nobody else cancels: the scheduler is gone
             raise _lost()
         if future.status == "error":
             error = future.exception()
             raise SurveyError(f"{self._describe(tile)} {_what_happened(error)}") from error
         try:
             record: TileRecord = future.result(timeout=seconds)
-        except TimeoutError:  # the worker died with the record; the tile is computed again
-            self._ended.put(future)
+        except TimeoutError:  # its worker died holding the record, and dask computes the tile again
+            future.add_done_callback(self._ended.put)
             return None
+        except (CancelledError, OSError) as error:
+            raise _lost() from error
         del self.in_flight[future.key]
         future.release()  # kept, a dead worker's finished tiles would be computed again
         return record

@@ -129,12 +129,12 @@ def write_tile(request: SurveyRequest, path: str, tile: Tile, values: Mapping[st
     """
     require_aligned(request, tile)
     arrays = _arrays(path, request)
-    if not Path(path, "zarr.json").exists():  # zarr would bring a deleted survey back, in pieces
-        raise SurveyError(f"the store {path} is gone")
     cells = (tile.epsilon.stop - tile.epsilon.start, tile.delta.stop - tile.delta.start)
     for name in sorted(values, key=lambda name: name == "status"):
         if values[name].shape != (*arrays[name].shape[:-2], *cells):
             raise SurveyError(f"tile {tile.index}: {name} has shape {values[name].shape}, not that of its chunk")
+        if not Path(path, "zarr.json").exists():  # zarr would bring a deleted survey back, in pieces
+            raise SurveyError(f"the store {path} is gone")
         arrays[name][..., tile.epsilon, tile.delta] = values[name]
 
 

@@ -30,7 +30,7 @@ def test_a_default_tile_shrinks_to_the_grid_and_a_given_one_does_not() -> None:
     small = {"start": 0.4, "stop": 1.0, "num": 5}
     assert survey(delta=small).tile_shape == (16, 5)
     assert survey(delta=small, tile={"delta": 5}).tile_shape == (16, 5)
-    with pytest.raises(ValidationError, match="tile.delta .6. exceeds the axis .5 values.: use 5 or less"):
+    with pytest.raises(ValidationError, match=r"tile\.delta \(6\) exceeds the axis \(5 values\): use 5 or less"):
         survey(delta=small, tile={"delta": 6})
 
 
@@ -114,9 +114,11 @@ def test_bad_axis_text_says_how_to_write_it(text: str) -> None:
 @given(st.text(max_size=30))
 def test_any_axis_text_is_read_or_refused(text: str) -> None:
     try:
-        Axis.parse(text)
-    except SurveyError as error:
-        assert "START:STOP:NUM" in str(error)
+        axis = Axis.parse(text)
+    except SurveyError:
+        return
+    assert text.count(":") == 2
+    assert axis.num >= 2
 
 
 def test_hash_is_of_the_content() -> None:

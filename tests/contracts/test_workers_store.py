@@ -1,4 +1,4 @@
-"""The store: created whole or not at all, never over anything else, written in whole chunks, done when status says so."""
+"""The store: created whole or not at all, never over anything else, written in whole chunks."""
 
 import json
 from pathlib import Path
@@ -109,7 +109,7 @@ def test_a_file_is_refused_untouched(tmp_path: Path) -> None:
 
 
 def test_a_creation_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_space(path: Path) -> None:
+    def no_space(_: Path) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("workers.template.consolidate", no_space)

@@ -1,0 +1,157 @@
+"""Pictures: every map of a survey, finished or not, and the three panels with the curves where they belong."""
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from io import BytesIO
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.text import Annotation
+
+from workers import (
+    QUANTITIES,
+    Axis,
+    Group,
+    SurveyError,
+    SurveyRequest,
+    create_store,
+    map_png,
+    open_survey,
+    survey_figure,
+    tiles_of,
+)
+from workers.runner import compute_and_write
+
+REQUEST = SurveyRequest(
+    delta=Axis(start=0.5, stop=0.8, num=8),
+    epsilon=Axis(start=0.02, stop=0.2, num=8),
+    initial_conditions={"count": 2},
+    tile={"delta": 4, "epsilon": 4},
+)
+MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
+
+
+def survey(path: Path, request: SurveyRequest = REQUEST, tiles: slice = slice(None)) -> xr.Dataset:
+    create_store(request, path)
+    for tile in tiles_of(request)[tiles]:
+        compute_and_write(request, str(path), tile)
+    return open_survey(path)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
+    return survey(tmp_path_factory.mktemp("whole") / "survey.zarr").load()
+
+
+@pytest.fixture(scope="module")
+def partial(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
+    return survey(tmp_path_factory.mktemp("partial") / "survey.zarr", tiles=slice(1, 2)).load()
+
+
+def pixels(png: bytes) -> np.ndarray:
+    return matplotlib.image.imread(BytesIO(png))
+
+
+def lines(axes: Axes) -> dict[str, np.ndarray]:
+    return {str(line.get_label()): line.get_xydata() for line in axes.get_lines() if len(line.get_xdata()) > 1}
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_every_map_of_a_running_survey_is_drawn(partial: xr.Dataset, name: str) -> None:
+    picture = pixels(map_png(partial, name))
+    grey = np.all(np.isclose(picture[..., :3], 0.78, atol=0.005), axis=-1)
+    assert 0.35 < grey.mean() < 0.7  # three of its four tiles are not computed
+
+
+def test_an_empty_survey_is_drawn(tmp_path: Path) -> None:
+    empty = survey(tmp_path / "survey.zarr", tiles=slice(0))
+    assert map_png(empty, "lyapunov_max").startswith(b"\x89PNG")
+    assert len(survey_figure(empty).axes) == 6
+
+
+def test_slots_are_drawn_by_index(whole: xr.Dataset) -> None:
+    first, second = (pixels(map_png(whole, "orbit_phase", index)) for index in (0, 2))
+    assert not np.array_equal(first, second)
+
+
+@pytest.mark.parametrize(
+    ("name", "index", "message"),
+    [
+        ("no_such", 0, "it has attractor_fraction"),
+        ("grazing_epsilon", 0, "no map"),
+        ("delta", 0, "no map"),
+        ("orbit_phase", 4, "from 0 to 3"),
+        ("orbit_phase", -1, "from 0 to 3"),
+        ("region", 1, "leave the index out"),
+    ],
+)
+def test_what_is_no_map_is_refused(whole: xr.Dataset, name: str, index: int, message: str) -> None:
+    with pytest.raises(SurveyError, match=message):
+        map_png(whole, name, index)
+
+
+def test_figure_has_regions_curves_and_points(whole: xr.Dataset) -> None:
+    panels = [axes for axes in survey_figure(whole).axes if axes.get_xlabel()]
+    assert [axes.get_title() for axes in panels] == [
+        "Regions",
+        "Quiet fraction of the sample",
+        "Largest Lyapunov exponent",
+    ]
+    curves = lines(panels[0])
+    assert {"SN1", "PDC", "G1", "G2", "quiet limit"} <= set(curves)
+    _, epsilon = curves["G1"][np.nanargmin(abs(curves["G1"][:, 0] - 0.6))]
+    assert epsilon == pytest.approx(0.144452777, abs=5e-4)
+    texts = {text.get_text() for text in panels[0].texts}
+    assert texts == {"I", "II", "III", "IV", "V", "COD21", "COD22"}
+    points = {text.get_text(): text.xy for text in panels[0].texts if isinstance(text, Annotation)}
+    assert points["COD21"] == pytest.approx((0.759042986991, 0.095502531889), abs=1e-9)
+
+
+def test_curves_end_where_their_orbits_do(whole: xr.Dataset) -> None:
+    curves = lines(survey_figure(whole).axes[0])
+    for name, last in (("SN1", 0.770147), ("PDC", 0.541770), ("G1", 0.770147)):
+        drawn = curves[name][~np.isnan(curves[name][:, 1]), 0]
+        assert drawn.max() == pytest.approx(last, abs=1e-3)
+
+
+def test_curves_outside_the_map_are_left_out(tmp_path: Path) -> None:
+    corner = {"delta": Axis(start=0.9, stop=1.0, num=4), "epsilon": Axis(start=0.01, stop=0.05, num=4)}
+    request = SurveyRequest(**corner, quantities=("region",))
+    (axes, _) = survey_figure(survey(tmp_path / "survey.zarr", request)).axes
+    assert set(lines(axes)) == set()
+    assert {text.get_text() for text in axes.texts} == {"I"}
+
+
+def test_another_backlash_has_other_curves(tmp_path: Path, whole: xr.Dataset) -> None:
+    request = REQUEST.model_copy(update={"beta": 0.5, "quantities": (Group.REGION,)})
+    other = survey_figure(survey(tmp_path / "survey.zarr", request)).axes[0]
+    assert not np.allclose(lines(other)["G1"], lines(survey_figure(whole).axes[0])["G1"], equal_nan=True)
+    assert all(text.get_text() != "COD22" or text.xy[0] < 0.7 for text in other.texts)
+
+
+@pytest.mark.parametrize(("name", "panels"), [("region", 1), ("quiet_fraction", 1), ("lyapunov_max", 1)])
+def test_missing_quantities_have_no_panel(whole: xr.Dataset, name: str, panels: int) -> None:
+    figure = survey_figure(whole[[name, "status"]])
+    assert len([axes for axes in figure.axes if axes.get_xlabel()]) == panels
+
+
+def test_nothing_to_draw_says_so(whole: xr.Dataset) -> None:
+    with pytest.raises(SurveyError, match="ask for a survey with one of region"):
+        survey_figure(whole[["status"]])
+
+
+def test_drawing_in_threads_gives_the_same_pictures(whole: xr.Dataset) -> None:
+    names = ["region", "lyapunov_max", "quiet_fraction"]
+    alone = [map_png(whole, name) for name in names]
+    with ThreadPoolExecutor(3) as pool:
+        assert list(pool.map(lambda name: map_png(whole, name), names)) == alone
+
+
+def test_no_global_drawing_state() -> None:
+    assert "workers.maps" in sys.modules
+    assert "pyplot" not in vars(sys.modules["workers.maps"])
+    assert "plt" not in vars(sys.modules["workers.figure"])

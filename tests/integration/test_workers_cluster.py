@@ -1,0 +1,266 @@
+"""Surveys on real processes: the same bits as a serial run, whatever is killed, stopped, resumed or poisoned."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import cloudpickle
+import pytest
+import xarray as xr
+from distributed import Client, Worker, WorkerPlugin
+
+import workers.cluster
+import workers.runner
+from workers import (
+    Axis,
+    ClusterLostError,
+    SurveyError,
+    SurveyRequest,
+    TileRecord,
+    connect,
+    create_store,
+    embedded_cluster,
+    finish_store,
+    open_survey,
+    run_tiles,
+    tiles_done,
+    tiles_of,
+)
+from workers.runner import compute_and_write
+
+REQUEST = SurveyRequest(
+    delta=Axis(start=0.58, stop=0.78, num=8),
+    epsilon=Axis(start=0.05, stop=0.24, num=8),
+    initial_conditions={"count": 4},
+    tile={"delta": 2, "epsilon": 2},
+)
+TILES = tiles_of(REQUEST)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Client]:
+    with embedded_cluster(2) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def serial(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
+    path = tmp_path_factory.mktemp("serial") / "survey.zarr"
+    create_store(REQUEST, path)
+    for tile in TILES:
+        compute_and_write(REQUEST, str(path), tile)
+    return open_survey(path).load()
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    path = tmp_path / "survey.zarr"
+    create_store(REQUEST, path)
+    return path
+
+
+def run(store: Path, client: Client, on_tile: Callable[[TileRecord], None] = lambda _: None) -> None:
+    """Run what is missing to the end."""
+    done = tiles_done(REQUEST, store)
+    run_tiles(REQUEST, store, [tile for tile in TILES if tile.index not in done], client, on_tile, lambda: False)
+
+
+def assert_serial(store: Path, serial: xr.Dataset) -> None:
+    finish_store(store)
+    computed = open_survey(store).load()
+    for name in serial.data_vars:
+        assert computed[name].values.tobytes() == serial[name].values.tobytes(), name
+
+
+def after(count: int, act: Callable[[], None]) -> Callable[[TileRecord], None]:
+    """Return an on_tile that acts once, at the tile of this number."""
+    seen: list[TileRecord] = []
+
+    def on_tile(record: TileRecord) -> None:
+        seen.append(record)
+        if len(seen) == count:
+            act()
+
+    return on_tile
+
+
+def eventually(holds: Callable[[], bool]) -> None:
+    """Wait for what other threads and processes are about to do."""
+    deadline = time.monotonic() + 30
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def processes(client: Client) -> list[int]:
+    return list(client.run(os.getpid).values())
+
+
+def test_two_processes_of_one_thread_on_loopback(cluster: Client) -> None:
+    assert len(set(processes(cluster)) - {os.getpid()}) == 2
+    assert set(cluster.nthreads().values()) == {1}
+    assert set(cluster.run(lambda: os.environ["NUMBA_NUM_THREADS"]).values()) == {"1"}
+    assert all(address.startswith("tcp://127.0.0.1:") for address in [*cluster.nthreads(), cluster.scheduler.address])
+
+
+def test_the_same_bits_as_a_serial_run(cluster: Client, store: Path, serial: xr.Dataset) -> None:
+    records: list[TileRecord] = []
+    run(store, cluster, records.append)
+    assert sorted(record.index for record in records) == [tile.index for tile in TILES]
+    assert sum(record.cells for record in records) == REQUEST.n_cells
+    assert_serial(store, serial)
+
+
+def test_finished_tiles_are_released(cluster: Client, store: Path) -> None:
+    held: list[int] = []
+    run(store, cluster, lambda _: held.append(len(cluster.futures)))
+    assert max(held) <= 4  # two at work, two whose release is under way
+    eventually(lambda: not cluster.futures and not cluster.cluster.scheduler.tasks)
+
+
+def test_a_killed_worker_does_not_show(cluster: Client, store: Path, serial: xr.Dataset) -> None:
+    victim = processes(cluster)[0]
+    run(store, cluster, after(3, lambda: os.kill(victim, signal.SIGKILL)))
+    assert victim not in processes(cluster)
+    assert_serial(store, serial)
+
+
+def test_stopped_and_resumed(cluster: Client, store: Path, serial: xr.Dataset) -> None:
+    reported: list[int] = []
+    began = time.monotonic()
+    run_tiles(REQUEST, store, TILES, cluster, lambda record: reported.append(record.index), lambda: len(reported) >= 2)
+    assert time.monotonic() - began < 60
+    assert 2 <= len(reported) < len(TILES)
+    assert set(reported) <= tiles_done(REQUEST, store)
+    run(store, cluster)
+    assert_serial(store, serial)
+
+
+def test_an_interrupt_leaves_a_store_that_resumes(cluster: Client, store: Path, serial: xr.Dataset) -> None:
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(store, cluster, after(2, interrupt))
+    assert 2 <= len(tiles_done(REQUEST, store)) < len(TILES)
+    run(store, cluster)
+    assert_serial(store, serial)
+
+
+def test_workers_outlive_an_interrupt_of_the_terminal(cluster: Client, store: Path, serial: xr.Dataset) -> None:
+    pids = processes(cluster)
+
+    def interrupt() -> None:
+        for pid in pids:
+            os.kill(pid, signal.SIGINT)
+
+    run(store, cluster, after(1, interrupt))
+    assert processes(cluster) == pids
+    assert_serial(store, serial)
+
+
+def test_a_store_deleted_under_a_run_ends_it_with_the_tile_named(cluster: Client, store: Path) -> None:
+    with pytest.raises(SurveyError, match=r"tile \d+ \(delta 0\.\d+ to .*gone"):
+        run(store, cluster, after(2, lambda: store.rename(store.with_name("moved"))))
+
+
+def test_an_existing_scheduler(cluster: Client, store: Path, serial: xr.Dataset) -> None:
+    with connect(cluster.scheduler.address) as client:
+        run(store, client)
+    assert len(processes(cluster)) == 2  # left running
+    assert_serial(store, serial)
+
+
+class Poison(WorkerPlugin):
+    """Make one tile kill every worker that computes it, also one that was restarted."""
+
+    name = "poison"
+    tile = 5
+
+    def setup(self, worker: Worker) -> None:  # noqa: ARG002
+        compute = self.compute = workers.runner.compute_tile
+
+        def compute_tile(request: SurveyRequest, tile: workers.Tile) -> object:
+            if tile.index == Poison.tile:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return compute(request, tile)
+
+        workers.runner.compute_tile = compute_tile  # type: ignore[assignment]
+
+    def teardown(self, worker: Worker) -> None:  # noqa: ARG002
+        workers.runner.compute_tile = self.compute
+
+
+def test_a_poison_tile_is_named_and_the_rest_goes_on(cluster: Client, store: Path, serial: xr.Dataset) -> None:
+    cloudpickle.register_pickle_by_value(sys.modules[__name__])
+    scheduler = cluster.cluster.scheduler
+    allowed, scheduler.allowed_failures = scheduler.allowed_failures, 1
+    cluster.register_plugin(Poison())
+    try:
+        with pytest.raises(SurveyError, match=r"tile 5 \(delta .* killed its worker 2 times: use smaller tiles"):
+            run(store, cluster)
+    finally:
+        cluster.unregister_worker_plugin(Poison.name)
+        scheduler.allowed_failures = allowed
+        cloudpickle.unregister_pickle_by_value(sys.modules[__name__])
+    run(store, cluster)
+    assert_serial(store, serial)
+
+
+def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers.cluster, "CONNECT_SECONDS", 0.3)
+    for url in ("tcp://127.0.0.1:9", "unknown://x", "", "tcp://127.0.0.1:no"):
+        with pytest.raises(ClusterLostError, match="no dask scheduler"), connect(url):
+            pass
+
+
+def test_a_cluster_of_nobody_is_refused() -> None:
+    with pytest.raises(SurveyError, match="use 1 or more"), embedded_cluster(0):
+        pass
+
+
+@pytest.fixture
+def own_scheduler(tmp_path: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """Start a scheduler and a worker of our own, to be killed."""
+    address = tmp_path / "scheduler.json"
+    start = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": Path(__file__).parents[2]}
+    dask = [sys.executable, "-m", "dask"]
+    options = ["--scheduler-file", str(address), "--no-dashboard"]
+    scheduler = subprocess.Popen([*dask, "scheduler", "--host", "127.0.0.1", "--port", "0", *options], **start)
+    worker = subprocess.Popen([*dask, "worker", "--nthreads", "1", "--no-nanny", *options], **start)
+    try:
+        eventually(lambda: address.exists() and address.stat().st_size > 0)
+        yield json.loads(address.read_text())["address"], scheduler
+    finally:
+        for process in (worker, scheduler):
+            process.kill()
+            process.wait()
+
+
+def test_a_dead_scheduler_is_told_from_a_stop(
+    own_scheduler: tuple[str, subprocess.Popen[bytes]], cluster: Client, store: Path, serial: xr.Dataset
+) -> None:
+    address, scheduler = own_scheduler
+    with connect(address) as client, pytest.raises(ClusterLostError, match="scheduler is gone"):
+        run(store, client, after(2, scheduler.kill))
+    assert 2 <= len(tiles_done(REQUEST, store)) < len(TILES)
+    run(store, cluster)
+    assert_serial(store, serial)
+
+
+def test_no_process_or_file_is_left(tmp_path: Path) -> None:
+    path = tmp_path / "survey.zarr"
+    create_store(REQUEST, path)
+    with embedded_cluster(1) as client:
+        (pid,) = processes(client)
+        run_tiles(REQUEST, path, TILES[:2], client, lambda _: None, lambda: False)
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+    assert not list(tmp_path.rglob("*.partial"))
+    shutil.rmtree(path)
