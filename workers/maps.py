@@ -39,7 +39,7 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
     axes.set_title(_title(plane), fontsize=11)
     draw_legend(axes)
     with BytesIO() as png:
-        figure.savefig(png, format="png", dpi=DPI)
+        figure.savefig(png, format="png")
         return png.getvalue()
 
 
@@ -71,7 +71,7 @@ def _title(plane: xr.DataArray) -> str:
 
 def new_figure(width: float, height: float) -> Figure:
     """Return an empty figure of this size in inches, with a canvas of its own."""
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 

@@ -4,6 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError
+from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from uuid import uuid4
@@ -129,7 +130,8 @@ class _Submission:
     def cancel(self) -> None:
         """Give up what is in flight."""
         if self.in_flight and self._client.status == "running":
-            self._client.cancel([future for future, _ in self.in_flight.values()])
+            with suppress(OSError):  # the scheduler is gone: nothing to cancel
+                self._client.cancel([future for future, _ in self.in_flight.values()])
 
     def _describe(self, tile: Tile) -> str:
         delta, epsilon = self._request.delta.values()[tile.delta], self._request.epsilon.values()[tile.epsilon]

@@ -151,9 +151,10 @@ def finish_store(path: str | Path) -> None:
     """Finish a survey whose tiles are all done: sweep what killed writers left, date it, consolidate. Idempotent.
 
     Raises:
-        SurveyError: cells are missing, or a run still writes to it.
+        SurveyError: there is no survey, cells are missing, or a run still writes to it.
     """
     path = Path(path).resolve()
+    _survey_attributes(path)
     with writing(path):
         if missing := int(np.sum(_status(path) == 0)):
             raise SurveyError(f"{path} lacks {missing} cells: run the survey again to resume it")

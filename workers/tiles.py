@@ -13,6 +13,9 @@ from workers.schema import SAMPLED
 
 LONGEST_MESSAGE = 300
 
+#: Failures of the machine, not of a cell: stored, they would make the survey depend on where it ran.
+_MACHINE = (MemoryError, OSError, ImportError)
+
 FailedCell = tuple[int, int, str]  # i_epsilon, i_delta, message
 
 
@@ -90,10 +93,6 @@ def compute_tile(request: SurveyRequest, tile: Tile) -> tuple[dict[str, np.ndarr
         seconds=time.perf_counter() - began,
     )
     return arrays, record
-
-
-#: Failures of the machine, not of a cell: stored, they would make the survey depend on where it ran.
-_MACHINE = (MemoryError, OSError, ImportError)
 
 
 def _evaluate(request: SurveyRequest, cells: Cells) -> dict[str, np.ndarray]:
