@@ -8,6 +8,7 @@ import typer
 
 from service.commands.options import Beta
 
+WIDTH = 140  # numbers are never cut, whatever the terminal
 REGIONS = ("none of I to V", "I", "II", "III", "IV", "V")
 
 
@@ -23,7 +24,7 @@ def orbits(
     from rattle import Gear
 
     gear = Gear(delta, epsilon, beta)
-    console = Console(highlight=False)
+    console = Console(highlight=False, width=WIDTH)
     console.print(
         f"delta = {gear.delta}, epsilon = {gear.epsilon}, beta = {gear.beta}: region {REGIONS[gear.region()]}\n"
         f"SN1 at epsilon = {gear.sn1:.10g}, flip at {gear.flip:.10g}, quiet limit at {gear.quiet_limit:.10g}"

@@ -66,7 +66,7 @@ def list_(
             shown = job.document
             cells = f"{shown['cells_done']}/{shown['cells']}"
             table.add_row(job.id, job.state, f"{shown['progress']} %", cells, shown["created"][:19], shown["name"])
-    Console().print(table)
+    Console(width=140).print(table)  # ids are never cut
 
 
 def watch(
