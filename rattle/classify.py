@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rattle._compile import kernel
-from rattle.flight import DRIFT, OK, TWO_PI
+from rattle.flight import DRIFT, OK, TWO_PI, folded
 from rattle.impact_map import impact, impact_tangent
 from rattle.lyapunov import BATCHES, exponents
 from rattle.quiet import contact_force
@@ -109,7 +109,7 @@ def newton(tau, v, k, point):
         last, size = size, max(abs(d0), abs(d1))
         if not size < 0.1:
             return False, tau, v
-        tau += d0 - math.floor(tau + d0)
+        tau = folded(tau + d0)
         v += d1
         if not v > 0.0:
             return False, tau, v

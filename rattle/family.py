@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from rattle._compile import kernel
-from rattle.flight import DRIFT, TWO_PI, first_impact, versines
+from rattle.flight import DRIFT, TWO_PI, first_impact, folded, versines
 from rattle.impact_map import flight_tangent
 
 A, B, C, D = 0, 1, 2, 3
@@ -147,8 +147,7 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
     if epsilon < abs(offset) or epsilon == 0.0:
         return False, 0.0, v, 0.0
     x = cosine * math.sqrt((epsilon - offset) * (epsilon + offset))
-    tau = math.atan2(offset, x) / TWO_PI
-    tau -= math.floor(tau)
+    tau = folded(math.atan2(offset, x) / TWO_PI)
     status, time, wall, _w, _d, _s, _c, _t, _k = first_impact(1, tau, -v, delta, epsilon, beta, DRIFT)
     admissible = status == 0 and wall == 1 and abs(time - 1.0) < SAME_TIME
     return admissible, tau, v, trace_of_one_flight(delta, x)
@@ -159,8 +158,7 @@ def double_impact_orbit(s, delta, epsilon, beta):
     """The P(1,1,1) orbit of this family member: (admissible, τ, v, trace)."""
     x, y, v, u, determinant = closure(s, delta, beta)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
-    tau = math.atan2(y, x) / TWO_PI
-    tau -= math.floor(tau)
+    tau = folded(math.atan2(y, x) / TWO_PI)
     if not (v > 0.0 and u > 0.0):
         return False, tau, v, 0.0
     status, t1, wall, _w, _d, _s, _c, _t, _k = first_impact(1, tau, -v, delta, epsilon, beta, DRIFT)
@@ -168,7 +166,7 @@ def double_impact_orbit(s, delta, epsilon, beta):
     grazes = u < GRAZING_SPEED and wall == 1 and abs(t1 - 1.0) < 1e-3  # a depth of u² is lost in rounding
     if status != 0 or not (touches or grazes):
         return False, tau, v, 0.0
-    middle = tau + s - math.floor(tau + s)
+    middle = folded(tau + s)
     status, t2, wall, _w, _d, _s, _c, _t, _k = first_impact(-1, middle, u, delta, epsilon, beta, DRIFT)
     if status != 0 or wall != 1 or abs(s + t2 - 1.0) > SAME_TIME:
         return False, tau, v, 0.0
@@ -237,12 +235,11 @@ def grazing_point(s, delta, beta):
     """
     x, y, _v, _u, determinant = closure(s, delta, beta)
     x, y = x / determinant, y / determinant
-    epsilon, tau = math.hypot(x, y), math.atan2(y, x) / TWO_PI
-    tau -= math.floor(tau)
+    epsilon, tau = math.hypot(x, y), folded(math.atan2(y, x) / TWO_PI)
     status, t1, wall, w1, _d, _s, _c, _t, _k = first_impact(1, tau, -TWO_PI * delta, delta, epsilon, beta, DRIFT)
     if status == 0 and wall == -1 and abs(t1 - s) < 1e-4 and abs(w1) < 1e-4:
         status, t2, wall, _w, _d, _s, _c, _t, _k = first_impact(
-            -1, tau + s - math.floor(tau + s), GRAZING_SPEED, delta, epsilon, beta, DRIFT
+            -1, folded(tau + s), GRAZING_SPEED, delta, epsilon, beta, DRIFT
         )
         t1 = s + t2
     return status == 0 and wall == 1 and abs(t1 - 1.0) < 1e-4, epsilon, tau, x

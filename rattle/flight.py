@@ -34,6 +34,13 @@ DECAY_DEFECT = tuple((-1.0) ** k / math.factorial(k + 2) for k in range(16, -1, 
 
 
 @kernel
+def folded(tau):
+    """The phase in [0, 1); a tiny negative one would round up to 1."""
+    fraction = tau - math.floor(tau)
+    return fraction if fraction < 1.0 else 0.0
+
+
+@kernel
 def polynomial(even, odd, x):
     """even(x²) + x odd(x²): two independent Horner chains halve the wait of one."""
     square = x * x

@@ -178,4 +178,4 @@ def _fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _phase(phase: float) -> float:
     """One finite phase folded into [0, 1)."""
-    return float(_fold(np.float64(require_finite("phase", phase))))
+    return float(flight.folded(require_finite("phase", phase)))

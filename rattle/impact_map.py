@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from rattle._compile import kernel
-from rattle.flight import DRIFT, OK, TWO_PI, first_impact
+from rattle.flight import DRIFT, OK, TWO_PI, first_impact, folded
 
 STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
 MOST_BOUNCES = 100_000
@@ -42,8 +42,7 @@ def impact(tau, v, delta, epsilon, beta, drift):
         if status != OK:
             return status, tau, abs(w), elapsed, n_minus
         elapsed += s
-        tau += s
-        tau -= math.floor(tau)
+        tau = folded(tau + s)
         w = -w1
         if wall > 0:
             return OK, tau, w1, elapsed, n_minus
@@ -76,8 +75,7 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
         j00, j10 = k00 * j00 + k01 * j10, k10 * j00 + k11 * j10
         j01, j11 = k00 * j01 + k01 * j11, k10 * j01 + k11 * j11
         elapsed += s
-        tau += s
-        tau -= math.floor(tau)
+        tau = folded(tau + s)
         if wall > 0:
             break
         n_minus += 1
@@ -91,9 +89,8 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
 @kernel
 def inverse_impact(tau, v, delta, epsilon, beta):
     """Π⁻¹ by running time backwards: (status, τ, v, elapsed time, Σ⁻ impacts on the way)."""
-    back = -tau - math.floor(-tau)
-    status, t, speed, elapsed, n_minus = impact(back, v, -delta, epsilon, beta, -DRIFT)
-    return status, -t - math.floor(-t), speed, elapsed, n_minus
+    status, t, speed, elapsed, n_minus = impact(folded(-tau), v, -delta, epsilon, beta, -DRIFT)
+    return status, folded(-t), speed, elapsed, n_minus
 
 
 @kernel

@@ -33,7 +33,9 @@ def contact_force(tau, delta, epsilon):
 @kernel
 def largest_eta(delta):
     """η below which the kick per period is under δ/4."""
-    return min(LARGEST_ETA, DECAY_RATE / math.log(4.0 * KICK / delta))
+    if delta >= 4.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
+        return LARGEST_ETA
+    return DECAY_RATE / math.log(4.0 * KICK / delta)
 
 
 @kernel
