@@ -39,12 +39,13 @@ def _cache_directory() -> str:
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a kernel on first call: IEEE arithmetic with fused multiply-add, 1/0 = inf instead of an exception,
-    cached on disk.
+    """Compile a kernel on first call, and cache it on disk.
+
+    IEEE arithmetic with fused multiply-add; 1/0 is inf, not an exception; other threads run meanwhile.
     """
     before = config.CACHE_DIR
     config.CACHE_DIR = _cache_directory()
     try:
-        return numba.njit(cache=True, error_model="numpy", fastmath={"contract"})(function)
+        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function)
     finally:
         config.CACHE_DIR = before

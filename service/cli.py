@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from service.commands.bench import bench
 from service.commands.drawing import figure
 from service.commands.opening import open_
 from service.commands.orbits import orbits
@@ -27,6 +28,7 @@ app.command()(watch)
 app.command("open")(open_)
 app.command()(figure)
 app.command()(orbits)
+app.command()(bench)
 
 
 def main() -> None:

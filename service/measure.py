@@ -7,6 +7,7 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,7 +29,7 @@ KIBIBYTE = 1024
 
 def workloads() -> dict[str, tuple[NDArray[np.float64], ...]]:
     """(τ, v, δ, ε) of A: δ = 0.6, ε = 0.1, v in (0.5, 7); B: there, v in (0.01, 0.2); C: 64 × 64 cells of the plane."""
-    sets = {}
+    sets: dict[str, tuple[NDArray[np.float64], ...]] = {}
     for name, low, high in (("A", 0.5, 7.0), ("B", 0.01, 0.2)):
         rng, n = np.random.default_rng(7), 4096
         sets[name] = (rng.random(n), rng.uniform(low, high, n), np.full(n, 0.6), np.full(n, 0.1))
@@ -57,7 +58,7 @@ def kernel() -> Iterator[tuple[str, float]]:
         arguments = (tau, v, np.full(tau.size, 100), delta, epsilon, np.full(tau.size, 0.6))
         _, _, _, n_plus, n_minus = iterate_many(*arguments)
         impacts = int(n_plus.sum() + n_minus.sum())
-        yield name, best(lambda a=arguments: iterate_many(*a)) / impacts * 1e9
+        yield name, best(partial(iterate_many, *arguments)) / impacts * 1e9
 
 
 def cell(count: int) -> Iterator[tuple[str, float, dict[str, tuple[int, float]]]]:
@@ -74,7 +75,7 @@ def cell(count: int) -> Iterator[tuple[str, float, dict[str, tuple[int, float]]]
         spent = defaultdict(list)
         for outcome in outcomes:
             spent[KINDS[outcome.kind]].append(outcome.impacts)
-        seconds = best(lambda t=tau, w=v, p=point: classify_many(t, w, p, Budget()))
+        seconds = best(partial(classify_many, tau, v, point, Budget()))
         yield name, seconds * 1e3, {kind: (len(n), float(np.mean(n))) for kind, n in spent.items()}
 
 
