@@ -24,7 +24,7 @@ def history(delta, epsilon, beta, tau, v, periods, most=200_000):
 
 
 def adiabatic(ratios):
-    return 0.75 < ratios.min() and ratios.max() < 1.35
+    return ratios.min() > 0.75 and ratios.max() < 1.35
 
 
 @pytest.mark.parametrize("seed", range(60))
