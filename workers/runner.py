@@ -140,7 +140,8 @@ class _Submission:
 
 def _what_happened(error: BaseException) -> str:
     if isinstance(error, KilledWorker):
-        return f"killed its worker {error.allowed_failures + 1} times: use smaller tiles, or give workers more memory"
+        attempts = error.allowed_failures + 1
+        return f"killed its worker (attempts: {attempts}): use smaller tiles, or give workers more memory"
     return f"failed: {type(error).__name__}: {error}"
 
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -47,6 +46,8 @@ TILES = tiles_of(REQUEST)
 def cluster() -> Iterator[Client]:
     with embedded_cluster(2) as client:
         yield client
+        pids = processes(client)
+    eventually(lambda: not any(alive(pid) for pid in pids))
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +97,14 @@ def eventually(holds: Callable[[], bool]) -> None:
     while not holds():
         assert time.monotonic() < deadline
         time.sleep(0.02)
+
+
+def alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
 
 
 def processes(client: Client) -> list[int]:
@@ -200,10 +209,12 @@ class Poison(WorkerPlugin):
 def test_a_poison_tile_is_named_and_the_rest_goes_on(cluster: Client, store: Path, serial: xr.Dataset) -> None:
     cloudpickle.register_pickle_by_value(sys.modules[__name__])
     scheduler = cluster.cluster.scheduler
-    allowed, scheduler.allowed_failures = scheduler.allowed_failures, 1
+    allowed, scheduler.allowed_failures = scheduler.allowed_failures, 0
     cluster.register_plugin(Poison())
     try:
-        with pytest.raises(SurveyError, match=r"tile 5 \(delta .* killed its worker 2 times: use smaller tiles"):
+        with pytest.raises(
+            SurveyError, match=r"tile 5 \(delta .* killed its worker \(attempts: 1\): use smaller tiles"
+        ):
             run(store, cluster)
     finally:
         cluster.unregister_worker_plugin(Poison.name)
@@ -252,15 +263,3 @@ def test_a_dead_scheduler_is_told_from_a_stop(
     assert 2 <= len(tiles_done(REQUEST, store)) < len(TILES)
     run(store, cluster)
     assert_serial(store, serial)
-
-
-def test_no_process_or_file_is_left(tmp_path: Path) -> None:
-    path = tmp_path / "survey.zarr"
-    create_store(REQUEST, path)
-    with embedded_cluster(1) as client:
-        (pid,) = processes(client)
-        run_tiles(REQUEST, path, TILES[:2], client, lambda _: None, lambda: False)
-    with pytest.raises(ProcessLookupError):
-        os.kill(pid, 0)
-    assert not list(tmp_path.rglob("*.partial"))
-    shutil.rmtree(path)
