@@ -64,7 +64,8 @@ def _draw_curves(axes: Axes, names: Iterable[str], beta: float) -> None:
         epsilon = CURVES[name].epsilon(delta, beta)
         if np.any((epsilon >= bottom) & (epsilon <= top)):
             colour, dashes = STYLES[name]
-            axes.plot(delta, epsilon, color=colour, linestyle=dashes, linewidth=1.4, label=name.replace("_", " "))
+            label = name.replace("_", " ")
+            axes.plot(delta, epsilon, color=colour, linestyle=dashes, linewidth=1.4, label=label, path_effects=HALO)
     axes.set(xlim=(left, right), ylim=(bottom, top))
 
 
