@@ -90,7 +90,6 @@ def survey(cells_per_side: int, count: int, n_workers: int) -> dict[str, float]:
         delta=w.Axis(start=0.4, stop=1.0, num=cells_per_side),
         epsilon=w.Axis(start=0.005, stop=0.3, num=cells_per_side),
         initial_conditions=w.InitialConditions(count=count),
-        tile=w.TileShape(delta=min(8, cells_per_side), epsilon=min(8, cells_per_side)),
     )
     records: list[w.TileRecord] = []
     with tempfile.TemporaryDirectory() as directory, w.embedded_cluster(n_workers) as client:

@@ -1,6 +1,7 @@
 """What a survey is asked to compute, validated before anything is computed or stored."""
 
 import json
+import math
 from hashlib import sha256
 from typing import Annotated, Self
 
@@ -8,14 +9,15 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from workers.errors import SurveyError
-from workers.schema import Group
+from workers.schema import SAMPLED, Group
 from workers.version import code_version
 
 #: Strict: neither True nor "0.6" is a number here.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
 
-DEFAULT_TILE = 16
+DEFAULT_TILE, SMALLEST_DEFAULT = 16, 4
+DEFAULT_SAMPLES = 4096  # of a default tile: a few seconds where all is chaotic, so that a stop is soon obeyed
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
 
@@ -63,7 +65,7 @@ class InitialConditions(_Strict):
 
 
 class TileShape(_Strict):
-    """Cells along each axis of a tile; not given means 16, or the whole axis where that is shorter."""
+    """Cells along each axis of a tile; not given means at most 16, fewer the larger the sample of a cell."""
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
     epsilon: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -131,11 +133,15 @@ class SurveyRequest(_Strict):
     @property
     def tile_shape(self) -> tuple[int, int]:
         """Cells of a tile along (epsilon, delta); the last tile of an axis may be smaller."""
-        sizes = (self.tile.epsilon, self.tile.delta)
-        return (
-            sizes[0] or min(DEFAULT_TILE, self.epsilon.num),
-            sizes[1] or min(DEFAULT_TILE, self.delta.num),
-        )
+        side = self._default_side
+        return self.tile.epsilon or min(side, self.epsilon.num), self.tile.delta or min(side, self.delta.num)
+
+    @property
+    def _default_side(self) -> int:
+        if not SAMPLED.intersection(self.quantities):
+            return DEFAULT_TILE
+        side = math.isqrt(DEFAULT_SAMPLES // self.initial_conditions.count)
+        return min(max(side, SMALLEST_DEFAULT), DEFAULT_TILE)
 
     @property
     def n_cells(self) -> int:

@@ -21,7 +21,7 @@ Seed = Annotated[int, typer.Option(help="Seed of the samples.")]
 Name = Annotated[str, typer.Option(help="A name for people.")]
 Tile = Annotated[
     str | None,
-    typer.Option(metavar="DELTAxEPSILON", help="Cells of one tile, a task and a chunk.", show_default="16x16"),
+    typer.Option(metavar="DELTAxEPSILON", help="Cells of one tile, a task and a chunk.", show_default="by the sample"),
 ]
 Quantity = Annotated[
     list[str] | None,
