@@ -3,11 +3,11 @@ FROM python:3.11-slim
 
 RUN useradd --create-home --uid 1000 rattle && mkdir /data && chown rattle /data
 WORKDIR /app
-COPY pyproject.toml README.md ./
+COPY pyproject.toml constraints.txt README.md ./
 COPY rattle rattle
 COPY workers workers
 COPY service service
-RUN pip install --no-cache-dir ".[service]"
+RUN pip install --no-cache-dir --constraint constraints.txt ".[service]"
 
 USER rattle
 VOLUME /data
