@@ -15,6 +15,8 @@ KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
 SAME_POINT = 1e-6  # two periodic orbits of one label closer than this are one
 SAME_FOOTPRINT = 0.5  # two chaotic trajectories that share this much of the smaller footprint are on one attractor
 MOST_SAMPLES = 1 << 20
+LATE = 400  # impacts after which only chaos or a slow approach has not settled
+LONGER_WATCHES = 2  # each four times as long as the one before
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,31 @@ def _attractor(group: _Group, sums: NDArray[np.float64], count: int) -> Attracto
     )
 
 
+def _classify(
+    tau: NDArray[np.float64], v: NDArray[np.float64], point: fate.Point, budget: fate.Budget
+) -> tuple[list[fate.Outcome], NDArray[np.float64], NDArray[np.uint64]]:
+    """Outcomes, batch sums and footprints of a sample, where a chaotic set that leaks is watched for longer.
+
+    If some samples settled only after hundreds of impacts, the others may be on the same chaotic transient.
+    """
+    outcomes, sums, footprints = fate.classify_many(tau, v, point, budget)
+    for _ in range(LONGER_WATCHES):
+        chaotic = [i for i, o in enumerate(outcomes) if o.kind == fate.CHAOTIC]
+        late = any(o.kind in (fate.QUIET, fate.PERIODIC) and o.impacts > LATE for o in outcomes)
+        if not (chaotic and late):
+            break
+        budget = budget._replace(transient=4 * budget.transient, impacts=4 * budget.impacts)
+        states = np.array([(outcomes[i].tau, outcomes[i].v) for i in chaotic])
+        again, sums[chaotic], footprints[chaotic] = fate.classify_many(
+            np.ascontiguousarray(states[:, 0]), np.ascontiguousarray(states[:, 1]), point, budget
+        )
+        for i, outcome in zip(chaotic, again, strict=True):
+            outcomes[i] = outcome._replace(impacts=outcomes[i].impacts + outcome.impacts)
+        if all(outcome.kind == fate.CHAOTIC for outcome in again):
+            break
+    return outcomes, sums, footprints
+
+
 def attractors(
     delta: float, epsilon: float, beta: float, count: int, v_max: float, seed: int, budget: fate.Budget | None = None
 ) -> tuple[Attractor, ...]:
@@ -132,7 +159,7 @@ def attractors(
     v_max = require_number("v_max", v_max, positive=True)
     tau, v = initial_conditions(int(count), v_max, int(seed), (delta, epsilon, beta))
     point = fate.Point(delta, epsilon, beta, capture_invariant(delta, epsilon, beta))
-    outcomes, sums, footprints = fate.classify_many(tau, v, point, budget or fate.Budget())
+    outcomes, sums, footprints = _classify(tau, v, point, budget or fate.Budget())
     groups = _merge(outcomes, footprints, point)
     found = (_attractor(group, sums, int(count)) for group in groups)
     return tuple(sorted(found, key=lambda a: (-a.fraction, KINDS.index(a.kind), a.m, a.n_plus, a.n_minus, a.v, a.tau)))

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rattle._compile import kernel
-from rattle.flight import DRIFT, OK, TWO_PI, folded
+from rattle.first_impact import OK
+from rattle.flight import DRIFT, TWO_PI, folded
 from rattle.impact_map import impact, impact_tangent
 from rattle.lyapunov import BATCHES, exponents
 from rattle.quiet import contact_force

@@ -14,7 +14,8 @@ import math
 import numpy as np
 
 from rattle._compile import kernel
-from rattle.flight import DRIFT, TWO_PI, first_impact, folded, versines
+from rattle.first_impact import first_impact
+from rattle.flight import DRIFT, TWO_PI, folded, versines
 from rattle.impact_map import flight_tangent
 
 A, B, C, D = 0, 1, 2, 3

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle import flight, impact_map, limits
+from rattle import first_impact, flight, impact_map, limits
 from rattle.attractors import Attractor, attractors
 from rattle.errors import ParameterError, RattleError, require, require_finite, require_number
 from rattle.orbits import Orbit, orbits_at
@@ -47,8 +47,8 @@ def _raise_for(status: int) -> None:
     """Turn a kernel's status code into an exception."""
     if status == impact_map.STUCK:
         raise RattleError("the motion comes to rest on a wall: there is no next impact to compute (speed 0)")
-    if status == flight.NO_IMPACT:
-        raise RattleError(f"no impact within {flight.LONGEST:g} forcing periods")
+    if status == first_impact.NO_IMPACT:
+        raise RattleError(f"no impact within {first_impact.LONGEST:g} forcing periods")
 
 
 @dataclass(frozen=True)
@@ -100,8 +100,9 @@ class Gear:
         tau = _phase(phase)
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
-        found = flight.first_impact(int(wall), tau, -wall * speed, self.delta, self.epsilon, self.beta, flight.DRIFT)
-        status, time, next_wall, w1 = found[:4]
+        status, time, next_wall, w1, *_ = first_impact.first_impact(
+            int(wall), tau, -wall * speed, self.delta, self.epsilon, self.beta, flight.DRIFT
+        )
         _raise_for(status)
         return FirstImpact(time, next_wall, w1)
 

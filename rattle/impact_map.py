@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from rattle._compile import kernel
-from rattle.flight import DRIFT, OK, TWO_PI, first_impact, folded
+from rattle.first_impact import OK, first_impact
+from rattle.flight import DRIFT, TWO_PI, folded
 
 STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
 MOST_BOUNCES = 100_000

@@ -8,7 +8,7 @@ import pytest
 from high_precision import Flight
 
 import rattle
-from rattle import flight
+from rattle import first_impact, flight
 
 FLIGHTS = json.loads((Path(__file__).parents[1] / "reference" / "flights.json").read_text())
 
@@ -46,11 +46,11 @@ def test_the_convex_path_and_the_march_agree():
         w *= -wall
         sin0, cos0 = np.sin(2 * np.pi * tau), np.cos(2 * np.pi * tau)
         a = flight.DRIFT - 2 * np.pi * epsilon * sin0 - w
-        ok, target, s, *_ = flight.convex_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta)
+        ok, target, s, *_ = first_impact.convex_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta)
         if ok:
             proved += 1
-            status, march_target, march_s = flight.march(wall, w, a, sin0, cos0, delta, epsilon, beta)
-            assert (status, march_target) == (flight.OK, target)
+            status, march_target, march_s = first_impact.march(wall, w, a, sin0, cos0, delta, epsilon, beta)
+            assert (status, march_target) == (first_impact.OK, target)
             speed = abs(flight.evaluate(s, w, a, sin0, cos0, delta, epsilon)[1])
             assert abs(march_s - s) <= 1e-13 * s + 1e-14 / speed
     assert proved > 8_000  # both paths were really exercised
