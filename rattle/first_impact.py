@@ -13,6 +13,7 @@ NO_IMPACT = 1  # no impact within LONGEST forcing periods: only backwards in tim
 LONGEST = 1000.0
 
 PANEL = 0.12  # longest march step: there the cubic of a typical flight is good to 1e-2 of the gap
+MOST_PANELS = 100_000  # ten times what LONGEST takes; only parameters beyond all measure need more
 TINIEST = 1e-13  # below this panel two events cannot be told apart in double precision
 
 
@@ -122,9 +123,13 @@ def march(wall, w, a, sin0, cos0, delta, epsilon, beta):
     growth = math.exp(-delta * PANEL) if delta < 0.0 else 1.0
     s, h = 0.0, PANEL
     f0, f1, f2, decay, sin1, _cos1 = evaluate(s, w, a, sin0, cos0, delta, epsilon)
-    while s < LONGEST:
+    panels = 0
+    while s < LONGEST and panels < MOST_PANELS:
         f3 = third_derivative(a, decay, sin1, delta, epsilon)
         m4 = abs(delta * delta * delta * a) * decay * growth + TWO_PI**4 * epsilon
+        if not m4 < math.inf:
+            break
+        panels += 1
         h, inside = panel(s, min(1.7 * h, PANEL), f0, f1, f2, f3, m4, epsilon, beta, lower, upper)
         e = s + h
         e0, e1, e2, e_decay, e_sin, _c = evaluate(e, w, a, sin0, cos0, delta, epsilon)

@@ -48,7 +48,9 @@ def _raise_for(status: int) -> None:
     if status == impact_map.STUCK:
         raise RattleError("the motion comes to rest on a wall: there is no next impact to compute (speed 0)")
     if status == first_impact.NO_IMPACT:
-        raise RattleError(f"no impact within {first_impact.LONGEST:g} forcing periods")
+        raise RattleError(
+            f"no impact within {first_impact.LONGEST:g} forcing periods, or parameters beyond double precision"
+        )
 
 
 @dataclass(frozen=True)

@@ -126,7 +126,10 @@ def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, A
 
 def field_errors_of(details: Iterable[Mapping[str, Any]]) -> list[FieldError]:
     """Refused fields of a pydantic error, without its ``input`` and ``ctx``: those may hold NaN or exceptions."""
-    return [FieldError(field=".".join(str(part) for part in item["loc"]), message=str(item["msg"])) for item in details]
+    return [
+        FieldError(field=".".join(str(part) for part in item["loc"]), message=item["msg"].removeprefix("Value error, "))
+        for item in details
+    ]
 
 
 def _on_validation_error(request: Request, error: Exception) -> Response:

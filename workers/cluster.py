@@ -6,6 +6,7 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 
 from distributed import Client, LocalCluster, Security, Worker, WorkerPlugin, comm
 from distributed.utils import silence_logging_cmgr
@@ -29,14 +30,18 @@ class WarmKernels(WorkerPlugin):
         rattle.warm_up()
 
 
-class LeaveInterrupts(WorkerPlugin):
-    """Leave Ctrl-C, which a terminal sends to every process of ours, to the one that runs the survey."""
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Let what is begun here, threads and their processes, never see the Ctrl-C that a terminal sends to all of us.
 
-    name = "gear-rattle-interrupts"
-
-    def setup(self, worker: Worker) -> None:  # noqa: ARG002
-        """Ignore interrupts in this process."""
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    One that arrives meanwhile reaches the caller afterwards.
+    """
+    resource_tracker.ensure_running()  # multiprocessing starts it with the first process, and unblocks the signal again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
@@ -50,22 +55,22 @@ def embedded_cluster(n_workers: int = 2) -> Iterator[Client]:
         raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
     with ExitStack() as stack:
         try:
-            cluster = stack.enter_context(
-                LocalCluster(
-                    n_workers=n_workers,
-                    threads_per_worker=1,
-                    processes=True,
-                    host="127.0.0.1",
-                    dashboard_address=None,
-                    # dask's health page takes port 8787 otherwise, and complains if somebody has it.
-                    scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
-                    memory_limit=MEMORY_LIMIT,
-                    silence_logs=logging.CRITICAL,
-                    env=ONE_THREAD,
+            with _interrupts_blocked():
+                cluster = stack.enter_context(
+                    LocalCluster(
+                        n_workers=n_workers,
+                        threads_per_worker=1,
+                        processes=True,
+                        host="127.0.0.1",
+                        dashboard_address=None,
+                        # dask's health page takes port 8787 otherwise, and complains if somebody has it.
+                        scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+                        memory_limit=MEMORY_LIMIT,
+                        silence_logs=logging.CRITICAL,
+                        env=ONE_THREAD,
+                    )
                 )
-            )
-            client = stack.enter_context(Client(cluster, set_as_default=False))
-            client.register_plugin(LeaveInterrupts())
+                client = stack.enter_context(Client(cluster, set_as_default=False))
             client.register_plugin(WarmKernels())
         except Exception as error:
             raise SurveyError(f"the embedded cluster of {n_workers} processes does not start: {error}") from error

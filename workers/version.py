@@ -7,7 +7,16 @@ from pathlib import Path
 import rattle
 
 #: The modules of this package that decide what a cell holds.
-_SOURCES = ("cells.py", "evaluate.py", "quantities.py", "schema.py", "tiles.py")
+_SOURCES = (
+    "cells.py",
+    "curves.py",
+    "evaluate.py",
+    "quantities.py",
+    "request.py",
+    "schema.py",
+    "template.py",
+    "tiles.py",
+)
 
 
 @cache

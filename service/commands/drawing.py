@@ -13,12 +13,26 @@ def draw(store: str | Path, out: Path) -> None:
     from service.errors import ServiceError
     from workers import open_survey, survey_figure
 
-    picture = survey_figure(open_survey(store))
+    with open_survey(store) as dataset:
+        picture = survey_figure(dataset)
     try:
         picture.savefig(out)
     except (OSError, ValueError) as error:  # ValueError: a format that matplotlib does not know
         raise ServiceError(f"The picture {out} cannot be written: {error}") from error
     typer.echo(f"{out} shows it.")
+
+
+def require_writable(out: Path) -> None:
+    """Refuse a picture that could not be written, before the hours that it takes to have something to draw."""
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    from service.errors import ServiceError
+
+    known = FigureCanvasBase.get_supported_filetypes()
+    if out.suffix.removeprefix(".").lower() not in known:
+        raise ServiceError(f"The picture {out} has no format: end its name in one of .{', .'.join(sorted(known))}")
+    if not out.parent.is_dir():
+        raise ServiceError(f"The picture {out} cannot be written: {out.parent} is not a directory")
 
 
 def figure(

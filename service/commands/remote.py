@@ -57,6 +57,7 @@ def list_(
 
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     from service.client import Client
 
@@ -65,7 +66,9 @@ def list_(
         for job in islice(client.surveys(), limit):
             shown = job.document
             cells = f"{shown['cells_done']}/{shown['cells']}"
-            table.add_row(job.id, job.state, f"{shown['progress']} %", cells, shown["created"][:19], shown["name"])
+            table.add_row(
+                job.id, job.state, f"{shown['progress']} %", cells, shown["created"][:19], Text(shown["name"])
+            )
     Console(width=140).print(table)  # ids are never cut
 
 

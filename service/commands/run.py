@@ -52,16 +52,22 @@ def run(
         quantity=quantity,
     )
     import workers as survey
-    from service.commands.drawing import draw
+    from service.commands.drawing import draw, require_writable
     from service.commands.signals import stop_requested
 
+    if figure is not None:
+        require_writable(figure)
     survey.create_store(request, out)
     done = survey.tiles_done(request, out)
     missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
     if missing:
         with stop_requested() as stop:
             cluster = survey.connect(scheduler) if scheduler else survey.embedded_cluster(workers)
-            _compute(request, out, missing, cluster, stop.is_set)
+            try:
+                _compute(request, out, missing, cluster, stop.is_set)
+            except survey.SurveyError:
+                if not stop.is_set():  # otherwise the stop is what ended the cluster
+                    raise
             if stop.is_set():
                 typer.echo(f"Stopped. {out} keeps every finished tile; the same command resumes it.", err=True)
                 raise typer.Exit(INTERRUPTED)

@@ -45,7 +45,7 @@ async def follow(
         return Response(status_code=204)
     closing = anyio.Event()
     return EventSourceResponse(
-        _events(front, survey_id, last_event_id, closing),
+        _events(front, survey_id, min(last_event_id, job.last_event), closing),
         shutdown_event=closing,
         shutdown_grace_period=GRACE_SECONDS,
         ping=front.settings.heartbeat_seconds,
