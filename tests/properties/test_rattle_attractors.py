@@ -129,3 +129,19 @@ def test_wilson_interval_against_published_values():
     low, high = rattle.wilson_interval(np.array([81, 0]), np.array([263, 20]))
     assert low == pytest.approx([0.2553, 0.0], abs=5e-5)
     assert high == pytest.approx([0.3662, 0.1611], abs=5e-5)
+
+
+@pytest.mark.filterwarnings("ignore:overflow")
+@pytest.mark.parametrize("point", [(1e308, 1e308), (1e308, 0.1), (1.0, 1e300), (1e-300, 0.1), (50.0, 1.0)])
+def test_parameters_beyond_all_measure_end_without_an_answer_but_end(point):
+    gear = rattle.Gear(*point)
+    assert gear.region() in range(6)
+    found = gear.attractors(count=2)
+    assert sum(a.fraction for a in found) == pytest.approx(1.0)
+    assert {a.kind for a in found} <= {"quiet", "periodic", "chaotic", "undecided"}
+
+
+def test_a_leaking_chaotic_set_is_not_an_attractor():
+    """Chaos at δ = 0.5886, ε = 0.278 is a transient of some thousand periods: all of it ends on P(2,3,2)."""
+    found = rattle.Gear(0.5885844496978019, 0.27795866486477266).attractors(count=32)
+    assert [(a.kind, a.m, a.n_plus, a.n_minus) for a in found] == [("periodic", 2, 3, 2)]
