@@ -6,15 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle import classify as fate
-from rattle.errors import require, require_number
+from rattle.errors import require_integer, require_number
 from rattle.lyapunov import pooled
 from rattle.quiet import capture_invariant
 from rattle.sampling import initial_conditions, wilson_interval
 
 KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
 SAME_POINT = 1e-6  # two periodic orbits of one label closer than this are one
-SAME_FOOTPRINT = 0.5  # two chaotic trajectories that share this much of the smaller footprint are on one attractor
+SAME_FOOTPRINT = 0.2  # two chaotic trajectories that share this much of the smaller footprint are on one attractor
 MOST_SAMPLES = 1 << 20
+LARGEST_SEED = (1 << 128) - 1
 LATE = 400  # impacts after which only chaos or a slow approach has not settled
 LONGER_WATCHES = 2  # each four times as long as the one before
 
@@ -43,11 +44,11 @@ class Attractor:
 
 @dataclass
 class _Group:
-    """Samples that go to one attractor."""
+    """Samples that go to one attractor, and the boxes that they visited if it is chaotic."""
 
     outcome: fate.Outcome
+    footprint: NDArray[np.uint64]
     members: list[int] = field(default_factory=list)
-    footprint: NDArray[np.uint64] | None = None
 
 
 def _bits(footprint: NDArray[np.uint64]) -> int:
@@ -66,6 +67,11 @@ def _same_periodic(a: fate.Outcome, b: fate.Outcome, point: fate.Point) -> bool:
     return False
 
 
+def _overlap(a: NDArray[np.uint64], b: NDArray[np.uint64]) -> bool:
+    """Whether two chaotic trajectories visited the same boxes; different attractors are disjoint sets."""
+    return _bits(a & b) > SAME_FOOTPRINT * min(_bits(a), _bits(b))
+
+
 def _find(
     groups: list[_Group], outcome: fate.Outcome, footprint: NDArray[np.uint64], point: fate.Point
 ) -> _Group | None:
@@ -77,10 +83,8 @@ def _find(
         if outcome.kind == fate.PERIODIC:
             if _same_periodic(group.outcome, outcome, point):
                 return group
-        elif group.footprint is not None:
-            shared = _bits(group.footprint & footprint)
-            if shared > SAME_FOOTPRINT * min(_bits(group.footprint), _bits(footprint)):
-                return group
+        elif _overlap(group.footprint, footprint):
+            return group
     return None
 
 
@@ -90,13 +94,25 @@ def _merge(outcomes: list[fate.Outcome], footprints: NDArray[np.uint64], point: 
     for i, outcome in enumerate(outcomes):
         group = _find(groups, outcome, footprints[i], point)
         if group is None:
-            chaotic = outcome.kind == fate.CHAOTIC
-            group = _Group(outcome, footprint=footprints[i].copy() if chaotic else None)
+            group = _Group(outcome, np.zeros_like(footprints[i]))
             groups.append(group)
-        elif group.footprint is not None:
+        if outcome.kind == fate.CHAOTIC:
             group.footprint |= footprints[i]
         group.members.append(i)
-    return groups
+    return _join(groups)
+
+
+def _join(groups: list[_Group]) -> list[_Group]:
+    """Join chaotic groups whose footprints have grown together, until none are left to join."""
+    joined: list[_Group] = []
+    for group in groups:
+        for other in [each for each in joined if _overlap(each.footprint, group.footprint)]:
+            joined.remove(other)
+            other.members = sorted(other.members + group.members)
+            other.footprint |= group.footprint
+            group = other
+        joined.append(group)
+    return joined if len(joined) == len(groups) else _join(joined)
 
 
 def _attractor(group: _Group, sums: NDArray[np.float64], count: int) -> Attractor:
@@ -122,6 +138,12 @@ def _attractor(group: _Group, sums: NDArray[np.float64], count: int) -> Attracto
     )
 
 
+def _budget(delta: float) -> fate.Budget:
+    """The default, with a transient of fifty relaxation times 1/δ where that is longer, within reason."""
+    default = fate.Budget()
+    return default._replace(transient=min(max(default.transient, 50 / delta), 20 * default.transient))
+
+
 def _classify(
     tau: NDArray[np.float64], v: NDArray[np.float64], point: fate.Point, budget: fate.Budget
 ) -> tuple[list[fate.Outcome], NDArray[np.float64], NDArray[np.uint64]]:
@@ -142,8 +164,6 @@ def _classify(
         )
         for i, outcome in zip(chaotic, again, strict=True):
             outcomes[i] = outcome._replace(impacts=outcomes[i].impacts + outcome.impacts)
-        if all(outcome.kind == fate.CHAOTIC for outcome in again):
-            break
     return outcomes, sums, footprints
 
 
@@ -151,15 +171,12 @@ def attractors(
     delta: float, epsilon: float, beta: float, count: int, v_max: float, seed: int, budget: fate.Budget | None = None
 ) -> tuple[Attractor, ...]:
     """See `rattle.Gear.attractors`."""
-    require(
-        isinstance(count, int | np.integer) and 1 <= count <= MOST_SAMPLES,
-        f"count must be 1 to {MOST_SAMPLES}, got {count!r}",
-    )
-    require(isinstance(seed, int | np.integer) and seed >= 0, f"seed must be an integer of at least 0, got {seed!r}")
+    count = require_integer("count", count, 1, MOST_SAMPLES)
+    seed = require_integer("seed", seed, 0, LARGEST_SEED)
     v_max = require_number("v_max", v_max, positive=True)
-    tau, v = initial_conditions(int(count), v_max, int(seed), (delta, epsilon, beta))
+    tau, v = initial_conditions(count, v_max, seed, (delta, epsilon, beta))
     point = fate.Point(delta, epsilon, beta, capture_invariant(delta, epsilon, beta))
-    outcomes, sums, footprints = _classify(tau, v, point, budget or fate.Budget())
+    outcomes, sums, footprints = _classify(tau, v, point, budget or _budget(delta))
     groups = _merge(outcomes, footprints, point)
-    found = (_attractor(group, sums, int(count)) for group in groups)
+    found = (_attractor(group, sums, count) for group in groups)
     return tuple(sorted(found, key=lambda a: (-a.fraction, KINDS.index(a.kind), a.m, a.n_plus, a.n_minus, a.v, a.tau)))

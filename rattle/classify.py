@@ -15,7 +15,7 @@ from rattle._compile import kernel
 from rattle.first_impact import OK
 from rattle.flight import DRIFT, TWO_PI, folded
 from rattle.impact_map import impact, impact_tangent
-from rattle.lyapunov import BATCHES, exponents
+from rattle.lyapunov import BATCHES, is_chaotic
 from rattle.quiet import contact_force
 
 NONE, QUIET, PERIODIC, CHAOTIC, UNDECIDED = range(5)
@@ -25,6 +25,8 @@ RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
 APPROACH = 0.5  # the trajectory must come this much closer to the orbit that Newton found ...
 ARRIVED = 1e-9  # ... or be here already
 NEWTON_STEPS = 15
+ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
+LEAST_MEASURED = 2000  # impacts: fewer leave too thin a footprint, and too short batches
 
 
 class Point(NamedTuple):
@@ -209,9 +211,10 @@ def follow(tau, v, point, periods, most, measuring, sums, footprint):
     While measuring, sums[b] gathers time, ln stretch and ln|det| of batch b, and the footprint its visited boxes.
     """
     time, n = 0.0, 0
+    least = LEAST_MEASURED if measuring else 0
     anchor, anchor_tau, anchor_v, limit, pause = 0, -1.0, -1.0, 1, 0
     x0, x1 = 1.0, 0.0
-    while time < periods and n < most:
+    while (time < periods or n < least) and n < most:
         if is_captured(tau, v, point):
             return Outcome(QUIET, 0, 0, 0, tau, v, math.nan, math.nan, n), tau, v
         if n >= pause and abs(v - anchor_v) < RECURRENCE and abs(wrapped(tau - anchor_tau)) < RECURRENCE:
@@ -228,10 +231,11 @@ def follow(tau, v, point, periods, most, measuring, sums, footprint):
             x0, x1 = j00 * x0 + j01 * x1, j10 * x0 + j11 * x1
             size = math.hypot(x0, x1)
             x0, x1 = x0 / size, x1 / size
-            batch = min(int(time / periods * BATCHES), BATCHES - 1)
-            sums[batch, 0] += s
-            sums[batch, 1] += math.log(size)
-            sums[batch, 2] += ln
+            if n >= ALIGNMENT:
+                batch = min(int(min(time / periods, n / least) * BATCHES), BATCHES - 1)
+                sums[batch, 0] += s
+                sums[batch, 1] += math.log(size)
+                sums[batch, 2] += ln
             mark(t1, v1, point.epsilon, footprint)
         else:
             status, t1, v1, s, _below = impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
@@ -271,8 +275,7 @@ def classify(tau, v, point, budget, sums, footprint):
         footprint[:] = 0
         outcome, tau, v = follow(tau, v, point, periods, budget.impacts, True, sums, footprint)
         impacts += outcome.impacts
-        first, _second, error = exponents(sums)
-        if outcome.kind == NONE and first > error:
+        if outcome.kind == NONE and is_chaotic(sums):
             return with_kind(outcome, CHAOTIC, impacts)
         periods *= 2.0
     return with_kind(outcome, UNDECIDED if outcome.kind == NONE else outcome.kind, impacts)

@@ -1,6 +1,10 @@
 """The library's exceptions: one base, so that a caller can catch everything of ours in one clause."""
 
 import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 
 class RattleError(Exception):
@@ -17,12 +21,37 @@ def require(ok: bool, message: str) -> None:
         raise ParameterError(message)
 
 
-def require_finite(name: str, value: float) -> float:
-    """Return value as a float; raise ParameterError unless it is a finite number."""
+def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    """Return value as a float64 array; raise ParameterError unless it holds real numbers (no text, no bool)."""
     try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise ParameterError(f"{name} must be a number, got {value!r}") from None
+        array: NDArray[Any] = np.asarray(value)
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"{name} must be a number or an array of numbers: {error}") from None
+    require(array.dtype.kind in "iuf", f"{name} must be real numbers in double precision, got {_shortened(value)}")
+    return array.astype(np.float64)
+
+
+def _shortened(value: object) -> str:
+    """What was given, for a message; the digits of a huge integer cannot all be printed."""
+    try:
+        return repr(value)[:80]
+    except ValueError:
+        return f"an integer of {type(value).__name__} beyond printing"
+
+
+def require_integer(name: str, value: int, low: int, high: int) -> int:
+    """Return value as an int; raise ParameterError unless it is an integer (no bool) from low to high."""
+    integral = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    reason = f"{name} must be an integer from {low} to {high}, got {_shortened(value)}"
+    require(integral and low <= value <= high, reason)
+    return int(value)
+
+
+def require_finite(name: str, value: float) -> float:
+    """Return value as a float; raise ParameterError unless it is one finite real number (no text, no bool)."""
+    array = real_array(name, value)
+    require(array.ndim == 0, f"{name} must be one number, got an array of shape {array.shape}")
+    number = float(array)
     require(math.isfinite(number), f"{name} must be finite, got {number}")
     return number
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle import first_impact, flight, impact_map, limits
 from rattle.attractors import Attractor, attractors
-from rattle.errors import ParameterError, RattleError, require, require_finite, require_number
+from rattle.errors import ParameterError, RattleError, real_array, require, require_finite, require_number
 from rattle.orbits import Orbit, orbits_at
 from rattle.quiet import capture_speed
 from rattle.regions import regions
@@ -98,7 +98,7 @@ class Gear:
         Returns (flight_time, next_wall, impact_velocity); the velocity is the one before reflection. Raises
         ParameterError if wall is not ±1, a number is not finite, or the velocity is zero or points out of the gap.
         """
-        require(wall in (1, -1), f"wall must be +1 or -1, got {wall!r}")
+        require(require_finite("wall", wall) in (1, -1), f"wall must be +1 or -1, got {wall!r}")
         tau = _phase(phase)
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
@@ -136,14 +136,15 @@ class Gear:
         A trajectory that comes to rest keeps its last state and has n_plus < n. Raises ParameterError.
         """
         try:
-            phases, speeds, steps = np.broadcast_arrays(
-                np.asarray(tau, np.float64), np.asarray(v, np.float64), np.asarray(n)
-            )
+            phases, speeds, steps = np.broadcast_arrays(real_array("tau", tau), real_array("v", v), np.asarray(n))
+        except ParameterError:
+            raise
         except (TypeError, ValueError) as error:
-            raise ParameterError(f"tau, v and n must be numbers that broadcast: {error}") from None
+            raise ParameterError(f"tau, v and n must broadcast: {error}") from None
         require(bool(np.isfinite(phases).all()), "tau must be finite")
         require(bool((np.isfinite(speeds) & (speeds > 0)).all()), "v must be finite and greater than 0")
         require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
+        require(bool((steps < 1 << 62).all()), "n must be below 2**62")
         flat = [
             np.ascontiguousarray(_fold(phases)).ravel(),
             np.ascontiguousarray(speeds).ravel(),

@@ -44,7 +44,7 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
 
     NaN where the curve does not exist at that damping. Raises ParameterError. Source: paper, section 5.2.
     """
-    require(curve in CURVES, f"curve must be one of {', '.join(CURVES)}, got {curve!r}")
+    require(isinstance(curve, str) and curve in CURVES, f"curve must be one of {', '.join(CURVES)}, got {curve!r}")
     d, _, b = parameters(delta, 0.0, beta)
     flat = family.grazing_cells(CURVES.index(curve), np.ascontiguousarray(d).ravel(), np.ascontiguousarray(b).ravel())
     epsilon, tau, trace = (x.reshape(d.shape) for x in flat)
@@ -88,7 +88,7 @@ def codimension_two(name: str, beta: float = 0.6) -> CodimensionTwo:
     All lie on G1 at and below COD22, whose damping is near 4β/π (where a speed of 2πδ just crosses the gap). Raises
     ParameterError, and RattleError if this backlash has no such point.
     """
-    require(name in CONDITIONS, f"name must be one of {', '.join(CONDITIONS)}, got {name!r}")
+    require(isinstance(name, str) and name in CONDITIONS, f"name must be one of {', '.join(CONDITIONS)}, got {name!r}")
     return _on_grazing(name, CONDITIONS[name], require_number("beta", beta, positive=True))
 
 

@@ -14,6 +14,7 @@ from rattle.flight import DRIFT, TWO_PI, folded
 
 STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
 MOST_BOUNCES = 100_000
+SLOWEST = 1e-150  # below, heights and speeds squared leave double precision
 
 
 @kernel
@@ -37,7 +38,7 @@ def impact(tau, v, delta, epsilon, beta, drift):
     """Π: (status, τ', v', elapsed time, Σ⁻ impacts on the way)."""
     status, wall, w, elapsed, n_minus = OK, 1, -v, 0.0, 0
     while True:
-        if not wall * w < 0.0:
+        if not wall * w < -SLOWEST:
             return STUCK, tau, abs(w), elapsed, n_minus
         status, s, wall, w1, _d, _s0, _c0, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)
         if status != OK:
@@ -62,7 +63,7 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
     status, wall, w, elapsed, n_minus = OK, 1, -v, 0.0, 0
     j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0
     while True:
-        if not wall * w < 0.0:
+        if not wall * w < -SLOWEST:
             return STUCK, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
         w0 = w
         status, s, wall, w1, decay, s0, c0, s1, c1 = first_impact(wall, tau, w0, delta, epsilon, beta, drift)

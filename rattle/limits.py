@@ -6,13 +6,13 @@ All take damping δ > 0 (scalar or array, dimensionless) and return ε of the sa
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import require
+from rattle.errors import real_array, require
 
 FloatArray = NDArray[np.float64]
 
 
 def _damping(delta: ArrayLike) -> FloatArray:
-    value = np.asarray(delta, dtype=np.float64)
+    value = real_array("delta", delta)
     require(bool(np.all(np.isfinite(value) & (value > 0))), "delta must be finite and greater than 0")
     return value
 

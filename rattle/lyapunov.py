@@ -12,6 +12,7 @@ import numpy as np
 from rattle._compile import kernel
 
 BATCHES = 32
+LEAST_GROWTH = 8.0
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 
 
@@ -35,6 +36,20 @@ def exponents(sums):
         spread += (sums[i, 1] - first * sums[i, 0]) ** 2
     error = T_95 * math.sqrt(spread * used / (used - 1.0)) / time
     return first, contraction / time - first, error
+
+
+@kernel
+def is_chaotic(sums):
+    """True if the first exponent is above its error bar and the growth is not that of shear.
+
+    A vector also grows in regular motion, as ln t: by ln 2 over the second half, where chaos must have more than
+    LEAST_GROWTH.
+    """
+    first, _second, error = exponents(sums)
+    later = 0.0
+    for i in range(sums.shape[0] // 2, sums.shape[0]):
+        later += sums[i, 1]
+    return first > error and later > LEAST_GROWTH
 
 
 def pooled(sums: np.ndarray) -> tuple[float, float, float]:

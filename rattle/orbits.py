@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle import family
-from rattle.errors import ParameterError, require
+from rattle.errors import ParameterError, real_array, require
 from rattle.limits import sine_offset
 
 NAMES = ("A", "B", "C", "D")
@@ -52,10 +52,13 @@ def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.compl
 
 def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike) -> list[NDArray[np.float64]]:
     """Broadcast and validate δ > 0, ε ≥ 0, β > 0; raises ParameterError."""
+    named = (("delta", delta), ("epsilon", epsilon), ("beta", beta))
     try:
-        arrays = np.broadcast_arrays(*(np.asarray(x, np.float64) for x in (delta, epsilon, beta)))
-    except (TypeError, ValueError) as error:
-        raise ParameterError(f"delta, epsilon and beta must be numbers that broadcast: {error}") from None
+        arrays = np.broadcast_arrays(*(real_array(name, value) for name, value in named))
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(f"delta, epsilon and beta must broadcast: {error}") from None
     for name, array, least in zip(("delta", "epsilon", "beta"), arrays, (False, True, False), strict=True):
         require(bool(np.isfinite(array).all()), f"{name} must be finite")
         inside = array >= 0 if least else array > 0
@@ -67,8 +70,9 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
     """The admissible period-one orbits A, B, C, D for every element of the broadcast parameters (dimensionless).
 
     Admissible: each flight of the closed form is a true first impact. A, C: P(1,1,0), born at SN1; B, D: P(1,1,1), at
-    given ε the roots of ε(s) on one explicit family, B where it falls and D where it rises. Raises ParameterError.
-    Source: Mason and Piiroinen (2009), sections 4 and 5.
+    given ε the roots of ε(s) on one explicit family, B where it falls and D where it rises. At large ε and small δ or
+    β there can be several of one letter; the one with the largest s is given (docs/decisions/0002-regions.md). Raises
+    ParameterError. Source: Mason and Piiroinen (2009), sections 4 and 5.
     """
     d, e, b = parameters(delta, epsilon, beta)
     shape = d.shape

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import qmc
 
+from rattle.errors import real_array, require
+
 Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 
@@ -34,8 +36,9 @@ def initial_conditions(
 
 def wilson_interval(successes: ArrayLike, count: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """95 % Wilson score interval (lower, upper) of a fraction, for successes out of count (arrays that broadcast)."""
-    n = np.asarray(count, np.float64)
-    p = np.asarray(successes, np.float64) / n
+    n, k = real_array("count", count), real_array("successes", successes)
+    require(bool(np.all((n > 0) & (k >= 0) & (k <= n))), "successes must be from 0 to count, and count above 0")
+    p = k / n
     z2 = Z_95 * Z_95
     centre = (p + z2 / (2 * n)) / (1 + z2 / n)
     half = Z_95 * np.sqrt(p * (1 - p) / n + z2 / (4 * n * n)) / (1 + z2 / n)

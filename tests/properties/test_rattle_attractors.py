@@ -145,3 +145,40 @@ def test_a_leaking_chaotic_set_is_not_an_attractor():
     """Chaos at δ = 0.5886, ε = 0.278 is a transient of some thousand periods: all of it ends on P(2,3,2)."""
     found = rattle.Gear(0.5885844496978019, 0.27795866486477266).attractors(count=32)
     assert [(a.kind, a.m, a.n_plus, a.n_minus) for a in found] == [("periodic", 2, 3, 2)]
+
+
+@pytest.mark.parametrize(
+    "point",
+    [
+        (0.3303993708085879, 0.2780677064335374, 2.831715714310438),
+        (0.014743553851537057, 0.010998363573954846, 4.422469241200317),
+    ],
+)
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_one_chaotic_attractor_is_not_split(point, seed):
+    """Large backlash: few impacts a period, so that thin footprints of one set need not overlap by half."""
+    (only,) = rattle.Gear(*point).attractors(count=16, seed=seed)
+    assert only.kind == "chaotic"
+
+
+def test_regular_motion_at_tiny_damping_is_not_called_chaotic():
+    """Shear stretches a tangent vector too, as ln t: its exponent is small, positive and certain, but no chaos."""
+    found = {(a.kind, a.m, a.n_plus, a.n_minus) for a in rattle.Gear(1e-3, 1e-6).attractors(count=16)}
+    assert found == {("quiet", 0, 0, 0), ("periodic", 1, 1, 0), ("periodic", 2, 1, 0)}
+    assert all(a.kind != "chaotic" for a in rattle.Gear(1e-4, 1e-8).attractors(count=8))
+
+
+@pytest.mark.parametrize("bad", [10**400, "0.5", b"1", True, 0.5 + 3j, None, {}, [0.1, 0.2]])
+def test_what_is_no_real_number_is_refused(bad):
+    for call in (
+        lambda: rattle.Gear(bad, 0.1),
+        lambda: rattle.Gear(0.6, 0.1).impact(bad, 1.0),
+        lambda: rattle.Gear(0.6, 0.1).attractors(count=bad),
+        lambda: rattle.codimension_two(bad),
+    ):
+        with pytest.raises(rattle.ParameterError):
+            call()
+    if not isinstance(bad, list):
+        for array in (rattle.sn1, rattle.quiet_limit, lambda x: rattle.regions(x, 0.1)):
+            with pytest.raises(rattle.ParameterError):
+                array(bad)
