@@ -25,7 +25,7 @@ class WarmKernels(WorkerPlugin):
 
     name = "gear-rattle-kernels"
 
-    def setup(self, worker: Worker) -> None:  # noqa: ARG002  (dask's signature)
+    def setup(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
         """Warm the kernels of this process."""
         rattle.warm_up()
 

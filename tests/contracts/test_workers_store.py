@@ -152,7 +152,7 @@ def test_a_misaligned_tile_is_refused_at_submission_and_at_the_write(store: Path
     with pytest.raises(SurveyError, match="not a chunk"):
         write_tile(REQUEST, str(store), tile, {"region": np.ones((4, 2), "int8")})
     with pytest.raises(SurveyError, match="not a chunk"):
-        run_tiles(REQUEST, store, [tile], None, lambda _: None, lambda: False)  # type: ignore[arg-type]
+        run_tiles(REQUEST, store, [tile], None, lambda _: None, lambda: False)  # type: ignore[arg-type]  # refused before a client is used
     assert snapshot(store) == before
 
 
@@ -218,7 +218,7 @@ def test_two_runs_of_one_store_exclude_each_other(store: Path) -> None:
         with pytest.raises(SurveyError, match="another run: wait"):
             finish_store(store)
         with pytest.raises(SurveyError, match="another run: wait"):
-            run_tiles(REQUEST, store, TILES, None, lambda _: None, lambda: False)  # type: ignore[arg-type]
+            run_tiles(REQUEST, store, TILES, None, lambda _: None, lambda: False)  # type: ignore[arg-type]  # refused before a client is used
     fill(store, TILES)
     finish_store(store)
 

@@ -192,7 +192,7 @@ class Poison(WorkerPlugin):
     name = "poison"
     tile = 5
 
-    def setup(self, worker: Worker) -> None:  # noqa: ARG002
+    def setup(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
         compute = self.compute = workers.runner.compute_tile
 
         def compute_tile(request: SurveyRequest, tile: workers.Tile) -> object:
@@ -200,9 +200,9 @@ class Poison(WorkerPlugin):
                 os.kill(os.getpid(), signal.SIGKILL)
             return compute(request, tile)
 
-        workers.runner.compute_tile = compute_tile  # type: ignore[assignment]
+        workers.runner.compute_tile = compute_tile  # type: ignore[assignment]  # a fake
 
-    def teardown(self, worker: Worker) -> None:  # noqa: ARG002
+    def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
         workers.runner.compute_tile = self.compute
 
 
