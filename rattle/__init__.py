@@ -6,10 +6,11 @@
 
 from rattle._compile import source_hash
 from rattle._version import __version__
-from rattle.attractors import Attractor
+from rattle.attractors import KINDS, Attractor, Attractors, attractors_of
 from rattle.errors import ParameterError, RattleError
-from rattle.gear import FirstImpact, Gear, Impact, Iterates
+from rattle.gear import FirstImpact, Gear, Impact
 from rattle.grazing import CodimensionTwo, Grazing, codimension_two, grazing, robust_chaos_interval
+from rattle.iterate import Iterates, Stretched, iterate, iterate_tangent
 from rattle.limits import flip, quiet_limit, sn1
 from rattle.orbits import Orbit, PeriodOne, period_one
 from rattle.regions import classify as classify_regions
@@ -18,7 +19,9 @@ from rattle.sampling import wilson_interval
 from rattle.warm import warm_up
 
 __all__ = [
+    "KINDS",
     "Attractor",
+    "Attractors",
     "CodimensionTwo",
     "FirstImpact",
     "Gear",
@@ -29,11 +32,15 @@ __all__ = [
     "ParameterError",
     "PeriodOne",
     "RattleError",
+    "Stretched",
     "__version__",
+    "attractors_of",
     "classify_regions",
     "codimension_two",
     "flip",
     "grazing",
+    "iterate",
+    "iterate_tangent",
     "period_one",
     "quiet_limit",
     "regions",

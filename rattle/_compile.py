@@ -38,14 +38,21 @@ def _cache_directory() -> str:
     return os.path.join(root, key)
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a kernel on first call, and cache it on disk.
+#: IEEE arithmetic but for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation would
+#: break the rounding trick of `rattle.flight` and the sums that avoid cancellation.
+_ARITHMETIC: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
 
-    IEEE arithmetic with fused multiply-add; 1/0 is inf, not an exception; other threads run meanwhile.
-    """
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Compile a kernel on first call, and cache it on disk; other threads run meanwhile."""
     before = config.CACHE_DIR
     config.CACHE_DIR = _cache_directory()
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function)
+        return numba.njit(cache=True, nogil=True, **_ARITHMETIC)(function)
     finally:
         config.CACHE_DIR = before
+
+
+def inline(function: Callable[..., Any]) -> Any:
+    """Compile a small function into its callers: a loop over it stays one straight line, which LLVM vectorises."""
+    return numba.njit(forceinline=True, **_ARITHMETIC)(function)

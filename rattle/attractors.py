@@ -1,23 +1,23 @@
-"""The attractors at one parameter point, with the share of initial conditions that each one wins."""
+"""The attractors of cells of the parameter plane, with the share of initial conditions that each one wins."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from rattle import classify as fate
-from rattle.errors import require_integer, require_number
+from rattle.errors import require, require_integer, require_number
 from rattle.lyapunov import pooled
-from rattle.quiet import capture_invariant
-from rattle.sampling import initial_conditions, wilson_interval
+from rattle.orbits import parameters
+from rattle.sampling import wilson_interval
+from rattle.settle import LEFT, ORBIT
+from rattle.settle import QUIET as SETTLED_QUIET
+from rattle.survey import Survey, followed
 
 KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
-SAME_POINT = 1e-6  # two periodic orbits of one label closer than this are one
-SAME_FOOTPRINT = 0.2  # two chaotic trajectories that share this much of the smaller footprint are on one attractor
+QUIET, PERIODIC, CHAOTIC, UNDECIDED = range(1, 5)
 MOST_SAMPLES = 1 << 20
 LARGEST_SEED = (1 << 128) - 1
-LATE = 400  # impacts after which only chaos or a slow approach has not settled
-LONGER_WATCHES = 2  # each four times as long as the one before
 
 
 @dataclass(frozen=True)
@@ -42,141 +42,99 @@ class Attractor:
     v: float
 
 
-@dataclass
-class _Group:
-    """Samples that go to one attractor, and the boxes that they visited if it is chaotic."""
+class Attractors(NamedTuple):
+    """The attractors of many cells, all arrays (n,): cell by cell, in each by falling number of samples.
 
-    outcome: fate.Outcome
-    footprint: NDArray[np.uint64]
-    members: list[int] = field(default_factory=list)
-
-
-def _bits(footprint: NDArray[np.uint64]) -> int:
-    return int(np.bitwise_count(footprint).sum())
-
-
-def _same_periodic(a: fate.Outcome, b: fate.Outcome, point: fate.Point) -> bool:
-    """Whether b's point is one of a's. Both are the fastest impact, but a near tie may be broken either way."""
-    if (a.m, a.n_plus, a.n_minus) != (b.m, b.n_plus, b.n_minus) or abs(a.v - b.v) > SAME_POINT:
-        return False
-    tau, v = a.tau, a.v
-    for _ in range(a.n_plus):
-        if abs(fate.wrapped(tau - b.tau)) < SAME_POINT and abs(v - b.v) < SAME_POINT:
-            return True
-        _, tau, v, _, _ = fate.impact(tau, v, point.delta, point.epsilon, point.beta, fate.DRIFT)
-    return False
-
-
-def _overlap(a: NDArray[np.uint64], b: NDArray[np.uint64]) -> bool:
-    """Whether two chaotic trajectories visited the same boxes; different attractors are disjoint sets."""
-    return _bits(a & b) > SAME_FOOTPRINT * min(_bits(a), _bits(b))
-
-
-def _find(
-    groups: list[_Group], outcome: fate.Outcome, footprint: NDArray[np.uint64], point: fate.Point
-) -> _Group | None:
-    for group in groups:
-        if group.outcome.kind != outcome.kind:
-            continue
-        if outcome.kind in (fate.QUIET, fate.UNDECIDED):
-            return group
-        if outcome.kind == fate.PERIODIC:
-            if _same_periodic(group.outcome, outcome, point):
-                return group
-        elif _overlap(group.footprint, footprint):
-            return group
-    return None
-
-
-def _merge(outcomes: list[fate.Outcome], footprints: NDArray[np.uint64], point: fate.Point) -> list[_Group]:
-    """Group the samples by attractor, in the order of the sample."""
-    groups: list[_Group] = []
-    for i, outcome in enumerate(outcomes):
-        group = _find(groups, outcome, footprints[i], point)
-        if group is None:
-            group = _Group(outcome, np.zeros_like(footprints[i]))
-            groups.append(group)
-        if outcome.kind == fate.CHAOTIC:
-            group.footprint |= footprints[i]
-        group.members.append(i)
-    return _join(groups)
-
-
-def _join(groups: list[_Group]) -> list[_Group]:
-    """Join chaotic groups whose footprints have grown together, until none are left to join."""
-    joined: list[_Group] = []
-    for group in groups:
-        for other in [each for each in joined if _overlap(each.footprint, group.footprint)]:
-            joined.remove(other)
-            other.members = sorted(other.members + group.members)
-            other.footprint |= group.footprint
-            group = other
-        joined.append(group)
-    return joined if len(joined) == len(groups) else _join(joined)
-
-
-def _attractor(group: _Group, sums: NDArray[np.float64], count: int) -> Attractor:
-    o = group.outcome
-    lyapunov, error = (np.nan, np.nan), np.nan
-    if o.kind == fate.PERIODIC:
-        lyapunov, error = (float(o.log_first), float(o.log_second)), 0.0
-    elif o.kind == fate.CHAOTIC:
-        first, second, error = pooled(sums[group.members])
-        lyapunov = (first, second)
-    low, high = wilson_interval(len(group.members), count)
-    return Attractor(
-        kind=KINDS[o.kind],
-        m=int(o.m),
-        n_plus=int(o.n_plus),
-        n_minus=int(o.n_minus),
-        fraction=len(group.members) / count,
-        fraction_interval=(float(low), float(high)),
-        lyapunov=lyapunov,
-        lyapunov_error=error,
-        tau=float(o.tau),
-        v=float(o.v),
-    )
-
-
-def _budget(delta: float) -> fate.Budget:
-    """The default, with a transient of fifty relaxation times 1/δ where that is longer, within reason."""
-    default = fate.Budget()
-    return default._replace(transient=min(max(default.transient, 50 / delta), 20 * default.transient))
-
-
-def _classify(
-    tau: NDArray[np.float64], v: NDArray[np.float64], point: fate.Point, budget: fate.Budget
-) -> tuple[list[fate.Outcome], NDArray[np.float64], NDArray[np.uint64]]:
-    """Outcomes, batch sums and footprints of a sample, where a chaotic set that leaks is watched for longer.
-
-    If some samples settled only after hundreds of impacts, the others may be on the same chaotic transient.
+    kind indexes KINDS; the other fields are those of `Attractor`, and impacts those on Σ⁺ that its samples made.
     """
-    outcomes, sums, footprints = fate.classify_many(tau, v, point, budget)
-    for _ in range(LONGER_WATCHES):
-        chaotic = [i for i, o in enumerate(outcomes) if o.kind == fate.CHAOTIC]
-        late = any(o.kind in (fate.QUIET, fate.PERIODIC) and o.impacts > LATE for o in outcomes)
-        if not (chaotic and late):
-            break
-        budget = budget._replace(transient=4 * budget.transient, impacts=4 * budget.impacts)
-        states = np.array([(outcomes[i].tau, outcomes[i].v) for i in chaotic])
-        again, sums[chaotic], footprints[chaotic] = fate.classify_many(
-            np.ascontiguousarray(states[:, 0]), np.ascontiguousarray(states[:, 1]), point, budget
-        )
-        for i, outcome in zip(chaotic, again, strict=True):
-            outcomes[i] = outcome._replace(impacts=outcomes[i].impacts + outcome.impacts)
-    return outcomes, sums, footprints
+
+    cell: NDArray[np.int64]
+    kind: NDArray[np.int64]
+    m: NDArray[np.int64]
+    n_plus: NDArray[np.int64]
+    n_minus: NDArray[np.int64]
+    samples: NDArray[np.int64]
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    first: NDArray[np.float64]
+    second: NDArray[np.float64]
+    error: NDArray[np.float64]
+    impacts: NDArray[np.int64]
 
 
-def attractors(
-    delta: float, epsilon: float, beta: float, count: int, v_max: float, seed: int, budget: fate.Budget | None = None
-) -> tuple[Attractor, ...]:
-    """See `rattle.Gear.attractors`."""
+def _kinds(survey: Survey) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Kind of every sample, and which orbit or chaotic attractor of its cell it goes to."""
+    status = survey.samples.status
+    kind = np.full(status.size, UNDECIDED)
+    kind[status == SETTLED_QUIET], kind[status == ORBIT] = QUIET, PERIODIC
+    which = np.where(status == ORBIT, survey.samples.orbit, 0)
+    for chaos in survey.chaos.values():
+        for i, each in enumerate(chaos):
+            on = each.samples[status[each.samples] == LEFT]
+            kind[on], which[on] = CHAOTIC, i
+    return kind, which
+
+
+def _tabulate(survey: Survey) -> Attractors:
+    """One row for every attractor of every cell."""
+    kind, which = _kinds(survey)
+    samples, orbits = survey.samples, survey.orbits
+    width = int(which.max(initial=0)) + 1
+    key = (samples.cell * len(KINDS) + kind) * width + which
+    _, one, row, number = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
+    cell, kind, which = samples.cell[one], kind[one], which[one]
+    impacts = np.bincount(row, weights=samples.impacts, minlength=one.size).astype(np.int64)
+    periodic = kind == PERIODIC
+
+    def of_orbit(values: NDArray[np.float64], otherwise: ArrayLike) -> NDArray[np.float64]:
+        column = np.minimum(which, values.shape[1] - 1)
+        return np.where(periodic, values[cell, column], otherwise)
+
+    first, second = of_orbit(orbits.first, np.nan), of_orbit(orbits.second, np.nan)
+    error = np.where(periodic, 0.0, np.nan)
+    for i in np.flatnonzero(kind == CHAOTIC):
+        first[i], second[i], error[i] = pooled(survey.chaos[int(cell[i])][which[i]].sums)
+    m, n_plus, n_minus = (of_orbit(x, 0).astype(np.int64) for x in (orbits.m, orbits.n_plus, orbits.n_minus))
+    tau, v = of_orbit(orbits.tau, samples.tau[one]), of_orbit(orbits.v, samples.v[one])
+    order = np.lexsort((tau, v, n_minus, n_plus, m, kind, -number, cell))
+    cell, kind, m, n_plus, n_minus, number, impacts = (
+        x[order] for x in (cell, kind, m, n_plus, n_minus, number, impacts)
+    )
+    tau, v, first, second, error = (x[order] for x in (tau, v, first, second, error))
+    return Attractors(cell, kind, m, n_plus, n_minus, number, tau, v, first, second, error, impacts)
+
+
+def attractors_of(
+    delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, count: int = 256, v_max: float = 7.0, seed: int = 0
+) -> Attractors:
+    """The attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
+
+    A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
+    """
     count = require_integer("count", count, 1, MOST_SAMPLES)
     seed = require_integer("seed", seed, 0, LARGEST_SEED)
     v_max = require_number("v_max", v_max, positive=True)
-    tau, v = initial_conditions(count, v_max, seed, (delta, epsilon, beta))
-    point = fate.Point(delta, epsilon, beta, capture_invariant(delta, epsilon, beta))
-    outcomes, sums, footprints = _classify(tau, v, point, budget or _budget(delta))
-    groups = _merge(outcomes, footprints, point)
-    found = (_attractor(group, sums, count) for group in groups)
-    return tuple(sorted(found, key=lambda a: (-a.fraction, KINDS.index(a.kind), a.m, a.n_plus, a.n_minus, a.v, a.tau)))
+    d, e, b = (np.ascontiguousarray(x).ravel() for x in parameters(delta, epsilon, beta))
+    require(d.size * count <= 64 * MOST_SAMPLES, f"{d.size} cells of {count} samples are too many at once: use tiles")
+    return _tabulate(followed(d, e, b, count, v_max, seed))
+
+
+def attractors(delta: float, epsilon: float, beta: float, count: int, v_max: float, seed: int) -> tuple[Attractor, ...]:
+    """See `rattle.Gear.attractors`."""
+    table = attractors_of(delta, epsilon, beta, count, v_max, seed)
+    low, high = wilson_interval(table.samples, count)
+    return tuple(
+        Attractor(
+            kind=KINDS[table.kind[i]],
+            m=int(table.m[i]),
+            n_plus=int(table.n_plus[i]),
+            n_minus=int(table.n_minus[i]),
+            fraction=int(table.samples[i]) / count,
+            fraction_interval=(float(low[i]), float(high[i])),
+            lyapunov=(float(table.first[i]), float(table.second[i])),
+            lyapunov_error=float(table.error[i]),
+            tau=float(table.tau[i]),
+            v=float(table.v[i]),
+        )
+        for i in range(table.cell.size)
+    )

@@ -27,7 +27,8 @@ def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
         array: NDArray[Any] = np.asarray(value)
     except (TypeError, ValueError) as error:
         raise ParameterError(f"{name} must be a number or an array of numbers: {error}") from None
-    require(array.dtype.kind in "iuf", f"{name} must be real numbers in double precision, got {_shortened(value)}")
+    if array.dtype.kind not in "iuf":  # printing a large array takes longer than using it
+        raise ParameterError(f"{name} must be real numbers in double precision, got {_shortened(value)}")
     return array.astype(np.float64)
 
 
@@ -42,8 +43,8 @@ def _shortened(value: object) -> str:
 def require_integer(name: str, value: int, low: int, high: int) -> int:
     """Return value as an int; raise ParameterError unless it is an integer (no bool) from low to high."""
     integral = isinstance(value, int | np.integer) and not isinstance(value, bool)
-    reason = f"{name} must be an integer from {low} to {high}, got {_shortened(value)}"
-    require(integral and low <= value <= high, reason)
+    if not (integral and low <= value <= high):
+        raise ParameterError(f"{name} must be an integer from {low} to {high}, got {_shortened(value)}")
     return int(value)
 
 

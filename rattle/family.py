@@ -174,9 +174,9 @@ def double_impact_orbit(s, delta, epsilon, beta):
     sin0, cos0 = y / epsilon, x / epsilon
     omc, siny, _defect = versines(s)
     sin1, cos1 = sin0 + cos0 * siny - sin0 * omc, cos0 - cos0 * omc - sin0 * siny
-    d1, d2 = math.exp(-delta * s), math.exp(-delta * (1.0 - s))
-    a00, a01, a10, a11 = flight_tangent(-v, s, -u, d1, sin0, cos0, sin1, cos1, delta, epsilon, DRIFT)
-    b00, b01, b10, b11 = flight_tangent(u, 1.0 - s, v, d2, sin1, cos1, sin0, cos0, delta, epsilon, DRIFT)
+    d1, d2 = -math.expm1(-delta * s), -math.expm1(-delta * (1.0 - s))
+    a00, a01, a10, a11 = flight_tangent(-v, -u, d1, sin0, cos0, sin1, cos1, delta, epsilon, DRIFT)
+    b00, b01, b10, b11 = flight_tangent(u, v, d2, sin1, cos1, sin0, cos0, delta, epsilon, DRIFT)
     return True, tau, v, b00 * a00 + b01 * a10 + b10 * a01 + b11 * a11
 
 

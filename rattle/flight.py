@@ -1,4 +1,4 @@
-"""Free flight between the walls in closed form (compiled).
+"""Free flight between the walls in closed form (compiled), in double and in single precision.
 
 A flight leaves a wall (+1: Φ = β, −1: Φ = −β) with phase τ and velocity w. With θ = 2πτ, A = q − 2πε sin θ − w and
 k(x) = e^(−x) − 1 + x, equation (3.1) of Mason and Piiroinen (2009) becomes, free of cancellation for short flights,
@@ -13,72 +13,109 @@ import math
 
 import numpy as np
 
-from rattle._compile import kernel
+from rattle import coefficients
+from rattle._compile import inline, kernel
+from rattle.polynomial import degree_4, degree_5, degree_6, degree_10, degree_12
 
 TWO_PI = 2.0 * math.pi
 DRIFT = 4.0 * math.pi
-
-# Taylor coefficients, highest power first. With z ∈ [−π, π] and |x| ≤ 1 the first term left out is below 1e-17 of the
-# sum.
-VERSINE = tuple((-1.0) ** k / math.factorial(2 * k + 2) for k in range(13, -1, -1))  # (1 − cos z)/z² in z²
-SINE_DEFECT = tuple((-1.0) ** k / math.factorial(2 * k + 3) for k in range(13, -1, -1))  # (z − sin z)/z³ in z²
-DECAY_DEFECT = tuple((-1.0) ** k / math.factorial(k + 2) for k in range(16, -1, -1))  # (e^(−x) − 1 + x)/x² in x
+LONGEST_DECAY = 2.0  # largest δs of the polynomials
 
 
-@kernel
+@inline
 def folded(tau):
     """The phase in [0, 1); a tiny negative one would round up to 1."""
     fraction = tau - math.floor(tau)
     return fraction if fraction < 1.0 else 0.0
 
 
-@kernel
-def polynomial(even, odd, x):
-    """even(x²) + x odd(x²): two independent Horner chains halve the wait of one."""
-    square = x * x
-    first, second = 0.0, 0.0
-    for c in even:
-        first = first * square + c
-    for c in odd:
-        second = second * square + c
-    return first + x * second
+@inline
+def decay64(x):
+    """(e^(−x) − 1 + x)/x², x in [−0.05, 2]."""
+    return degree_12(coefficients.DECAY, x)
 
 
-@kernel
-def versines(s):
-    """1 − cos 2πs, sin 2πs and 2πs − sin 2πs, none with cancellation."""
-    turns = np.rint(s)
-    z = TWO_PI * (s - turns)
-    q = z * z
-    defect = z * q * polynomial(SINE_DEFECT[1::2], SINE_DEFECT[::2], q)
-    return q * polynomial(VERSINE[1::2], VERSINE[::2], q), z - defect, TWO_PI * turns + defect
+@inline
+def versine64(q):
+    """(1 − cos z)/z² for q = z², |z| ≤ π."""
+    return degree_10(coefficients.VERSINE, q)
 
 
-@kernel
-def decay_defect(x):
-    """k(x) = e^(−x) − 1 + x without cancellation."""
-    if abs(x) > 1.0:
-        return math.expm1(-x) + x
-    return x * x * polynomial(DECAY_DEFECT[::2], DECAY_DEFECT[1::2], x)
+@inline
+def sine_defect64(q):
+    """(z − sin z)/z³ for q = z², |z| ≤ π."""
+    return degree_10(coefficients.SINE_DEFECT, q)
+
+
+@inline
+def decay32(x):
+    """As decay64, x in [0, 2]."""
+    return degree_6(coefficients.DECAY_32, x)
+
+
+@inline
+def versine32(q):
+    """As versine64."""
+    return degree_5(coefficients.VERSINE_32, q)
+
+
+@inline
+def sine_defect32(q):
+    """As sine_defect64."""
+    return degree_4(coefficients.SINE_DEFECT_32, q)
+
+
+def _law(real, decay, versine, sine_defect):
+    """The flight law in one precision: two inline kernels, straight-line code that a loop over flights vectorises."""
+    one, two_pi = real(1.0), real(TWO_PI)
+    rounder = real(1.5 * 2.0 ** (52 if real is np.float64 else 23))  # x + rounder − rounder is the nearest integer
+
+    @inline
+    def versines(s):
+        """1 − cos 2πs, sin 2πs and 2πs − sin 2πs, none with cancellation."""
+        turns = (s + rounder) - rounder
+        z = two_pi * (s - turns)
+        q = z * z
+        defect = z * q * sine_defect(q)
+        return q * versine(q), z - defect, two_pi * turns + defect
+
+    @inline
+    def evaluate(s, w, a, sin0, cos0, delta, epsilon):
+        """F, F' and F'' after s, with 1 − e^(−δs) and the forcing's sine and cosine there; δs in [−0.05, 2]."""
+        omc, siny, defect = versines(s)
+        x = delta * s
+        k = x * decay(x)  # k(δs)/(δs)
+        lost = x * (one - k)  # 1 − e^(−δs)
+        dsin = cos0 * siny - sin0 * omc
+        cos1 = cos0 - (cos0 * omc + sin0 * siny)
+        f0 = s * (w + a * k) - epsilon * (cos0 * omc - sin0 * defect)
+        f1 = w + a * lost - (two_pi * epsilon) * dsin
+        f2 = delta * a * (one - lost) - (two_pi * two_pi * epsilon) * cos1
+        return f0, f1, f2, lost, sin0 + dsin, cos1
+
+    return versines, evaluate
+
+
+versines, evaluate_short = _law(np.float64, decay64, versine64, sine_defect64)
+versines32, evaluate32 = _law(np.float32, decay32, versine32, sine_defect32)
 
 
 @kernel
 def evaluate(s, w, a, sin0, cos0, delta, epsilon):
-    """F, F' and F'' after s, with e^(−δs) and the forcing's sine and cosine there."""
-    omc, siny, defect = versines(s)
+    """As `evaluate_short`, for any δs."""
     x = delta * s
-    k = decay_defect(x)
-    lost = x - k
-    dsin = cos0 * siny - sin0 * omc
-    sin1 = sin0 + dsin
-    cos1 = cos0 - (cos0 * omc + sin0 * siny)
-    f0 = w * s + a * k / delta - epsilon * (cos0 * omc - sin0 * defect)
-    f1 = w + a * lost - TWO_PI * epsilon * dsin
+    f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, w, a, sin0, cos0, delta, epsilon)
+    if -0.05 <= x <= LONGEST_DECAY:
+        return f0, f1, f2, lost, sin1, cos1
+    omc, _siny, defect = versines(s)
+    lost = -math.expm1(-x)
+    f0 = w * s + a * ((x - lost) / delta) - epsilon * (cos0 * omc - sin0 * defect)
+    f1 = w + a * lost - TWO_PI * epsilon * (sin1 - sin0)
     f2 = delta * a * (1.0 - lost) - TWO_PI * TWO_PI * epsilon * cos1
-    return f0, f1, f2, 1.0 - lost, sin1, cos1
+    return f0, f1, f2, lost, sin1, cos1
 
 
-@kernel
-def third_derivative(a, decay, sin1, delta, epsilon):
+@inline
+def third_derivative(a, lost, sin1, delta, epsilon):
     """F''' from the same exponential and sine."""
-    return TWO_PI * TWO_PI * TWO_PI * epsilon * sin1 - delta * delta * a * decay
+    return TWO_PI * TWO_PI * TWO_PI * epsilon * sin1 - delta * delta * a * (1.0 - lost)

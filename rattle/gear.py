@@ -8,7 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle import first_impact, flight, impact_map, limits
 from rattle.attractors import Attractor, attractors
-from rattle.errors import ParameterError, RattleError, real_array, require, require_finite, require_number
+from rattle.errors import RattleError, require, require_finite, require_number
+from rattle.iterate import Iterates, iterate
 from rattle.orbits import Orbit, orbits_at
 from rattle.quiet import capture_speed
 from rattle.regions import regions
@@ -32,15 +33,6 @@ class Impact(NamedTuple):
     n_minus: int
     tangent: NDArray[np.float64]
     time: float
-
-
-class Iterates(NamedTuple):
-    """Final states of many trajectories with the impacts counted on each wall; all of the broadcast shape."""
-
-    tau: NDArray[np.float64]
-    v: NDArray[np.float64]
-    n_plus: NDArray[np.int64]
-    n_minus: NDArray[np.int64]
 
 
 def _raise_for(status: int) -> None:
@@ -135,24 +127,7 @@ class Gear:
 
         A trajectory that comes to rest keeps its last state and has n_plus < n. Raises ParameterError.
         """
-        try:
-            phases, speeds, steps = np.broadcast_arrays(real_array("tau", tau), real_array("v", v), np.asarray(n))
-        except ParameterError:
-            raise
-        except (TypeError, ValueError) as error:
-            raise ParameterError(f"tau, v and n must broadcast: {error}") from None
-        require(bool(np.isfinite(phases).all()), "tau must be finite")
-        require(bool((np.isfinite(speeds) & (speeds > 0)).all()), "v must be finite and greater than 0")
-        require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
-        require(bool((steps < 1 << 62).all()), "n must be below 2**62")
-        flat = [
-            np.ascontiguousarray(_fold(phases)).ravel(),
-            np.ascontiguousarray(speeds).ravel(),
-            np.ascontiguousarray(steps, np.int64).ravel(),
-        ]
-        point = [np.full(flat[0].size, x) for x in (self.delta, self.epsilon, self.beta)]
-        _status, *out = impact_map.iterate_many(*flat, *point)
-        return Iterates(*(x.reshape(phases.shape) for x in out))
+        return iterate(self.delta, self.epsilon, tau, v, n, self.beta)
 
     def orbits(self) -> tuple[Orbit, ...]:
         """The admissible period-one orbits among A, B, C, D, in that order, with multipliers and stability."""
@@ -172,12 +147,6 @@ class Gear:
         ParameterError.
         """
         return attractors(self.delta, self.epsilon, self.beta, count, v_max, seed)
-
-
-def _fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Phases folded into [0, 1); a tiny negative one would round up to 1."""
-    folded = phases % 1.0
-    return np.where(folded < 1.0, folded, 0.0)
 
 
 def _phase(phase: float) -> float:

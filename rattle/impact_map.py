@@ -6,9 +6,7 @@ arrives at Σ⁺. Run with (−δ, −q, −τ) the same kernel is the inverse m
 
 import math
 
-import numpy as np
-
-from rattle._compile import kernel
+from rattle._compile import inline, kernel
 from rattle.first_impact import OK, first_impact
 from rattle.flight import DRIFT, TWO_PI, folded
 
@@ -18,19 +16,54 @@ SLOWEST = 1e-150  # below, heights and speeds squared leave double precision
 
 
 @kernel
-def flight_tangent(w0, s, w1, decay, sin0, cos0, sin1, cos1, delta, epsilon, drift):
+def rests(wall, w, tau, delta, epsilon, drift):
+    """True if the motion does not leave the wall: no speed into the gap, and a contact force that presses on the wall.
+
+    A graze arrives with no speed and leaves at once, because the force points into the gap.
+    """
+    if wall * w < -SLOWEST:
+        return False
+    theta = TWO_PI * tau
+    force = delta * drift - TWO_PI * epsilon * (TWO_PI * math.cos(theta) + delta * math.sin(theta))
+    return not (w == 0.0 and wall * force < 0.0)
+
+
+@inline
+def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
+    """∂F/∂w₀, ∂F/∂t₀ and ∂F'/∂t₀ at fixed flight time; ∂F'/∂w₀ = e^(−δs)."""
+    force = TWO_PI * TWO_PI * epsilon
+    f_w = lost * inverse_delta
+    return f_w, f_w * force * cos0 - TWO_PI * epsilon * (sin1 - sin0), force * ((1.0 - lost) * cos0 - cos1)
+
+
+@inline
+def flight_tangent(w0, w1, lost, sin0, cos0, sin1, cos1, delta, epsilon, drift):
     """∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
 
     F at fixed wall fixes ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁; reflection turns w₁ into −w₁.
     """
     a = drift - TWO_PI * epsilon * sin0 - w0
-    lost = -math.expm1(-delta * s) / delta
-    force = TWO_PI * TWO_PI * epsilon
-    f_t = lost * force * cos0 - TWO_PI * epsilon * (sin1 - sin0)
-    v_t = force * (decay * cos0 - cos1)
-    bend = delta * a * decay - force * cos1
-    s_t, s_w = -f_t / w1, -lost / w1
+    decay = 1.0 - lost
+    f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, 1.0 / delta, epsilon)
+    bend = delta * a * decay - TWO_PI * TWO_PI * epsilon * cos1
+    s_t, s_w = -f_t / w1, -f_w / w1
     return 1.0 + s_t, s_w, -(bend * s_t + v_t), -(bend * s_w + decay)
+
+
+@inline
+def carried(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
+    """A tangent vector (dt, dw) carried over one flight and the reflection, and the flight's determinant, which is
+    e^(−δs) w₀/w₁ in absolute value.
+
+    det = (w₁ ∂F'/∂w₀ − F'' ∂F/∂w₀ − ∂F/∂t₀ ∂F'/∂w₀ + ∂F/∂w₀ ∂F'/∂t₀)/w₁: the products with 1/w₁², large near grazing,
+    cancel by algebra.
+    """
+    decay = 1.0 - lost
+    f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon)
+    inverse = 1.0 / w1
+    dt = -(f_t * t + f_w * w) * inverse
+    determinant = (w1 * decay - f_w * bend - f_t * decay + f_w * v_t) * inverse
+    return t + dt, -(bend * dt + v_t * t + decay * w), determinant
 
 
 @kernel
@@ -38,7 +71,7 @@ def impact(tau, v, delta, epsilon, beta, drift):
     """Π: (status, τ', v', elapsed time, Σ⁻ impacts on the way)."""
     status, wall, w, elapsed, n_minus = OK, 1, -v, 0.0, 0
     while True:
-        if not wall * w < -SLOWEST:
+        if rests(wall, w, tau, delta, epsilon, drift):
             return STUCK, tau, abs(w), elapsed, n_minus
         status, s, wall, w1, _d, _s0, _c0, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)
         if status != OK:
@@ -63,13 +96,13 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
     status, wall, w, elapsed, n_minus = OK, 1, -v, 0.0, 0
     j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0
     while True:
-        if not wall * w < -SLOWEST:
+        if rests(wall, w, tau, delta, epsilon, drift):
             return STUCK, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
         w0 = w
-        status, s, wall, w1, decay, s0, c0, s1, c1 = first_impact(wall, tau, w0, delta, epsilon, beta, drift)
+        status, s, wall, w1, lost, s0, c0, s1, c1 = first_impact(wall, tau, w0, delta, epsilon, beta, drift)
         if status != OK:
             return status, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
-        k00, k01, k10, k11 = flight_tangent(w0, s, w1, decay, s0, c0, s1, c1, delta, epsilon, drift)
+        k00, k01, k10, k11 = flight_tangent(w0, w1, lost, s0, c0, s1, c1, delta, epsilon, drift)
         w = -w1
         if energy:  # e = w²/2: de = w dw
             k01, k10, k11 = k01 / w0, k10 * w, k11 * w / w0
@@ -93,23 +126,3 @@ def inverse_impact(tau, v, delta, epsilon, beta):
     """Π⁻¹ by running time backwards: (status, τ, v, elapsed time, Σ⁻ impacts on the way)."""
     status, t, speed, elapsed, n_minus = impact(folded(-tau), v, -delta, epsilon, beta, -DRIFT)
     return status, folded(-t), speed, elapsed, n_minus
-
-
-@kernel
-def iterate_many(tau, v, n, delta, epsilon, beta):
-    """Π^n of each element of flat arrays: (status, τ, v, impacts on Σ⁺, impacts on Σ⁻)."""
-    size = tau.size
-    out_tau, out_v = np.empty(size), np.empty(size)
-    n_plus, n_minus = np.zeros(size, np.int64), np.zeros(size, np.int64)
-    status = np.zeros(size, np.int8)
-    for i in range(size):
-        t, speed = tau[i], v[i]
-        for _ in range(n[i]):
-            code, t, speed, _elapsed, below = impact(t, speed, delta[i], epsilon[i], beta[i], DRIFT)
-            n_minus[i] += below
-            if code != OK:
-                status[i] = code
-                break
-            n_plus[i] += 1
-        out_tau[i], out_v[i] = t, speed
-    return status, out_tau, out_v, n_plus, n_minus

@@ -19,7 +19,8 @@ from rattle._compile import kernel
 from rattle.flight import TWO_PI
 
 PHASES = 2048
-LARGEST_ETA = 0.3
+COSINES, SINES = np.cos(2 * np.pi * np.arange(PHASES) / PHASES), np.sin(2 * np.pi * np.arange(PHASES) / PHASES)
+LARGEST_ETA = 0.5
 KICK, DECAY_RATE = 10.0, 1.9
 
 
@@ -33,9 +34,9 @@ def contact_force(tau, delta, epsilon):
 @kernel
 def largest_eta(delta):
     """η below which the kick per period is under δ/4."""
-    if delta >= 4.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
+    if delta >= 2.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
         return LARGEST_ETA
-    return DECAY_RATE / math.log(4.0 * KICK / delta)
+    return DECAY_RATE / math.log(2.0 * KICK / delta)
 
 
 @kernel
@@ -44,15 +45,23 @@ def capture_invariant(delta, epsilon, beta):
     smallest = 2.0 * TWO_PI * delta - TWO_PI * epsilon * math.hypot(TWO_PI, delta)
     if smallest <= 0.0:
         return 0.0
-    fastest = 0.0
+    fastest, rate = 0.0, max(math.pi, delta)  # fastest is the largest (η/I^(1/3))³
     for i in range(PHASES):
-        theta = TWO_PI * i / PHASES
-        g = max(contact_force(i / PHASES, delta, epsilon), smallest)
-        slope = TWO_PI * TWO_PI * epsilon * (TWO_PI * math.sin(theta) - delta * math.cos(theta))
-        fastest = max(fastest, max(abs(slope) / g, max(math.pi, delta)) * g ** (-2.0 / 3.0))
-    adiabatic = (largest_eta(delta) / fastest) ** 3
+        cosine, sine = COSINES[i], SINES[i]
+        g = max(TWO_PI * (2.0 * delta - TWO_PI * epsilon * cosine - delta * epsilon * sine), smallest)
+        r = max(abs(TWO_PI * TWO_PI * epsilon * (TWO_PI * sine - delta * cosine)) / g, rate)
+        fastest = max(fastest, r * r * r / (g * g))
     low = (2.0 * beta) ** 1.5 * math.sqrt(smallest)  # bounce height v²/2g ≤ β
-    return min(adiabatic, low)
+    return min(largest_eta(delta) ** 3 / fastest, low)
+
+
+@kernel
+def capture_invariants(delta, epsilon, beta):
+    """The same for flat arrays."""
+    found = np.empty(delta.size)
+    for i in range(delta.size):
+        found[i] = capture_invariant(delta[i], epsilon[i], beta[i])
+    return found
 
 
 def capture_speed(delta: float, epsilon: float, beta: float) -> float:

@@ -9,6 +9,7 @@ from scipy.stats import qmc
 
 from rattle.errors import real_array, require
 
+GOLDEN = np.array([0x9E3779B97F4A7C15], np.uint64)
 Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 
@@ -20,18 +21,39 @@ def _sobol(count: int) -> NDArray[np.float64]:
     return points
 
 
-def initial_conditions(
-    count: int, v_max: float, seed: int, parameters: tuple[float, float, float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max): two arrays of shape (count,).
+def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The finaliser of SplitMix64: every output bit depends on all input bits (Steele, Lea and Flood 2014)."""
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))
 
-    Sobol points, shifted modulo 1 by an amount that depends on the seed and the parameter point alone. So a cell's
+
+def _shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Two numbers in [0, 1) for each element, (n, 2), from the seed (up to 128 bits) and the element's parameters."""
+    state = np.zeros(parameters[0].size, np.uint64)
+    halves = np.array([seed & (2**64 - 1), seed >> 64], np.uint64)
+    words: list[NDArray[np.uint64]] = [halves[:1], halves[1:], *(p.view(np.uint64) for p in parameters)]
+    for word in words:
+        state = _mixed((state ^ word) + GOLDEN)
+    drawn = np.stack([_mixed(state + GOLDEN), _mixed(state + GOLDEN + GOLDEN)], axis=1)
+    return (drawn >> np.uint64(11)) / 2.0**53
+
+
+def initial_conditions(
+    delta: NDArray[np.float64],
+    epsilon: NDArray[np.float64],
+    beta: NDArray[np.float64],
+    count: int,
+    v_max: float,
+    seed: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Uniform low-discrepancy samples of (τ, v) ∈ [0, 1) × (0, v_max) for cells (n,): two arrays of shape (n, count).
+
+    Sobol points, shifted modulo 1 by an amount that depends on the seed and the cell's parameters alone. So a cell's
     sample depends on nothing but the request and the cell, and cells have independent sampling errors.
     """
-    bits = np.asarray(parameters, np.float64).view(np.uint64)
-    shift = np.random.default_rng([seed, *(int(b) for b in bits)]).random(2)
-    points = (_sobol(count) + shift) % 1.0
-    return np.ascontiguousarray(points[:, 0]), np.maximum(v_max * points[:, 1], math.ulp(v_max))
+    points = (_sobol(count) + _shifts(seed, delta, epsilon, beta)[:, None, :]) % 1.0
+    return np.ascontiguousarray(points[..., 0]), np.maximum(v_max * points[..., 1], math.ulp(v_max))
 
 
 def wilson_interval(successes: ArrayLike, count: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

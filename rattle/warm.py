@@ -2,15 +2,17 @@
 
 from rattle.gear import Gear
 from rattle.grazing import grazing, robust_chaos_interval
+from rattle.iterate import iterate_tangent
 
 
 def warm_up() -> None:
     """Run every kernel once (seconds when they must be compiled, well under a second from the disk cache)."""
     gear = Gear(0.6, 0.1)
-    gear.attractors(count=2)
+    gear.attractors(count=16)
     step = gear.impact(0.3, 4.0)
     gear.inverse_impact(step.tau, step.v)
     gear.iterate(0.3, 4.0, 1)
+    iterate_tangent(0.6, 0.1, 0.3, 4.0, 1)
     gear.first_impact(1, 0.3, -4.0)
     gear.orbits()
     grazing("G1", 0.6)

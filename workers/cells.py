@@ -1,6 +1,5 @@
 """A block of cells of the (δ, ε) plane, and what the model says about it."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -46,18 +45,9 @@ class Cells:
         return rattle.period_one(self.delta, self.epsilon[:, None], self.beta)
 
     @cached_property
-    def attractors(self) -> list[tuple[rattle.Attractor, ...]]:
-        """The attractors of each cell, row by row; the calls that a reader makes to reproduce a cell."""
-        return [
-            rattle.Gear(float(delta), float(epsilon), self.beta).attractors(self.count, self.v_max, self.seed)
-            for epsilon in self.epsilon
-            for delta in self.delta
-        ]
-
-    def each(self) -> Iterator[tuple[int, int, tuple[rattle.Attractor, ...]]]:
-        """Yield (i_epsilon, i_delta, attractors) of every cell."""
-        for index, found in enumerate(self.attractors):
-            yield *divmod(index, len(self.delta)), found
+    def attractors(self) -> rattle.Attractors:
+        """The attractors of all cells, row by row: each cell's are those of `Gear.attractors`, to the bit."""
+        return rattle.attractors_of(self.delta, self.epsilon[:, None], self.beta, self.count, self.v_max, self.seed)
 
     @cached_property
     def grazing(self) -> tuple[rattle.Grazing, ...]:

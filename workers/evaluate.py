@@ -1,6 +1,6 @@
 """From a block of cells to the values of one variable."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
 
@@ -8,11 +8,10 @@ import rattle
 from workers.cells import Cells
 
 SLOTS = 8
-KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
+KINDS = rattle.KINDS
 STATUS = ("not_computed", "ok", "some_undecided", "failed")
 OK, SOME_UNDECIDED, FAILED = 1, 2, 3
 
-Found = tuple[rattle.Attractor, ...]
 Evaluate = Callable[[Cells], np.ndarray]
 
 
@@ -26,40 +25,48 @@ def grazing(field: str) -> Evaluate:
     return lambda cells: np.stack([getattr(curve, field) for curve in cells.grazing])
 
 
-def slots(value: Callable[[rattle.Attractor], float], dtype: str, fill: float = 0) -> Evaluate:
-    """Put `value` of the first attractors of each cell in its slots: shape (8, n_epsilon, n_delta)."""
+def slots(field: str, dtype: str, fill: float = 0) -> Evaluate:
+    """Put a field of the first attractors of each cell in its slots: shape (8, n_epsilon, n_delta)."""
 
     def evaluate(cells: Cells) -> np.ndarray:
-        filled = np.full((SLOTS, *cells.shape), fill, dtype)
-        for i, j, found in cells.each():
-            filled[: len(found), i, j] = [value(attractor) for attractor in found[:SLOTS]]
-        return filled
+        found = cells.attractors
+        filled = np.full((SLOTS, cells.delta.size * cells.epsilon.size), fill, dtype)
+        slot = np.arange(found.cell.size) - np.searchsorted(found.cell, found.cell)
+        shown = slot < SLOTS
+        filled[slot[shown], found.cell[shown]] = getattr(found, field)[shown]
+        return filled.reshape(SLOTS, *cells.shape)
 
     return evaluate
+
+
+def slot_fraction(cells: Cells) -> np.ndarray:
+    """Share of the sample that each slot wins: shape (8, n_epsilon, n_delta)."""
+    return slots("samples", "float64")(cells) / cells.count
 
 
 def lyapunov(cells: Cells) -> np.ndarray:
     """Take both exponents of each slot: shape (8, 2, n_epsilon, n_delta)."""
-    first = slots(lambda attractor: attractor.lyapunov[0], "float64", np.nan)
-    second = slots(lambda attractor: attractor.lyapunov[1], "float64", np.nan)
-    return np.stack([first(cells), second(cells)], axis=1)
+    return np.stack([slots(field, "float64", np.nan)(cells) for field in ("first", "second")], axis=1)
 
 
-def per_cell(value: Callable[[Found, float], float]) -> Evaluate:
-    """Reduce the attractors of each cell, and its δ, to one number: shape (n_epsilon, n_delta)."""
+def _sum(cells: Cells, weights: np.ndarray) -> np.ndarray:
+    """Add a number of every attractor to its cell: shape (n_epsilon, n_delta)."""
+    return np.bincount(cells.attractors.cell, weights, cells.delta.size * cells.epsilon.size).reshape(cells.shape)
 
-    def evaluate(cells: Cells) -> np.ndarray:
-        values = np.empty(cells.shape)
-        for i, j, found in cells.each():
-            values[i, j] = value(found, cells.delta[j])
-        return values
 
-    return evaluate
+def number(cells: Cells) -> np.ndarray:
+    """Count the attractors of each cell, beyond the slots too."""
+    return _sum(cells, np.ones(cells.attractors.cell.size))
 
 
 def fraction(kind: str) -> Evaluate:
     """Add the basin fractions of all attractors of a kind, those beyond the slots too."""
-    return per_cell(lambda found, _: sum(attractor.fraction for attractor in found if attractor.kind == kind))
+
+    def evaluate(cells: Cells) -> np.ndarray:
+        found = cells.attractors
+        return _sum(cells, found.samples * (found.kind == KINDS.index(kind))) / cells.count
+
+    return evaluate
 
 
 def fraction_error(cells: Cells) -> np.ndarray:
@@ -68,19 +75,23 @@ def fraction_error(cells: Cells) -> np.ndarray:
     return (high - low) / 2
 
 
-def lyapunov_max(found: Found, _: float) -> float:
-    """Return the largest first exponent."""
-    return _largest(attractor.lyapunov[0] for attractor in found)
+def lyapunov_max(cells: Cells) -> np.ndarray:
+    """Return the largest first exponent of each cell."""
+    return _largest(cells, cells.attractors.first)
 
 
-def sum_rule_error(found: Found, delta: float) -> float:
-    """Return the largest |λ₁ + λ₂ + δ|."""
-    return _largest(abs(sum(attractor.lyapunov) + delta) for attractor in found)
+def sum_rule_error(cells: Cells) -> np.ndarray:
+    """Return the largest |λ₁ + λ₂ + δ| of each cell."""
+    found = cells.attractors
+    delta = cells.delta[found.cell % cells.delta.size]
+    return _largest(cells, np.abs(found.first + found.second + delta))
 
 
-def _largest(values: Iterable[float]) -> float:
-    """Return the largest value; quiet and undecided attractors have no exponents, NaN, which do not count."""
-    return max((value for value in values if not np.isnan(value)), default=np.nan)
+def _largest(cells: Cells, values: np.ndarray) -> np.ndarray:
+    """Return the largest value of each cell; NaN, of attractors without exponents, does not count."""
+    largest = np.full(cells.delta.size * cells.epsilon.size, np.nan)
+    np.fmax.at(largest, cells.attractors.cell, values)
+    return largest.reshape(cells.shape)
 
 
 def status(cells: Cells) -> np.ndarray:

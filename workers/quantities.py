@@ -94,7 +94,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int8",
         "kind of attractor",
         _BASINS,
-        evaluate.slots(lambda attractor: evaluate.KINDS.index(attractor.kind), "int8"),
+        evaluate.slots("kind", "int8"),
         evaluate.KINDS,
     ),
     Quantity(
@@ -104,7 +104,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int16",
         "m of P(m, n+, n-), forcing periods; 0 unless periodic",
         _ORBITS,
-        evaluate.slots(lambda attractor: attractor.m, "int16"),
+        evaluate.slots("m", "int16"),
     ),
     Quantity(
         "attractor_n_plus",
@@ -113,7 +113,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int16",
         "n+ of P(m, n+, n-), impacts on Σ+; 0 unless periodic",
         _ORBITS,
-        evaluate.slots(lambda attractor: attractor.n_plus, "int16"),
+        evaluate.slots("n_plus", "int16"),
     ),
     Quantity(
         "attractor_n_minus",
@@ -122,7 +122,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int16",
         "n- of P(m, n+, n-), impacts on Σ-; 0 unless periodic",
         _ORBITS,
-        evaluate.slots(lambda attractor: attractor.n_minus, "int16"),
+        evaluate.slots("n_minus", "int16"),
     ),
     Quantity(
         "attractor_fraction",
@@ -131,7 +131,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float32",
         "share of the sampled initial conditions",
         _BASINS,
-        evaluate.slots(lambda attractor: attractor.fraction, "float32"),
+        evaluate.slot_fraction,
     ),
     Quantity(
         "attractor_phase",
@@ -140,7 +140,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "phase τ of a representative point, in forcing periods",
         _MAP,
-        evaluate.slots(lambda attractor: attractor.tau, "float64", _nan),
+        evaluate.slots("tau", "float64", _nan),
     ),
     Quantity(
         "attractor_velocity",
@@ -149,7 +149,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "speed v of a representative point",
         _MAP,
-        evaluate.slots(lambda attractor: attractor.v, "float64", _nan),
+        evaluate.slots("v", "float64", _nan),
     ),
     Quantity(
         "n_attractors",
@@ -158,7 +158,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "int16",
         "number of attractors found, beyond the slots too",
         _BASINS,
-        evaluate.per_cell(lambda found, _: len(found)),
+        evaluate.number,
     ),
     Quantity(
         "quiet_fraction",
@@ -221,7 +221,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "largest Lyapunov exponent of the attractors that are not quiet",
         _SUM_RULE,
-        evaluate.per_cell(evaluate.lyapunov_max),
+        evaluate.lyapunov_max,
     ),
     Quantity(
         "sum_rule_error",
@@ -230,7 +230,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "float64",
         "largest |λ1 + λ2 + δ| of the attractors that are not quiet",
         _SUM_RULE,
-        evaluate.per_cell(evaluate.sum_rule_error),
+        evaluate.sum_rule_error,
     ),
     Quantity(
         "grazing_epsilon",

@@ -16,8 +16,9 @@ from workers.version import code_version
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
 
-DEFAULT_TILE, SMALLEST_DEFAULT = 16, 4
-DEFAULT_SAMPLES = 4096  # of a default tile: a few seconds where all is chaotic, so that a stop is soon obeyed
+DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
+LEAST_TILES = 64  # by default, so that the workers end together and progress is seen
+DEFAULT_SAMPLES = 65_536  # of a default tile: some seconds where all is chaotic, so that a stop is soon obeyed
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
 
@@ -65,7 +66,7 @@ class InitialConditions(_Strict):
 
 
 class TileShape(_Strict):
-    """Cells along each axis of a tile; not given means at most 16, fewer the larger the sample of a cell."""
+    """Cells along each axis of a tile; not given means at most 32, fewer in a small survey or with large samples."""
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
     epsilon: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -138,10 +139,10 @@ class SurveyRequest(_Strict):
 
     @property
     def _default_side(self) -> int:
-        if not SAMPLED.intersection(self.quantities):
-            return DEFAULT_TILE
-        side = math.isqrt(DEFAULT_SAMPLES // self.initial_conditions.count)
-        return min(max(side, SMALLEST_DEFAULT), DEFAULT_TILE)
+        side = min(DEFAULT_TILE, math.isqrt(self.n_cells // LEAST_TILES))
+        if SAMPLED.intersection(self.quantities):
+            side = min(side, math.isqrt(DEFAULT_SAMPLES // self.initial_conditions.count))
+        return max(side, SMALLEST_DEFAULT)
 
     @property
     def n_cells(self) -> int:

@@ -23,21 +23,22 @@ def test_defaults() -> None:
     assert (request.beta, request.seed, request.name) == (0.6, 0, "")
     assert (request.initial_conditions.count, request.initial_conditions.v_max) == (64, 7.0)
     assert request.quantities == tuple(Group)
-    assert (request.n_cells, request.tile_shape, request.n_tiles) == (3660, (8, 8), 64)
+    assert (request.n_cells, request.tile_shape, request.n_tiles) == (3660, (7, 7), 81)
 
 
 def test_a_default_tile_shrinks_to_the_grid_and_a_given_one_does_not() -> None:
     small = {"start": 0.4, "stop": 1.0, "num": 5}
-    assert survey(delta=small).tile_shape == (8, 5)
-    assert survey(delta=small, tile={"delta": 5}).tile_shape == (8, 5)
+    assert survey(delta=small).tile_shape == (4, 4)
+    assert survey(delta=small, tile={"delta": 5}).tile_shape == (4, 5)
     with pytest.raises(ValidationError, match=r"tile\.delta \(6\) exceeds the axis \(5 values\): use 5 or less"):
         survey(delta=small, tile={"delta": 6})
 
 
-@pytest.mark.parametrize(("count", "side"), [(1, 16), (16, 16), (64, 8), (256, 4), (65_536, 4)])
+@pytest.mark.parametrize(("count", "side"), [(1, 32), (64, 32), (256, 16), (4096, 4), (65_536, 4)])
 def test_a_default_tile_holds_fewer_cells_the_more_samples_each_has(count: int, side: int) -> None:
-    assert survey(initial_conditions={"count": count}).tile_shape == (side, side)
-    assert survey(initial_conditions={"count": count}, quantities=["region"]).tile_shape == (16, 16)
+    large = {"delta": AXIS | {"num": 1000}, "epsilon": AXIS | {"num": 1000}}
+    assert survey(**large, initial_conditions={"count": count}).tile_shape == (side, side)
+    assert survey(**large, initial_conditions={"count": count}, quantities=["region"]).tile_shape == (32, 32)
 
 
 AXIS = AXES["delta"]
@@ -132,7 +133,7 @@ def test_hash_is_of_the_content() -> None:
     same = [
         survey(name="another name"),
         survey(quantities=list(reversed(Group))),
-        survey(tile={"delta": 8, "epsilon": 8}),
+        survey(tile={"delta": 7, "epsilon": 7}),
         SurveyRequest.model_validate_json(request.model_dump_json()),
     ]
     assert {other.content_hash() for other in same} == {request.content_hash()}

@@ -106,14 +106,17 @@ def test_equal_labels_at_different_places_stay_apart():
 
 @pytest.mark.parametrize("count", [1, 2, 3, 100, 256])
 def test_sample_is_uniform_and_depends_on_seed_and_cell(count):
-    tau, v = initial_conditions(count, 7.0, 0, (0.6, 0.1, 0.6))
+    cells = [np.array([x, x]) for x in (0.6, 0.1, 0.6)]
+    tau, v = (x[0] for x in initial_conditions(*cells, count, 7.0, 0))
     assert tau.shape == v.shape == (count,)
+    np.testing.assert_array_equal(tau, initial_conditions(*cells, count, 7.0, 0)[0][1])
     assert ((tau >= 0) & (tau < 1) & (v > 0) & (v < 7)).all()
     if count >= 100:
         counts, _, _ = np.histogram2d(tau, v, bins=5, range=[[0, 1], [0, 7]])
         assert abs(counts - count / 25).max() < 0.5 * count / 25 + 2
-    for other in [(1, (0.6, 0.1, 0.6)), (0, (0.6, np.nextafter(0.1, 1), 0.6))]:
-        assert not np.allclose(tau, initial_conditions(count, 7.0, *other)[0])
+    for seed, epsilon in [(1, 0.1), (1 << 64, 0.1), (0, np.nextafter(0.1, 1))]:
+        other = [np.array([x]) for x in (0.6, epsilon, 0.6)]
+        assert not np.allclose(tau, initial_conditions(*other, count, 7.0, seed)[0][0])
 
 
 @pytest.mark.parametrize(

@@ -112,14 +112,14 @@ def test_a_cell_is_one_call_of_the_library(whole: xr.Dataset, i: int, j: int) ->
 def test_a_failing_cell_loses_only_itself(monkeypatch: pytest.MonkeyPatch, whole: xr.Dataset) -> None:
     bad = (2, 3)
     delta, epsilon = WHOLE.delta.values()[bad[1]], WHOLE.epsilon.values()[bad[0]]
-    attractors = rattle.Gear.attractors
+    attractors_of = rattle.attractors_of
 
-    def failing(gear: rattle.Gear, *args: object) -> tuple[rattle.Attractor, ...]:
-        if (gear.delta, gear.epsilon) == (delta, epsilon):
+    def failing(deltas: np.ndarray, epsilons: np.ndarray, *args: float) -> rattle.Attractors:
+        if delta in deltas and epsilon in epsilons:
             raise rattle.RattleError("no luck here")
-        return attractors(gear, *args)
+        return attractors_of(deltas, epsilons, *args)
 
-    monkeypatch.setattr(rattle.Gear, "attractors", failing)
+    monkeypatch.setattr(rattle, "attractors_of", failing)
     tile = tiles_of(survey(4, 3))[0]
     values, record = compute_tile(survey(4, 3), tile)
     assert record.failed_cells == ((*bad, "RattleError: no luck here"),)
@@ -137,15 +137,17 @@ def test_a_failure_of_the_machine_is_not_stored_as_a_cell(monkeypatch: pytest.Mo
     def exhausted(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(rattle.Gear, "attractors", exhausted)
+    monkeypatch.setattr(rattle, "attractors_of", exhausted)
     with pytest.raises(MemoryError):
         compute_tile(WHOLE, tiles_of(WHOLE)[0])
 
 
 def test_undecided_samples_are_counted_openly(monkeypatch: pytest.MonkeyPatch) -> None:
-    nan = (float("nan"), float("nan"))
-    undecided = rattle.Attractor("undecided", 0, 0, 0, 1.0, (0.5, 1.0), nan, nan[0], 0.1, 2.0)
-    monkeypatch.setattr(rattle.Gear, "attractors", lambda *_: (undecided,))
+    none, nan, some = np.zeros(30, int), np.full(30, np.nan), np.full(30, 0.1)
+    undecided = rattle.Attractors(
+        np.arange(30), none + 4, none, none, none, none + 5, some, some, nan, nan, nan, none + 100
+    )
+    monkeypatch.setattr(rattle, "attractors_of", lambda *_: undecided)
     values, record = compute_tile(WHOLE, tiles_of(WHOLE)[0])
     assert record.undecided_cells == record.cells == 30
     assert np.all(values["status"] == 2)

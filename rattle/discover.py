@@ -1,0 +1,163 @@
+"""From a trajectory that came back to where it was, to a stable orbit that its cell knows (compiled)."""
+
+import math
+
+import numpy as np
+
+from rattle._compile import kernel
+from rattle.basin_ball import ball
+from rattle.first_impact import OK
+from rattle.flight import DRIFT
+from rattle.impact_map import impact
+from rattle.settle import LEFT, ORBIT, captor
+from rattle.tangent_map import Point, fastest_point, log_multipliers, newton, power_map, shortest_return, wrapped
+
+APPROACH = 0.5  # a trajectory must come this much closer to the orbit that Newton's method found ...
+ARRIVED = 1e-9  # ... or be here already
+CANDIDATE = 1e-5  # the first return this close gives the period to try
+LONGEST_PERIOD = 4096  # impacts; longer recurrences are left to go on
+SAME_POINT = 1e-6  # two orbits of one label closer than this are one
+BALLS_PER_ORBIT = 4
+
+
+@kernel
+def approaches(tau, v, star_tau, star_v, k, most, point):
+    """True if the trajectory is seen to approach the orbit."""
+    start = math.hypot(wrapped(tau - star_tau), v - star_v)
+    if start < ARRIVED:
+        return True
+    for _ in range(k, most + 1, k):
+        for _ in range(k):
+            status, tau, v, _time, _below = impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+            if status != OK:
+                return False
+        distance = math.hypot(wrapped(tau - star_tau), v - star_v)
+        if distance < max(APPROACH * start, ARRIVED):
+            return True
+        if distance > 4.0 * start:
+            return False
+    return False
+
+
+@kernel
+def first_return(tau, v, gap, point):
+    """Impacts to the first return to (τ, v), at most the gap that is known to lead back."""
+    t, speed = tau, v
+    for j in range(1, gap):
+        status, t, speed, _time, _below = impact(t, speed, point.delta, point.epsilon, point.beta, DRIFT)
+        if status != OK:
+            return gap
+        if abs(speed - v) < CANDIDATE and abs(wrapped(t - tau)) < CANDIDATE:
+            return j
+    return gap
+
+
+@kernel
+def stable_orbit(tau, v, gap, most, point):
+    """The stable orbit that attracts a trajectory which is at (τ, v) and again after `gap` impacts.
+
+    (found, m, n₊, n₋, τ, v of its fastest point, both ln|multiplier|/m).
+    """
+    nothing = (False, 0, 0, 0, tau, v, math.nan, math.nan)
+    if gap > LONGEST_PERIOD:
+        return nothing
+    k = first_return(tau, v, gap, point)
+    found, star_tau, star_v = newton(tau, v, k, point)
+    if not found or math.hypot(wrapped(tau - star_tau), v - star_v) > 0.05:
+        return nothing
+    k = shortest_return(star_tau, star_v, k, point)
+    _status, _t, _v, time, n_minus, a00, _b, _c, a11, log_det = power_map(star_tau, star_v, k, point)
+    first, second = log_multipliers(a00 + a11, log_det)
+    if not first < 0.0 or not approaches(tau, v, star_tau, star_v, k, most, point):
+        return nothing
+    star_tau, star_v = fastest_point(star_tau, star_v, k, point)
+    m = int(np.rint(time))
+    return True, m, k, n_minus, star_tau, star_v, first / m, second / m
+
+
+@kernel
+def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
+    """The index of this orbit among those of the cell, −1 if it is new. A near tie for the fastest point may be broken
+    either way, so all points are compared.
+    """
+    for j in range(orbits.n[cell]):
+        if orbits.m[cell, j] != m or orbits.n_plus[cell, j] != n_plus or orbits.n_minus[cell, j] != n_minus:
+            continue
+        t, speed = tau, v
+        for _ in range(n_plus):
+            if abs(wrapped(t - orbits.tau[cell, j])) < SAME_POINT and abs(speed - orbits.v[cell, j]) < SAME_POINT:
+                return j
+            _status, t, speed, _time, _below = impact(t, speed, point.delta, point.epsilon, point.beta, DRIFT)
+    return -1
+
+
+@kernel
+def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits, balls, point):
+    """Add an orbit to those that the cell knows, with balls around some of its points; its index, or −1 if there is no
+    room.
+    """
+    j = orbits.n[cell]
+    if j == orbits.m.shape[1] or balls.n[cell] + BALLS_PER_ORBIT > balls.tau.shape[1]:
+        return -1
+    orbits.m[cell, j], orbits.n_plus[cell, j], orbits.n_minus[cell, j] = m, n_plus, n_minus
+    orbits.tau[cell, j], orbits.v[cell, j] = tau, v
+    orbits.first[cell, j], orbits.second[cell, j] = first, second
+    orbits.n[cell] = j + 1
+    every = (n_plus + BALLS_PER_ORBIT - 1) // BALLS_PER_ORBIT
+    for i in range(n_plus):
+        if i % every == 0:
+            found, c00, c01, c11 = ball(tau, v, n_plus, n_minus, point)
+            if found:
+                p = balls.n[cell]
+                balls.orbit[cell, p], balls.tau[cell, p], balls.v[cell, p] = j, tau, v
+                balls.c00[cell, p], balls.c01[cell, p], balls.c11[cell, p] = c00, c01, c11
+                balls.n[cell] = p + 1
+        _status, tau, v, _time, _below = impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+    return j
+
+
+@kernel
+def point_of(cell, cells):
+    """The parameter point of a cell."""
+    return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.capture[cell])
+
+
+@kernel
+def remember_period_one(exists, tau, v, trace, cells, orbits, balls):
+    """Enter the stable ones of A–D, arrays (4, n_cells), into the orbits that the cells know."""
+    for cell in range(cells.delta.size):
+        delta = cells.delta[cell]
+        for i in range(4):
+            if exists[i, cell] and abs(trace[i, cell]) < 1.0 + math.exp(-delta):
+                first, second = log_multipliers(trace[i, cell], -delta)
+                point = point_of(cell, cells)
+                remember(1, 1, i % 2, tau[i, cell], v[i, cell], first, second, cell, orbits, balls, point)
+
+
+@kernel
+def resolve(which, cells, samples, orbits, balls):
+    """Find the orbits that recurrent samples go to: ORBIT, or LEFT if there is none, to go on with a pause.
+
+    Returns how many were resolved before a cell had no more room for orbits; all, if there always was.
+    """
+    for j in range(which.size):
+        k = which[j]
+        cell = samples.cell[k]
+        orbit = captor(samples.tau[k], samples.v[k], cell, balls)
+        if orbit < 0:
+            gap = samples.gap[k]
+            point = point_of(cell, cells)
+            most = max(samples.limit[k], 64 * gap)
+            found, m, n_plus, n_minus, tau, v, first, second = stable_orbit(
+                samples.tau[k], samples.v[k], gap, most, point
+            )
+            if found:
+                orbit = known(m, n_plus, n_minus, tau, v, cell, orbits, point)
+                if orbit < 0:
+                    orbit = remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits, balls, point)
+                    if orbit < 0:
+                        return j
+            samples.pause[k] = 2 * samples.impacts[k] + 2 * gap  # what only seems to recur is tried a few times
+        samples.status[k] = ORBIT if orbit >= 0 else LEFT
+        samples.orbit[k] = orbit
+    return which.size

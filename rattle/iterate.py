@@ -1,0 +1,180 @@
+"""The impact map on whole arrays: every element its own trajectory and its own parameters, all flown in lanes."""
+
+import threading
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle import lanes
+from rattle._compile import kernel
+from rattle.errors import ParameterError, real_array, require
+from rattle.lanes import (
+    GROUP,
+    GROUPS,
+    LANES,
+    advance_plain,
+    advance_tangent,
+    close_ranks,
+    empty,
+    ended,
+    load,
+    roughest,
+    stretched,
+    synchronise,
+)
+
+FLIGHTS = 32  # between two looks at the lanes; sine and cosine, carried meanwhile, drift by some units of rounding
+
+
+class Iterates(NamedTuple):
+    """Final states of many trajectories with the impacts counted on each wall; all of the broadcast shape."""
+
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    n_plus: NDArray[np.int64]
+    n_minus: NDArray[np.int64]
+
+
+class Stretched(NamedTuple):
+    """As `Iterates`, with the time taken and both Lyapunov exponents, (2, *shape), per forcing period."""
+
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    n_plus: NDArray[np.int64]
+    n_minus: NDArray[np.int64]
+    time: NDArray[np.float64]
+    lyapunov: NDArray[np.float64]
+
+
+class _Memory(threading.local):
+    """One block to work in for every thread."""
+
+    def __init__(self) -> None:
+        self.block = lanes.block()
+
+
+_memory = _Memory()
+
+
+def working_block() -> Any:
+    """The block of lanes of this thread."""
+    return _memory.block[0]
+
+
+def _driver(tangent: bool) -> Any:
+    advance = advance_tangent if tangent else advance_plain
+
+    @kernel
+    def drive(b, tau, v, n, delta, epsilon, beta, paths):
+        """Π^n of each element of flat arrays, lanes refilled as they finish.
+
+        Returns (status, τ, v, impacts on Σ⁺, on Σ⁻, time, ln stretch, ln|det|), the last three 0 without tangent.
+        """
+        size = tau.size
+        out_tau, out_v = tau.copy(), v.copy()
+        n_plus, n_minus = np.zeros(size, np.int64), np.zeros(size, np.int64)
+        status = np.zeros(size, np.int8)
+        growth = np.zeros((3, size))
+        who = np.full(LANES, -1)
+        notes = np.zeros((LANES, 0))
+        fresh, groups = 0, GROUPS
+        empty(b)
+        while groups > 0:
+            for i in range(GROUP * groups):
+                k = who[i]
+                if tangent and k >= 0:
+                    stretch, contraction = stretched(b, i)
+                    growth[1, k] += stretch
+                    growth[2, k] += contraction
+                if not ended(b, i):
+                    continue
+                if k >= 0:
+                    out_tau[k], out_v[k], growth[0, k] = b.tau[i], abs(b.w[i]), b.time[i]
+                    n_plus[k], n_minus[k], status[k] = b.n_plus[i], b.n_minus[i], b.stuck[i]
+                    who[i] = -1
+                if fresh < size:
+                    load(b, i, tau[fresh], v[fresh], delta[fresh], epsilon[fresh], beta[fresh], n[fresh])
+                    who[i] = fresh
+                    fresh += 1
+            if fresh == size:
+                groups = close_ranks(b, who, notes)
+            synchronise(b, groups)
+            advance(b, groups, FLIGHTS, roughest(b, groups), paths)
+        return status, out_tau, out_v, n_plus, n_minus, growth
+
+    return drive
+
+
+_drive_plain, _drive_tangent = _driver(False), _driver(True)
+
+
+def fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Phases folded into [0, 1); a tiny negative one would round up to 1."""
+    folded = phases % 1.0
+    return np.where(folded < 1.0, folded, 0.0)
+
+
+def _checked(
+    delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike
+) -> tuple[list[NDArray[Any]], tuple[int, ...]]:
+    """Flat contiguous (τ, v, n, δ, ε, β) and the broadcast shape."""
+    named = {"tau": tau, "v": v, "delta": delta, "epsilon": epsilon, "beta": beta}
+    steps = np.asarray(n)
+    try:
+        arrays = [real_array(name, value) for name, value in named.items()]
+        phases, speeds, d, e, b, steps = np.broadcast_arrays(*arrays, steps)
+    except ParameterError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"delta, epsilon, tau, v, n and beta must broadcast: {error}") from None
+    require(bool(np.isfinite(phases).all()), "tau must be finite")
+    for name, array in (("v", speeds), ("delta", d), ("beta", b)):
+        require(bool((np.isfinite(array) & (array > 0)).all()), f"{name} must be finite and greater than 0")
+    require(bool((np.isfinite(e) & (e >= 0)).all()), "epsilon must be finite and at least 0")
+    require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
+    require(bool((steps < 1 << 53).all()), "n must be below 2**53")
+    flat = [np.ascontiguousarray(x, np.float64).ravel() for x in (fold(phases), speeds, steps, d, e, b)]
+    return flat, phases.shape
+
+
+def iterate(
+    delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
+) -> Iterates:
+    """Π^n of states (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0; all six broadcast (dimensionless).
+
+    A trajectory that comes to rest keeps its last state and has n_plus < n. An element's result does not depend on the
+    others. Raises ParameterError. Source: Mason and Piiroinen (2009), equation 3.16; docs/kernel.md.
+    """
+    flat, shape = _checked(delta, epsilon, tau, v, n, beta)
+    _status, *out, _growth = _drive_plain(working_block(), *flat, np.zeros(2, np.int64))
+    return Iterates(*(x.reshape(shape) for x in out))
+
+
+def iterate_tangent(
+    delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
+) -> Stretched:
+    """As `iterate`, with a tangent vector re-normalised on the way: both Lyapunov exponents over the n impacts.
+
+    The vector starts along phase, in (t, v²/2), where a flight's determinant is e^(−δs); the second exponent is the
+    mean ln|determinant|, from the tangent matrices, less the first. NaN where n is 0. Raises ParameterError.
+    """
+    flat, shape = _checked(delta, epsilon, tau, v, n, beta)
+    _status, *out, growth = _drive_tangent(working_block(), *flat, np.zeros(2, np.int64))
+    time = growth[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first = growth[1] / time
+        second = growth[2] / time - first
+    tau_, v_, n_plus, n_minus = (x.reshape(shape) for x in out)
+    exponents = np.stack([first, second]).reshape(2, *shape)
+    return Stretched(tau_, v_, n_plus, n_minus, time.reshape(shape), exponents)
+
+
+def paths(
+    delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
+) -> tuple[int, int, int]:
+    """How many flights of `iterate` there are in all, took the scan, and took the search: what proof costs."""
+    flat, _shape = _checked(delta, epsilon, tau, v, n, beta)
+    counted = np.zeros(2, np.int64)
+    _status, _tau, _v, n_plus, n_minus, _growth = _drive_plain(working_block(), *flat, counted)
+    return int(n_plus.sum() + n_minus.sum()), int(counted[lanes.SCANNED]), int(counted[lanes.SAFE])

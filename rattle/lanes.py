@@ -1,0 +1,532 @@
+"""Many flights at once (compiled): a block of lanes, each one trajectory with its own parameters, flown in step.
+
+Every stage is a short loop over the lanes of a block whose state stays in the first-level cache, and whose body is
+straight-line code: LLVM turns it into vector instructions, and short stages overlap in the processor. A lane without
+proof of its first impact goes to a second attempt from a scan, together with the others like it, and after that
+alone to `first_impact.safe_impact`. docs/kernel.md explains.
+"""
+
+import math
+
+import numpy as np
+from numpy import float32 as f32
+from numpy import floor
+
+from rattle._compile import inline, kernel
+from rattle.first_impact import OK, STEEPEST, last_step, safe_impact, stepped
+from rattle.flight import DRIFT, LONGEST_DECAY, TWO_PI, evaluate_short, versines
+from rattle.impact_map import MOST_BOUNCES, STUCK, carried, rests
+from rattle.locate import (
+    SCAN_STEP,
+    SCAN_STEPS,
+    better_guess,
+    clears_the_gap,
+    depth,
+    first_guess,
+    height_scale,
+    local_root,
+    negative_arc,
+    refined,
+    scanned,
+    single_turn,
+    taylor,
+)
+
+LANES, GROUP = 96, 16  # lanes are flown in groups, as many as are in use
+GROUPS = LANES // GROUP
+CHUNK = 11  # flights between two looks at the lanes; prime, so that a periodic motion is seen at all its impacts
+SMOOTH, ROUGH, ARCS = range(3)
+ROUGHNESS = 0.75  # of the amplitude at which the contact force changes sign: from there a better guess pays
+SCANNED, SAFE = range(2)  # flights that took a second attempt, and the search
+Q_32, TWO_PI_32, ZERO, ONE = f32(DRIFT), f32(TWO_PI), f32(0.0), f32(1.0)
+LARGEST_STEP = f32(
+    0.05
+)  # a longer step of fourth order leaves an error too large for `landed`: a second attempt is cheaper
+TOO_FAR = f32(LONGEST_DECAY)
+
+#: Double precision: the state; the parameters; the impacts counted, at most `limit` on Σ⁺, and why a lane stopped
+#: early; a tangent vector (dt, dw) with the product of determinants and the time; the next impact.
+_DOUBLE = (
+    *("tau", "w", "wall", "sin0", "cos0"),
+    *("delta", "epsilon", "gap", "inverse_delta"),
+    *("n_plus", "n_minus", "limit", "stuck"),
+    *("t_tangent", "w_tangent", "determinant", "time"),
+    *("f0", "s", "u", "w1", "bend", "lost", "sin1", "cos1", "target", "sure", "size"),
+)
+#: Single precision: copies of state and parameters; the arc of negative contact force; flight time, Taylor
+#: coefficients, what was decided. z_: the lanes of the second attempt, compacted.
+_SINGLE = (
+    *("tau_", "w_", "wall_", "sin_", "cos_", "a_", "delta_", "epsilon_", "gap_", "inverse_delta_"),
+    *("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc", "rough"),
+    *("s_", "c0", "c1", "c2", "c3", "c4", "c5", "step", "turn", "bound", "falls", "proved", "scale"),
+    *("z_wall", "z_w", "z_a", "z_sin", "z_cos", "z_delta", "z_epsilon", "z_gap"),
+    *("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s", "z_place", "z_bound", "z_step"),
+)
+#: One block: every field is an array over its lanes.
+BLOCK = np.dtype(
+    [(name, np.float64, (LANES,)) for name in _DOUBLE]
+    + [(name, np.float32, (LANES,)) for name in _SINGLE]
+    + [("todo", np.int64, (LANES,))]
+)
+
+
+@inline
+def flag(condition):
+    """1 or 0 as a float32, which keeps a stage's numbers of one width."""
+    return ONE if condition else ZERO
+
+
+@inline
+def copy_to_single(b, groups):
+    """Single-precision copies of the state; a loop of its own, because mixed widths would halve the others' vectors."""
+    for i in range(GROUP * groups):
+        b.tau_[i] = f32(b.tau[i])
+        b.w_[i] = f32(b.w[i])
+        b.wall_[i] = f32(b.wall[i])
+        b.sin_[i] = f32(b.sin0[i])
+        b.cos_[i] = f32(b.cos0[i])
+
+
+@inline
+def guess(b, groups):
+    """A of the flight law, and a first guess of where the flight turns (from Σ⁺) or ends (from Σ⁻)."""
+    for i in range(GROUP * groups):
+        w, sin0, delta, epsilon = b.w_[i], b.sin_[i], b.delta_[i], b.epsilon_[i]
+        b.a_[i] = Q_32 - TWO_PI_32 * epsilon * sin0 - w
+        b.s_[i] = first_guess(b.wall_[i], w, sin0, b.cos_[i], delta, b.inverse_delta_[i], epsilon, b.gap_[i])
+
+
+@inline
+def improve(b, groups):
+    """A better guess, worth its time where the force varies so much that the mean of the way misleads."""
+    for i in range(GROUP * groups):
+        s = better_guess(
+            b.s_[i], b.wall_[i], b.w_[i], b.a_[i], b.sin_[i], b.cos_[i], b.delta_[i], b.epsilon_[i], b.gap_[i]
+        )
+        s = min(s, f32(0.95) * TOO_FAR * b.inverse_delta_[i])
+        b.s_[i] = s if b.rough[i] > ZERO else b.s_[i]  # a lane's result must not depend on its neighbours
+
+
+@inline
+def expand(b, groups):
+    """Taylor coefficients of F at the guess."""
+    for i in range(GROUP * groups):
+        c = taylor(b.s_[i], b.w_[i], b.a_[i], b.sin_[i], b.cos_[i], b.delta_[i], b.epsilon_[i])
+        b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i] = c
+
+
+@inline
+def choose_wall(b, groups):
+    """Depth of the turning point: which wall is next, and a lower bound of F that may prove it."""
+    for i in range(GROUP * groups):
+        lowest, bound, b.turn[i] = depth(
+            b.s_[i], b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i], b.w_[i], b.a_[i], b.delta_[i], b.epsilon_[i]
+        )
+        falls = (b.wall_[i] > ZERO) & (lowest < -b.gap_[i])
+        b.bound[i] = bound
+        b.falls[i] = flag(falls)
+
+
+@inline
+def solve_locally(b, groups):
+    """The root of the Taylor polynomial at the level of the wall."""
+    for i in range(GROUP * groups):
+        level = level_of(b.wall_[i], b.falls[i], b.gap_[i])
+        falls = b.falls[i] > ZERO
+        u = local_root(not falls, b.c0[i] - level, b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i])
+        b.s_[i] += u
+
+
+@inline
+def level_of(wall, falls, gap):
+    """F at the next wall: from Σ⁺ 0 or −gap, from Σ⁻ the gap."""
+    level = ZERO if wall > ZERO else gap
+    return -gap if falls > ZERO else level
+
+
+@inline
+def refine(b, groups):
+    """A step of fourth order towards the wall."""
+    for i in range(GROUP * groups):
+        level = level_of(b.wall_[i], b.falls[i], b.gap_[i])
+        b.s_[i], b.step[i] = refined(b.s_[i], level, b.w_[i], b.a_[i], b.sin_[i], b.cos_[i], b.delta_[i], b.epsilon_[i])
+
+
+@inline
+def prove(b, groups):
+    """Whether the impact that was located is certain to be the first."""
+    for i in range(GROUP * groups):
+        rising, s, w, a, epsilon = b.falls[i] == ZERO, b.s_[i], b.w_[i], b.a_[i], b.epsilon_[i]
+        clear = clears_the_gap(b.wall_[i], rising, s, b.turn[i], b.bound[i], b.gap_[i], w, a, b.sin_[i], epsilon)
+        b.scale[i] = height_scale(s, w, a, b.delta_[i], epsilon)
+        b.proved[i] = flag(clear & (abs(b.step[i]) < LARGEST_STEP * s) & (b.delta_[i] * s < TOO_FAR))
+
+
+@inline
+def prove_turns(b, groups):
+    """The proof's second part, where the contact force changes sign on some lane."""
+    for i in range(GROUP * groups):
+        certain = single_turn(
+            b.wall_[i],
+            b.falls[i] == ZERO,
+            b.tau_[i],
+            b.s_[i],
+            b.w_[i],
+            b.a_[i],
+            b.sin_[i],
+            b.delta_[i],
+            b.epsilon_[i],
+            b.arc_exit[i],
+            b.arc_length[i],
+            b.sin_entry[i],
+            b.sin_exit[i],
+            b.no_arc[i] > ZERO,
+        )
+        b.proved[i] = b.proved[i] if certain else ZERO
+
+
+@inline
+def evaluate_in_double(b, groups):
+    """F above the level of the next wall, its derivatives, and what they came from."""
+    for i in range(GROUP * groups):
+        w, sin0, delta, epsilon, gap = b.w[i], b.sin0[i], b.delta[i], b.epsilon[i], b.gap[i]
+        s = b.s[i]
+        a = DRIFT - TWO_PI * epsilon * sin0 - w
+        level = 0.0 if b.wall[i] > 0.0 else gap
+        level = -gap if b.target[i] < 0.0 else level
+        f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, w, a, sin0, b.cos0[i], delta, epsilon)
+        b.f0[i], b.w1[i], b.bend[i], b.lost[i], b.sin1[i], b.cos1[i] = f0 - level, f1, f2, lost, sin1, cos1
+
+
+@inline
+def step_to_wall(b, groups):
+    """The step to the impact, and whether it is exact."""
+    for i in range(GROUP * groups):
+        delta, epsilon = b.delta[i], b.epsilon[i]
+        a = DRIFT - TWO_PI * epsilon * b.sin0[i] - b.w[i]
+        u, exact = last_step(b.s[i], b.f0[i], b.w1[i], b.bend[i], b.lost[i], b.sin1[i], b.cos1[i], a, delta, epsilon)
+        b.u[i] = u
+        b.sure[i] = b.sure[i] if exact else 0.0
+
+
+@inline
+def arrive(b, groups):
+    """Speed, acceleration, decay and forcing at the impact."""
+    for i in range(GROUP * groups):
+        delta, epsilon, u = b.delta[i], b.epsilon[i], b.u[i]
+        a = DRIFT - TWO_PI * epsilon * b.sin0[i] - b.w[i]
+        w1, bend, lost, sin1, cos1 = stepped(u, b.w1[i], b.bend[i], b.lost[i], b.sin1[i], b.cos1[i], a, delta, epsilon)
+        s = b.s[i] + u
+        b.s[i] = s
+        sure = (b.target[i] * w1 > 0.0) & (b.size[i] < STEEPEST * s * abs(w1))
+        b.sure[i] = b.sure[i] if sure else 0.0
+        b.w1[i], b.bend[i], b.lost[i], b.sin1[i], b.cos1[i] = w1, bend, lost, sin1, cos1
+
+
+@inline
+def copy_to_double(b, groups):
+    """Estimates and verdicts of single precision, for the stages that follow."""
+    for i in range(GROUP * groups):
+        b.s[i] = np.float64(b.s_[i])
+        b.target[i] = 1.0 - 2.0 * np.float64(b.falls[i])
+        b.sure[i] = np.float64(b.proved[i])
+        b.size[i] = np.float64(b.scale[i])
+
+
+def _commit(tangent):
+    """The stage that moves the lanes to the impact; a constant of the closure, the branch leaves the loop."""
+
+    @inline
+    def commit(b, groups):
+        """Lanes whose impact is sure, and whose limit is not reached, arrive and are reflected."""
+        for i in range(GROUP * groups):
+            go = (b.sure[i] > 0.0) & (b.n_plus[i] < b.limit[i])
+            tau, w, wall, sin0, cos0 = b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i]
+            s, w1, target, sin1, cos1 = b.s[i], b.w1[i], b.target[i], b.sin1[i], b.cos1[i]
+            if tangent:
+                t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]
+                t1, q1, det = carried(
+                    t0, q0, w1, b.bend[i], b.lost[i], sin0, cos0, sin1, cos1, b.inverse_delta[i], b.epsilon[i]
+                )
+                det1, time1 = det0 * det, time0 + s
+                b.t_tangent[i] = t1 if go else t0
+                b.w_tangent[i] = q1 if go else q0
+                b.determinant[i] = det1 if go else det0
+                b.time[i] = time1 if go else time0
+            later = tau + s
+            later -= floor(later)
+            later = later if later < 1.0 else 0.0
+            back = -w1
+            plus, minus = 0.5 + 0.5 * target, 0.5 - 0.5 * target
+            plus, minus = plus if go else 0.0, minus if go else 0.0
+            b.tau[i] = later if go else tau
+            b.w[i] = back if go else w
+            b.wall[i] = target if go else wall
+            b.sin0[i] = sin1 if go else sin0
+            b.cos0[i] = cos1 if go else cos0
+            b.n_plus[i] += plus
+            b.n_minus[i] += minus
+
+    return commit
+
+
+commit_plain, commit_tangent = _commit(False), _commit(True)
+
+
+@kernel
+def repair(b, groups, paths):
+    """Fly the lanes without proof, one by one, by the search that cannot skip a crossing; then `commit` moves them."""
+    for i in range(GROUP * groups):
+        if b.sure[i] > 0.0 or not b.n_plus[i] < b.limit[i]:
+            continue
+        wall = 1 if b.wall[i] > 0.0 else -1
+        delta, epsilon = b.delta[i], b.epsilon[i]
+        w, sin0, cos0 = b.w[i], b.sin0[i], b.cos0[i]
+        if rests(wall, w, b.tau[i], delta, epsilon, DRIFT):
+            b.stuck[i], b.limit[i] = STUCK, -1.0
+            continue
+        status, s, target, w1, lost, sin1, cos1 = safe_impact(
+            wall, b.tau[i], w, sin0, cos0, delta, epsilon, 0.5 * b.gap[i], DRIFT
+        )
+        paths[SAFE] += 1
+        if status != OK:
+            b.stuck[i], b.limit[i] = status, -1.0
+            continue
+        a = DRIFT - TWO_PI * epsilon * sin0 - w
+        b.s[i], b.w1[i], b.lost[i], b.sin1[i], b.cos1[i] = s, w1, lost, sin1, cos1
+        b.bend[i] = delta * a * (1.0 - lost) - TWO_PI * TWO_PI * epsilon * cos1
+        b.target[i], b.sure[i] = float(target), 1.0
+
+
+@kernel
+def second_attempt(b, groups, paths):
+    """Lanes without proof, compacted and located afresh from a scan at fixed steps; their proof is then tried again."""
+    n = 0
+    for i in range(GROUP * groups):
+        if b.proved[i] == ZERO and b.n_plus[i] < b.limit[i]:
+            b.todo[n] = i
+            n += 1
+    paths[SCANNED] += n
+    if n == 0:
+        return
+    padded = (n + GROUP - 1) // GROUP * GROUP
+    for k in range(padded):
+        i = b.todo[min(k, n - 1)]
+        b.z_wall[k], b.z_w[k], b.z_a[k], b.z_sin[k], b.z_cos[k] = b.wall_[i], b.w_[i], b.a_[i], b.sin_[i], b.cos_[i]
+        b.z_delta[k], b.z_epsilon[k], b.z_gap[k] = b.delta_[i], b.epsilon_[i], b.gap_[i]
+    scan(b, padded)
+    conclude(b, padded)
+    for k in range(n):
+        i = b.todo[k]
+        b.s_[i], b.falls[i], b.step[i] = b.z_s[k], b.z_falls[k], b.z_step[k]
+        b.turn[i], b.bound[i] = b.z_place[k], b.z_bound[k]
+
+
+@inline
+def scan(b, n):
+    """Points of the flights at fixed steps, until each has ended."""
+    for k in range(n):
+        from_bottom = b.z_wall[k] < ZERO
+        b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO
+        b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(from_bottom), ZERO, ZERO
+    for j in range(SCAN_STEPS):
+        s0, s1 = SCAN_STEP * f32(j), SCAN_STEP * f32(j + 1)
+        for k in range(n):
+            f, g, turned, turn, ended, falls, end = scanned(
+                s0,
+                s1,
+                b.z_wall[k],
+                b.z_f[k],
+                b.z_g[k],
+                b.z_turned[k] > ZERO,
+                b.z_turn[k],
+                b.z_ended[k] > ZERO,
+                b.z_falls[k] > ZERO,
+                b.z_end[k],
+                b.z_gap[k],
+                b.z_w[k],
+                b.z_a[k],
+                b.z_sin[k],
+                b.z_cos[k],
+                b.z_delta[k],
+                b.z_epsilon[k],
+            )
+            b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = f, g, turn, end
+            b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(turned), flag(ended), flag(falls)
+        left = np.int32(0)
+        for k in range(n):
+            left |= np.int32(b.z_ended[k] == ZERO)
+        if left == 0:
+            break
+
+
+@inline
+def conclude(b, n):
+    """Depth of the turning point that the scan found, and the impact to single precision."""
+    for k in range(n):
+        wall, w, a, delta, epsilon, gap = b.z_wall[k], b.z_w[k], b.z_a[k], b.z_delta[k], b.z_epsilon[k], b.z_gap[k]
+        sin0, cos0, turn, end = b.z_sin[k], b.z_cos[k], b.z_turn[k], b.z_end[k]
+        scanned_fall = b.z_falls[k]
+        c0, c1, c2, c3, c4, c5 = taylor(turn, w, a, sin0, cos0, delta, epsilon)
+        lowest, bound, place = depth(turn, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon)
+        misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)  # between two points of the scan
+        falls = flag(misses | (scanned_fall > ZERO))
+        level = level_of(wall, falls, gap)
+        u = local_root(falls == ZERO, c0 - level, c1, c2, c3, c4, c5)
+        near_turn = turn + u
+        from_turn = (end < ZERO) | (misses & (scanned_fall == ZERO))
+        s = near_turn if from_turn else end
+        s, _u = refined(s, level, w, a, sin0, cos0, delta, epsilon)
+        s, step = refined(s, level, w, a, sin0, cos0, delta, epsilon)
+        b.z_s[k], b.z_falls[k], b.z_step[k] = s, falls, step
+        b.z_place[k], b.z_bound[k] = place, bound
+
+
+def _advance(tangent):
+    commit = commit_tangent if tangent else commit_plain
+
+    @kernel
+    def advance(b, groups, flights, force, paths):
+        """Fly every lane of a block this many times; force is what `roughest` says of them.
+
+        paths counts the flights that went to the scan and to the search.
+        """
+        for _ in range(flights):
+            copy_to_single(b, groups)
+            guess(b, groups)
+            if force >= ROUGH:
+                improve(b, groups)
+            expand(b, groups)
+            choose_wall(b, groups)
+            solve_locally(b, groups)
+            refine(b, groups)
+            prove(b, groups)
+            if force == ARCS:
+                prove_turns(b, groups)
+            unproved = np.int32(0)
+            for i in range(GROUP * groups):
+                unproved |= np.int32(b.proved[i] == ZERO)
+            if unproved:
+                second_attempt(b, groups, paths)
+                prove(b, groups)
+                if force == ARCS:
+                    prove_turns(b, groups)
+            copy_to_double(b, groups)
+            evaluate_in_double(b, groups)
+            step_to_wall(b, groups)
+            arrive(b, groups)
+            unsure = np.int64(0)
+            for i in range(GROUP * groups):
+                unsure |= np.int64(b.sure[i] == 0.0)
+            if unsure:
+                repair(b, groups, paths)
+            commit(b, groups)
+
+    return advance
+
+
+advance_plain, advance_tangent = _advance(False), _advance(True)
+
+
+@kernel
+def load(b, i, tau, v, delta, epsilon, beta, limit):
+    """Put a trajectory on lane i: on Σ⁺ at phase tau with speed v, until it has made limit impacts there."""
+    b.tau[i], b.w[i], b.wall[i] = tau, -v, 1.0
+    b.n_plus[i], b.n_minus[i], b.limit[i], b.stuck[i] = 0.0, 0.0, limit, 0.0
+    b.delta[i], b.epsilon[i], b.gap[i], b.inverse_delta[i] = delta, epsilon, 2.0 * beta, 1.0 / delta
+    b.delta_[i], b.epsilon_[i], b.gap_[i], b.inverse_delta_[i] = delta, epsilon, 2.0 * beta, 1.0 / delta
+    b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i] = 1.0, 0.0, 1.0 / v, 0.0
+    arc, leave, length, sin_entry, sin_exit = negative_arc(delta, epsilon)
+    b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = leave, length, sin_entry, sin_exit
+    b.no_arc[i] = ZERO if arc else ONE
+    b.rough[i] = flag(epsilon * math.hypot(TWO_PI, delta) > ROUGHNESS * 2.0 * delta)
+
+
+@kernel
+def move(b, i, j):
+    """Put the trajectory of lane j on lane i, and leave lane j empty."""
+    b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = b.tau[j], b.w[j], b.wall[j], b.sin0[j], b.cos0[j]
+    b.n_plus[i], b.n_minus[i], b.limit[i], b.stuck[i] = b.n_plus[j], b.n_minus[j], b.limit[j], b.stuck[j]
+    b.delta[i], b.epsilon[i], b.gap[i], b.inverse_delta[i] = b.delta[j], b.epsilon[j], b.gap[j], b.inverse_delta[j]
+    b.delta_[i], b.epsilon_[i], b.gap_[i], b.inverse_delta_[i] = (
+        b.delta_[j],
+        b.epsilon_[j],
+        b.gap_[j],
+        b.inverse_delta_[j],
+    )
+    b.t_tangent[i], b.w_tangent[i], b.determinant[i] = b.t_tangent[j], b.w_tangent[j], b.determinant[j]
+    b.time[i], b.no_arc[i], b.arc_exit[i], b.arc_length[i] = b.time[j], b.no_arc[j], b.arc_exit[j], b.arc_length[j]
+    b.sin_entry[i], b.sin_exit[i], b.rough[i] = b.sin_entry[j], b.sin_exit[j], b.rough[j]
+    b.limit[j] = -1.0
+
+
+@kernel
+def close_ranks(b, who, notes):
+    """Move trajectories to the first lanes, with who (what each lane carries, −1: nothing) and notes (LANES, …).
+
+    Returns the groups of lanes that are still in use.
+    """
+    i, j = 0, LANES - 1
+    while True:
+        while i < LANES and who[i] >= 0:
+            i += 1
+        while j >= 0 and who[j] < 0:
+            j -= 1
+        if i > j:
+            return (i + GROUP - 1) // GROUP
+        move(b, i, j)
+        who[i], who[j] = who[j], -1
+        notes[i] = notes[j]
+
+
+@inline
+def stretched(b, i):
+    """ln stretch and ln|determinant| of lane i since the last call, in (t, w²/2); the vector is normalised.
+
+    There a flight has determinant e^(−δs); dw²/2 = w dw at both ends.
+    """
+    w = b.w[i]
+    energy = b.w_tangent[i] * w
+    length = math.hypot(b.t_tangent[i], energy)
+    contraction = math.log(abs(b.determinant[i] * w))
+    b.t_tangent[i], b.w_tangent[i], b.determinant[i] = b.t_tangent[i] / length, energy / (length * w), 1.0 / w
+    return math.log(length), contraction
+
+
+@kernel
+def empty(b):
+    """A block without trajectories: every lane has reached its limit."""
+    for i in range(LANES):
+        load(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
+
+
+@inline
+def ended(b, i):
+    """True if lane i has made its impacts or cannot go on: a motion that only bounces on Σ⁻ is stuck."""
+    if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
+        b.stuck[i], b.limit[i] = STUCK, -1.0
+    return not b.n_plus[i] < b.limit[i]
+
+
+@inline
+def synchronise(b, groups):
+    """Sine and cosine of the phase afresh: carried from flight to flight they drift by rounding."""
+    for i in range(GROUP * groups):
+        versine, sine, _defect = versines(b.tau[i])
+        b.sin0[i], b.cos0[i] = sine, 1.0 - versine
+
+
+@inline
+def roughest(b, groups):
+    """What the lanes need: ARCS if the contact force changes sign on any, ROUGH if it comes near that, else SMOOTH."""
+    found = SMOOTH
+    for i in range(GROUP * groups):
+        found = max(found, ARCS if b.no_arc[i] == ZERO else ROUGH if b.rough[i] > ZERO else SMOOTH)
+    return found
+
+
+def block() -> np.ndarray:
+    """Memory for one block, aligned to cache lines."""
+    raw = np.zeros(BLOCK.itemsize + 64, np.uint8)
+    start = -raw.ctypes.data % 64
+    return raw[start : start + BLOCK.itemsize].view(BLOCK)

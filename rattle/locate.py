@@ -1,0 +1,224 @@
+"""Where a flight ends, in single precision: a guess that double precision improves, and the proof that it is the first
+impact.
+
+Every function here is straight-line code on float32 numbers, run for one flight or, in a loop, for a block of them.
+docs/kernel.md derives each inequality; the margins bound what rounding to float32 can do:
+
+- A value of F has an error below ERROR times `height_scale`, the sum of the sizes of its terms (ERROR is 100 units of
+  float32 rounding; the evaluation does fewer than 30 operations on inputs rounded once, and its polynomials are good to
+  3e-7).
+- A value of F' has an error below ERROR times `speed_scale`, likewise.
+"""
+
+import math
+
+from numpy import float32 as f32
+from numpy import floor, sqrt
+
+from rattle import coefficients
+from rattle._compile import inline, kernel
+from rattle.flight import DRIFT, LONGEST_DECAY, TWO_PI, decay32, evaluate32
+from rattle.polynomial import degree_4
+
+ERROR = f32(6e-6)
+CLOSE = f32(1e-5)  # flight times and phases closer than this are not told apart
+LATER = f32(1.0002)  # double precision may end a flight up to 1e-4 of it later than single precision
+WINDOW = f32(0.004)  # half-width of the interval in which the minimum is pinned down
+FARTHEST = f32(0.15)  # longest Taylor step to the minimum
+SCAN_STEP = f32(1 / 8)
+SCAN_STEPS = 16
+Q = f32(DRIFT)
+W1, W2, W3, W4, W5 = (f32(TWO_PI**k) for k in range(1, 6))  # (2π)^k, from the k-th derivative of the forcing
+FIFTH, SIXTH = f32(TWO_PI**5 / 120), f32(TWO_PI**6 / 720)
+
+
+@inline
+def first_guess(wall, w, sin0, cos0, delta, inverse_delta, epsilon, gap):
+    """From Σ⁺ about where the ball turns back, from Σ⁻ about where it arrives; the mean force of the way decides."""
+    speed = abs(w)
+    u = speed / Q
+    y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta  # 2π × the time to stop without forcing
+    y = min(y, W1)
+    square = y * y
+    cosine = (
+        degree_4(coefficients.MEAN_COSINE_32, square) * cos0 - y * degree_4(coefficients.MEAN_SINE_32, square) * sin0
+    )
+    force = delta * (Q + f32(0.5) * speed) - W2 * epsilon * cosine
+    turning = speed / max(force, f32(0.35) * Q * delta)
+    rise = delta * (Q - f32(1.2))
+    arriving = f32(2.0) * gap / (speed + sqrt(speed * speed + f32(2.0) * gap * rise))
+    return min(turning if wall > f32(0.0) else arriving, f32(0.95 * LONGEST_DECAY) * inverse_delta)
+
+
+@inline
+def better_guess(s, wall, w, a, sin0, cos0, delta, epsilon, gap):
+    """One Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻), at most to half or twice the time."""
+    f0, f1, f2, _l, _s, _c = evaluate32(s, w, a, sin0, cos0, delta, epsilon)
+    turning, arriving = f1 / max(f2, f32(0.2) * Q * delta), (f0 - gap) / max(f1, f32(0.1))
+    step = turning if wall > f32(0.0) else arriving
+    return min(max(s - step, f32(0.5) * s), f32(2.0) * s)
+
+
+@inline
+def taylor(s, w, a, sin0, cos0, delta, epsilon):
+    """F, F', F''/2, F'''/6, F⁗/24, F⁗'/120 after s."""
+    f0, f1, f2, lost, sin1, cos1 = evaluate32(s, w, a, sin0, cos0, delta, epsilon)
+    b = delta * a * (f32(1.0) - lost)  # the decaying part of F''
+    c3 = (W3 * epsilon * sin1 - delta * b) * f32(1 / 6)
+    c4 = (W4 * epsilon * cos1 + delta * delta * b) * f32(1 / 24)
+    c5 = (W5 * epsilon * sin1 + delta * delta * delta * b) * f32(-1 / 120)
+    return f0, f1, f32(0.5) * f2, c3, c4, c5
+
+
+@inline
+def height_scale(s, w, a, delta, epsilon):
+    """The sum of the sizes of the terms of F after s, up to which its rounding is relative."""
+    y = W1 * s
+    forcing = min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
+    return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forcing
+
+
+@inline
+def speed_scale(w, a, epsilon):
+    """The same for F'."""
+    return abs(w) + abs(a) + f32(2.0) * W1 * epsilon
+
+
+@inline
+def slope(u, c1, c2, c3, c4, c5):
+    """Derivative of the Taylor polynomial."""
+    return c1 + u * (f32(2.0) * c2 + u * (f32(3.0) * c3 + u * (f32(4.0) * c4 + u * (f32(5.0) * c5))))
+
+
+@inline
+def height(u, c0, c1, c2, c3, c4, c5):
+    """The Taylor polynomial."""
+    u2 = u * u
+    return (c0 + u * c1) + u2 * ((c2 + u * c3) + u2 * (c4 + u * c5))
+
+
+@inline
+def depth(s, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon):
+    """The minimum near s: its height, a lower bound of F if F' changes sign once (`single_turn`), and its place.
+
+    At s + u the slope is so small, and the curvature so large, remainders and rounding included, that F' is negative at
+    u − WINDOW and positive at u + WINDOW. From u to the minimum between them F falls by no more than WINDOW times the
+    largest |F'| there. Without that proof the bound is −∞ (−1e30).
+    """
+    i2 = f32(0.5) / c2
+    u = -c1 * i2
+    k3 = f32(3.0) * c3 * i2
+    u *= f32(1.0) - u * (k3 - u * (f32(2.0) * k3 * k3 - f32(4.0) * c4 * i2))
+    lowest = height(u, c0, c1, c2, c3, c4, c5)
+    curvature = f32(2.0) * c2 + u * (f32(6.0) * c3 + u * (f32(12.0) * c4 + u * (f32(20.0) * c5)))
+    reach = abs(u) + WINDOW
+    r2 = reach * reach
+    a_ = delta * delta * abs(a)
+    m6 = epsilon + f32(2.0 / TWO_PI**6) * delta * delta * delta * a_  # ×(2π)⁶ bounds |F⁽⁶⁾|, as e^(δ reach) < 2
+    left_out = SIXTH * m6 * r2 * r2  # times r2 in F, 6 r in F', 30 in F''
+    slope_ = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(w, a, epsilon) + f32(6.0) * reach * left_out
+    spread = WINDOW * (W3 * epsilon + f32(2.0) * a_) + f32(30.0) * left_out + ERROR * W1 * speed_scale(w, a, epsilon)
+    close = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s) & (delta * s < f32(LONGEST_DECAY))
+    pinned = close & (slope_ < WINDOW * (curvature - spread))
+    fall = WINDOW * (slope_ + WINDOW * (curvature + spread))
+    bound = lowest - fall - ERROR * height_scale(s + abs(u), w, a, delta, epsilon) - left_out * r2
+    return lowest, bound if pinned else f32(-1e30), s + u
+
+
+@inline
+def local_root(rising, c0, c1, c2, c3, c4, c5):
+    """The step to F = 0 (c0 is F less the level): root of the parabola, then one Newton step on the polynomial."""
+    root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
+    signed = root if rising else -root
+    u = (signed - c1) / (f32(2.0) * c2)
+    direct = f32(-2.0) * c0 / (c1 + signed)  # the same root without cancellation where c1 and the root agree in sign
+    u = direct if (c1 > f32(0.0)) == rising else u
+    return u - height(u, c0, c1, c2, c3, c4, c5) / slope(u, c1, c2, c3, c4, c5)
+
+
+@inline
+def refined(s, level, w, a, sin0, cos0, delta, epsilon):
+    """A step of fourth order to F = level, from the first four derivatives: (s, its size)."""
+    c0, c1, c2, c3, c4, _c5 = taylor(s, w, a, sin0, cos0, delta, epsilon)
+    inverse = f32(1.0) / c1
+    u, p, q, r = (level - c0) * inverse, c2 * inverse, c3 * inverse, c4 * inverse
+    u *= f32(1.0) - u * (p - u * ((f32(2.0) * p * p - q) - u * (f32(5.0) * p * (p * p - q) + r)))
+    return s + u, u
+
+
+@inline
+def single_turn(wall, rising, tau, s, w, a, sin0, delta, epsilon, arc_exit, arc_length, sin_entry, sin_exit, no_arc):
+    """True if it is certain that F' changes sign at most once before s, given its sign at s.
+
+    e^(δs) F' grows where the contact force g is positive and falls on the phase arc where g < 0, if there is one. So
+    its sign where the arc is entered and left, which needs no new sine, settles its signs everywhere else.
+    """
+    to_exit = arc_exit - tau
+    to_exit -= floor(to_exit)
+    inside = to_exit < arc_length
+    to_entry = f32(0.0) if inside else to_exit - arc_length
+    x, y = delta * to_entry, delta * to_exit
+    slack = ERROR * speed_scale(w, a, epsilon)
+    moved_entry, moved_exit = (sin0 if inside else sin_entry) - sin0, sin_exit - sin0
+    at_entry = w + a * x * (f32(1.0) - x * decay32(x)) - W1 * epsilon * moved_entry
+    at_exit = w + a * y * (f32(1.0) - y * decay32(y)) - W1 * epsilon * moved_exit
+    falls_in = (at_entry < -slack) | (inside & (w < f32(0.0)))
+    rises_out = at_exit > slack
+    end = s * LATER + CLOSE
+    from_top = wall > f32(0.0)
+    up = (end < to_exit) | ((rises_out | (falls_in & from_top)) & (end < to_exit + f32(1.0)))
+    down = (end < to_entry) | (falls_in & (end < to_exit + f32(1.0) - arc_length))
+    clear = (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
+    safe = clear & (y < f32(LONGEST_DECAY))
+    return no_arc | (safe & ((up & rising) | (down & (not rising))))
+
+
+@inline
+def clears_the_gap(wall, rising, s, turn, bound, gap, w, a, sin0, epsilon):
+    """True unless the flight might touch Σ⁻ on its way from Σ⁺ back to Σ⁺: it is too short for that, or turns above.
+
+    Falling, |F'| stays below v + 2πε (1 − sin θ) where a ≥ 0. A turning point before the end is the only one: at
+    turn − WINDOW, F' < 0.
+    """
+    shallow = (abs(w) + W1 * epsilon * (f32(1.0) - sin0)) * s * LATER < f32(0.9999) * gap
+    turns_above = (bound > -gap) & (turn < s)
+    return ((shallow & (a > f32(0.0))) | turns_above) | ((wall < f32(0.0)) | (not rising))
+
+
+@inline
+def scanned(s0, s, wall, f0, g0, turned, turn, ended, falls, end, gap, w, a, sin0, cos0, delta, epsilon):
+    """One more point s of a scan for the turning point and the end of a flight, both by linear interpolation.
+
+    (s0, f0, g0) are the last point with its F and F'; the end is given as −1 if the flight turns in the same step: then
+    its place follows from the turning point.
+    """
+    f, g, _f2, _k, _s, _c = evaluate32(s, w, a, sin0, cos0, delta, epsilon)
+    turns = (not turned) & (g > f32(0.0)) & (not ended)
+    between = s0 + (s - s0) * g0 / (g0 - g)
+    turn = between if turns else turn
+    from_top = wall > f32(0.0)
+    top = f32(0.0) if from_top else gap
+    bottom = top - gap
+    hits_bottom = f < bottom
+    hits_top = (turned | turns) & (f > top)
+    level = bottom if hits_bottom else top
+    place = s0 + (s - s0) * (level - f0) / (f - f0)
+    place = f32(-1.0) if turns else place
+    hit = (hits_bottom | hits_top) & (not ended)
+    end = place if hit else end
+    return f, g, turned | turns, turn, ended | hit, falls | (hit & hits_bottom), end
+
+
+@kernel
+def negative_arc(delta, epsilon):
+    """Phases where the contact force is negative: (exists, exit, length, sin 2π entry, sin 2π exit).
+
+    g = δq − 2πε (2π cos θ + δ sin θ) < 0 means cos(θ − φ) > δq / (2πε √(4π² + δ²)) with φ = atan2(δ, 2π).
+    """
+    largest = TWO_PI * epsilon * math.hypot(TWO_PI, delta)
+    mean = abs(delta) * DRIFT
+    if not largest > mean:
+        return False, 0.0, 0.0, 0.0, 0.0
+    middle, half = math.atan2(delta, TWO_PI), math.acos(mean / largest)
+    leave = (middle + half) / TWO_PI
+    return True, leave - math.floor(leave), half / math.pi, math.sin(middle - half), math.sin(middle + half)

@@ -1,0 +1,251 @@
+"""Follow samples of many cells in lanes until each is captured, recurs, or has made its impacts (compiled).
+
+A sample belongs to a cell of the parameter plane. Between chunks of flights every lane that is on Σ⁺ is looked at: is
+it certain to become quiet, is it in the ball of an orbit that its cell is known to have, has it come back to where it
+was (Brent's cycle search: a reference that moves up at powers of two)? A lane that ends is refilled with the next
+sample. What becomes of a sample depends on its cell's known orbits and on nothing else in the block.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rattle._compile import inline, kernel
+from rattle.flight import DRIFT, TWO_PI
+from rattle.lanes import (
+    CHUNK,
+    GROUP,
+    GROUPS,
+    LANES,
+    advance_plain,
+    advance_tangent,
+    close_ranks,
+    empty,
+    ended,
+    load,
+    roughest,
+    stretched,
+    synchronise,
+)
+from rattle.lyapunov import BATCHES
+
+LEFT, QUIET, ORBIT, RECURRENT, FAILED = range(5)
+GRID = 32  # boxes per side of the (τ, v) plane in which a chaotic trajectory leaves its footprint
+RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
+ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
+NOTES = 6  # of each lane: its reference state and the impacts to there, looks so far, looks at which the reference
+# moves up; the time when it was last measured
+AT_TAU, AT_V, AT_N, LOOKS, NEXT, SINCE = range(NOTES)
+MEASURE_CHUNK = 5  # flights between two looks of a measured lane: it leaves its footprint there
+
+
+class Cells(NamedTuple):
+    """Parameters of the cells (n,), with the largest invariant v³/g that is certain to become quiet."""
+
+    delta: Any
+    epsilon: Any
+    beta: Any
+    capture: Any
+
+
+class Samples(NamedTuple):
+    """The samples (n,): cell, state, impacts so far and at most, what became of them, index of the orbit that captured
+    them; after a recurrence the impacts between, and the impacts before which the next one is not looked for.
+    """
+
+    cell: Any
+    tau: Any
+    v: Any
+    impacts: Any
+    limit: Any
+    status: Any
+    orbit: Any
+    gap: Any
+    pause: Any
+
+
+class Orbits(NamedTuple):
+    """Stable orbits known to each cell, (n_cells, room), n used: label, fastest point, both ln|multiplier|/m."""
+
+    n: Any
+    m: Any
+    n_plus: Any
+    n_minus: Any
+    tau: Any
+    v: Any
+    first: Any
+    second: Any
+
+
+class Balls(NamedTuple):
+    """Balls of capture around points of these orbits, (n_cells, room) each, n of them used: captured where
+    c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
+    """
+
+    n: Any
+    orbit: Any
+    tau: Any
+    v: Any
+    c00: Any
+    c01: Any
+    c11: Any
+
+
+@inline
+def captor(tau, v, cell, balls):
+    """The orbit whose ball holds the state, −1 if none."""
+    for p in range(balls.n[cell]):
+        x, y = tau - balls.tau[cell, p], v - balls.v[cell, p]
+        x -= np.rint(x)
+        if balls.c00[cell, p] * x * x + 2.0 * balls.c01[cell, p] * x * y + balls.c11[cell, p] * y * y < 1.0:
+            return balls.orbit[cell, p]
+    return -1
+
+
+@inline
+def is_captured(b, i, capture):
+    """True if the bounce of lane i, on Σ⁺, is certain to become quiet (`rattle.quiet`)."""
+    delta, epsilon, v = b.delta[i], b.epsilon[i], -b.w[i]
+    force = delta * DRIFT - TWO_PI * epsilon * (TWO_PI * b.cos0[i] + delta * b.sin0[i])
+    return v * v * v <= capture * force
+
+
+@inline
+def fate(b, i, cell, cells, balls):
+    """What has become of lane i, on Σ⁺: (status, orbit)."""
+    if is_captured(b, i, cells.capture[cell]):
+        return QUIET, -1
+    orbit = captor(b.tau[i], -b.w[i], cell, balls)
+    return (ORBIT, orbit) if orbit >= 0 else (LEFT, -1)
+
+
+@inline
+def start(b, i, k, cells, samples):
+    """Put sample k on lane i for the impacts that it may still make."""
+    c = samples.cell[k]
+    limit = float(samples.limit[k] - samples.impacts[k])
+    load(b, i, samples.tau[k], samples.v[k], cells.delta[c], cells.epsilon[c], cells.beta[c], limit)
+
+
+@inline
+def finish(b, i, k, status, orbit, samples):
+    """Write lane i back to sample k."""
+    samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = b.tau[i], abs(b.w[i]), status, orbit
+    samples.impacts[k] += int(b.n_plus[i])
+    b.limit[i] = -1.0
+
+
+@inline
+def recurs(b, i, k, notes, samples):
+    """True if lane i is back at its reference; the impacts since then go to the sample."""
+    tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
+    x = tau - notes[i, AT_TAU]
+    x -= np.rint(x)
+    notes[i, LOOKS] += 1.0
+    if abs(v - notes[i, AT_V]) < RECURRENCE and abs(x) < RECURRENCE and samples.impacts[k] + n >= samples.pause[k]:
+        samples.gap[k] = int(n - notes[i, AT_N])
+        return True
+    if notes[i, LOOKS] >= notes[i, NEXT]:
+        notes[i, AT_TAU], notes[i, AT_V], notes[i, AT_N], notes[i, NEXT] = tau, v, n, 2.0 * notes[i, NEXT]
+    return False
+
+
+@inline
+def forget(notes, i):
+    """A lane without reference: nothing is near it."""
+    notes[i] = 0.0
+    notes[i, AT_V], notes[i, NEXT] = -1.0, 1.0
+
+
+@inline
+def look(b, i, k, notes, cells, samples, balls):
+    """What has become of sample k on lane i, or LEFT while it goes on: (status, orbit, ended)."""
+    over = ended(b, i)
+    if b.stuck[i] > 0.0:
+        return FAILED, -1, True
+    if b.wall[i] > 0.0:
+        status, orbit = fate(b, i, samples.cell[k], cells, balls)
+        if status != LEFT:
+            return status, orbit, True
+        if recurs(b, i, k, notes, samples):
+            return RECURRENT, -1, True
+    return LEFT, -1, over
+
+
+@kernel
+def settle(b, which, cells, samples, balls, paths):
+    """Follow the samples `which` until they end; a sample that makes all its impacts is LEFT."""
+    who = np.full(LANES, -1)
+    notes = np.zeros((LANES, NOTES))
+    fresh, groups = 0, GROUPS
+    empty(b)
+    while groups > 0:
+        for i in range(GROUP * groups):
+            k = who[i]
+            if k >= 0:
+                status, orbit, over = look(b, i, k, notes, cells, samples, balls)
+                if over:
+                    finish(b, i, k, status, orbit, samples)
+                    who[i] = -1
+            if who[i] < 0 and fresh < which.size:
+                k = which[fresh]
+                fresh += 1
+                who[i] = k
+                start(b, i, k, cells, samples)
+                forget(notes, i)
+        if fresh == which.size:
+            groups = close_ranks(b, who, notes)
+        synchronise(b, groups)
+        advance_plain(b, groups, CHUNK, roughest(b, groups), paths)
+
+
+@inline
+def mark(tau, v, epsilon, footprint):
+    """Enter (τ, v) into the footprint: its rows are phases, its bits speeds up to the largest there can be."""
+    row = min(int(tau * GRID), GRID - 1)
+    column = min(int(v / (DRIFT + TWO_PI * epsilon) * GRID), GRID - 1)
+    footprint[row] |= np.uint64(1) << np.uint64(column)
+
+
+@kernel
+def measure(b, which, least, periods, cells, samples, balls, sums, footprints, paths):
+    """As `settle`, with a tangent vector, for at least so many impacts and so many forcing periods, or to the limit.
+
+    sums[j, batch] gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts, footprints[j] the
+    boxes that it visits.
+    """
+    who = np.full(LANES, -1)
+    notes = np.zeros((LANES, NOTES))
+    fresh, groups = 0, GROUPS
+    sums[:] = 0.0
+    footprints[:] = 0
+    empty(b)
+    while groups > 0:
+        for i in range(GROUP * groups):
+            j = who[i]
+            if j >= 0:
+                k = which[j]
+                stretch, contraction = stretched(b, i)
+                share = min((b.n_plus[i] - ALIGNMENT) / (least - ALIGNMENT), b.time[i] / periods)
+                share = max(share, b.n_plus[i] / b.limit[i])
+                if b.n_plus[i] >= ALIGNMENT:
+                    batch = min(int(share * BATCHES), BATCHES - 1)
+                    sums[j, batch, 0] += b.time[i] - notes[i, SINCE]
+                    sums[j, batch, 1] += stretch
+                    sums[j, batch, 2] += contraction
+                notes[i, SINCE] = b.time[i]
+                if b.wall[i] > 0.0:
+                    mark(b.tau[i], -b.w[i], b.epsilon[i], footprints[j])
+                status, orbit, over = look(b, i, k, notes, cells, samples, balls)
+                if over or (share >= 1.0 and b.wall[i] > 0.0):
+                    finish(b, i, k, status, orbit, samples)
+                    who[i] = -1
+            if who[i] < 0 and fresh < which.size:
+                who[i] = fresh
+                start(b, i, which[fresh], cells, samples)
+                forget(notes, i)
+                fresh += 1
+        if fresh == which.size:
+            groups = close_ranks(b, who, notes)
+        synchronise(b, groups)
+        advance_tangent(b, groups, MEASURE_CHUNK, roughest(b, groups), paths)

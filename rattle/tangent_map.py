@@ -1,0 +1,106 @@
+"""Powers of the impact map with their tangent, and the periodic orbits that Newton's method finds (compiled)."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rattle._compile import kernel
+from rattle.first_impact import OK
+from rattle.flight import DRIFT, folded
+from rattle.impact_map import impact, impact_tangent
+
+NEWTON_STEPS = 15
+SAME = 1e-8  # an orbit that closes to this is closed
+
+
+class Point(NamedTuple):
+    """A parameter point, with the largest invariant v³/g that is certain to become quiet."""
+
+    delta: float
+    epsilon: float
+    beta: float
+    capture: float
+
+
+@kernel
+def wrapped(difference):
+    """A phase difference in [−1/2, 1/2]."""
+    return difference - np.rint(difference)
+
+
+@kernel
+def power_map(tau, v, k, point):
+    """Π^k with its tangent: (status, τ, v, time, Σ⁻ impacts, j00, j01, j10, j11, ln|det|)."""
+    a00, a01, a10, a11, log_det, time, n_minus = 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0
+    for _ in range(k):
+        status, tau, v, s, below, j00, j01, j10, j11, ln = impact_tangent(
+            tau, v, point.delta, point.epsilon, point.beta, DRIFT, False
+        )
+        if status != OK:
+            return status, tau, v, time, n_minus, a00, a01, a10, a11, log_det
+        a00, a10 = j00 * a00 + j01 * a10, j10 * a00 + j11 * a10
+        a01, a11 = j00 * a01 + j01 * a11, j10 * a01 + j11 * a11
+        log_det += ln
+        time += s
+        n_minus += below
+    return OK, tau, v, time, n_minus, a00, a01, a10, a11, log_det
+
+
+@kernel
+def newton(tau, v, k, point):
+    """Fixed point of Π^k near (τ, v): (found, τ, v)."""
+    size = 1.0
+    for _ in range(NEWTON_STEPS):
+        status, t1, v1, _time, _below, a00, a01, a10, a11, _ln = power_map(tau, v, k, point)
+        if status != OK:
+            return False, tau, v
+        r0, r1 = wrapped(t1 - tau), v1 - v
+        determinant = (a00 - 1.0) * (a11 - 1.0) - a01 * a10
+        if determinant == 0.0:
+            return False, tau, v
+        d0 = -((a11 - 1.0) * r0 - a01 * r1) / determinant
+        d1 = -((a00 - 1.0) * r1 - a10 * r0) / determinant
+        last, size = size, max(abs(d0), abs(d1))
+        if not size < 0.1:
+            return False, tau, v
+        tau = folded(tau + d0)
+        v += d1
+        if not v > 0.0:
+            return False, tau, v
+        if size < 1e-13 or (size < 1e-9 and size >= 0.5 * last):  # as exact as rounding lets it be
+            return True, tau, v
+    return False, tau, v
+
+
+@kernel
+def log_multipliers(trace, log_det):
+    """ln|λ| of both multipliers, the larger first."""
+    determinant = math.exp(log_det)
+    inside = 0.25 * trace * trace - determinant
+    if inside <= 0.0:
+        return 0.5 * log_det, 0.5 * log_det
+    first = math.log(abs(0.5 * trace) + math.sqrt(inside))
+    return first, log_det - first
+
+
+@kernel
+def shortest_return(tau, v, k, point):
+    """The smallest divisor of k after which the orbit closes."""
+    for d in range(1, k // 2 + 1):
+        if k % d == 0:
+            status, t1, v1, _time, _below, _a, _b, _c, _d, _ln = power_map(tau, v, d, point)
+            if status == OK and abs(wrapped(t1 - tau)) < SAME and abs(v1 - v) < SAME:
+                return d
+    return k
+
+
+@kernel
+def fastest_point(tau, v, k, point):
+    """The orbit's impact of largest speed, so that the same orbit is always represented by the same point."""
+    best_tau, best_v = tau, v
+    for _ in range(k):
+        _status, tau, v, _time, _below = impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+        if v > best_v:
+            best_tau, best_v = tau, v
+    return best_tau, best_v
