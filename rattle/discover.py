@@ -9,7 +9,7 @@ from rattle.basin_ball import ball
 from rattle.first_impact import OK
 from rattle.flight import DRIFT
 from rattle.impact_map import impact
-from rattle.settle import LEFT, ORBIT, captor
+from rattle.settle import LEFT, ORBIT, captor, mark
 from rattle.tangent_map import Point, fastest_point, log_multipliers, newton, power_map, shortest_return, wrapped
 
 APPROACH = 0.5  # a trajectory must come this much closer to the orbit that Newton's method found ...
@@ -114,6 +114,23 @@ def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits, balls, poi
                 balls.n[cell] = p + 1
         _status, tau, v, _time, _below = impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
     return j
+
+
+@kernel
+def trace(which, impacts, cells, samples, footprints):
+    """Enter every impact of a further stretch of these samples into their footprints.
+
+    A measured lane is seen every few flights only, and a set of bands that are visited in turn may keep step with that.
+    """
+    for j in range(which.size):
+        k = which[j]
+        point = point_of(samples.cell[k], cells)
+        tau, v = samples.tau[k], samples.v[k]
+        for _ in range(impacts):
+            status, tau, v, _time, _below = impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+            if status != OK:
+                break
+            mark(tau, v, point.epsilon, footprints[j])
 
 
 @kernel

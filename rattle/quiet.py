@@ -7,7 +7,7 @@ period (so v by e^(−δ/3)): impacts are points of time-reversal symmetry, so t
     η = max over t of (v/g) · max(|g'|/g, π, δ)    with v = (I g)^(1/3).
 
 The net change of ln I per period beyond −δ is exponentially small: measured, at most about 10 e^(−1.9/η) for any δ
-and ε. Quiet is certain once η is so small that this is below δ/4, and the bounces are lower than half the gap. I then
+and ε. Quiet is certain once η is so small that this is below δ/2, and the bounces are lower than half the gap. I then
 falls in every period, η with it. docs/decisions/0003-quiet-capture.md has the measurement; a test repeats it.
 """
 
@@ -33,7 +33,7 @@ def contact_force(tau, delta, epsilon):
 
 @kernel
 def largest_eta(delta):
-    """η below which the kick per period is under δ/4."""
+    """η below which the kick per period is under δ/2."""
     if delta >= 2.0 * KICK * math.exp(-DECAY_RATE / LARGEST_ETA):
         return LARGEST_ETA
     return DECAY_RATE / math.log(2.0 * KICK / delta)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.discover import BALLS_PER_ORBIT, remember_period_one, resolve
+from rattle.discover import BALLS_PER_ORBIT, remember_period_one, resolve, trace
 from rattle.family import period_one_cells
 from rattle.footprints import groups_of
 from rattle.iterate import working_block
@@ -21,12 +21,13 @@ from rattle.sampling import initial_conditions
 from rattle.settle import GRID, LEFT, RECURRENT, Balls, Cells, Orbits, Samples, measure, settle
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
-FIRST = 160  # impacts that every sample may make before the cell is judged
+FIRST = 128  # impacts that every sample may make before the cell is judged
 GROWTH = 4  # every further stage lasts this many times as long
 STAGES = 4
 MEASURED, PERIODS = 2000, 1000.0  # least impacts and forcing periods of one witness
 MOST_MEASURED = 20_000  # impacts of a witness that never gets through its periods
-WITNESSES, MORE_WITNESSES = 4, 16  # per cell where chaos is all there is, and where some samples end elsewhere
+WITNESSES = 12  # per cell: if one in 3000 periods leaves a chaotic set, 98 % of the cells show it
+TRACED = 1000  # impacts of a footprint without gaps
 LONGER = 4  # witnesses that seem to be on different attractors are watched this many times as long
 EXTENSIONS = 3  # an unclear exponent is measured again over twice the impacts, this many times
 ROOM = 8  # orbits per cell to begin with; doubled where a cell has more
@@ -139,10 +140,9 @@ class Survey:
         return decided
 
     def witnesses(self, cell: int) -> NDArray[np.int64]:
-        """Some of the samples left in a cell, evenly among them: more where the cell has other ends to offer."""
+        """Some of the samples left in a cell, evenly among them."""
         left = self.left_in(cell)
-        elsewhere = left.size < self.count or self.cells.capture[cell] > 0 or self.orbits.n[cell] > 0
-        n = min(MORE_WITNESSES if elsewhere else WITNESSES, left.size)
+        n = min(WITNESSES, left.size)
         return left[np.arange(n) * left.size // n]
 
     def measure(
@@ -187,6 +187,8 @@ class Survey:
         they are measured for longer, and at last all that is left. False if some of those then end elsewhere.
         """
         if len(groups_of(prints)) > 1:
+            trace(which, TRACED, self.cells, self.samples, prints)
+        if len(groups_of(prints)) > 1:
             sums, more, chaotic = self.measure(which, LONGER)
             prints |= more
             if not chaotic.all():
@@ -197,6 +199,7 @@ class Survey:
         which = self.left_in(cell)
         sums, prints, chaotic = self.measure(which, LONGER)
         if chaotic.all():
+            trace(which, TRACED, self.cells, self.samples, prints)
             self.chaos[cell] = [Chaos(which[group], sums[group]) for group in groups_of(prints)]
         return bool(chaotic.all())
 

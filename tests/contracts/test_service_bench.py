@@ -1,0 +1,99 @@
+"""`rattle bench`: every part prints whole tables of positive figures. How large they are is no contract."""
+
+import math
+
+import pytest
+from typer.testing import CliRunner
+
+from service import measure, peers
+from service.cli import app
+from service.commands.bench import Part
+
+TINY = ["--thin", "512", "--row", "2", "--sample", "4", "--count", "4", "--side", "8", "--workers", "1"]
+
+
+def printed(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
+    monkeypatch.setenv("COLUMNS", "200")
+    result = CliRunner().invoke(app, ["bench", *arguments])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def rows(output: str) -> dict[str, list[str]]:
+    """The cells of every row of every table, by the first one."""
+    cells = [[cell.strip() for cell in line.strip("│").split("│")] for line in output.splitlines() if line[:1] == "│"]
+    return {first: rest for first, *rest in cells}
+
+
+def test_workloads_are_reproducible_states_on_the_upper_wall() -> None:
+    first, again = measure.workloads(), measure.workloads()
+    sizes = {name: states[0].size for name, states in first.items()}
+    assert sizes == {"A": 4096, "B": 4096, "C": 64 * 64 * measure.PER_CELL}
+    for name, states in first.items():
+        assert all((x == y).all() and x.size == sizes[name] for x, y in zip(states, again[name], strict=True))
+        assert all((x >= 0).all() for x in states)
+
+
+def test_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measure, "TURNS", 1)
+    monkeypatch.setattr(measure, "X86_64_V3", {})  # what is compiled for it is in nobody's cache
+    found = measure.rates(512)
+    assert [rate.workload for rate in found] == list(measure.IMPACTS)
+    assert all(rate.plain > 0 and rate.tangent > 0 and 0 <= rate.searched <= 1 >= rate.scanned >= 0 for rate in found)
+    monkeypatch.setattr(measure, "rates", lambda _: found)
+    table = rows(printed(monkeypatch, "kernel", *TINY))
+    assert [*table] == ["A", "B", "C", "2 threads", "2 processes", "this processor", "x86-64-v3"]
+    assert all(float(cells[0]) > 0 for cells in table.values())
+
+
+def test_cell(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measure, "TURNS", 1)
+    monkeypatch.setattr(measure, "CELLS", {"quiet": (0.6, 0.056), "chaos": (0.6, 0.25)})
+    table = rows(printed(monkeypatch, "cell", *TINY))
+    assert {"quiet", "chaos", "all"} <= set(table)
+    milliseconds, outcomes = measure.plane(4, 8)
+    assert milliseconds > 0
+    assert sum(each.samples for each in outcomes) == 4 * 8
+    assert all(each.impacts > 0 and each.mean > 0 for each in outcomes)
+
+
+def test_survey() -> None:
+    cost = measure.survey(8, 2, 1)
+    assert cost.cells == 64
+    parts = (cost.computing, cost.writing, cost.dask, cost.idle_end)
+    assert all(part > 0 for part in parts)
+    assert math.isclose(sum(parts), cost.seconds * cost.n_workers)
+    assert cost.cells_per_second > 0 < cost.large_hours
+    assert cost.front_mebibytes > 0 < cost.workers_mebibytes
+
+
+def test_survey_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    cost = measure.SurveyCost(100, 2, 10.0, 15.0, 1.0, 0.5, 3.5, 200.0, 400.0)
+    monkeypatch.setattr(measure, "survey", lambda *_: cost)
+    table = rows(printed(monkeypatch, "survey"))
+    assert table["processes computing"] == ["15.00 s", "75.00 %"]
+    assert table["idle at the end, no tile left"] == ["3.50 s", "17.50 %"]
+    assert table["cells per second"][0] == "10.0"
+    assert table["1000 × 1000 cells would take, without the idle end"][0] == "22.92 h"
+
+
+def test_peers(monkeypatch: pytest.MonkeyPatch) -> None:
+    measured = peers.Peer("scipy", "1.0", 3000.0, 30.0, 1e-12, 1e-11, 400, 3)
+    monkeypatch.setattr(peers, "peers", lambda: iter([measured]))
+    monkeypatch.setattr(peers, "missing", lambda: {"heyoka": peers.INSTALL})
+    table = rows(printed(monkeypatch, "peers"))
+    assert table["scipy 1.0"] == ["3000", "30.0", "100", "1.0e-12", "1.0e-11", "400", "3"]
+    assert peers.INSTALL in table["heyoka"][0]
+
+
+def test_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measure, "TURNS", 1)
+    monkeypatch.setattr(measure, "FIRST_RESULT", "import rattle; rattle.Gear(0.6, 0.1).impact(0.3, 4.0)")
+    table = rows(printed(monkeypatch, "start"))
+    assert len(table) == 3
+    assert all(float(cells[0]) > 0 for cells in table.values())
+
+
+def test_help_names_every_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = printed(monkeypatch, "--help")
+    assert all(f"{part}:" in text for part in Part)
