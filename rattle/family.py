@@ -131,8 +131,13 @@ def nodes(delta, beta):
             s[size] = turning_point(s[i - 1], s[i + 1], 1.0 if below else -1.0, delta, beta)
             e[size] = amplitude(s[size], delta, beta)
             size += 1
-    order = np.argsort(s[:size])
-    return s[:size][order], e[:size][order]
+    for i in range(2 * n, size):  # a few turning points among nodes in order: insertion
+        new_s, new_e, j = s[i], e[i], i
+        while s[j - 1] > new_s:
+            s[j], e[j] = s[j - 1], e[j - 1]
+            j -= 1
+        s[j], e[j] = new_s, new_e
+    return s[:size], e[:size]
 
 
 @kernel

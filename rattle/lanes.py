@@ -476,7 +476,8 @@ def close_ranks(b, who, notes):
             return (i + GROUP - 1) // GROUP
         move(b, i, j)
         who[i], who[j] = who[j], -1
-        notes[i] = notes[j]
+        for k in range(notes.shape[1]):
+            notes[i, k] = notes[j, k]
 
 
 @inline

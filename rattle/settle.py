@@ -153,7 +153,8 @@ def recurs(b, i, k, notes, samples):
 @inline
 def forget(notes, i):
     """A lane without reference: nothing is near it."""
-    notes[i] = 0.0
+    for k in range(NOTES):
+        notes[i, k] = 0.0
     notes[i, AT_V], notes[i, NEXT] = -1.0, 1.0
 
 
@@ -211,14 +212,12 @@ def mark(tau, v, epsilon, footprint):
 def measure(b, which, least, periods, cells, samples, balls, sums, footprints, paths):
     """As `settle`, with a tangent vector, for at least so many impacts and so many forcing periods, or to the limit.
 
-    sums[j, batch] gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts, footprints[j] the
-    boxes that it visits.
+    sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
+    footprints[j] the boxes that it visits.
     """
     who = np.full(LANES, -1)
     notes = np.zeros((LANES, NOTES))
     fresh, groups = 0, GROUPS
-    sums[:] = 0.0
-    footprints[:] = 0
     empty(b)
     while groups > 0:
         for i in range(GROUP * groups):
