@@ -1,12 +1,22 @@
-"""What `rattle bench` measures. Every figure is a best of several runs: the machine can only make it slower."""
+"""What `rattle bench` measures. A figure is the best of several turns: the machine can only make it slower.
+
+What is to be compared takes its turns one after the other, so that a machine that is busy for a while slows them all.
+"""
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import resource
+import subprocess
+import sys
 import tempfile
+import threading
 import time
-from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +26,13 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-REPEATS = 5
+    Arguments = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], int]
+
+TURNS, TURNS_IN_STEP = 5, 15
+PATIENCE = 300.0  # seconds that one runner waits for the other, which may have to compile first
+IMPACTS = {"A": 300, "B": 300, "C": 200}  # on Σ⁺, of every trajectory
+PER_CELL = 16  # trajectories of each cell of workload C
+NANO = 1e9
 CELLS = {
     "quiet only (0.6, 0.056)": (0.6, 0.056),
     "five attractors (0.6, 0.089)": (0.6, 0.089),
@@ -24,6 +40,12 @@ CELLS = {
     "chaos alone (0.6, 0.25)": (0.6, 0.25),
     "near the quiet limit (0.6, 0.1885)": (0.6, 0.1885),
 }
+NEIGHBOURS = 1e-4  # half the width in δ of the row of cells around a named one
+PLANE = (0.4, 1.0), (0.005, 0.3)  # (δ, ε) of Figure 7
+LARGE = 1_000_000  # cells of the survey whose time is extrapolated
+#: Haswell has what x86-64-v3 names, and no more: without the second, numba would add what this processor has besides.
+X86_64_V3 = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""}
+FIRST_RESULT = "import rattle; rattle.Gear(0.6, 0.1).attractors(count=64)"
 KIBIBYTE = 1024
 
 
@@ -33,83 +55,291 @@ def workloads() -> dict[str, tuple[NDArray[np.float64], ...]]:
     for name, low, high in (("A", 0.5, 7.0), ("B", 0.01, 0.2)):
         rng, n = np.random.default_rng(7), 4096
         sets[name] = (rng.random(n), rng.uniform(low, high, n), np.full(n, 0.6), np.full(n, 0.1))
-    delta, epsilon = np.meshgrid(np.linspace(0.4, 1, 64), np.linspace(0.02, 0.3, 64), indexing="ij")
+    grid = np.meshgrid(np.linspace(0.4, 1, 64), np.linspace(0.02, 0.3, 64), indexing="ij")
+    delta, epsilon = (np.repeat(x.ravel(), PER_CELL) for x in grid)
     rng, n = np.random.default_rng(7), delta.size
-    sets["C"] = (rng.random(n), rng.uniform(0.5, 7, n), delta.ravel(), epsilon.ravel())
+    sets["C"] = (rng.random(n), rng.uniform(0.5, 7, n), delta, epsilon)
     return sets
 
 
-def best(run: Callable[[], Any]) -> float:
-    """Seconds of the fastest of several runs, after one that is not counted."""
+def _arguments(name: str, thin: int) -> Arguments:
+    """What `rattle.iterate` takes, of every thin-th trajectory of a workload."""
+    tau, v, delta, epsilon = (np.ascontiguousarray(x[::thin]) for x in workloads()[name])
+    return delta, epsilon, tau, v, IMPACTS[name]
+
+
+def _seconds(run: Callable[[], Any]) -> float:
+    began = time.perf_counter()
     run()
-    seconds = []
-    for _ in range(REPEATS):
+    return time.perf_counter() - began
+
+
+def best(runs: Sequence[Callable[[], Any]]) -> list[float]:
+    """Seconds of the fastest turn of each run, after one that is not counted."""
+    for run in runs:
+        run()
+    return np.min([[_seconds(run) for run in runs] for _ in range(TURNS)], axis=0).tolist()
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A workload in one thread: nanoseconds per impact on either wall, shares of flights that take the slow paths."""
+
+    workload: str
+    plain: float
+    tangent: float
+    scanned: float
+    searched: float
+
+
+def rates(thin: int = 1) -> list[Rate]:
+    """Each workload with and without tangent; `thin` keeps every thin-th trajectory."""
+    import rattle
+    from rattle.iterate import paths
+
+    flown = {name: _arguments(name, thin) for name in IMPACTS}
+    runs = [partial(run, *each) for each in flown.values() for run in (rattle.iterate, rattle.iterate_tangent)]
+    seconds = np.reshape(best(runs), (-1, 2)).tolist()
+    counted = [paths(*each) for each in flown.values()]
+    return [
+        Rate(name, plain / flights * NANO, tangent / flights * NANO, scanned / flights, searched / flights)
+        for name, (plain, tangent), (flights, scanned, searched) in zip(flown, seconds, counted, strict=True)
+    ]
+
+
+def scaling(thin: int = 1) -> Iterator[tuple[str, float]]:
+    """(runners, how much more two of them do than one), each with its half of workload A."""
+    with ThreadPoolExecutor(2) as threads:
+        barrier = threading.Barrier(2)
+        yield "2 threads", _scaling(threads, partial(_in_step, thin, barrier))
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(2, spawn, _meet_at, (spawn.Barrier(2),)) as processes:
+        yield "2 processes", _scaling(processes, partial(_in_step, thin, None))
+
+
+def _scaling(pool: Executor, run: Callable[[int], tuple[list[float], NDArray[np.float64]]]) -> float:
+    first, second = pool.map(run, range(2))
+    together = np.stack([first[1], second[1]])
+    return float(2.0 * min(first[0]) / np.min(together[:, :, 1].max(axis=0) - together[:, :, 0].min(axis=0)))
+
+
+_barriers: list[Any] = []  # of a spawned process: one; it can be inherited, not sent with a task
+
+
+def _meet_at(barrier: Any) -> None:
+    _barriers.append(barrier)
+
+
+def _in_step(thin: int, barrier: Any, index: int) -> tuple[list[float], NDArray[np.float64]]:
+    """Seconds of the first runner's half while the other waits; when this runner's half began and ended beside it."""
+    import rattle
+
+    delta, epsilon, tau, v, n = _arguments("A", thin)
+    half = slice(index, None, 2)
+    run = partial(rattle.iterate, delta[half], epsilon[half], tau[half], v[half], n)
+    barrier = barrier or _barriers[0]
+    run()
+    alone, together = [], []
+    for _ in range(TURNS_IN_STEP):
+        barrier.wait(PATIENCE)
+        if index == 0:
+            alone.append(_seconds(run))
+        barrier.wait(PATIENCE)
         began = time.perf_counter()
         run()
-        seconds.append(time.perf_counter() - began)
-    return min(seconds)
+        together.append((began, time.perf_counter()))
+    return alone, np.array(together)
 
 
-def kernel() -> Iterator[tuple[str, float]]:
-    """(workload, nanoseconds per impact on either wall), one core."""
-    from rattle.impact_map import iterate_many
+def portable(thin: int = 1) -> dict[str, tuple[float, float]]:
+    """Nanoseconds per impact, plain and with tangent, of workload A compiled for this processor and for x86-64-v3."""
+    native, other = list[list[float]](), list[list[float]]()
+    measured = _workload_a(thin)
+    with _elsewhere(thin) as ask:
+        ask()
+        measured()
+        for _ in range(TURNS):
+            native.append(measured())
+            other.append(ask())
+    found = {"this processor": native, "x86-64-v3": other}
+    return {name: (min(x[0] for x in turns), min(x[1] for x in turns)) for name, turns in found.items()}
 
-    for name, (tau, v, delta, epsilon) in workloads().items():
-        arguments = (tau, v, np.full(tau.size, 100), delta, epsilon, np.full(tau.size, 0.6))
-        _, _, _, n_plus, n_minus = iterate_many(*arguments)
-        impacts = int(n_plus.sum() + n_minus.sum())
-        yield name, best(partial(iterate_many, *arguments)) / impacts * 1e9
+
+def _workload_a(thin: int) -> Callable[[], list[float]]:
+    """What measures workload A once, in nanoseconds per impact: plain, with tangent."""
+    import rattle
+    from rattle.iterate import paths
+
+    arguments = _arguments("A", thin)
+    flights = paths(*arguments)[0]
+    runs = [partial(run, *arguments) for run in (rattle.iterate, rattle.iterate_tangent)]
+    return lambda: [_seconds(run) / flights * NANO for run in runs]
 
 
-def cell(count: int) -> Iterator[tuple[str, float, dict[str, tuple[int, float]]]]:
-    """(cell, milliseconds, per outcome: samples and mean impacts on Σ⁺ of one), one core."""
-    from rattle.attractors import KINDS
-    from rattle.classify import Budget, Point, classify_many
-    from rattle.quiet import capture_invariant
-    from rattle.sampling import initial_conditions
+@contextmanager
+def _elsewhere(thin: int) -> Iterator[Callable[[], list[float]]]:
+    """Another process, compiled for x86-64-v3, that measures workload A when asked."""
+    command = [sys.executable, "-c", f"from service.measure import answer; answer({thin})"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=os.environ | X86_64_V3) as child:
+        asked, answered = child.stdin, child.stdout
+        assert asked is not None
+        assert answered is not None
 
+        def ask() -> list[float]:
+            asked.write("\n")
+            asked.flush()
+            return [float(word) for word in answered.readline().split()]
+
+        yield ask
+        asked.close()
+
+
+def answer(thin: int) -> None:
+    """Measure workload A for each line read, until there are no more."""
+    measured = _workload_a(thin)
+    for _ in sys.stdin:
+        print(*measured(), flush=True)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Samples that end alike, and the impacts on Σ⁺ that they made."""
+
+    kind: str
+    samples: int
+    impacts: int
+
+    @property
+    def mean(self) -> float:
+        """Impacts of one sample."""
+        return self.impacts / self.samples
+
+
+def _attractors(delta: NDArray[np.float64], epsilon: Any, count: int) -> tuple[list[Outcome], Callable[[], Any]]:
+    """The outcomes of some cells, and what computes them."""
+    import rattle
+
+    run = partial(rattle.attractors_of, delta, epsilon, 0.6, count, 7.0, 0)
+    found = run()
+    kinds = [(name, found.kind == kind) for kind, name in enumerate(rattle.KINDS)]
+    outcomes = [Outcome(name, int(found.samples[on].sum()), int(found.impacts[on].sum())) for name, on in kinds]
+    return [each for each in outcomes if each.samples], run
+
+
+def cells(count: int, row: int = 64) -> Iterator[tuple[str, float, list[Outcome]]]:
+    """(cell, milliseconds per cell, outcomes), one core; of a row of neighbouring δ, because lanes are shared."""
     for name, (delta, epsilon) in CELLS.items():
-        tau, v = initial_conditions(count, 7.0, 0, (delta, epsilon, 0.6))
-        point = Point(delta, epsilon, 0.6, capture_invariant(delta, epsilon, 0.6))
-        outcomes, _, _ = classify_many(tau, v, point, Budget())
-        spent = defaultdict(list)
-        for outcome in outcomes:
-            spent[KINDS[outcome.kind]].append(outcome.impacts)
-        seconds = best(partial(classify_many, tau, v, point, Budget()))
-        yield name, seconds * 1e3, {kind: (len(n), float(np.mean(n))) for kind, n in spent.items()}
+        outcomes, run = _attractors(delta + np.linspace(-NEIGHBOURS, NEIGHBOURS, row), epsilon, count)
+        yield name, best([run])[0] / row * 1e3, outcomes
 
 
-def survey(cells_per_side: int, count: int, n_workers: int) -> dict[str, float]:
-    """A survey of the plane of Figure 7 on an embedded cluster: cells, seconds, and peak resident memory in MiB.
+def plane(count: int, size: int = 512) -> tuple[float, list[Outcome]]:
+    """Milliseconds per cell, one core, and the outcomes of a random sample of the plane of Figure 7."""
+    rng = np.random.default_rng(7)
+    delta, epsilon = (rng.uniform(*bounds, size) for bounds in PLANE)
+    outcomes, run = _attractors(delta, epsilon, count)
+    return _seconds(run) / size * 1e3, outcomes
 
-    Seconds are those from the first tile submitted to the last written; compiling and starting processes come before.
+
+@dataclass(frozen=True)
+class SurveyCost:
+    """A survey on an embedded cluster: where the processes' time went, all in seconds but the peak memory, in MiB.
+
+    `seconds` runs from the first tile submitted to the last one written; compiling and starting come before. The times
+    below are of all processes together and add up to n_workers × seconds. Writing is what a tile's task takes beside
+    computing. Dask has what passes before a process's first tile and between two, and the end is idle for a process
+    that has no tile left.
     """
+
+    cells: int
+    n_workers: int
+    seconds: float
+    computing: float
+    writing: float
+    dask: float
+    idle_end: float
+    front_mebibytes: float
+    workers_mebibytes: float
+
+    @property
+    def cells_per_second(self) -> float:
+        """Of all processes together."""
+        return self.cells / self.seconds
+
+    @property
+    def large_hours(self) -> float:
+        """Hours that a million cells would take: as these, but without the idle end, which does not grow."""
+        busy = self.computing + self.writing + self.dask
+        return busy / self.n_workers / self.cells * LARGE / 3600
+
+
+def survey(cells_per_side: int, count: int, n_workers: int, tile: int | None = None) -> SurveyCost:
+    """Survey the plane of Figure 7 on an embedded cluster; a large survey has tiles of 32 × 32, a small one less."""
+    from distributed import get_task_stream
+
     import workers as w
 
-    request = w.SurveyRequest(
-        delta=w.Axis(start=0.4, stop=1.0, num=cells_per_side),
-        epsilon=w.Axis(start=0.005, stop=0.3, num=cells_per_side),
-        initial_conditions=w.InitialConditions(count=count),
-    )
+    delta, epsilon = (w.Axis(start=low, stop=high, num=cells_per_side) for low, high in PLANE)
+    sample = w.InitialConditions(count=count)
+    shape = w.TileShape(delta=tile, epsilon=tile)
+    request = w.SurveyRequest(delta=delta, epsilon=epsilon, initial_conditions=sample, tile=shape)
     records: list[w.TileRecord] = []
     with tempfile.TemporaryDirectory() as directory, w.embedded_cluster(n_workers) as client:
         store = Path(directory) / "survey.zarr"
         w.create_store(request, store)
-        began = time.perf_counter()
-        w.run_tiles(request, store, w.tiles_of(request), client, records.append, lambda: False)
-        seconds = time.perf_counter() - began
+        with get_task_stream(client) as stream:
+            began = time.time()  # dask's clock
+            w.run_tiles(request, store, w.tiles_of(request), client, records.append, lambda: False)
+            ended = time.time()
         w.finish_store(store)
         peaks = client.run(_peak_memory)
-    return {
-        "cells": request.n_cells,
-        "seconds": seconds,
-        "cells_per_second": request.n_cells / seconds,
-        "computing_share": sum(record.seconds for record in records) / (seconds * n_workers),
-        "front_mebibytes": _peak_memory(),
-        "workers_mebibytes": sum(peaks.values()),
-    }
+    computing = sum(record.seconds for record in records)
+    tasks, last = _tasks(stream.data)
+    idle_end = sum(ended - each for each in last) + (n_workers - len(last)) * (ended - began)
+    return SurveyCost(
+        cells=request.n_cells,
+        n_workers=n_workers,
+        seconds=ended - began,
+        computing=computing,
+        writing=tasks - computing,
+        dask=(ended - began) * n_workers - tasks - idle_end,
+        idle_end=idle_end,
+        front_mebibytes=_peak_memory(),
+        workers_mebibytes=sum(peaks.values()),
+    )
+
+
+def _tasks(stream: list[dict[str, Any]]) -> tuple[float, list[float]]:
+    """Seconds of all tasks together, and when each worker ended its last one."""
+    seconds, last = 0.0, dict[str, float]()
+    for task in stream:
+        for span in task["startstops"]:
+            if span["action"] == "compute":
+                seconds += span["stop"] - span["start"]
+                last[task["worker"]] = max(last.get(task["worker"], 0.0), span["stop"])
+    return seconds, list(last.values())
 
 
 def _peak_memory() -> float:
     """Peak resident memory of this process in MiB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KIBIBYTE
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / KIBIBYTE
+    except (OSError, StopIteration):  # no Linux; there a child may begin with the peak of its parent
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KIBIBYTE
+
+
+def start() -> Iterator[tuple[str, float]]:
+    """(what, seconds from the start of a process to its end)."""
+    yield "first result", best([partial(_process, FIRST_RESULT)])[0]
+    yield "of which import rattle", best([partial(_process, "import rattle")])[0]
+    with tempfile.TemporaryDirectory() as directory:
+        yield (
+            "first result, kernels compiled first",
+            _seconds(partial(_process, FIRST_RESULT, RATTLE_CACHE_DIR=directory)),
+        )
+
+
+def _process(code: str, **environment: str) -> None:
+    subprocess.run([sys.executable, "-c", code], check=True, env=os.environ | environment)

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rich.table import Table
+
+    from service.measure import Outcome
 
 
 class Part(StrEnum):
@@ -14,42 +21,140 @@ class Part(StrEnum):
     KERNEL = "kernel"
     CELL = "cell"
     SURVEY = "survey"
+    PEERS = "peers"
+    START = "start"
 
 
 def bench(
     parts: Annotated[list[Part] | None, typer.Argument(help="What to measure.", show_default="all")] = None,
-    count: Annotated[int, typer.Option(min=1, help="Initial conditions per cell.")] = 64,
-    side: Annotated[int, typer.Option(min=8, help="Cells along each axis of the survey.")] = 32,
+    count: Annotated[int, typer.Option(min=1, help="Initial conditions per cell, of cell and survey.")] = 64,
+    side: Annotated[int, typer.Option(min=8, help="Cells along each axis of the survey.")] = 64,
     workers: Annotated[int, typer.Option(min=1, help="Processes of the survey's cluster.")] = 2,
+    tile: Annotated[int | None, typer.Option(min=1, help="Cells along a tile.", show_default="few")] = None,
+    thin: Annotated[int, typer.Option(min=1, max=1024, hidden=True, help="One in so many trajectories.")] = 1,
+    row: Annotated[int, typer.Option(min=1, hidden=True, help="Cells of a row of neighbours.")] = 64,
+    sample: Annotated[int, typer.Option(min=1, hidden=True, help="Cells of a random sample of the plane.")] = 512,
 ) -> None:
-    """Measure nanoseconds per impact, milliseconds per cell, and cells per second of a survey with its peak memory."""
+    """Measure how fast this machine is at what a survey costs. Other programs running meanwhile show in the figures.
+
+    kernel: nanoseconds per impact, the scaling over two threads and processes, and the cost of x86-64-v3.
+
+    cell: milliseconds per cell, and the impacts that every outcome costs.
+
+    survey: cells per second, where the time goes, and peak memory.
+
+    peers: other people's integrators on the same trajectories.
+
+    start: seconds to the first result of a new process.
+    """
     from rich.console import Console
+
+    console, wanted = Console(), parts or list(Part)
+    tables = {
+        Part.KERNEL: lambda: _kernel(thin),
+        Part.CELL: lambda: _cell(count, row, sample),
+        Part.SURVEY: lambda: _survey(side, count, workers, tile),
+        Part.PEERS: _peers,
+        Part.START: _start,
+    }
+    for part in (part for part in Part if part in wanted):
+        with console.status(f"{part} …"):
+            for table in tables[part]():
+                console.print(table)
+
+
+def _kernel(thin: int) -> Iterable[Table]:
     from rich.table import Table
 
-    import rattle
     from service import measure
 
-    rattle.warm_up()
-    console, wanted = Console(), parts or list(Part)
-    if Part.KERNEL in wanted:
-        table = Table("workload", "ns per impact", title="kernel: one core")
-        for name, nanoseconds in measure.kernel():
-            table.add_row(name, f"{nanoseconds:.0f}")
-        console.print(table)
-    if Part.CELL in wanted:
-        table = Table("cell (δ, ε)", "ms", "outcome: samples × mean impacts", title=f"cell: {count} initial conditions")
-        for name, milliseconds, spent in measure.cell(count):
-            table.add_row(
-                name, f"{milliseconds:.1f}", ", ".join(f"{k}: {n} × {mean:.0f}" for k, (n, mean) in spent.items())
-            )
-        console.print(table)
-    if Part.SURVEY in wanted:
-        result = measure.survey(side, count, workers)
-        table = Table("survey", "", title=f"survey: plane of Figure 7, {count} initial conditions, {workers} processes")
-        table.add_row("cells", f"{result['cells']:.0f}")
-        table.add_row("seconds", f"{result['seconds']:.1f}")
-        table.add_row("cells per second", f"{result['cells_per_second']:.1f}")
-        table.add_row("share of time spent computing tiles", f"{100 * result['computing_share']:.1f} %")
-        table.add_row("peak memory, this process", f"{result['front_mebibytes']:.0f} MiB")
-        table.add_row("peak memory, all workers", f"{result['workers_mebibytes']:.0f} MiB")
-        console.print(table)
+    table = Table("workload", "plain", "with tangent", "scanned", "searched", title="kernel: ns per impact, one thread")
+    for rate in measure.rates(thin):
+        shares = (f"{100 * share:.3f} %" for share in (rate.scanned, rate.searched))
+        table.add_row(rate.workload, f"{rate.plain:.1f}", f"{rate.tangent:.1f}", *shares)
+    yield table
+    table = Table("runners", "work done, of one runner's", title="kernel: halves of workload A side by side")
+    for name, scaling in measure.scaling(thin):
+        table.add_row(name, f"{scaling:.2f}")
+    yield table
+    table = Table("compiled for", "plain", "with tangent", title="kernel: workload A, ns per impact")
+    for name, nanoseconds in measure.portable(thin).items():
+        table.add_row(name, *(f"{each:.1f}" for each in nanoseconds))
+    yield table
+
+
+def _cell(count: int, row: int, sample: int) -> Iterable[Table]:
+    from rich.table import Table
+
+    from service import measure
+
+    table = Table("cell (δ, ε)", "ms", "outcome: share × impacts on Σ⁺", title=f"cell: {count} initial conditions")
+    for name, milliseconds, outcomes in measure.cells(count, row):
+        table.add_row(name, f"{milliseconds:.2f}", _described(outcomes))
+    yield table
+    milliseconds, outcomes = measure.plane(count, sample)
+    title = f"cell: {sample} random cells of the plane of Figure 7, {milliseconds:.2f} ms per cell"
+    table = Table("outcome", "impacts on Σ⁺ per sample", "share of samples", "share of impacts", title=title)
+    samples, impacts = sum(each.samples for each in outcomes), sum(each.impacts for each in outcomes)
+    for each in outcomes:
+        shares = (f"{100 * each.samples / samples:.2f} %", f"{100 * each.impacts / impacts:.2f} %")
+        table.add_row(each.kind, f"{each.mean:.0f}", *shares)
+    table.add_row("all", f"{impacts / samples:.0f}", "100 %", "100 %", end_section=True)
+    yield table
+
+
+def _described(outcomes: list[Outcome]) -> str:
+    samples = sum(each.samples for each in outcomes)
+    return ", ".join(f"{each.kind} {100 * each.samples / samples:.1f} % × {each.mean:.0f}" for each in outcomes)
+
+
+def _survey(side: int, count: int, workers: int, tile: int | None) -> Iterable[Table]:
+    from rich.table import Table
+
+    from service import measure
+
+    cost = measure.survey(side, count, workers, tile)
+    title = f"survey: plane of Figure 7, {side} × {side} cells, {count} initial conditions, {workers} processes"
+    table = Table("", "", "share", title=title)
+    table.add_row("from the first tile to the last", f"{cost.seconds:.1f} s", "")
+    shares = {
+        "processes computing": cost.computing,
+        "processes writing": cost.writing,
+        "before and between tiles (dask)": cost.dask,
+        "idle at the end, no tile left": cost.idle_end,
+    }
+    for name, seconds in shares.items():
+        table.add_row(name, f"{seconds:.2f} s", f"{100 * seconds / (cost.seconds * workers):.2f} %")
+    table.add_row("cells per second", f"{cost.cells_per_second:.1f}", "")
+    table.add_row("1000 × 1000 cells would take, without the idle end", f"{cost.large_hours:.2f} h", "")
+    table.add_row("peak memory, this process", f"{cost.front_mebibytes:.0f} MiB", "")
+    table.add_row("peak memory, all workers", f"{cost.workers_mebibytes:.0f} MiB", "")
+    yield table
+
+
+def _peers() -> Iterable[Table]:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from service import peers
+
+    columns = ("peer", "ns per impact", "rattle", "ratio", "largest error: phase", "speed", "compared", "lost")
+    table = Table(*columns, title="peers: one thread, δ = 0.6, ε = 0.1")
+    for peer in peers.peers():
+        nanoseconds = (f"{peer.nanoseconds:.0f}", f"{peer.rattle_nanoseconds:.1f}", f"{peer.ratio:.0f}")
+        errors = (f"{peer.phase_error:.1e}", f"{peer.speed_error:.1e}", str(peer.compared), str(peer.lost))
+        table.add_row(f"{peer.name} {peer.version}", *nanoseconds, *errors)
+    for name, command in peers.missing().items():
+        table.add_row(name, escape(f"not installed: {command}"), *[""] * (len(columns) - 2))
+    yield table
+
+
+def _start() -> Iterable[Table]:
+    from rich.table import Table
+
+    from service import measure
+
+    table = Table("process", "seconds", title="start: a new process")
+    for name, seconds in measure.start():
+        table.add_row(name, f"{seconds:.2f}")
+    yield table

@@ -1,10 +1,15 @@
 """`rattle bench`: every part prints whole tables of positive figures. How large they are is no contract."""
 
+import io
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import pytest
+from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
+import workers
 from service import measure, peers
 from service.cli import app
 from service.commands.bench import Part
@@ -36,14 +41,27 @@ def test_workloads_are_reproducible_states_on_the_upper_wall() -> None:
 
 def test_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measure, "TURNS", 1)
-    monkeypatch.setattr(measure, "X86_64_V3", {})  # what is compiled for it is in nobody's cache
     found = measure.rates(512)
     assert [rate.workload for rate in found] == list(measure.IMPACTS)
     assert all(rate.plain > 0 and rate.tangent > 0 and 0 <= rate.searched <= 1 >= rate.scanned >= 0 for rate in found)
-    monkeypatch.setattr(measure, "rates", lambda _: found)
+    runners, scaling = next(measure.scaling(512))
+    assert runners == "2 threads"
+    assert scaling > 0
+    monkeypatch.setattr(measure, "scaling", lambda _: [("2 threads", 2.0), ("2 processes", 1.9)])
+    monkeypatch.setattr(measure, "portable", lambda _: {"this processor": (20.0, 22.0), "x86-64-v3": (21.0, 23.0)})
     table = rows(printed(monkeypatch, "kernel", *TINY))
     assert [*table] == ["A", "B", "C", "2 threads", "2 processes", "this processor", "x86-64-v3"]
     assert all(float(cells[0]) > 0 for cells in table.values())
+
+
+def test_another_process_measures_when_asked(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
+    measure.answer(512)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2
+    assert all(len(line.split()) == 2 and float(word) > 0 for line in lines for word in line.split())
 
 
 def test_cell(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -57,7 +75,14 @@ def test_cell(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(each.impacts > 0 and each.mean > 0 for each in outcomes)
 
 
-def test_survey() -> None:
+def test_survey(monkeypatch: pytest.MonkeyPatch) -> None:
+    @contextmanager
+    def in_this_process(_: int) -> Iterator[Client]:
+        cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None)
+        with cluster, Client(cluster, set_as_default=False) as client:
+            yield client
+
+    monkeypatch.setattr(workers, "embedded_cluster", in_this_process)
     cost = measure.survey(8, 2, 1)
     assert cost.cells == 64
     parts = (cost.computing, cost.writing, cost.dask, cost.idle_end)
@@ -88,7 +113,7 @@ def test_peers(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_start(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measure, "TURNS", 1)
-    monkeypatch.setattr(measure, "FIRST_RESULT", "import rattle; rattle.Gear(0.6, 0.1).impact(0.3, 4.0)")
+    monkeypatch.setattr(measure, "FIRST_RESULT", "import rattle")
     table = rows(printed(monkeypatch, "start"))
     assert len(table) == 3
     assert all(float(cells[0]) > 0 for cells in table.values())
