@@ -296,7 +296,7 @@ def survey(cells_per_side: int, count: int, n_workers: int, tile: int | None = N
         peaks = client.run(_peak_memory)
     computing = sum(record.seconds for record in records)
     tasks, last = _tasks(stream.data)
-    idle_end = sum(ended - each for each in last) + (n_workers - len(last)) * (ended - began)
+    idle_end = sum(max(ended - each, 0.0) for each in last) + (n_workers - len(last)) * (ended - began)
     return SurveyCost(
         cells=request.n_cells,
         n_workers=n_workers,
