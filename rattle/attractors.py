@@ -114,7 +114,7 @@ def attractors_of(
     count = require_integer("count", count, 1, MOST_SAMPLES)
     seed = require_integer("seed", seed, 0, LARGEST_SEED)
     v_max = require_number("v_max", v_max, positive=True)
-    d, e, b = (np.ascontiguousarray(x).ravel() for x in parameters(delta, epsilon, beta))
+    d, e, b = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon, beta))
     require(d.size * count <= 64 * MOST_SAMPLES, f"{d.size} cells of {count} samples are too many at once: use tiles")
     return _tabulate(followed(d, e, b, count, v_max, seed))
 

@@ -63,8 +63,6 @@ def working_block() -> Any:
 
 
 def _driver(tangent: bool) -> Any:
-    advance = advance_tangent if tangent else advance_plain
-
     @kernel
     def drive(b, tau, v, n, delta, epsilon, beta, paths):
         """Π^n of each element of flat arrays, lanes refilled as they finish.
@@ -100,7 +98,10 @@ def _driver(tangent: bool) -> Any:
             if fresh == size:
                 groups = close_ranks(b, who, notes)
             synchronise(b, groups)
-            advance(b, groups, FLIGHTS, roughest(b, groups), paths)
+            if tangent:
+                advance_tangent(b, groups, FLIGHTS, roughest(b, groups), paths)
+            else:
+                advance_plain(b, groups, FLIGHTS, roughest(b, groups), paths)
         return status, out_tau, out_v, n_plus, n_minus, growth
 
     return drive

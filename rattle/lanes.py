@@ -383,8 +383,7 @@ def conclude(b, n):
 
 
 def _advance(tangent):
-    commit = commit_tangent if tangent else commit_plain
-
+    # What a cached kernel closes over is part of its key, and a compiled function has another one in every process.
     @kernel
     def advance(b, groups, flights, force, paths):
         """Fly every lane of a block this many times; force is what `roughest` says of them.
@@ -420,7 +419,10 @@ def _advance(tangent):
                 unsure |= np.int64(b.sure[i] == 0.0)
             if unsure:
                 repair(b, groups, paths)
-            commit(b, groups)
+            if tangent:
+                commit_tangent(b, groups)
+            else:
+                commit_plain(b, groups)
 
     return advance
 

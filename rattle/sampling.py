@@ -32,7 +32,7 @@ def _shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
     """Two numbers in [0, 1) for each element, (n, 2), from the seed (up to 128 bits) and the element's parameters."""
     state = np.zeros(parameters[0].size, np.uint64)
     halves = np.array([seed & (2**64 - 1), seed >> 64], np.uint64)
-    words: list[NDArray[np.uint64]] = [halves[:1], halves[1:], *(p.view(np.uint64) for p in parameters)]
+    words: list[NDArray[np.uint64]] = [halves[:1], halves[1:], *((p + 0.0).view(np.uint64) for p in parameters)]
     for word in words:
         state = _mixed((state ^ word) + GOLDEN)
     drawn = np.stack([_mixed(state + GOLDEN), _mixed(state + GOLDEN + GOLDEN)], axis=1)

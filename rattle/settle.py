@@ -162,14 +162,14 @@ def forget(notes, i):
 def look(b, i, k, notes, cells, samples, balls):
     """What has become of sample k on lane i, or LEFT while it goes on: (status, orbit, ended)."""
     over = ended(b, i)
-    if b.stuck[i] > 0.0:
-        return FAILED, -1, True
     if b.wall[i] > 0.0:
         status, orbit = fate(b, i, samples.cell[k], cells, balls)
         if status != LEFT:
             return status, orbit, True
-        if recurs(b, i, k, notes, samples):
-            return RECURRENT, -1, True
+    if b.stuck[i] > 0.0:
+        return FAILED, -1, True
+    if b.wall[i] > 0.0 and recurs(b, i, k, notes, samples):
+        return RECURRENT, -1, True
     return LEFT, -1, over
 
 

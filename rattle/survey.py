@@ -53,6 +53,7 @@ class Survey:
         self.orbits, self.balls = _empty_tables(n_cells)
         self.chaos: dict[int, list[Chaos]] = {}
         self.stage = np.zeros(n_cells, np.int64)
+        self.unclear = np.zeros(n_cells, np.bool_)  # witnesses told nothing: measuring again would not either
         self.paths = np.zeros(2, np.int64)
         self.block = working_block()
         self.enter_period_one()
@@ -76,7 +77,8 @@ class Survey:
             pending = pending[(self.status[pending] == LEFT).any(axis=1)]
             leaking = self.leaking(pending)
             decided = np.zeros(pending.size, np.bool_)
-            decided[~leaking] = self.judge(pending[~leaking])
+            judged = ~leaking & ~self.unclear[pending]
+            decided[judged] = self.judge(pending[judged])
             decided |= self.stage[pending] >= STAGES
             pending = pending[~decided]
             self.extend(pending)
@@ -112,7 +114,7 @@ class Survey:
         settled = self.status[cells] != LEFT
         late = settled & (self.samples.impacts.reshape(-1, self.count)[cells] > self.limits(cells)[:, None] // 2)
         begins = (self.stage[cells] == 0) & settled.any(axis=1)
-        return (late.any(axis=1) | begins) & (self.stage[cells] < STAGES)
+        return (late.any(axis=1) | begins | self.unclear[cells]) & (self.stage[cells] < STAGES)
 
     def limits(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         """Impacts that the samples of these cells may make at their stage."""
@@ -137,6 +139,8 @@ class Survey:
             span = slice(ends[i] - chosen[i].size, ends[i])
             if chaotic[span].all():
                 decided[i] = self.declare_chaos(int(cell), chosen[i], sums[span], prints[span])
+            else:
+                self.unclear[cell] = (self.samples.status[chosen[i]] == LEFT).all()
         return decided
 
     def witnesses(self, cell: int) -> NDArray[np.int64]:
@@ -175,7 +179,7 @@ class Survey:
             quick = part[:, :, 0].sum(axis=1) < 0.5 * PERIODS * longer  # spent its impacts first, on small bounces
             chattering = quick & (self.cells.capture[samples.cell[now]] > 0)  # which may be about to become quiet
             chaotic[todo] = left & ~chattering & np.array([is_chaotic(each) for each in part])
-            todo = todo[left & ~chaotic[todo]]
+            todo = todo[left & ~chaotic[todo] & ~chattering]
             if not todo.size:
                 break
         return sums, prints, chaotic

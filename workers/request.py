@@ -20,6 +20,7 @@ DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
 LEAST_TILES = 64  # by default, so that the workers end together and progress is seen
 DEFAULT_SAMPLES = 65_536  # of a default tile: some seconds where all is chaotic, so that a stop is soon obeyed
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
+MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
 
 
@@ -122,6 +123,8 @@ class SurveyRequest(_Strict):
                 raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
         if self.tile_shape[0] * self.tile_shape[1] > MAX_TILE_CELLS:
             raise ValueError(f"a tile may hold {MAX_TILE_CELLS} cells: use a smaller tile")
+        if self.tile_shape[0] * self.tile_shape[1] * self.initial_conditions.count > MAX_TILE_SAMPLES:
+            raise ValueError(f"a tile may hold {MAX_TILE_SAMPLES} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:
             raise ValueError(f"{self.n_tiles} tiles, at most {MAX_TILES}: use a larger tile or a coarser grid")
         return self
