@@ -123,7 +123,8 @@ class SurveyRequest(_Strict):
                 raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
         if self.tile_shape[0] * self.tile_shape[1] > MAX_TILE_CELLS:
             raise ValueError(f"a tile may hold {MAX_TILE_CELLS} cells: use a smaller tile")
-        if self.tile_shape[0] * self.tile_shape[1] * self.initial_conditions.count > MAX_TILE_SAMPLES:
+        samples = self.initial_conditions.count if SAMPLED.intersection(self.quantities) else 0
+        if self.tile_shape[0] * self.tile_shape[1] * samples > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold {MAX_TILE_SAMPLES} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:
             raise ValueError(f"{self.n_tiles} tiles, at most {MAX_TILES}: use a larger tile or a coarser grid")
