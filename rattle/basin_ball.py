@@ -1,10 +1,10 @@
 """A ball around a stable periodic point from which every trajectory goes to it (compiled).
 
 DΠ^k at the point contracts in the norm zᵀMz that solves M − JᵀMJ/ρ² = Q, with ρ between the spectral radius and 1. The
-ball is grown as long as, on its rim and half way to it, Π^k keeps the itinerary of the orbit and its tangent contracts
-in that norm; half the largest such radius is used. Where Π^k is smooth and DΠ^k contracts on a convex set around its
-fixed point, the set is mapped into itself and shrinks to the point. docs/decisions/0007-survey-cost.md says what this
-assumes between the directions that are looked at, and how it is tested.
+ball is grown as long as, on its rim and half way to it, Π^k makes as many impacts on Σ⁻ as the orbit and its tangent
+contracts in that norm; half the largest such radius is used. Where Π^k is smooth and DΠ^k contracts on a convex set
+around its fixed point, the set is mapped into itself and shrinks to the point. docs/decisions/0007-survey-cost.md says
+what this assumes between the directions that are looked at, and how it is tested.
 """
 
 import math
@@ -41,7 +41,7 @@ def contracting_norm(a, b, c, d):
 
 @kernel
 def contracts(tau, v, k, n_minus, m00, m01, m11, point):
-    """True if Π^k at this state has the orbit's itinerary and a tangent that contracts in the norm M."""
+    """True if Π^k at this state has as many Σ⁻ impacts as the orbit and a tangent that contracts in the norm M."""
     if not v > 0.0:
         return False
     status, _t, _v, _time, below, a, b, c, d, _ln = power_map(tau - math.floor(tau), v, k, point)

@@ -7,10 +7,10 @@ import numpy as np
 from rattle._compile import kernel
 from rattle.basin_ball import ball
 from rattle.first_impact import OK
-from rattle.flight import DRIFT
+from rattle.flight import DRIFT, wrapped
 from rattle.impact_map import impact
 from rattle.settle import LEFT, ORBIT, captor, mark
-from rattle.tangent_map import Point, fastest_point, log_multipliers, newton, power_map, shortest_return, wrapped
+from rattle.tangent_map import Point, fastest_point, log_multipliers, newton, power_map, shortest_return
 
 APPROACH = 0.5  # a trajectory must come this much closer to the orbit that Newton's method found ...
 ARRIVED = 1e-9  # ... or be here already

@@ -7,12 +7,13 @@ import math
 from numpy import float32 as f32
 
 from rattle._compile import inline, kernel
-from rattle.flight import DRIFT, TWO_PI, evaluate, evaluate_short, third_derivative, versines
+from rattle.flight import DRIFT, TWO_PI, evaluate, evaluate_short, fourth_derivative, third_derivative, versines
 from rattle.locate import (
     clears_the_gap,
     depth,
     first_guess,
     height_scale,
+    level_of,
     local_root,
     negative_arc,
     refined,
@@ -21,7 +22,7 @@ from rattle.locate import (
 )
 
 OK = 0
-NO_IMPACT = 1  # no impact within LONGEST forcing periods: only backwards in time, or on non-finite input
+NO_IMPACT = 1  # no impact within LONGEST forcing periods: backwards in time, at tiny damping, or on non-finite input
 LONGEST = 1000.0
 PIECE = 0.25  # longest piece of the search: a quarter turn of the forcing
 SAME_PHASE = 1e-12  # a piece starting this close before the arc starts in it: rounding must not hide the arc's exit
@@ -39,9 +40,8 @@ def last_step(s, f0, f1, f2, lost, sin1, cos1, a, delta, epsilon):
     Returns (u, exact); exact tells that u is short, and that what its Taylor series lacks moves s by less than
     RESIDUAL.
     """
-    b = delta * a * (1.0 - lost)
-    f3 = TWO_PI**3 * epsilon * sin1 - delta * b
-    f4 = TWO_PI**4 * epsilon * cos1 + delta * delta * b
+    f3 = third_derivative(a, lost, sin1, delta, epsilon)
+    f4 = fourth_derivative(a, lost, cos1, delta, epsilon)
     inverse = 1.0 / f1
     u = -f0 * inverse
     p = 0.5 * f2 * inverse
@@ -56,9 +56,8 @@ def last_step(s, f0, f1, f2, lost, sin1, cos1, a, delta, epsilon):
 @inline
 def stepped(u, f1, f2, lost, sin1, cos1, a, delta, epsilon):
     """F', F'', 1 − e^(−δs), sin and cos after a step u, by Taylor series: the first term left out is below 1e-17."""
-    b = delta * a * (1.0 - lost)
-    f3 = TWO_PI**3 * epsilon * sin1 - delta * b
-    f4 = TWO_PI**4 * epsilon * cos1 + delta * delta * b
+    f3 = third_derivative(a, lost, sin1, delta, epsilon)
+    f4 = fourth_derivative(a, lost, cos1, delta, epsilon)
     y, x = TWO_PI * u, delta * u
     omc, siny = y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
     w1 = f1 + u * (f2 + u * (0.5 * f3 + u * f4 * (1.0 / 6.0)))
@@ -79,7 +78,7 @@ def proven_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta):
     c0, c1, c2, c3, c4, c5 = taylor(s, w_, a_, sin_, cos_, delta_, epsilon_)
     lowest, bound, turn = depth(s, c0, c1, c2, c3, c4, c5, w_, a_, delta_, epsilon_)
     falls = wall > 0 and lowest < -gap
-    level_ = -gap if falls else (f32(0.0) if wall > 0 else gap)
+    level_ = level_of(wall_, falls, gap)
     s += local_root(not falls, c0 - level_, c1, c2, c3, c4, c5)
     s, _u = refined(s, level_, w_, a_, sin_, cos_, delta_, epsilon_)
     proved = clears_the_gap(wall_, not falls, s, turn, bound, gap, w_, a_, sin_, epsilon_)

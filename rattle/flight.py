@@ -25,8 +25,20 @@ LONGEST_DECAY = 2.0  # largest δs of the polynomials
 @inline
 def folded(tau):
     """The phase in [0, 1); a tiny negative one would round up to 1."""
-    fraction = tau - math.floor(tau)
+    fraction = tau - np.floor(tau)
     return fraction if fraction < 1.0 else 0.0
+
+
+@inline
+def wrapped(difference):
+    """A phase difference in [−1/2, 1/2]."""
+    return difference - np.rint(difference)
+
+
+@inline
+def contact_force(sine, cosine, delta, epsilon, drift):
+    """g = Φ'' + δΦ' = δq − 2πε (2π cos θ + δ sin θ), which presses on Σ⁺ where it is positive."""
+    return delta * drift - TWO_PI * epsilon * (TWO_PI * cosine + delta * sine)
 
 
 @inline
@@ -119,3 +131,9 @@ def evaluate(s, w, a, sin0, cos0, delta, epsilon):
 def third_derivative(a, lost, sin1, delta, epsilon):
     """F''' from the same exponential and sine."""
     return TWO_PI * TWO_PI * TWO_PI * epsilon * sin1 - delta * delta * a * (1.0 - lost)
+
+
+@inline
+def fourth_derivative(a, lost, cos1, delta, epsilon):
+    """F⁗ likewise."""
+    return TWO_PI**4 * epsilon * cos1 + delta * delta * delta * a * (1.0 - lost)

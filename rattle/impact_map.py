@@ -8,7 +8,7 @@ import math
 
 from rattle._compile import inline, kernel
 from rattle.first_impact import OK, first_impact
-from rattle.flight import DRIFT, TWO_PI, folded
+from rattle.flight import DRIFT, TWO_PI, contact_force, folded
 
 STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
 MOST_BOUNCES = 100_000
@@ -24,7 +24,7 @@ def rests(wall, w, tau, delta, epsilon, drift):
     if wall * w < -SLOWEST:
         return False
     theta = TWO_PI * tau
-    force = delta * drift - TWO_PI * epsilon * (TWO_PI * math.cos(theta) + delta * math.sin(theta))
+    force = contact_force(math.sin(theta), math.cos(theta), delta, epsilon, drift)
     return not (w == 0.0 and wall * force < 0.0)
 
 

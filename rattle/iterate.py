@@ -6,23 +6,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle import lanes
 from rattle._compile import kernel
+from rattle.block import GROUP, GROUPS, LANES, block, empty, ended, load, made_ready, roughest, stretched
 from rattle.errors import ParameterError, real_array, require
-from rattle.lanes import (
-    GROUP,
-    GROUPS,
-    LANES,
-    advance_plain,
-    advance_tangent,
-    close_ranks,
-    empty,
-    ended,
-    load,
-    roughest,
-    stretched,
-    synchronise,
-)
+from rattle.lanes import SAFE, SCANNED, advance_plain, advance_tangent
 
 FLIGHTS = 32  # between two looks at the lanes; sine and cosine, carried meanwhile, drift by some units of rounding
 
@@ -51,7 +38,7 @@ class _Memory(threading.local):
     """One block to work in for every thread."""
 
     def __init__(self) -> None:
-        self.block = lanes.block()
+        self.block = block()
 
 
 _memory = _Memory()
@@ -95,9 +82,7 @@ def _driver(tangent: bool) -> Any:
                     load(b, i, tau[fresh], v[fresh], delta[fresh], epsilon[fresh], beta[fresh], n[fresh])
                     who[i] = fresh
                     fresh += 1
-            if fresh == size:
-                groups = close_ranks(b, who, notes)
-            synchronise(b, groups)
+            groups = made_ready(b, who, notes, groups, fresh == size)
             if tangent:
                 advance_tangent(b, groups, FLIGHTS, roughest(b, groups), paths)
             else:
@@ -178,4 +163,4 @@ def paths(
     flat, _shape = _checked(delta, epsilon, tau, v, n, beta)
     counted = np.zeros(2, np.int64)
     _status, _tau, _v, n_plus, n_minus, _growth = _drive_plain(working_block(), *flat, counted)
-    return int(n_plus.sum() + n_minus.sum()), int(counted[lanes.SCANNED]), int(counted[lanes.SAFE])
+    return int(n_plus.sum() + n_minus.sum()), int(counted[SCANNED]), int(counted[SAFE])

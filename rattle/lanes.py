@@ -6,16 +6,14 @@ proof of its first impact goes to a second attempt from a scan, together with th
 alone to `first_impact.safe_impact`. docs/kernel.md explains.
 """
 
-import math
-
 import numpy as np
 from numpy import float32 as f32
-from numpy import floor
 
 from rattle._compile import inline, kernel
+from rattle.block import ARCS, GROUP, ROUGH, ZERO, flag
 from rattle.first_impact import OK, STEEPEST, last_step, safe_impact, stepped
-from rattle.flight import DRIFT, LONGEST_DECAY, TWO_PI, evaluate_short, versines
-from rattle.impact_map import MOST_BOUNCES, STUCK, carried, rests
+from rattle.flight import DRIFT, LONGEST_DECAY, TWO_PI, evaluate_short, folded
+from rattle.impact_map import STUCK, carried, rests
 from rattle.locate import (
     SCAN_STEP,
     SCAN_STEPS,
@@ -24,56 +22,19 @@ from rattle.locate import (
     depth,
     first_guess,
     height_scale,
+    level_of,
     local_root,
-    negative_arc,
     refined,
     scanned,
     single_turn,
     taylor,
 )
 
-LANES, GROUP = 96, 16  # lanes are flown in groups, as many as are in use
-GROUPS = LANES // GROUP
 CHUNK = 11  # flights between two looks at the lanes; prime, so that a periodic motion is seen at all its impacts
-SMOOTH, ROUGH, ARCS = range(3)
-ROUGHNESS = 0.75  # of the amplitude at which the contact force changes sign: from there a better guess pays
 SCANNED, SAFE = range(2)  # flights that took a second attempt, and the search
-Q_32, TWO_PI_32, ZERO, ONE = f32(DRIFT), f32(TWO_PI), f32(0.0), f32(1.0)
-LARGEST_STEP = f32(
-    0.05
-)  # a longer step of fourth order leaves an error too large for `landed`: a second attempt is cheaper
+Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)
+LARGEST_STEP = f32(0.05)  # a longer step of fourth order leaves too much for `last_step`: a second attempt is cheaper
 TOO_FAR = f32(LONGEST_DECAY)
-
-#: Double precision: the state; the parameters; the impacts counted, at most `limit` on Σ⁺, and why a lane stopped
-#: early; a tangent vector (dt, dw) with the product of determinants and the time; the next impact.
-_DOUBLE = (
-    *("tau", "w", "wall", "sin0", "cos0"),
-    *("delta", "epsilon", "gap", "inverse_delta"),
-    *("n_plus", "n_minus", "limit", "stuck"),
-    *("t_tangent", "w_tangent", "determinant", "time"),
-    *("f0", "s", "u", "w1", "bend", "lost", "sin1", "cos1", "target", "sure", "size"),
-)
-#: Single precision: copies of state and parameters; the arc of negative contact force; flight time, Taylor
-#: coefficients, what was decided. z_: the lanes of the second attempt, compacted.
-_SINGLE = (
-    *("tau_", "w_", "wall_", "sin_", "cos_", "a_", "delta_", "epsilon_", "gap_", "inverse_delta_"),
-    *("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc", "rough"),
-    *("s_", "c0", "c1", "c2", "c3", "c4", "c5", "step", "turn", "bound", "falls", "proved", "scale"),
-    *("z_wall", "z_w", "z_a", "z_sin", "z_cos", "z_delta", "z_epsilon", "z_gap"),
-    *("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s", "z_place", "z_bound", "z_step"),
-)
-#: One block: every field is an array over its lanes.
-BLOCK = np.dtype(
-    [(name, np.float64, (LANES,)) for name in _DOUBLE]
-    + [(name, np.float32, (LANES,)) for name in _SINGLE]
-    + [("todo", np.int64, (LANES,))]
-)
-
-
-@inline
-def flag(condition):
-    """1 or 0 as a float32, which keeps a stage's numbers of one width."""
-    return ONE if condition else ZERO
 
 
 @inline
@@ -131,24 +92,17 @@ def choose_wall(b, groups):
 def solve_locally(b, groups):
     """The root of the Taylor polynomial at the level of the wall."""
     for i in range(GROUP * groups):
-        level = level_of(b.wall_[i], b.falls[i], b.gap_[i])
+        level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         falls = b.falls[i] > ZERO
         u = local_root(not falls, b.c0[i] - level, b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i])
         b.s_[i] += u
 
 
 @inline
-def level_of(wall, falls, gap):
-    """F at the next wall: from Σ⁺ 0 or −gap, from Σ⁻ the gap."""
-    level = ZERO if wall > ZERO else gap
-    return -gap if falls > ZERO else level
-
-
-@inline
 def refine(b, groups):
     """A step of fourth order towards the wall."""
     for i in range(GROUP * groups):
-        level = level_of(b.wall_[i], b.falls[i], b.gap_[i])
+        level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
         b.s_[i], b.step[i] = refined(b.s_[i], level, b.w_[i], b.a_[i], b.sin_[i], b.cos_[i], b.delta_[i], b.epsilon_[i])
 
 
@@ -253,9 +207,7 @@ def _commit(tangent):
                 b.w_tangent[i] = q1 if go else q0
                 b.determinant[i] = det1 if go else det0
                 b.time[i] = time1 if go else time0
-            later = tau + s
-            later -= floor(later)
-            later = later if later < 1.0 else 0.0
+            later = folded(tau + s)
             back = -w1
             plus, minus = 0.5 + 0.5 * target, 0.5 - 0.5 * target
             plus, minus = plus if go else 0.0, minus if go else 0.0
@@ -371,7 +323,7 @@ def conclude(b, n):
         lowest, bound, place = depth(turn, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon)
         misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)  # between two points of the scan
         falls = flag(misses | (scanned_fall > ZERO))
-        level = level_of(wall, falls, gap)
+        level = level_of(wall, falls > ZERO, gap)
         u = local_root(falls == ZERO, c0 - level, c1, c2, c3, c4, c5)
         near_turn = turn + u
         from_turn = (end < ZERO) | (misses & (scanned_fall == ZERO))
@@ -428,108 +380,3 @@ def _advance(tangent):
 
 
 advance_plain, advance_tangent = _advance(False), _advance(True)
-
-
-@kernel
-def load(b, i, tau, v, delta, epsilon, beta, limit):
-    """Put a trajectory on lane i: on Σ⁺ at phase tau with speed v, until it has made limit impacts there."""
-    b.tau[i], b.w[i], b.wall[i] = tau, -v, 1.0
-    b.n_plus[i], b.n_minus[i], b.limit[i], b.stuck[i] = 0.0, 0.0, limit, 0.0
-    b.delta[i], b.epsilon[i], b.gap[i], b.inverse_delta[i] = delta, epsilon, 2.0 * beta, 1.0 / delta
-    b.delta_[i], b.epsilon_[i], b.gap_[i], b.inverse_delta_[i] = delta, epsilon, 2.0 * beta, 1.0 / delta
-    b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i] = 1.0, 0.0, 1.0 / v, 0.0
-    arc, leave, length, sin_entry, sin_exit = negative_arc(delta, epsilon)
-    b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = leave, length, sin_entry, sin_exit
-    b.no_arc[i] = ZERO if arc else ONE
-    b.rough[i] = flag(epsilon * math.hypot(TWO_PI, delta) > ROUGHNESS * 2.0 * delta)
-
-
-@kernel
-def move(b, i, j):
-    """Put the trajectory of lane j on lane i, and leave lane j empty."""
-    b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = b.tau[j], b.w[j], b.wall[j], b.sin0[j], b.cos0[j]
-    b.n_plus[i], b.n_minus[i], b.limit[i], b.stuck[i] = b.n_plus[j], b.n_minus[j], b.limit[j], b.stuck[j]
-    b.delta[i], b.epsilon[i], b.gap[i], b.inverse_delta[i] = b.delta[j], b.epsilon[j], b.gap[j], b.inverse_delta[j]
-    b.delta_[i], b.epsilon_[i], b.gap_[i], b.inverse_delta_[i] = (
-        b.delta_[j],
-        b.epsilon_[j],
-        b.gap_[j],
-        b.inverse_delta_[j],
-    )
-    b.t_tangent[i], b.w_tangent[i], b.determinant[i] = b.t_tangent[j], b.w_tangent[j], b.determinant[j]
-    b.time[i], b.no_arc[i], b.arc_exit[i], b.arc_length[i] = b.time[j], b.no_arc[j], b.arc_exit[j], b.arc_length[j]
-    b.sin_entry[i], b.sin_exit[i], b.rough[i] = b.sin_entry[j], b.sin_exit[j], b.rough[j]
-    b.limit[j] = -1.0
-
-
-@kernel
-def close_ranks(b, who, notes):
-    """Move trajectories to the first lanes, with who (what each lane carries, −1: nothing) and notes (LANES, …).
-
-    Returns the groups of lanes that are still in use.
-    """
-    i, j = 0, LANES - 1
-    while True:
-        while i < LANES and who[i] >= 0:
-            i += 1
-        while j >= 0 and who[j] < 0:
-            j -= 1
-        if i > j:
-            return (i + GROUP - 1) // GROUP
-        move(b, i, j)
-        who[i], who[j] = who[j], -1
-        for k in range(notes.shape[1]):
-            notes[i, k] = notes[j, k]
-
-
-@inline
-def stretched(b, i):
-    """ln stretch and ln|determinant| of lane i since the last call, in (t, w²/2); the vector is normalised.
-
-    There a flight has determinant e^(−δs); dw²/2 = w dw at both ends.
-    """
-    w = b.w[i]
-    energy = b.w_tangent[i] * w
-    length = math.hypot(b.t_tangent[i], energy)
-    contraction = math.log(abs(b.determinant[i] * w))
-    b.t_tangent[i], b.w_tangent[i], b.determinant[i] = b.t_tangent[i] / length, energy / (length * w), 1.0 / w
-    return math.log(length), contraction
-
-
-@kernel
-def empty(b):
-    """A block without trajectories: every lane has reached its limit."""
-    for i in range(LANES):
-        load(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
-
-
-@inline
-def ended(b, i):
-    """True if lane i has made its impacts or cannot go on: a motion that only bounces on Σ⁻ is stuck."""
-    if b.n_minus[i] > MOST_BOUNCES * (b.n_plus[i] + 1.0):
-        b.stuck[i], b.limit[i] = STUCK, -1.0
-    return not b.n_plus[i] < b.limit[i]
-
-
-@inline
-def synchronise(b, groups):
-    """Sine and cosine of the phase afresh: carried from flight to flight they drift by rounding."""
-    for i in range(GROUP * groups):
-        versine, sine, _defect = versines(b.tau[i])
-        b.sin0[i], b.cos0[i] = sine, 1.0 - versine
-
-
-@inline
-def roughest(b, groups):
-    """What the lanes need: ARCS if the contact force changes sign on any, ROUGH if it comes near that, else SMOOTH."""
-    found = SMOOTH
-    for i in range(GROUP * groups):
-        found = max(found, ARCS if b.no_arc[i] == ZERO else ROUGH if b.rough[i] > ZERO else SMOOTH)
-    return found
-
-
-def block() -> np.ndarray:
-    """Memory for one block, aligned to cache lines."""
-    raw = np.zeros(BLOCK.itemsize + 64, np.uint8)
-    start = -raw.ctypes.data % 64
-    return raw[start : start + BLOCK.itemsize].view(BLOCK)

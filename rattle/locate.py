@@ -29,7 +29,7 @@ SCAN_STEP = f32(1 / 8)
 SCAN_STEPS = 16
 Q = f32(DRIFT)
 W1, W2, W3, W4, W5 = (f32(TWO_PI**k) for k in range(1, 6))  # (2π)^k, from the k-th derivative of the forcing
-FIFTH, SIXTH = f32(TWO_PI**5 / 120), f32(TWO_PI**6 / 720)
+SIXTH = f32(TWO_PI**6 / 720)
 
 
 @inline
@@ -57,6 +57,13 @@ def better_guess(s, wall, w, a, sin0, cos0, delta, epsilon, gap):
     turning, arriving = f1 / max(f2, f32(0.2) * Q * delta), (f0 - gap) / max(f1, f32(0.1))
     step = turning if wall > f32(0.0) else arriving
     return min(max(s - step, f32(0.5) * s), f32(2.0) * s)
+
+
+@inline
+def level_of(wall, falls, gap):
+    """F at the next wall: from Σ⁺ 0 or −gap, from Σ⁻ the gap."""
+    level = f32(0.0) if wall > f32(0.0) else gap
+    return -gap if falls else level
 
 
 @inline

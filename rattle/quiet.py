@@ -16,19 +16,12 @@ import math
 import numpy as np
 
 from rattle._compile import kernel
-from rattle.flight import TWO_PI
+from rattle.flight import DRIFT, TWO_PI, contact_force
 
 PHASES = 2048
 COSINES, SINES = np.cos(2 * np.pi * np.arange(PHASES) / PHASES), np.sin(2 * np.pi * np.arange(PHASES) / PHASES)
 LARGEST_ETA = 0.5
 KICK, DECAY_RATE = 10.0, 1.9
-
-
-@kernel
-def contact_force(tau, delta, epsilon):
-    """g at phase tau."""
-    theta = TWO_PI * tau
-    return TWO_PI * (2.0 * delta - TWO_PI * epsilon * math.cos(theta) - delta * epsilon * math.sin(theta))
 
 
 @kernel
@@ -48,7 +41,7 @@ def capture_invariant(delta, epsilon, beta):
     fastest, rate = 0.0, max(math.pi, delta)  # fastest is the largest (η/I^(1/3))³
     for i in range(PHASES):
         cosine, sine = COSINES[i], SINES[i]
-        g = max(TWO_PI * (2.0 * delta - TWO_PI * epsilon * cosine - delta * epsilon * sine), smallest)
+        g = max(contact_force(sine, cosine, delta, epsilon, DRIFT), smallest)
         r = max(abs(TWO_PI * TWO_PI * epsilon * (TWO_PI * sine - delta * cosine)) / g, rate)
         fastest = max(fastest, r * r * r / (g * g))
     low = (2.0 * beta) ** 1.5 * math.sqrt(smallest)  # bounce height v²/2g ≤ β

@@ -11,22 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle._compile import inline, kernel
-from rattle.flight import DRIFT, TWO_PI
-from rattle.lanes import (
-    CHUNK,
-    GROUP,
-    GROUPS,
-    LANES,
-    advance_plain,
-    advance_tangent,
-    close_ranks,
-    empty,
-    ended,
-    load,
-    roughest,
-    stretched,
-    synchronise,
-)
+from rattle.block import GROUP, GROUPS, LANES, empty, ended, load, made_ready, roughest, stretched
+from rattle.flight import DRIFT, TWO_PI, contact_force, wrapped
+from rattle.lanes import CHUNK, advance_plain, advance_tangent
 from rattle.lyapunov import BATCHES
 
 LEFT, QUIET, ORBIT, RECURRENT, FAILED = range(5)
@@ -95,8 +82,7 @@ class Balls(NamedTuple):
 def captor(tau, v, cell, balls):
     """The orbit whose ball holds the state, −1 if none."""
     for p in range(balls.n[cell]):
-        x, y = tau - balls.tau[cell, p], v - balls.v[cell, p]
-        x -= np.rint(x)
+        x, y = wrapped(tau - balls.tau[cell, p]), v - balls.v[cell, p]
         if balls.c00[cell, p] * x * x + 2.0 * balls.c01[cell, p] * x * y + balls.c11[cell, p] * y * y < 1.0:
             return balls.orbit[cell, p]
     return -1
@@ -106,8 +92,7 @@ def captor(tau, v, cell, balls):
 def is_captured(b, i, capture):
     """True if the bounce of lane i, on Σ⁺, is certain to become quiet (`rattle.quiet`)."""
     delta, epsilon, v = b.delta[i], b.epsilon[i], -b.w[i]
-    force = delta * DRIFT - TWO_PI * epsilon * (TWO_PI * b.cos0[i] + delta * b.sin0[i])
-    return v * v * v <= capture * force
+    return v * v * v <= capture * contact_force(b.sin0[i], b.cos0[i], delta, epsilon, DRIFT)
 
 
 @inline
@@ -139,8 +124,7 @@ def finish(b, i, k, status, orbit, samples):
 def recurs(b, i, k, notes, samples):
     """True if lane i is back at its reference; the impacts since then go to the sample."""
     tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
-    x = tau - notes[i, AT_TAU]
-    x -= np.rint(x)
+    x = wrapped(tau - notes[i, AT_TAU])
     notes[i, LOOKS] += 1.0
     if abs(v - notes[i, AT_V]) < RECURRENCE and abs(x) < RECURRENCE and samples.impacts[k] + n >= samples.pause[k]:
         samples.gap[k] = int(n - notes[i, AT_N])
@@ -194,9 +178,7 @@ def settle(b, which, cells, samples, balls, paths):
                 who[i] = k
                 start(b, i, k, cells, samples)
                 forget(notes, i)
-        if fresh == which.size:
-            groups = close_ranks(b, who, notes)
-        synchronise(b, groups)
+        groups = made_ready(b, who, notes, groups, fresh == which.size)
         advance_plain(b, groups, CHUNK, roughest(b, groups), paths)
 
 
@@ -244,7 +226,5 @@ def measure(b, which, least, periods, cells, samples, balls, sums, footprints, p
                 start(b, i, which[fresh], cells, samples)
                 forget(notes, i)
                 fresh += 1
-        if fresh == which.size:
-            groups = close_ranks(b, who, notes)
-        synchronise(b, groups)
+        groups = made_ready(b, who, notes, groups, fresh == which.size)
         advance_tangent(b, groups, MEASURE_CHUNK, roughest(b, groups), paths)

@@ -3,11 +3,9 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from rattle._compile import kernel
 from rattle.first_impact import OK
-from rattle.flight import DRIFT, folded
+from rattle.flight import DRIFT, folded, wrapped
 from rattle.impact_map import impact, impact_tangent
 
 NEWTON_STEPS = 15
@@ -21,12 +19,6 @@ class Point(NamedTuple):
     epsilon: float
     beta: float
     capture: float
-
-
-@kernel
-def wrapped(difference):
-    """A phase difference in [−1/2, 1/2]."""
-    return difference - np.rint(difference)
 
 
 @kernel

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle import impact_map
+from rattle import flight, impact_map
 from rattle.flight import DRIFT
-from rattle.quiet import capture_invariant, contact_force
+from rattle.quiet import capture_invariant
+
+
+def contact_force(tau, delta, epsilon):
+    theta = 2 * np.pi * tau
+    return flight.contact_force(np.sin(theta), np.cos(theta), delta, epsilon, DRIFT)
 
 
 def history(delta, epsilon, beta, tau, v, periods, most=200_000):
