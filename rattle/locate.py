@@ -27,7 +27,7 @@ WINDOW = f32(0.004)  # half-width of the interval in which the minimum is pinned
 FARTHEST = f32(0.15)  # longest Taylor step to the minimum
 SCAN_STEP = f32(1 / 8)
 SCAN_STEPS = 16
-Q = f32(DRIFT)
+Q, PER_DRIFT = f32(DRIFT), f32(1.0 / DRIFT)
 W1, W2, W3, W4, W5 = (f32(TWO_PI**k) for k in range(1, 6))  # (2π)^k, from the k-th derivative of the forcing
 SIXTH = f32(TWO_PI**6 / 720)
 
@@ -36,7 +36,7 @@ SIXTH = f32(TWO_PI**6 / 720)
 def first_guess(wall, w, sin0, cos0, delta, inverse_delta, epsilon, gap):
     """From Σ⁺ about where the ball turns back, from Σ⁻ about where it arrives; the mean force of the way decides."""
     speed = abs(w)
-    u = speed / Q
+    u = speed * PER_DRIFT
     y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta  # 2π × the time to stop without forcing
     y = min(y, W1)
     square = y * y
@@ -44,10 +44,12 @@ def first_guess(wall, w, sin0, cos0, delta, inverse_delta, epsilon, gap):
         degree_4(coefficients.MEAN_COSINE_32, square) * cos0 - y * degree_4(coefficients.MEAN_SINE_32, square) * sin0
     )
     force = delta * (Q + f32(0.5) * speed) - W2 * epsilon * cosine
-    turning = speed / max(force, f32(0.35) * Q * delta)
     rise = delta * (Q - f32(1.2))
-    arriving = f32(2.0) * gap / (speed + sqrt(speed * speed + f32(2.0) * gap * rise))
-    return min(turning if wall > f32(0.0) else arriving, f32(0.95 * LONGEST_DECAY) * inverse_delta)
+    mean_speed = f32(0.5) * (speed + sqrt(speed * speed + f32(2.0) * gap * rise))
+    way, pace = speed, max(force, f32(0.35) * Q * delta)  # turning: speed over force; arriving: gap over speed
+    way = way if wall > f32(0.0) else gap
+    pace = pace if wall > f32(0.0) else mean_speed
+    return min(way / pace, f32(0.95 * LONGEST_DECAY) * inverse_delta)
 
 
 @inline
@@ -137,9 +139,10 @@ def local_root(rising, c0, c1, c2, c3, c4, c5):
     """The step to F = 0 (c0 is F less the level): root of the parabola, then one Newton step on the polynomial."""
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
     signed = root if rising else -root
-    u = (signed - c1) / (f32(2.0) * c2)
-    direct = f32(-2.0) * c0 / (c1 + signed)  # the same root without cancellation where c1 and the root agree in sign
-    u = direct if (c1 > f32(0.0)) == rising else u
+    direct = (c1 > f32(0.0)) == rising  # then c1 and the root of the discriminant agree in sign, and add up
+    numerator = f32(-2.0) * c0 if direct else signed - c1
+    denominator = c1 + signed if direct else f32(2.0) * c2
+    u = numerator / denominator
     return u - height(u, c0, c1, c2, c3, c4, c5) / slope(u, c1, c2, c3, c4, c5)
 
 

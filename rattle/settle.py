@@ -23,7 +23,7 @@ ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expand
 NOTES = 6  # of each lane: its reference state and the impacts to there, looks so far, looks at which the reference
 # moves up; the time when it was last measured
 AT_TAU, AT_V, AT_N, LOOKS, NEXT, SINCE = range(NOTES)
-MEASURE_CHUNK = 5  # flights between two looks of a measured lane: it leaves its footprint there
+STRIDES = (6, 6, 6, 5)  # flights between the footprints of a measured lane; it is looked at after all of them, a prime
 
 
 class Cells(NamedTuple):
@@ -215,8 +215,6 @@ def measure(b, which, least, periods, cells, samples, balls, sums, footprints, p
                     sums[j, batch, 1] += stretch
                     sums[j, batch, 2] += contraction
                 notes[i, SINCE] = b.time[i]
-                if b.wall[i] > 0.0:
-                    mark(b.tau[i], -b.w[i], b.epsilon[i], footprints[j])
                 status, orbit, over = look(b, i, k, notes, cells, samples, balls)
                 if over or (share >= 1.0 and b.wall[i] > 0.0):
                     finish(b, i, k, status, orbit, samples)
@@ -227,4 +225,9 @@ def measure(b, which, least, periods, cells, samples, balls, sums, footprints, p
                 forget(notes, i)
                 fresh += 1
         groups = made_ready(b, who, notes, groups, fresh == which.size)
-        advance_tangent(b, groups, MEASURE_CHUNK, roughest(b, groups), paths)
+        force = roughest(b, groups)
+        for flights in STRIDES:
+            advance_tangent(b, groups, flights, force, paths)
+            for i in range(GROUP * groups):
+                if who[i] >= 0 and b.wall[i] > 0.0:
+                    mark(b.tau[i], -b.w[i], b.epsilon[i], footprints[who[i]])
