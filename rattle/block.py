@@ -14,6 +14,7 @@ LANES, GROUP = 96, 16  # lanes are flown in groups, as many as are in use
 GROUPS = LANES // GROUP
 SMOOTH, ROUGH, ARCS = range(3)
 ROUGHNESS = 0.75  # of the amplitude at which the contact force changes sign: from there a better guess pays
+HUGE = 1e100  # what a tangent vector may grow to between two looks
 ZERO, ONE = f32(0.0), f32(1.0)
 
 #: Double precision: the state; the parameters; the impacts counted, at most `limit` on Σ⁺, and why a lane stopped
@@ -23,16 +24,17 @@ _DOUBLE = (
     *("delta", "epsilon", "gap", "inverse_delta"),
     *("n_plus", "n_minus", "limit", "stuck"),
     *("t_tangent", "w_tangent", "determinant", "time"),
-    *("f0", "s", "u", "w1", "bend", "lost", "sin1", "cos1", "target", "sure", "size"),
+    *("f0", "s", "u", "w1", "bend", "lost", "sin1", "cos1", "target", "sure"),
 )
 #: Single precision: copies of state and parameters; the arc of negative contact force; flight time, Taylor
 #: coefficients, what was decided. z_: the lanes of the second attempt, compacted.
 _SINGLE = (
     *("tau_", "w_", "wall_", "sin_", "cos_", "a_", "delta_", "epsilon_", "gap_", "inverse_delta_"),
     *("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc", "rough"),
-    *("s_", "c0", "c1", "c2", "c3", "c4", "c5", "step", "turn", "bound", "falls", "proved", "scale"),
-    *("z_wall", "z_w", "z_a", "z_sin", "z_cos", "z_delta", "z_epsilon", "z_gap"),
-    *("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s", "z_place", "z_bound", "z_step"),
+    *("s_", "c0", "c1", "c2", "c3", "c4", "c5", "step", "speed", "turn", "bound", "falls", "proved"),
+    *("z_wall", "z_tau", "z_w", "z_a", "z_sin", "z_cos", "z_delta", "z_epsilon", "z_gap"),
+    *("z_arc_exit", "z_arc_length", "z_sin_entry", "z_sin_exit", "z_no_arc", "z_proved"),
+    *("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s"),
 )
 #: One block: every field is an array over its lanes.
 BLOCK = np.dtype(
@@ -112,6 +114,14 @@ def stretched(b, i):
     contraction = math.log(abs(b.determinant[i] * w))
     b.t_tangent[i], b.w_tangent[i], b.determinant[i] = b.t_tangent[i] / length, energy / (length * w), 1.0 / w
     return math.log(length), contraction
+
+
+@inline
+def overflows(b, i):
+    """True if the tangent vector of lane i or its determinant must be taken off before they leave double precision."""
+    size, determinant = abs(b.t_tangent[i]) + abs(b.w_tangent[i]), abs(b.determinant[i])
+    inside = (size > 1.0 / HUGE) & (size < HUGE) & (determinant > 1.0 / HUGE) & (determinant < HUGE)
+    return not inside
 
 
 @kernel

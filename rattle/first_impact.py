@@ -7,12 +7,21 @@ import math
 from numpy import float32 as f32
 
 from rattle._compile import inline, kernel
-from rattle.flight import DRIFT, TWO_PI, evaluate, evaluate_short, fourth_derivative, third_derivative, versines
+from rattle.flight import (
+    DRIFT,
+    TWO_PI,
+    evaluate,
+    evaluate_short,
+    fourth_derivative,
+    second_derivative,
+    third_derivative,
+    versines,
+)
 from rattle.locate import (
     clears_the_gap,
     depth,
     first_guess,
-    height_scale,
+    is_located,
     level_of,
     local_root,
     negative_arc,
@@ -28,43 +37,42 @@ PIECE = 0.25  # longest piece of the search: a quarter turn of the forcing
 SAME_PHASE = 1e-12  # a piece starting this close before the arc starts in it: rounding must not hide the arc's exit
 MOST_STEPS = 100
 
-FARTHEST_STEP = 1e-4  # longest last step, of the flight time or of a period: its Taylor series is exact to rounding
-RESIDUAL = 1e-15  # relative error in time that the last correction may leave
-STEEPEST = f32(100.0)  # terms of F this much larger than s |F'| at the impact would spoil the time's thirteenth digit
+FARTHEST_STEP = 1e-4  # longest last step, of the flight time or of a period
 
 
 @inline
-def last_step(s, f0, f1, f2, lost, sin1, cos1, a, delta, epsilon):
+def last_step(s, f0, f1, lost, sin1, cos1, a, delta, epsilon):
     """The step u to F = 0 from a close guess s, its height f0 and what `evaluate_short` gives there.
 
-    Returns (u, exact); exact tells that u is short, and that what its Taylor series lacks moves s by less than
-    RESIDUAL.
+    The root of the Taylor series by reversion, to third order. What is left out is u⁴ (5p (p² − q) + r) with p, q, r =
+    F''/2F', F‴/6F', F⁗/24F'. Returns (u, exact); exact tells that this is below 2e-15 s.
     """
+    f2 = second_derivative(a, lost, cos1, delta, epsilon)
     f3 = third_derivative(a, lost, sin1, delta, epsilon)
     f4 = fourth_derivative(a, lost, cos1, delta, epsilon)
     inverse = 1.0 / f1
     u = -f0 * inverse
+    size = abs(u)
     p = 0.5 * f2 * inverse
-    u *= 1.0 - u * p
-    residual = f0 + u * (f1 + u * (0.5 * f2 + u * (f3 * (1.0 / 6.0) + u * f4 * (1.0 / 24.0))))
-    more = residual * inverse
-    left = abs(more) * (abs(u * p) + abs(more * p))  # more was found with F' before the step
-    u -= more
-    return u, (abs(u) < FARTHEST_STEP * min(s, 1.0)) & (left < RESIDUAL * s)
+    q = f3 * (1.0 / 6.0) * inverse
+    # each below 1e-4: |up|, 1e4 |u²q| and 1e7 |u³r|, with r = F⁗/24F'
+    terms = 0.5 * abs(f2) + size * (1e4 / 6.0 * abs(f3) + size * (1e7 / 24.0) * abs(f4))
+    exact = (size < FARTHEST_STEP * min(s, 1.0)) & (size * terms < 1e-4 * abs(f1))
+    return u * (1.0 - u * (p - u * (2.0 * p * p - q))), exact
 
 
 @inline
-def stepped(u, f1, f2, lost, sin1, cos1, a, delta, epsilon):
+def stepped(u, f1, lost, sin1, cos1, a, delta, epsilon):
     """F', F'', 1 − e^(−δs), sin and cos after a step u, by Taylor series: the first term left out is below 1e-17."""
+    f2 = second_derivative(a, lost, cos1, delta, epsilon)
     f3 = third_derivative(a, lost, sin1, delta, epsilon)
     f4 = fourth_derivative(a, lost, cos1, delta, epsilon)
     y, x = TWO_PI * u, delta * u
     omc, siny = y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
     w1 = f1 + u * (f2 + u * (0.5 * f3 + u * f4 * (1.0 / 6.0)))
     cos2 = cos1 - (siny * sin1 + omc * cos1)
-    lost += (1.0 - lost) * x * (1.0 - x * (0.5 - x * (1.0 / 6.0 - x * (1.0 / 24.0))))
-    bend = delta * a * (1.0 - lost) - TWO_PI * TWO_PI * epsilon * cos2
-    return w1, bend, lost, sin1 + (siny * cos1 - omc * sin1), cos2
+    lost += (1.0 - lost) * x * (1.0 - x * (0.5 - x * (1.0 / 6.0)))
+    return w1, second_derivative(a, lost, cos2, delta, epsilon), lost, sin1 + (siny * cos1 - omc * sin1), cos2
 
 
 @kernel
@@ -80,8 +88,9 @@ def proven_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta):
     falls = wall > 0 and lowest < -gap
     level_ = level_of(wall_, falls, gap)
     s += local_root(not falls, c0 - level_, c1, c2, c3, c4, c5)
-    s, _u = refined(s, level_, w_, a_, sin_, cos_, delta_, epsilon_)
-    proved = clears_the_gap(wall_, not falls, s, turn, bound, gap, w_, a_, sin_, epsilon_)
+    s, step, speed = refined(s, level_, w_, a_, sin_, cos_, delta_, epsilon_)
+    proved = is_located(s, step, speed, w_, a_, delta_, epsilon_)
+    proved &= clears_the_gap(wall_, not falls, s, turn, bound, gap, w_, a_, sin_, epsilon_)
     arc, leave, length, sin_entry, sin_exit = negative_arc(delta, epsilon)
     proved &= single_turn(
         wall_,
@@ -101,12 +110,11 @@ def proven_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta):
     )
     level = -2.0 * beta if falls else (0.0 if wall > 0 else 2.0 * beta)
     close = float(s)
-    f0, f1, f2, lost, sin1, cos1 = evaluate_short(close, w, a, sin0, cos0, delta, epsilon)
-    u, exact = last_step(close, f0 - level, f1, f2, lost, sin1, cos1, a, delta, epsilon)
+    f0, f1, _f2, lost, sin1, cos1 = evaluate_short(close, w, a, sin0, cos0, delta, epsilon)
+    u, exact = last_step(close, f0 - level, f1, lost, sin1, cos1, a, delta, epsilon)
     end = close + u
-    w1, _bend, lost, sin1, cos1 = stepped(u, f1, f2, lost, sin1, cos1, a, delta, epsilon)
-    proved &= exact & (delta * end < 2.0)
-    proved &= height_scale(s, w_, a_, delta_, epsilon_) < STEEPEST * s * f32(abs(w1))
+    w1, _bend, lost, sin1, cos1 = stepped(u, f1, lost, sin1, cos1, a, delta, epsilon)
+    proved &= exact
     target = -1 if falls else 1
     return proved and end > 0.0 and target * w1 > 0.0, target, end, w1, lost, sin1, cos1
 

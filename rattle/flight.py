@@ -123,13 +123,18 @@ def evaluate(s, w, a, sin0, cos0, delta, epsilon):
     lost = -math.expm1(-x)
     f0 = w * s + a * ((x - lost) / delta) - epsilon * (cos0 * omc - sin0 * defect)
     f1 = w + a * lost - TWO_PI * epsilon * (sin1 - sin0)
-    f2 = delta * a * (1.0 - lost) - TWO_PI * TWO_PI * epsilon * cos1
-    return f0, f1, f2, lost, sin1, cos1
+    return f0, f1, second_derivative(a, lost, cos1, delta, epsilon), lost, sin1, cos1
+
+
+@inline
+def second_derivative(a, lost, cos1, delta, epsilon):
+    """F'' from 1 − e^(−δs) and the forcing's cosine after s."""
+    return delta * a * (1.0 - lost) - TWO_PI * TWO_PI * epsilon * cos1
 
 
 @inline
 def third_derivative(a, lost, sin1, delta, epsilon):
-    """F''' from the same exponential and sine."""
+    """F''' likewise."""
     return TWO_PI * TWO_PI * TWO_PI * epsilon * sin1 - delta * delta * a * (1.0 - lost)
 
 

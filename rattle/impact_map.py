@@ -8,7 +8,7 @@ import math
 
 from rattle._compile import inline, kernel
 from rattle.first_impact import OK, first_impact
-from rattle.flight import DRIFT, TWO_PI, contact_force, folded
+from rattle.flight import DRIFT, TWO_PI, contact_force, folded, second_derivative
 
 STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
 MOST_BOUNCES = 100_000
@@ -45,7 +45,7 @@ def flight_tangent(w0, w1, lost, sin0, cos0, sin1, cos1, delta, epsilon, drift):
     a = drift - TWO_PI * epsilon * sin0 - w0
     decay = 1.0 - lost
     f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, 1.0 / delta, epsilon)
-    bend = delta * a * decay - TWO_PI * TWO_PI * epsilon * cos1
+    bend = second_derivative(a, lost, cos1, delta, epsilon)
     s_t, s_w = -f_t / w1, -f_w / w1
     return 1.0 + s_t, s_w, -(bend * s_t + v_t), -(bend * s_w + decay)
 

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle._compile import kernel
-from rattle.block import GROUP, GROUPS, LANES, block, empty, ended, load, made_ready, roughest, stretched
+from rattle.block import GROUP, GROUPS, LANES, block, empty, ended, load, made_ready, overflows, roughest, stretched
 from rattle.errors import ParameterError, real_array, require
 from rattle.lanes import SAFE, SCANNED, advance_plain, advance_tangent
 
-FLIGHTS = 32  # between two looks at the lanes; sine and cosine, carried meanwhile, drift by some units of rounding
+FLIGHTS = 20  # between two looks at the lanes; divides the round numbers that people ask for
 
 
 class Iterates(NamedTuple):
@@ -68,11 +68,12 @@ def _driver(tangent: bool) -> Any:
         while groups > 0:
             for i in range(GROUP * groups):
                 k = who[i]
-                if tangent and k >= 0:
+                over = ended(b, i)
+                if tangent and k >= 0 and (over or overflows(b, i)):
                     stretch, contraction = stretched(b, i)
                     growth[1, k] += stretch
                     growth[2, k] += contraction
-                if not ended(b, i):
+                if not over:
                     continue
                 if k >= 0:
                     out_tau[k], out_v[k], growth[0, k] = b.tau[i], abs(b.w[i]), b.time[i]

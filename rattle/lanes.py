@@ -11,8 +11,8 @@ from numpy import float32 as f32
 
 from rattle._compile import inline, kernel
 from rattle.block import ARCS, GROUP, ROUGH, ZERO, flag
-from rattle.first_impact import OK, STEEPEST, last_step, safe_impact, stepped
-from rattle.flight import DRIFT, LONGEST_DECAY, TWO_PI, evaluate_short, folded
+from rattle.first_impact import OK, last_step, safe_impact, stepped
+from rattle.flight import DRIFT, LONGEST_DECAY, TWO_PI, evaluate_short, folded, second_derivative
 from rattle.impact_map import STUCK, carried, rests
 from rattle.locate import (
     SCAN_STEP,
@@ -21,19 +21,19 @@ from rattle.locate import (
     clears_the_gap,
     depth,
     first_guess,
-    height_scale,
+    is_located,
     level_of,
     local_root,
     refined,
     scanned,
     single_turn,
     taylor,
+    two_turns,
 )
 
 CHUNK = 11  # flights between two looks at the lanes; prime, so that a periodic motion is seen at all its impacts
 SCANNED, SAFE = range(2)  # flights that took a second attempt, and the search
 Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)
-LARGEST_STEP = f32(0.05)  # a longer step of fourth order leaves too much for `last_step`: a second attempt is cheaper
 TOO_FAR = f32(LONGEST_DECAY)
 
 
@@ -103,7 +103,9 @@ def refine(b, groups):
     """A step of fourth order towards the wall."""
     for i in range(GROUP * groups):
         level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
-        b.s_[i], b.step[i] = refined(b.s_[i], level, b.w_[i], b.a_[i], b.sin_[i], b.cos_[i], b.delta_[i], b.epsilon_[i])
+        b.s_[i], b.step[i], b.speed[i] = refined(
+            b.s_[i], level, b.w_[i], b.a_[i], b.sin_[i], b.cos_[i], b.delta_[i], b.epsilon_[i]
+        )
 
 
 @inline
@@ -112,8 +114,7 @@ def prove(b, groups):
     for i in range(GROUP * groups):
         rising, s, w, a, epsilon = b.falls[i] == ZERO, b.s_[i], b.w_[i], b.a_[i], b.epsilon_[i]
         clear = clears_the_gap(b.wall_[i], rising, s, b.turn[i], b.bound[i], b.gap_[i], w, a, b.sin_[i], epsilon)
-        b.scale[i] = height_scale(s, w, a, b.delta_[i], epsilon)
-        b.proved[i] = flag(clear & (abs(b.step[i]) < LARGEST_STEP * s) & (b.delta_[i] * s < TOO_FAR))
+        b.proved[i] = flag(clear & is_located(s, b.step[i], b.speed[i], w, a, b.delta_[i], epsilon))
 
 
 @inline
@@ -141,40 +142,15 @@ def prove_turns(b, groups):
 
 @inline
 def evaluate_in_double(b, groups):
-    """F above the level of the next wall, its derivatives, and what they came from."""
+    """F above the level of the next wall, F', and what they came from."""
     for i in range(GROUP * groups):
         w, sin0, delta, epsilon, gap = b.w[i], b.sin0[i], b.delta[i], b.epsilon[i], b.gap[i]
         s = b.s[i]
         a = DRIFT - TWO_PI * epsilon * sin0 - w
         level = 0.0 if b.wall[i] > 0.0 else gap
         level = -gap if b.target[i] < 0.0 else level
-        f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, w, a, sin0, b.cos0[i], delta, epsilon)
-        b.f0[i], b.w1[i], b.bend[i], b.lost[i], b.sin1[i], b.cos1[i] = f0 - level, f1, f2, lost, sin1, cos1
-
-
-@inline
-def step_to_wall(b, groups):
-    """The step to the impact, and whether it is exact."""
-    for i in range(GROUP * groups):
-        delta, epsilon = b.delta[i], b.epsilon[i]
-        a = DRIFT - TWO_PI * epsilon * b.sin0[i] - b.w[i]
-        u, exact = last_step(b.s[i], b.f0[i], b.w1[i], b.bend[i], b.lost[i], b.sin1[i], b.cos1[i], a, delta, epsilon)
-        b.u[i] = u
-        b.sure[i] = b.sure[i] if exact else 0.0
-
-
-@inline
-def arrive(b, groups):
-    """Speed, acceleration, decay and forcing at the impact."""
-    for i in range(GROUP * groups):
-        delta, epsilon, u = b.delta[i], b.epsilon[i], b.u[i]
-        a = DRIFT - TWO_PI * epsilon * b.sin0[i] - b.w[i]
-        w1, bend, lost, sin1, cos1 = stepped(u, b.w1[i], b.bend[i], b.lost[i], b.sin1[i], b.cos1[i], a, delta, epsilon)
-        s = b.s[i] + u
-        b.s[i] = s
-        sure = (b.target[i] * w1 > 0.0) & (b.size[i] < STEEPEST * s * abs(w1))
-        b.sure[i] = b.sure[i] if sure else 0.0
-        b.w1[i], b.bend[i], b.lost[i], b.sin1[i], b.cos1[i] = w1, bend, lost, sin1, cos1
+        f0, f1, _f2, lost, sin1, cos1 = evaluate_short(s, w, a, sin0, b.cos0[i], delta, epsilon)
+        b.f0[i], b.w1[i], b.lost[i], b.sin1[i], b.cos1[i] = f0 - level, f1, lost, sin1, cos1
 
 
 @inline
@@ -184,31 +160,33 @@ def copy_to_double(b, groups):
         b.s[i] = np.float64(b.s_[i])
         b.target[i] = 1.0 - 2.0 * np.float64(b.falls[i])
         b.sure[i] = np.float64(b.proved[i])
-        b.size[i] = np.float64(b.scale[i])
 
 
-def _commit(tangent):
+def _land(tangent):
     """The stage that moves the lanes to the impact; a constant of the closure, the branch leaves the loop."""
 
     @inline
-    def commit(b, groups):
-        """Lanes whose impact is sure, and whose limit is not reached, arrive and are reflected."""
+    def land(b, groups):
+        """The last step; lanes whose impact is sure, and whose limit is not reached, arrive and are reflected.
+
+        For `carry` those that do not have a flight of no time, and sin1, cos1 are the forcing at the departure.
+        """
         for i in range(GROUP * groups):
-            go = (b.sure[i] > 0.0) & (b.n_plus[i] < b.limit[i])
-            tau, w, wall, sin0, cos0 = b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i]
-            s, w1, target, sin1, cos1 = b.s[i], b.w1[i], b.target[i], b.sin1[i], b.cos1[i]
+            delta, epsilon, target = b.delta[i], b.epsilon[i], b.target[i]
+            tau, w, wall, sin0, cos0, s = b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i], b.s[i]
+            w1, lost, sin1, cos1 = b.w1[i], b.lost[i], b.sin1[i], b.cos1[i]
+            a = DRIFT - TWO_PI * epsilon * sin0 - w
+            u, exact = last_step(s, b.f0[i], w1, lost, sin1, cos1, a, delta, epsilon)
+            w1, bend, lost, sin1, cos1 = stepped(u, w1, lost, sin1, cos1, a, delta, epsilon)
+            s += u
+            sure = (b.sure[i] > 0.0) & exact & (target * w1 > 0.0)
+            go = sure & (b.n_plus[i] < b.limit[i])
+            b.sure[i] = 1.0 if sure else 0.0
             if tangent:
-                t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]
-                t1, q1, det = carried(
-                    t0, q0, w1, b.bend[i], b.lost[i], sin0, cos0, sin1, cos1, b.inverse_delta[i], b.epsilon[i]
-                )
-                det1, time1 = det0 * det, time0 + s
-                b.t_tangent[i] = t1 if go else t0
-                b.w_tangent[i] = q1 if go else q0
-                b.determinant[i] = det1 if go else det0
-                b.time[i] = time1 if go else time0
-            later = folded(tau + s)
-            back = -w1
+                b.bend[i], b.lost[i] = bend, lost
+                b.s[i] = s if go else 0.0
+                b.sin1[i], b.cos1[i] = sin0, cos0
+            later, back = folded(tau + s), -w1
             plus, minus = 0.5 + 0.5 * target, 0.5 - 0.5 * target
             plus, minus = plus if go else 0.0, minus if go else 0.0
             b.tau[i] = later if go else tau
@@ -219,35 +197,64 @@ def _commit(tangent):
             b.n_plus[i] += plus
             b.n_minus[i] += minus
 
-    return commit
+    return land
 
 
-commit_plain, commit_tangent = _commit(False), _commit(True)
+land_plain, land_tangent = _land(False), _land(True)
+
+
+@inline
+def carry(b, groups):
+    """The tangent vectors of the lanes that have landed."""
+    for i in range(GROUP * groups):
+        go = b.s[i] > 0.0
+        t0, q0, det0, time0 = b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i]
+        sin0, cos0, sin1, cos1 = b.sin1[i], b.cos1[i], b.sin0[i], b.cos0[i]
+        t1, q1, det = carried(
+            t0, q0, -b.w[i], b.bend[i], b.lost[i], sin0, cos0, sin1, cos1, b.inverse_delta[i], b.epsilon[i]
+        )
+        det1 = det0 * det
+        b.t_tangent[i] = t1 if go else t0
+        b.w_tangent[i] = q1 if go else q0
+        b.determinant[i] = det1 if go else det0
+        b.time[i] = time0 + b.s[i]
+
+
+@kernel
+def search(b, i):
+    """Fly lane i by the search that cannot skip a crossing."""
+    wall = 1 if b.wall[i] > 0.0 else -1
+    delta, epsilon = b.delta[i], b.epsilon[i]
+    w, sin0, cos0 = b.w[i], b.sin0[i], b.cos0[i]
+    if rests(wall, w, b.tau[i], delta, epsilon, DRIFT):
+        b.stuck[i], b.limit[i] = STUCK, -1.0
+        return
+    status, s, target, w1, lost, sin1, cos1 = safe_impact(
+        wall, b.tau[i], w, sin0, cos0, delta, epsilon, 0.5 * b.gap[i], DRIFT
+    )
+    if status != OK:
+        b.stuck[i], b.limit[i] = status, -1.0
+        return
+    a = DRIFT - TWO_PI * epsilon * sin0 - w
+    bend = second_derivative(a, lost, cos1, delta, epsilon)
+    t, q, det = carried(
+        b.t_tangent[i], b.w_tangent[i], w1, bend, lost, sin0, cos0, sin1, cos1, b.inverse_delta[i], epsilon
+    )
+    b.t_tangent[i], b.w_tangent[i] = t, q
+    b.determinant[i] *= det
+    b.time[i] += s
+    b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = folded(b.tau[i] + s), -w1, target, sin1, cos1
+    b.n_plus[i] += 0.5 + 0.5 * target
+    b.n_minus[i] += 0.5 - 0.5 * target
 
 
 @kernel
 def repair(b, groups, paths):
-    """Fly the lanes without proof, one by one, by the search that cannot skip a crossing; then `commit` moves them."""
+    """Fly the lanes without proof one by one."""
     for i in range(GROUP * groups):
-        if b.sure[i] > 0.0 or not b.n_plus[i] < b.limit[i]:
-            continue
-        wall = 1 if b.wall[i] > 0.0 else -1
-        delta, epsilon = b.delta[i], b.epsilon[i]
-        w, sin0, cos0 = b.w[i], b.sin0[i], b.cos0[i]
-        if rests(wall, w, b.tau[i], delta, epsilon, DRIFT):
-            b.stuck[i], b.limit[i] = STUCK, -1.0
-            continue
-        status, s, target, w1, lost, sin1, cos1 = safe_impact(
-            wall, b.tau[i], w, sin0, cos0, delta, epsilon, 0.5 * b.gap[i], DRIFT
-        )
-        paths[SAFE] += 1
-        if status != OK:
-            b.stuck[i], b.limit[i] = status, -1.0
-            continue
-        a = DRIFT - TWO_PI * epsilon * sin0 - w
-        b.s[i], b.w1[i], b.lost[i], b.sin1[i], b.cos1[i] = s, w1, lost, sin1, cos1
-        b.bend[i] = delta * a * (1.0 - lost) - TWO_PI * TWO_PI * epsilon * cos1
-        b.target[i], b.sure[i] = float(target), 1.0
+        if not b.sure[i] > 0.0 and b.n_plus[i] < b.limit[i]:
+            search(b, i)
+            paths[SAFE] += 1
 
 
 @kernel
@@ -264,14 +271,16 @@ def second_attempt(b, groups, paths):
     padded = (n + GROUP - 1) // GROUP * GROUP
     for k in range(padded):
         i = b.todo[min(k, n - 1)]
-        b.z_wall[k], b.z_w[k], b.z_a[k], b.z_sin[k], b.z_cos[k] = b.wall_[i], b.w_[i], b.a_[i], b.sin_[i], b.cos_[i]
+        b.z_wall[k], b.z_tau[k], b.z_w[k], b.z_a[k] = b.wall_[i], b.tau_[i], b.w_[i], b.a_[i]
+        b.z_sin[k], b.z_cos[k] = b.sin_[i], b.cos_[i]
         b.z_delta[k], b.z_epsilon[k], b.z_gap[k] = b.delta_[i], b.epsilon_[i], b.gap_[i]
+        b.z_arc_exit[k], b.z_arc_length[k], b.z_no_arc[k] = b.arc_exit[i], b.arc_length[i], b.no_arc[i]
+        b.z_sin_entry[k], b.z_sin_exit[k] = b.sin_entry[i], b.sin_exit[i]
     scan(b, padded)
     conclude(b, padded)
     for k in range(n):
         i = b.todo[k]
-        b.s_[i], b.falls[i], b.step[i] = b.z_s[k], b.z_falls[k], b.z_step[k]
-        b.turn[i], b.bound[i] = b.z_place[k], b.z_bound[k]
+        b.s_[i], b.falls[i], b.proved[i] = b.z_s[k], b.z_falls[k], b.z_proved[k]
 
 
 @inline
@@ -314,7 +323,7 @@ def scan(b, n):
 
 @inline
 def conclude(b, n):
-    """Depth of the turning point that the scan found, and the impact to single precision."""
+    """Depth of the last turning point that the scan found, the impact to single precision, and its proof."""
     for k in range(n):
         wall, w, a, delta, epsilon, gap = b.z_wall[k], b.z_w[k], b.z_a[k], b.z_delta[k], b.z_epsilon[k], b.z_gap[k]
         sin0, cos0, turn, end = b.z_sin[k], b.z_cos[k], b.z_turn[k], b.z_end[k]
@@ -328,10 +337,29 @@ def conclude(b, n):
         near_turn = turn + u
         from_turn = (end < ZERO) | (misses & (scanned_fall == ZERO))
         s = near_turn if from_turn else end
-        s, _u = refined(s, level, w, a, sin0, cos0, delta, epsilon)
-        s, step = refined(s, level, w, a, sin0, cos0, delta, epsilon)
-        b.z_s[k], b.z_falls[k], b.z_step[k] = s, falls, step
-        b.z_place[k], b.z_bound[k] = place, bound
+        s, _u, _speed = refined(s, level, w, a, sin0, cos0, delta, epsilon)
+        s, step, speed = refined(s, level, w, a, sin0, cos0, delta, epsilon)
+        b.z_s[k], b.z_falls[k], b.z_turn[k], b.z_f[k] = s, falls, place, bound
+        b.z_proved[k] = flag(is_located(s, step, speed, w, a, delta, epsilon))
+    for k in range(n):
+        wall, w, a, delta, epsilon, gap = b.z_wall[k], b.z_w[k], b.z_a[k], b.z_delta[k], b.z_epsilon[k], b.z_gap[k]
+        tau, sin0, s, turn, bound, rising = (
+            b.z_tau[k],
+            b.z_sin[k],
+            b.z_s[k],
+            b.z_turn[k],
+            b.z_f[k],
+            b.z_falls[k] == ZERO,
+        )
+        leave, length, no_arc = b.z_arc_exit[k], b.z_arc_length[k], b.z_no_arc[k] > ZERO
+        once = single_turn(
+            wall, rising, tau, s, w, a, sin0, delta, epsilon, leave, length, b.z_sin_entry[k], b.z_sin_exit[k], no_arc
+        )
+        once &= clears_the_gap(wall, rising, s, turn, bound, gap, w, a, sin0, epsilon)
+        twice = two_turns(
+            wall, rising, tau, s, turn, bound, gap, w, a, sin0, b.z_cos[k], delta, epsilon, leave, length, no_arc
+        )
+        b.z_proved[k] = b.z_proved[k] if once | twice else ZERO
 
 
 def _advance(tangent):
@@ -359,22 +387,18 @@ def _advance(tangent):
                 unproved |= np.int32(b.proved[i] == ZERO)
             if unproved:
                 second_attempt(b, groups, paths)
-                prove(b, groups)
-                if force == ARCS:
-                    prove_turns(b, groups)
             copy_to_double(b, groups)
             evaluate_in_double(b, groups)
-            step_to_wall(b, groups)
-            arrive(b, groups)
+            if tangent:
+                land_tangent(b, groups)
+                carry(b, groups)
+            else:
+                land_plain(b, groups)
             unsure = np.int64(0)
             for i in range(GROUP * groups):
                 unsure |= np.int64(b.sure[i] == 0.0)
             if unsure:
                 repair(b, groups, paths)
-            if tangent:
-                commit_tangent(b, groups)
-            else:
-                commit_plain(b, groups)
 
     return advance
 

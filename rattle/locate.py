@@ -24,6 +24,8 @@ ERROR = f32(6e-6)
 CLOSE = f32(1e-5)  # flight times and phases closer than this are not told apart
 LATER = f32(1.0002)  # double precision may end a flight up to 1e-4 of it later than single precision
 WINDOW = f32(0.004)  # half-width of the interval in which the minimum is pinned down
+LARGEST_STEP = f32(0.05)  # a longer step of fourth order leaves too much for `last_step`: a second attempt is cheaper
+STEEPEST = f32(100.0)  # terms of F this much larger than s |F'| at the impact would spoil the time's thirteenth digit
 FARTHEST = f32(0.15)  # longest Taylor step to the minimum
 SCAN_STEP = f32(1 / 8)
 SCAN_STEPS = 16
@@ -130,7 +132,9 @@ def depth(s, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon):
     close = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s) & (delta * s < f32(LONGEST_DECAY))
     pinned = close & (slope_ < WINDOW * (curvature - spread))
     fall = WINDOW * (slope_ + WINDOW * (curvature + spread))
-    bound = lowest - fall - ERROR * height_scale(s + abs(u), w, a, delta, epsilon) - left_out * r2
+    end = s + abs(u)
+    rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + epsilon * (W1 * end + f32(3.0))  # over height_scale
+    bound = lowest - fall - ERROR * rounding - left_out * r2
     return lowest, bound if pinned else f32(-1e30), s + u
 
 
@@ -148,12 +152,34 @@ def local_root(rising, c0, c1, c2, c3, c4, c5):
 
 @inline
 def refined(s, level, w, a, sin0, cos0, delta, epsilon):
-    """A step of fourth order to F = level, from the first four derivatives: (s, its size)."""
+    """A step of fourth order to F = level, from the first four derivatives: (s, its size, F' there)."""
     c0, c1, c2, c3, c4, _c5 = taylor(s, w, a, sin0, cos0, delta, epsilon)
     inverse = f32(1.0) / c1
     u, p, q, r = (level - c0) * inverse, c2 * inverse, c3 * inverse, c4 * inverse
     u *= f32(1.0) - u * (p - u * ((f32(2.0) * p * p - q) - u * (f32(5.0) * p * (p * p - q) + r)))
-    return s + u, u
+    return s + u, u, c1 + u * (f32(2.0) * c2 + f32(3.0) * u * c3)
+
+
+@inline
+def is_located(s, step, speed, w, a, delta, epsilon):
+    """True if double precision may end what single precision began: a short step, and an impact that is no graze."""
+    near = (abs(step) < LARGEST_STEP * s) & (delta * s < f32(LONGEST_DECAY))
+    return near & (height_scale(s, w, a, delta, epsilon) < STEEPEST * s * abs(speed))
+
+
+@inline
+def arc_ahead(tau, arc_exit, arc_length):
+    """Times to the entry (0 inside) and to the exit of the next arc, and whether the departure lies inside."""
+    to_exit = arc_exit - tau
+    to_exit -= floor(to_exit)
+    inside = to_exit < arc_length
+    return f32(0.0) if inside else to_exit - arc_length, to_exit, inside
+
+
+@inline
+def off_edges(to_exit, arc_length):
+    """True if the departure is so far from the ends of the arc that rounding cannot confuse its side."""
+    return (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
 
 
 @inline
@@ -163,10 +189,7 @@ def single_turn(wall, rising, tau, s, w, a, sin0, delta, epsilon, arc_exit, arc_
     e^(δs) F' grows where the contact force g is positive and falls on the phase arc where g < 0, if there is one. So
     its sign where the arc is entered and left, which needs no new sine, settles its signs everywhere else.
     """
-    to_exit = arc_exit - tau
-    to_exit -= floor(to_exit)
-    inside = to_exit < arc_length
-    to_entry = f32(0.0) if inside else to_exit - arc_length
+    to_entry, to_exit, inside = arc_ahead(tau, arc_exit, arc_length)
     x, y = delta * to_entry, delta * to_exit
     slack = ERROR * speed_scale(w, a, epsilon)
     moved_entry, moved_exit = (sin0 if inside else sin_entry) - sin0, sin_exit - sin0
@@ -178,8 +201,7 @@ def single_turn(wall, rising, tau, s, w, a, sin0, delta, epsilon, arc_exit, arc_
     from_top = wall > f32(0.0)
     up = (end < to_exit) | ((rises_out | (falls_in & from_top)) & (end < to_exit + f32(1.0)))
     down = (end < to_entry) | (falls_in & (end < to_exit + f32(1.0) - arc_length))
-    clear = (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
-    safe = clear & (y < f32(LONGEST_DECAY))
+    safe = off_edges(to_exit, arc_length) & (y < f32(LONGEST_DECAY))
     return no_arc | (safe & ((up & rising) | (down & (not rising))))
 
 
@@ -196,14 +218,46 @@ def clears_the_gap(wall, rising, s, turn, bound, gap, w, a, sin0, epsilon):
 
 
 @inline
+def two_turns(wall, rising, tau, s, turn, bound, gap, w, a, sin0, cos0, delta, epsilon, arc_exit, arc_length, no_arc):
+    """True if a flight from Σ⁺ back to Σ⁺ certainly turns before the arc, back on it and again after it, and touches
+    neither wall before s.
+
+    Where e^(δs) F' is monotone, its values at the ends bound F' between them, so F lies above or below the lines of
+    these slopes through its own values at the ends: the two lines' crossing bounds the extremum.
+    """
+    to_entry, to_exit, inside = arc_ahead(tau, arc_exit, arc_length)
+    f_entry, g_entry, _f2, lost_entry, _s, _c = evaluate32(to_entry, w, a, sin0, cos0, delta, epsilon)
+    f_exit, g_exit, _f2, lost_exit, _s, _c = evaluate32(to_exit, w, a, sin0, cos0, delta, epsilon)
+    _f, g_end, _f2, lost_end, _s, _c = evaluate32(s, w, a, sin0, cos0, delta, epsilon)
+    slack, low = ERROR * speed_scale(w, a, epsilon), f32(4.0) * ERROR * height_scale(s, w, a, delta, epsilon)
+    turned = (g_entry > slack) & (g_exit < -slack) & (not inside)
+    up, down = g_entry + slack, g_exit - slack
+    decay_entry, decay_exit, decay_end = f32(1.0) - lost_entry, f32(1.0) - lost_exit, f32(1.0) - lost_end
+    steep = up / decay_entry  # F' between departure and entry is at most this, and at least w
+    first = w * (steep * to_entry - f_entry) / (steep - w)
+    steep = -down * decay_entry / decay_exit  # on the arc F' is between −steep and up
+    top = f_entry + up * (f_exit - f_entry + steep * arc_length) / (up + steep)
+    bend = delta * abs(a) + W2 * epsilon  # at least |F''|: double precision may move the end by 1e-4
+    steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end  # after it F' is between down and steep
+    second = f_exit + down * (f_exit + steep * (s - to_exit)) / (steep - down)
+    pinned = (turn - WINDOW > to_exit + CLOSE) & (turn < s)
+    second = max(second, bound) if pinned else second
+    clear = (top < -low) & (first > low - gap) & (second > low - gap)
+    early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
+    placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc_length) & off_edges(to_exit, arc_length)
+    from_top = (wall > f32(0.0)) & rising & (not no_arc)
+    return from_top & turned & clear & placed & (delta * s < f32(LONGEST_DECAY))
+
+
+@inline
 def scanned(s0, s, wall, f0, g0, turned, turn, ended, falls, end, gap, w, a, sin0, cos0, delta, epsilon):
-    """One more point s of a scan for the turning point and the end of a flight, both by linear interpolation.
+    """One more point s of a scan for the last turning point and the end of a flight, both by linear interpolation.
 
     (s0, f0, g0) are the last point with its F and F'; the end is given as −1 if the flight turns in the same step: then
     its place follows from the turning point.
     """
     f, g, _f2, _k, _s, _c = evaluate32(s, w, a, sin0, cos0, delta, epsilon)
-    turns = (not turned) & (g > f32(0.0)) & (not ended)
+    turns = (g0 < f32(0.0)) & (g > f32(0.0)) & (not ended)
     between = s0 + (s - s0) * g0 / (g0 - g)
     turn = between if turns else turn
     from_top = wall > f32(0.0)
