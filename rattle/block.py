@@ -31,7 +31,7 @@ _DOUBLE = (
 _SINGLE = (
     *("tau_", "w_", "wall_", "sin_", "cos_", "a_", "delta_", "epsilon_", "gap_", "inverse_delta_"),
     *("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc", "rough"),
-    *("s_", "c0", "c1", "c2", "c3", "c4", "c5", "step", "speed", "turn", "bound", "falls", "proved"),
+    *("s_", "c0", "c1", "c2", "c3", "c4", "c5", "step", "speed", "turn", "bound", "tilt", "falls", "proved"),
     *("z_wall", "z_tau", "z_w", "z_a", "z_sin", "z_cos", "z_delta", "z_epsilon", "z_gap"),
     *("z_arc_exit", "z_arc_length", "z_sin_entry", "z_sin_exit", "z_no_arc", "z_proved"),
     *("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s"),

@@ -84,19 +84,20 @@ def proven_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta):
     a_ = f32(DRIFT) - f32(TWO_PI) * epsilon_ * sin_ - w_
     s = first_guess(wall_, w_, sin_, cos_, delta_, f32(1.0 / delta), epsilon_, gap)
     c0, c1, c2, c3, c4, c5 = taylor(s, w_, a_, sin_, cos_, delta_, epsilon_)
-    lowest, bound, turn = depth(s, c0, c1, c2, c3, c4, c5, w_, a_, delta_, epsilon_)
+    lowest, bound, tilt, turn = depth(s, c0, c1, c2, c3, c4, c5, w_, a_, delta_, epsilon_)
     falls = wall > 0 and lowest < -gap
     level_ = level_of(wall_, falls, gap)
     s += local_root(not falls, c0 - level_, c1, c2, c3, c4, c5)
     s, step, speed = refined(s, level_, w_, a_, sin_, cos_, delta_, epsilon_)
     proved = is_located(s, step, speed, w_, a_, delta_, epsilon_)
-    proved &= clears_the_gap(wall_, not falls, s, turn, bound, gap, w_, a_, sin_, epsilon_)
+    proved &= clears_the_gap(wall_, not falls, s, turn, bound, tilt, gap, w_, a_, sin_, delta_, epsilon_)
     arc, leave, length, sin_entry, sin_exit = negative_arc(delta, epsilon)
     proved &= single_turn(
         wall_,
         not falls,
         f32(tau),
         s,
+        turn,
         w_,
         a_,
         sin_,

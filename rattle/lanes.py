@@ -80,7 +80,7 @@ def expand(b, groups):
 def choose_wall(b, groups):
     """Depth of the turning point: which wall is next, and a lower bound of F that may prove it."""
     for i in range(GROUP * groups):
-        lowest, bound, b.turn[i] = depth(
+        lowest, bound, b.tilt[i], b.turn[i] = depth(
             b.s_[i], b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i], b.w_[i], b.a_[i], b.delta_[i], b.epsilon_[i]
         )
         falls = (b.wall_[i] > ZERO) & (lowest < -b.gap_[i])
@@ -113,7 +113,20 @@ def prove(b, groups):
     """Whether the impact that was located is certain to be the first."""
     for i in range(GROUP * groups):
         rising, s, w, a, epsilon = b.falls[i] == ZERO, b.s_[i], b.w_[i], b.a_[i], b.epsilon_[i]
-        clear = clears_the_gap(b.wall_[i], rising, s, b.turn[i], b.bound[i], b.gap_[i], w, a, b.sin_[i], epsilon)
+        clear = clears_the_gap(
+            b.wall_[i],
+            rising,
+            s,
+            b.turn[i],
+            b.bound[i],
+            b.tilt[i],
+            b.gap_[i],
+            w,
+            a,
+            b.sin_[i],
+            b.delta_[i],
+            epsilon,
+        )
         b.proved[i] = flag(clear & is_located(s, b.step[i], b.speed[i], w, a, b.delta_[i], epsilon))
 
 
@@ -126,6 +139,7 @@ def prove_turns(b, groups):
             b.falls[i] == ZERO,
             b.tau_[i],
             b.s_[i],
+            b.turn[i],
             b.w_[i],
             b.a_[i],
             b.sin_[i],
@@ -329,7 +343,7 @@ def conclude(b, n):
         sin0, cos0, turn, end = b.z_sin[k], b.z_cos[k], b.z_turn[k], b.z_end[k]
         scanned_fall = b.z_falls[k]
         c0, c1, c2, c3, c4, c5 = taylor(turn, w, a, sin0, cos0, delta, epsilon)
-        lowest, bound, place = depth(turn, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon)
+        lowest, b.z_f[k], b.z_g[k], place = depth(turn, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon)
         misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)  # between two points of the scan
         falls = flag(misses | (scanned_fall > ZERO))
         level = level_of(wall, falls > ZERO, gap)
@@ -339,25 +353,20 @@ def conclude(b, n):
         s = near_turn if from_turn else end
         s, _u, _speed = refined(s, level, w, a, sin0, cos0, delta, epsilon)
         s, step, speed = refined(s, level, w, a, sin0, cos0, delta, epsilon)
-        b.z_s[k], b.z_falls[k], b.z_turn[k], b.z_f[k] = s, falls, place, bound
+        b.z_s[k], b.z_falls[k], b.z_turn[k] = s, falls, place
         b.z_proved[k] = flag(is_located(s, step, speed, w, a, delta, epsilon))
     for k in range(n):
         wall, w, a, delta, epsilon, gap = b.z_wall[k], b.z_w[k], b.z_a[k], b.z_delta[k], b.z_epsilon[k], b.z_gap[k]
-        tau, sin0, s, turn, bound, rising = (
-            b.z_tau[k],
-            b.z_sin[k],
-            b.z_s[k],
-            b.z_turn[k],
-            b.z_f[k],
-            b.z_falls[k] == ZERO,
-        )
-        leave, length, no_arc = b.z_arc_exit[k], b.z_arc_length[k], b.z_no_arc[k] > ZERO
+        tau, sin0, cos0, s, turn = b.z_tau[k], b.z_sin[k], b.z_cos[k], b.z_s[k], b.z_turn[k]
+        bound, tilt, rising = b.z_f[k], b.z_g[k], b.z_falls[k] == ZERO
+        leave, length, sin_entry, sin_exit = b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k]
+        no_arc = b.z_no_arc[k] > ZERO
         once = single_turn(
-            wall, rising, tau, s, w, a, sin0, delta, epsilon, leave, length, b.z_sin_entry[k], b.z_sin_exit[k], no_arc
+            wall, rising, tau, s, turn, w, a, sin0, delta, epsilon, leave, length, sin_entry, sin_exit, no_arc
         )
-        once &= clears_the_gap(wall, rising, s, turn, bound, gap, w, a, sin0, epsilon)
+        once &= clears_the_gap(wall, rising, s, turn, bound, tilt, gap, w, a, sin0, delta, epsilon)
         twice = two_turns(
-            wall, rising, tau, s, turn, bound, gap, w, a, sin0, b.z_cos[k], delta, epsilon, leave, length, no_arc
+            wall, rising, tau, s, turn, bound, tilt, gap, w, a, sin0, cos0, delta, epsilon, leave, length, no_arc
         )
         b.z_proved[k] = b.z_proved[k] if once | twice else ZERO
 

@@ -23,7 +23,6 @@ from rattle.polynomial import degree_4
 ERROR = f32(6e-6)
 CLOSE = f32(1e-5)  # flight times and phases closer than this are not told apart
 LATER = f32(1.0002)  # double precision may end a flight up to 1e-4 of it later than single precision
-WINDOW = f32(0.004)  # half-width of the interval in which the minimum is pinned down
 LARGEST_STEP = f32(0.05)  # a longer step of fourth order leaves too much for `last_step`: a second attempt is cheaper
 STEEPEST = f32(100.0)  # terms of F this much larger than s |F'| at the impact would spoil the time's thirteenth digit
 FARTHEST = f32(0.15)  # longest Taylor step to the minimum
@@ -110,32 +109,24 @@ def height(u, c0, c1, c2, c3, c4, c5):
 
 @inline
 def depth(s, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon):
-    """The minimum near s: its height, a lower bound of F if F' changes sign once (`single_turn`), and its place.
+    """The minimum near s: its height as it seems, a lower bound of F and an upper one of |F'| there, and its place.
 
-    At s + u the slope is so small, and the curvature so large, remainders and rounding included, that F' is negative at
-    u − WINDOW and positive at u + WINDOW. From u to the minimum between them F falls by no more than WINDOW times the
-    largest |F'| there. Without that proof the bound is −∞ (−1e30).
+    Remainders and rounding are in the bounds; the lower one is −∞ (−1e30) where the Taylor polynomial is no good.
     """
     i2 = f32(0.5) / c2
     u = -c1 * i2
     k3 = f32(3.0) * c3 * i2
     u *= f32(1.0) - u * (k3 - u * (f32(2.0) * k3 * k3 - f32(4.0) * c4 * i2))
     lowest = height(u, c0, c1, c2, c3, c4, c5)
-    curvature = f32(2.0) * c2 + u * (f32(6.0) * c3 + u * (f32(12.0) * c4 + u * (f32(20.0) * c5)))
-    reach = abs(u) + WINDOW
+    reach = abs(u)
     r2 = reach * reach
-    a_ = delta * delta * abs(a)
-    m6 = epsilon + f32(2.0 / TWO_PI**6) * delta * delta * delta * a_  # ×(2π)⁶ bounds |F⁽⁶⁾|, as e^(δ reach) < 2
-    left_out = SIXTH * m6 * r2 * r2  # times r2 in F, 6 r in F', 30 in F''
-    slope_ = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(w, a, epsilon) + f32(6.0) * reach * left_out
-    spread = WINDOW * (W3 * epsilon + f32(2.0) * a_) + f32(30.0) * left_out + ERROR * W1 * speed_scale(w, a, epsilon)
-    close = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s) & (delta * s < f32(LONGEST_DECAY))
-    pinned = close & (slope_ < WINDOW * (curvature - spread))
-    fall = WINDOW * (slope_ + WINDOW * (curvature + spread))
-    end = s + abs(u)
+    m6 = SIXTH * epsilon + f32(1 / 360) * (delta * delta) * (delta * delta) * (delta * abs(a))  # |F⁽⁶⁾|/720, e^(δu) < 2
+    left_out = m6 * r2 * r2  # times r2 in F, 6 r in F'
+    tilt = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(w, a, epsilon) + f32(6.0) * reach * left_out
+    end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + epsilon * (W1 * end + f32(3.0))  # over height_scale
-    bound = lowest - fall - ERROR * rounding - left_out * r2
-    return lowest, bound if pinned else f32(-1e30), s + u
+    good = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s)
+    return lowest, lowest - ERROR * rounding - left_out * r2 if good else f32(-1e30), tilt, s + u
 
 
 @inline
@@ -183,8 +174,11 @@ def off_edges(to_exit, arc_length):
 
 
 @inline
-def single_turn(wall, rising, tau, s, w, a, sin0, delta, epsilon, arc_exit, arc_length, sin_entry, sin_exit, no_arc):
-    """True if it is certain that F' changes sign at most once before s, given its sign at s.
+def single_turn(
+    wall, rising, tau, s, turn, w, a, sin0, delta, epsilon, arc_exit, arc_length, sin_entry, sin_exit, no_arc
+):
+    """True if it is certain that F' changes sign at most once before s, given its sign at s, and that e^(δs) F' grows
+    between that change and the place where it seemed to be.
 
     e^(δs) F' grows where the contact force g is positive and falls on the phase arc where g < 0, if there is one. So
     its sign where the arc is entered and left, which needs no new sine, settles its signs everywhere else.
@@ -199,26 +193,40 @@ def single_turn(wall, rising, tau, s, w, a, sin0, delta, epsilon, arc_exit, arc_
     rises_out = at_exit > slack
     end = s * LATER + CLOSE
     from_top = wall > f32(0.0)
-    up = (end < to_exit) | ((rises_out | (falls_in & from_top)) & (end < to_exit + f32(1.0)))
-    down = (end < to_entry) | (falls_in & (end < to_exit + f32(1.0) - arc_length))
+    next_entry = to_exit + f32(1.0) - arc_length
+    before = (turn < to_entry - CLOSE) | (not from_top)
+    after = (turn > to_exit + CLOSE) & (turn < next_entry - CLOSE) & from_top
+    up = before & ((end < to_exit) | (rises_out & (end < to_exit + f32(1.0))))
+    up |= after & falls_in & (end < to_exit + f32(1.0))
+    down = (end < to_entry) | (falls_in & (end < next_entry))
     safe = off_edges(to_exit, arc_length) & (y < f32(LONGEST_DECAY))
     return no_arc | (safe & ((up & rising) | (down & (not rising))))
 
 
 @inline
-def clears_the_gap(wall, rising, s, turn, bound, gap, w, a, sin0, epsilon):
+def lowest_point(s, bound, tilt, delta):
+    """A lower bound of F up to s from a point of it with F ≥ bound, |F'| ≤ tilt, if e^(δs) F' grows from there to the
+    minimum or from the minimum to there: on that way |F'| is at most e^(δs) tilt.
+    """
+    x = delta * s
+    return bound - tilt * s * (f32(1.0) + x * (f32(1.0) + f32(1.1) * x))  # e^x is less, for x < 2
+
+
+@inline
+def clears_the_gap(wall, rising, s, turn, bound, tilt, gap, w, a, sin0, delta, epsilon):
     """True unless the flight might touch Σ⁻ on its way from Σ⁺ back to Σ⁺: it is too short for that, or turns above.
 
-    Falling, |F'| stays below v + 2πε (1 − sin θ) where a ≥ 0. A turning point before the end is the only one: at
-    turn − WINDOW, F' < 0.
+    Falling, |F'| stays below v + 2πε (1 − sin θ) where a ≥ 0.
     """
     shallow = (abs(w) + W1 * epsilon * (f32(1.0) - sin0)) * s * LATER < f32(0.9999) * gap
-    turns_above = (bound > -gap) & (turn < s)
+    turns_above = (lowest_point(s, bound, tilt, delta) > -gap) & (turn < s)
     return ((shallow & (a > f32(0.0))) | turns_above) | ((wall < f32(0.0)) | (not rising))
 
 
 @inline
-def two_turns(wall, rising, tau, s, turn, bound, gap, w, a, sin0, cos0, delta, epsilon, arc_exit, arc_length, no_arc):
+def two_turns(
+    wall, rising, tau, s, turn, bound, tilt, gap, w, a, sin0, cos0, delta, epsilon, arc_exit, arc_length, no_arc
+):
     """True if a flight from Σ⁺ back to Σ⁺ certainly turns before the arc, back on it and again after it, and touches
     neither wall before s.
 
@@ -240,8 +248,7 @@ def two_turns(wall, rising, tau, s, turn, bound, gap, w, a, sin0, cos0, delta, e
     bend = delta * abs(a) + W2 * epsilon  # at least |F''|: double precision may move the end by 1e-4
     steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end  # after it F' is between down and steep
     second = f_exit + down * (f_exit + steep * (s - to_exit)) / (steep - down)
-    pinned = (turn - WINDOW > to_exit + CLOSE) & (turn < s)
-    second = max(second, bound) if pinned else second
+    second = max(second, lowest_point(s, bound, tilt, delta)) if (turn > to_exit + CLOSE) & (turn < s) else second
     clear = (top < -low) & (first > low - gap) & (second > low - gap)
     early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
     placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc_length) & off_edges(to_exit, arc_length)

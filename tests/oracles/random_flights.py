@@ -11,7 +11,7 @@ from rattle.flight import DRIFT, TWO_PI, versines
 
 SEEN = ("flights", "proved", "no_impact", "marched", "wrong_wall", "late", "march_wall", "march_time")
 FLIGHTS, PROVED, NO_IMPACT, MARCHED, WRONG_WALL, LATE, MARCH_WALL, MARCH_TIME = range(len(SEEN))
-PLANE, WIDE = 0, 1
+PLANE, WIDE, ARCS = range(3)  # arcs: above the quiet limit, where the contact force changes sign
 STEP = 1.0 / 16.0
 
 
@@ -47,19 +47,64 @@ def turning_height(wall, tau, w, delta, epsilon, order):
 
 
 @njit(cache=False)
+def peak_height(tau, w, delta, epsilon):
+    """F at its first maximum after leaving Σ⁺, in a flight that knows no walls; NaN without one."""
+    theta = TWO_PI * tau
+    sin0, cos0 = math.sin(theta), math.cos(theta)
+    a = DRIFT - TWO_PI * epsilon * sin0 - w
+    s, f1, turned = 0.0, w, False
+    while s < 2.0:
+        e = s + STEP
+        _e0, e1, _e2, _e3, _d = panel_march.after(e, theta, w, a, sin0, cos0, delta, epsilon)
+        turned = turned or e1 > 0.0
+        if turned and f1 > 0.0 > e1:
+            t = panel_march.bisected(s, e, 1, 0.0, False, theta, w, a, sin0, cos0, delta, epsilon)
+            return panel_march.after(t, theta, w, a, sin0, cos0, delta, epsilon)[0]
+        s, f1 = e, e1
+    return math.nan
+
+
+@njit(cache=False)
+def speed_with_peak(tau, delta, epsilon, off):
+    """A speed at which the first maximum after Σ⁺ lies off above it, or a random one if there is none."""
+    lo, below = 0.05, peak_height(tau, -0.05, delta, epsilon) - off
+    for k in range(1, 25):
+        hi = 0.05 + 8.0 * k / 24
+        above = peak_height(tau, -hi, delta, epsilon) - off
+        if below * above < 0.0:
+            for _ in range(60):
+                v = 0.5 * (lo + hi)
+                if (peak_height(tau, -v, delta, epsilon) - off) * below > 0.0:
+                    lo = v
+                else:
+                    hi = v
+            return 0.5 * (lo + hi)
+        lo, below = hi, above
+    return np.random.uniform(0.05, 6.0)
+
+
+@njit(cache=False)
 def random_flight(regime, near):
     """(wall, τ, w, δ, ε, β); near: β is such that F turns a log-uniform 1e-12…1e-3 above or below the other wall."""
     if regime == PLANE:
         delta, epsilon, beta = np.random.uniform(0.2, 1.5), np.random.uniform(0.0, 0.4), np.random.uniform(0.2, 1.2)
+    elif regime == ARCS:
+        delta, beta = np.random.uniform(0.2, 1.5), np.random.uniform(0.05, 1.2)
+        epsilon = 2.0 * delta / math.hypot(TWO_PI, delta) * np.random.uniform(1.0, 2.5)
     else:
         delta, epsilon, beta = log_uniform(0.02, 5.0), log_uniform(0.05, 5.0), log_uniform(0.01, 5.0)
         epsilon = 0.0 if np.random.random() < 0.02 else epsilon
     wall = 1 if np.random.random() < 0.7 else -1
     v = log_uniform(1e-6, 15.0) if np.random.random() < 0.5 else np.random.uniform(1e-6, 15.0)
     tau = np.random.random()
+    if regime == ARCS:
+        wall, v = 1, np.random.uniform(0.05, 6.0)
+        if near and np.random.random() < 0.5:
+            off = log_uniform(1e-12, 1e-3) * (1.0 if np.random.random() < 0.5 else -1.0)
+            return wall, tau, -speed_with_peak(tau, delta, epsilon, off), delta, epsilon, beta
     if near:
-        v = np.random.uniform(0.5, 15.0)
-        wall = 1 if regime == PLANE or np.random.random() < 0.7 else -1
+        v = np.random.uniform(0.5, 15.0) if regime != ARCS else v
+        wall = 1 if regime != WIDE or np.random.random() < 0.7 else -1
         depth = abs(turning_height(wall, tau, -wall * v, delta, epsilon, 1 if np.random.random() < 0.5 else 2))
         off = log_uniform(1e-12, 1e-3) * (1.0 if np.random.random() < 0.5 else -1.0)
         if depth + off > 0.01:

@@ -22,6 +22,7 @@ from rattle.locate import (
     first_guess,
     height_scale,
     local_root,
+    lowest_point,
     negative_arc,
     refined,
     single_turn,
@@ -126,11 +127,16 @@ def _mapped(states):
 
 
 @pytest.mark.parametrize(
-    ("regime", "count"), [(flights.PLANE, 700_000), (flights.WIDE, 300_000)], ids=["plane", "wide"]
+    ("regime", "count", "near"),
+    [(flights.PLANE, 700_000, 0.25), (flights.WIDE, 300_000, 0.25), (flights.ARCS, 300_000, 0.5)],
+    ids=["plane", "wide", "arcs"],
 )
-def test_lanes_against_the_scalar_map(regime, count):
-    """Both differ by rounding, which a graze on the way makes large: the tangent matrix tells how large."""
-    tau, v, delta, epsilon, beta = states = flights.random_states(count, 11, regime, 0.25)
+def test_lanes_against_the_scalar_map(regime, count, near):
+    """Both differ by rounding, which a graze on the way makes large: the tangent matrix tells how large.
+
+    Above the quiet limit flights turn twice: lanes prove those, the scalar map searches them.
+    """
+    tau, v, delta, epsilon, beta = states = flights.random_states(count, 11, regime, near)
     lanes = rattle.iterate(delta, epsilon, tau, v, 1, beta)
     scalar_tau, scalar_v, scalar_minus, condition = _mapped(states)
     moved = scalar_minus >= 0
@@ -377,15 +383,16 @@ def _depths(n, seed, regime):
         a_ = F32(DRIFT) - F32(TWO_PI) * epsilon_ * sin_ - w_
         s = first_guess(up, w_, sin_, cos_, delta_, F32(1.0 / delta), epsilon_, gap)
         c0, c1, c2, c3, c4, c5 = taylor(s, w_, a_, sin_, cos_, delta_, epsilon_)
-        _height, bound, turn = depth(s, c0, c1, c2, c3, c4, c5, w_, a_, delta_, epsilon_)
+        _height, bound, tilt, turn = depth(s, c0, c1, c2, c3, c4, c5, w_, a_, delta_, epsilon_)
         s += local_root(True, c0, c1, c2, c3, c4, c5)
-        s, _u = refined(s, F32(0.0), w_, a_, sin_, cos_, delta_, epsilon_)
+        s, _u, _speed = refined(s, F32(0.0), w_, a_, sin_, cos_, delta_, epsilon_)
         arc, leave, length, sin_entry, sin_exit = negative_arc(delta, epsilon)
         certain = single_turn(
             up,
             True,
             F32(tau),
             s,
+            turn,
             w_,
             a_,
             sin_,
@@ -398,7 +405,8 @@ def _depths(n, seed, regime):
             not arc,
         )
         a = DRIFT - TWO_PI * epsilon * sin0 - w
-        if bound > -1e29 and certain and turn < s and delta * s < 2.0:
+        bound = lowest_point(s, bound, tilt, delta_)
+        if bound > -1e29 and certain and 0.0 < s and turn < s and delta * s < 2.0:
             if not evaluate_short(float(s), w, a, sin0, 1.0 - versine, delta, epsilon)[1] > 0.0:
                 continue
             given += 1
