@@ -31,7 +31,6 @@ from rattle.locate import (
     two_turns,
 )
 
-CHUNK = 11  # flights between two looks at the lanes; prime, so that a periodic motion is seen at all its impacts
 SCANNED, SAFE = range(2)  # flights that took a second attempt, and the search
 Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)
 TOO_FAR = f32(LONGEST_DECAY)

@@ -6,23 +6,26 @@ was (Brent's cycle search: a reference that moves up at powers of two)? A lane t
 sample. What becomes of a sample depends on its cell's known orbits and on nothing else in the block.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from rattle._compile import inline, kernel
-from rattle.block import GROUP, GROUPS, LANES, empty, ended, load, made_ready, roughest, stretched
+from rattle.block import GROUP, GROUPS, LANES, empty, ended, load, made_ready, overflows, roughest, stretched
 from rattle.flight import DRIFT, TWO_PI, contact_force, wrapped
-from rattle.lanes import CHUNK, advance_plain, advance_tangent
+from rattle.lanes import advance_plain, advance_tangent
 from rattle.lyapunov import BATCHES
 
 LEFT, QUIET, ORBIT, RECURRENT, FAILED = range(5)
 GRID = 32  # boxes per side of the (τ, v) plane in which a chaotic trajectory leaves its footprint
 RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
 ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
-NOTES = 6  # of each lane: its reference state and the impacts to there, looks so far, looks at which the reference
-# moves up; the time when it was last measured
-AT_TAU, AT_V, AT_N, LOOKS, NEXT, SINCE = range(NOTES)
+CHUNK, LONG_CHUNK = 11, 37  # flights between two looks, at first and of samples that are followed for long; prime, so
+# that a periodic motion is seen at all its impacts
+NOTES = 7  # of each lane: its reference state and the impacts to there, looks so far, looks at which the reference
+# moves up; the batch that it is measured for (below 0 before it is aligned) and since when
+AT_TAU, AT_V, AT_N, LOOKS, NEXT, BATCH, SINCE = range(NOTES)
 STRIDES = (6, 6, 6, 5)  # flights between the footprints of a measured lane; it is looked at after all of them, a prime
 
 
@@ -139,7 +142,7 @@ def forget(notes, i):
     """A lane without reference: nothing is near it."""
     for k in range(NOTES):
         notes[i, k] = 0.0
-    notes[i, AT_V], notes[i, NEXT] = -1.0, 1.0
+    notes[i, AT_V], notes[i, NEXT], notes[i, BATCH] = -1.0, 1.0, -1.0
 
 
 @inline
@@ -158,8 +161,10 @@ def look(b, i, k, notes, cells, samples, balls):
 
 
 @kernel
-def settle(b, which, cells, samples, balls, paths):
-    """Follow the samples `which` until they end; a sample that makes all its impacts is LEFT."""
+def settle(b, which, flights, cells, samples, balls, paths):
+    """Follow the samples `which` until they end, with so many flights between two looks; a sample that makes all its
+    impacts is LEFT.
+    """
     who = np.full(LANES, -1)
     notes = np.zeros((LANES, NOTES))
     fresh, groups = 0, GROUPS
@@ -179,7 +184,7 @@ def settle(b, which, cells, samples, balls, paths):
                 start(b, i, k, cells, samples)
                 forget(notes, i)
         groups = made_ready(b, who, notes, groups, fresh == which.size)
-        advance_plain(b, groups, CHUNK, roughest(b, groups), paths)
+        advance_plain(b, groups, flights, roughest(b, groups), paths)
 
 
 @inline
@@ -206,17 +211,20 @@ def measure(b, which, least, periods, cells, samples, balls, sums, footprints, p
             j = who[i]
             if j >= 0:
                 k = which[j]
-                stretch, contraction = stretched(b, i)
                 share = min((b.n_plus[i] - ALIGNMENT) / (least - ALIGNMENT), b.time[i] / periods)
                 share = max(share, b.n_plus[i] / b.limit[i])
-                if b.n_plus[i] >= ALIGNMENT:
-                    batch = min(int(share * BATCHES), BATCHES - 1)
-                    sums[j, batch, 0] += b.time[i] - notes[i, SINCE]
-                    sums[j, batch, 1] += stretch
-                    sums[j, batch, 2] += contraction
-                notes[i, SINCE] = b.time[i]
+                batch = min(math.floor(share * BATCHES), BATCHES - 1)
                 status, orbit, over = look(b, i, k, notes, cells, samples, balls)
-                if over or (share >= 1.0 and b.wall[i] > 0.0):
+                over |= share >= 1.0 and b.wall[i] > 0.0
+                if over or batch != notes[i, BATCH] or overflows(b, i):
+                    stretch, contraction = stretched(b, i)
+                    if notes[i, BATCH] >= 0:
+                        row = sums[j, int(notes[i, BATCH])]
+                        row[0] += b.time[i] - notes[i, SINCE]
+                        row[1] += stretch
+                        row[2] += contraction
+                    notes[i, BATCH], notes[i, SINCE] = batch, b.time[i]
+                if over:
                     finish(b, i, k, status, orbit, samples)
                     who[i] = -1
             if who[i] < 0 and fresh < which.size:

@@ -18,17 +18,19 @@ from rattle.limits import sine_offset
 from rattle.lyapunov import BATCHES, is_chaotic
 from rattle.quiet import capture_invariants
 from rattle.sampling import initial_conditions
-from rattle.settle import GRID, LEFT, RECURRENT, Balls, Cells, Orbits, Samples, measure, settle
+from rattle.settle import CHUNK, GRID, LEFT, LONG_CHUNK, RECURRENT, Balls, Cells, Orbits, Samples, measure, settle
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
 FIRST = 128  # impacts that every sample may make before the cell is judged
 GROWTH = 4  # every further stage lasts this many times as long
 STAGES = 4
+FEW = 8  # where no more than one in so many is left, there is one stage more
 MEASURED, PERIODS = 2000, 1000.0  # least impacts and forcing periods of one witness
 MOST_MEASURED = 20_000  # impacts of a witness that never gets through its periods
 WITNESSES = 12  # per cell: if one in 3000 periods leaves a chaotic set, 98 % of the cells show it
 TRACED = 1000  # impacts of a footprint without gaps
 LONGER = 4  # witnesses that seem to be on different attractors are watched this many times as long
+LEAKS_MISSED = 3.0  # a set that loses samples is left by none for so long with probability e^(−3)
 EXTENSIONS = 3  # an unclear exponent is measured again over twice the impacts, this many times
 ROOM = 8  # orbits per cell to begin with; doubled where a cell has more
 
@@ -77,9 +79,10 @@ class Survey:
             pending = pending[(self.status[pending] == LEFT).any(axis=1)]
             leaking = self.leaking(pending)
             decided = np.zeros(pending.size, np.bool_)
-            judged = ~leaking & ~self.unclear[pending]
+            judged = ~leaking
             decided[judged] = self.judge(pending[judged])
-            decided |= self.stage[pending] >= STAGES
+            few = (self.status[pending] == LEFT).sum(axis=1) <= self.count // FEW
+            decided |= self.stage[pending] >= STAGES + few
             pending = pending[~decided]
             self.extend(pending)
 
@@ -95,7 +98,8 @@ class Survey:
     def settle(self, which: NDArray[np.int64]) -> None:
         """Follow samples to their limits; those that recur find an orbit of their cell, or go on."""
         while which.size:
-            settle(self.block, which, self.cells, self.samples, self.balls, self.paths)
+            flights = CHUNK if self.samples.limit[which[0]] <= FIRST else LONG_CHUNK
+            settle(self.block, which, flights, self.cells, self.samples, self.balls, self.paths)
             which = which[self.samples.status[which] == RECURRENT]
             self.resolve(which)
             on = (self.samples.status[which] == LEFT) & (self.samples.impacts[which] < self.samples.limit[which])
@@ -110,11 +114,18 @@ class Survey:
                 self.balls = Balls(self.balls.n, *_doubled(self.balls[1:]))
 
     def leaking(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether what is left in these cells may still settle: others settled late or, to begin with, at all."""
-        settled = self.status[cells] != LEFT
-        late = settled & (self.samples.impacts.reshape(-1, self.count)[cells] > self.limits(cells)[:, None] // 2)
-        begins = (self.stage[cells] == 0) & settled.any(axis=1)
-        return (late.any(axis=1) | begins | self.unclear[cells]) & (self.stage[cells] < STAGES)
+        """Whether what is left in these cells may still settle: others settled, to begin with, or did so later and
+        what is left has not outlasted them by enough since.
+
+        Were it the same leaking set, LEAKS_MISSED more would have left it by now, at the rate until the last one did.
+        """
+        settled, impacts = self.status[cells] != LEFT, self.samples.impacts.reshape(-1, self.count)[cells]
+        leaked = settled & (impacts > FIRST)
+        last = np.where(leaked, impacts, 0).max(axis=1, initial=0)[:, None]
+        since = np.where(settled, 0, np.maximum(impacts - last, 0)).sum(axis=1)
+        before = np.minimum(impacts, last).sum(axis=1)
+        doubtful = leaked.any(axis=1) & (leaked.sum(axis=1) * since < LEAKS_MISSED * before)
+        return doubtful | (self.stage[cells] == 0) & settled.any(axis=1) | self.unclear[cells]
 
     def limits(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
         """Impacts that the samples of these cells may make at their stage."""

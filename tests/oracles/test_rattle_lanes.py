@@ -406,7 +406,7 @@ def _depths(n, seed, regime):
         )
         a = DRIFT - TWO_PI * epsilon * sin0 - w
         bound = lowest_point(s, bound, tilt, delta_)
-        if bound > -1e29 and certain and 0.0 < s and turn < s and delta * s < 2.0:
+        if bound > -1e29 and certain and s > 0.0 and turn < s and delta * s < 2.0:
             if not evaluate_short(float(s), w, a, sin0, 1.0 - versine, delta, epsilon)[1] > 0.0:
                 continue
             given += 1
