@@ -36,11 +36,15 @@ _SINGLE = (
     *("z_arc_exit", "z_arc_length", "z_sin_entry", "z_sin_exit", "z_no_arc", "z_proved"),
     *("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s"),
 )
+#: What a driver keeps of the trajectory on a lane, `who` (−1: none): a reference state with the impacts to there, looks
+#: so far and at which the reference moves up; the batch that it is measured for (below 0: none yet) and since when.
+_NOTES = ("at_tau", "at_v", "at_n", "looks", "next_look", "batch", "since")
 #: One block: every field is an array over its lanes.
 BLOCK = np.dtype(
     [(name, np.float64, (LANES,)) for name in _DOUBLE]
     + [(name, np.float32, (LANES,)) for name in _SINGLE]
-    + [("todo", np.int64, (LANES,))]
+    + [(name, np.float64, (LANES,)) for name in _NOTES]
+    + [(name, np.int64, (LANES,)) for name in ("who", "todo")]
 )
 
 
@@ -61,6 +65,8 @@ def load(b, i, tau, v, delta, epsilon, beta, limit):
     arc, leave, length, sin_entry, sin_exit = negative_arc(delta, epsilon)
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = leave, length, sin_entry, sin_exit
     b.no_arc[i] = ZERO if arc else ONE
+    b.at_tau[i], b.at_v[i], b.at_n[i] = 0.0, -1.0, 0.0  # a reference that nothing is near
+    b.looks[i], b.next_look[i], b.batch[i], b.since[i] = 0.0, 1.0, -1.0, 0.0
     b.rough[i] = flag(epsilon * math.hypot(TWO_PI, delta) > ROUGHNESS * 2.0 * delta)
 
 
@@ -79,27 +85,24 @@ def move(b, i, j):
     b.t_tangent[i], b.w_tangent[i], b.determinant[i] = b.t_tangent[j], b.w_tangent[j], b.determinant[j]
     b.time[i], b.no_arc[i], b.arc_exit[i], b.arc_length[i] = b.time[j], b.no_arc[j], b.arc_exit[j], b.arc_length[j]
     b.sin_entry[i], b.sin_exit[i], b.rough[i] = b.sin_entry[j], b.sin_exit[j], b.rough[j]
-    b.limit[j] = -1.0
+    b.at_tau[i], b.at_v[i], b.at_n[i] = b.at_tau[j], b.at_v[j], b.at_n[j]
+    b.looks[i], b.next_look[i], b.batch[i], b.since[i] = b.looks[j], b.next_look[j], b.batch[j], b.since[j]
+    b.who[i] = b.who[j]
+    b.who[j], b.limit[j] = -1, -1.0
 
 
 @kernel
-def close_ranks(b, who, notes):
-    """Move trajectories to the first lanes, with who (what each lane carries, −1: nothing) and notes (LANES, …).
-
-    Returns the groups of lanes that are still in use.
-    """
+def close_ranks(b):
+    """Move trajectories to the first lanes. Returns the groups of lanes that are still in use."""
     i, j = 0, LANES - 1
     while True:
-        while i < LANES and who[i] >= 0:
+        while i < LANES and b.who[i] >= 0:
             i += 1
-        while j >= 0 and who[j] < 0:
+        while j >= 0 and b.who[j] < 0:
             j -= 1
         if i > j:
             return (i + GROUP - 1) // GROUP
         move(b, i, j)
-        who[i], who[j] = who[j], -1
-        for k in range(notes.shape[1]):
-            notes[i, k] = notes[j, k]
 
 
 @inline
@@ -129,6 +132,7 @@ def empty(b):
     """A block without trajectories: every lane has reached its limit."""
     for i in range(LANES):
         load(b, i, 0.0, 1.0, 1.0, 0.0, 1.0, 0.0)
+        b.who[i] = -1
 
 
 @inline
@@ -148,10 +152,10 @@ def synchronise(b, groups):
 
 
 @inline
-def made_ready(b, who, notes, groups, none_waits):
+def made_ready(b, groups, none_waits):
     """Before the next flights: close ranks once no trajectory waits for a lane, and synchronise; the groups in use."""
     if none_waits:
-        groups = close_ranks(b, who, notes)
+        groups = close_ranks(b)
     synchronise(b, groups)
     return groups
 

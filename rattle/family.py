@@ -14,11 +14,11 @@ import math
 import numpy as np
 
 from rattle._compile import kernel
-from rattle.first_impact import first_impact
+from rattle.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight import DRIFT, TWO_PI, folded, versines
 from rattle.impact_map import flight_tangent
 
-A, B, C, D = 0, 1, 2, 3
+A, B, C, D = np.arange(4)  # of a type that makes no variants of kernels, as the walls
 FOUR_PI = 4.0 * math.pi
 SAME_TIME = 1e-6  # a recomputed flight time this close to the family's is the same impact
 GRAZING_SPEED = 1e-6
@@ -154,7 +154,7 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
         return False, 0.0, v, 0.0
     x = cosine * math.sqrt((epsilon - offset) * (epsilon + offset))
     tau = folded(math.atan2(offset, x) / TWO_PI)
-    status, time, wall, _w, _d, _s, _c, _t, _k = first_impact(1, tau, -v, delta, epsilon, beta, DRIFT)
+    status, time, wall, _w, _d, _s, _c, _t, _k = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     admissible = status == 0 and wall == 1 and abs(time - 1.0) < SAME_TIME
     return admissible, tau, v, trace_of_one_flight(delta, x)
 
@@ -167,13 +167,13 @@ def double_impact_orbit(s, delta, epsilon, beta):
     tau = folded(math.atan2(y, x) / TWO_PI)
     if not (v > 0.0 and u > 0.0):
         return False, tau, v, 0.0
-    status, t1, wall, _w, _d, _s, _c, _t, _k = first_impact(1, tau, -v, delta, epsilon, beta, DRIFT)
+    status, t1, wall, _w, _d, _s, _c, _t, _k = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     touches = wall == -1 and abs(t1 - s) < SAME_TIME
     grazes = u < GRAZING_SPEED and wall == 1 and abs(t1 - 1.0) < 1e-3  # a depth of u² is lost in rounding
     if status != 0 or not (touches or grazes):
         return False, tau, v, 0.0
     middle = folded(tau + s)
-    status, t2, wall, _w, _d, _s, _c, _t, _k = first_impact(-1, middle, u, delta, epsilon, beta, DRIFT)
+    status, t2, wall, _w, _d, _s, _c, _t, _k = first_impact(SIGMA_MINUS, middle, u, delta, epsilon, beta, DRIFT)
     if status != 0 or wall != 1 or abs(s + t2 - 1.0) > SAME_TIME:
         return False, tau, v, 0.0
     sin0, cos0 = y / epsilon, x / epsilon
@@ -242,10 +242,11 @@ def grazing_point(s, delta, beta):
     x, y, _v, _u, determinant = closure(s, delta, beta)
     x, y = x / determinant, y / determinant
     epsilon, tau = math.hypot(x, y), folded(math.atan2(y, x) / TWO_PI)
-    status, t1, wall, w1, _d, _s, _c, _t, _k = first_impact(1, tau, -TWO_PI * delta, delta, epsilon, beta, DRIFT)
+    w = -TWO_PI * delta
+    status, t1, wall, w1, _d, _s, _c, _t, _k = first_impact(SIGMA_PLUS, tau, w, delta, epsilon, beta, DRIFT)
     if status == 0 and wall == -1 and abs(t1 - s) < 1e-4 and abs(w1) < 1e-4:
         status, t2, wall, _w, _d, _s, _c, _t, _k = first_impact(
-            -1, folded(tau + s), GRAZING_SPEED, delta, epsilon, beta, DRIFT
+            SIGMA_MINUS, folded(tau + s), GRAZING_SPEED, delta, epsilon, beta, DRIFT
         )
         t1 = s + t2
     return status == 0 and wall == 1 and abs(t1 - 1.0) < 1e-4, epsilon, tau, x

@@ -4,6 +4,7 @@ search of monotone pieces that cannot skip a crossing. docs/kernel.md has the de
 
 import math
 
+import numpy as np
 from numpy import float32 as f32
 
 from rattle._compile import inline, kernel
@@ -31,6 +32,8 @@ from rattle.locate import (
 )
 
 OK = 0
+# Not plain 1 and −1, for which the compiler would make variants of every kernel below.
+SIGMA_PLUS, SIGMA_MINUS = np.int64(1), np.int64(-1)
 NO_IMPACT = 1  # no impact within LONGEST forcing periods: backwards in time, at tiny damping, or on non-finite input
 LONGEST = 1000.0
 PIECE = 0.25  # longest piece of the search: a quarter turn of the forcing
@@ -110,7 +113,7 @@ def proven_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta):
         not arc,
     )
     level = -2.0 * beta if falls else (0.0 if wall > 0 else 2.0 * beta)
-    close = float(s)
+    close = np.float64(s)
     f0, f1, _f2, lost, sin1, cos1 = evaluate_short(close, w, a, sin0, cos0, delta, epsilon)
     u, exact = last_step(close, f0 - level, f1, lost, sin1, cos1, a, delta, epsilon)
     end = close + u

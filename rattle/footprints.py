@@ -3,49 +3,52 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle._compile import kernel
+from rattle._compile import inline, kernel
 
 SAME_FOOTPRINT = 0.2  # two trajectories that share this much of the smaller footprint are on one attractor
 
 
-@kernel
-def overlap(a, b):
-    """True if two footprints, rows of bits, share enough boxes; different attractors are disjoint sets."""
-    in_a, in_b, shared = 0, 0, 0
-    for k in range(a.size):
-        for bits, j in ((a[k], 0), (b[k], 1), (a[k] & b[k], 2)):
-            n = 0
-            while bits:
-                bits &= bits - np.uint64(1)
-                n += 1
-            in_a += n if j == 0 else 0
-            in_b += n if j == 1 else 0
-            shared += n if j == 2 else 0
-    return shared > SAME_FOOTPRINT * min(in_a, in_b)
+@inline
+def boxes_in(bits):
+    """The number of ones."""
+    n = 0
+    while bits:
+        bits &= bits - np.uint64(1)
+        n += 1
+    return n
 
 
 @kernel
-def group_numbers(footprints):
-    """The group of each footprint (n, GRID), by the first of its members: those that overlap the union of their group.
+def group_numbers(boxes, group):
+    """Write to group the number of each footprint's group, that of its first member; boxes (n, GRID) is worked in.
 
-    Groups that overlap are joined, until none do.
+    Groups that share SAME_FOOTPRINT of the smaller union are joined, until none do; different attractors are disjoint.
     """
-    n = footprints.shape[0]
-    group, boxes = np.arange(n), footprints.copy()
+    n, rows = boxes.shape
+    for i in range(n):
+        group[i] = i
     joined = True
     while joined:
         joined = False
         for i in range(n):
             for j in range(i):
-                if group[i] == i and group[j] == j and overlap(boxes[i], boxes[j]):
-                    boxes[j] |= boxes[i]
+                if group[i] != i or group[j] != j:
+                    continue
+                in_i, in_j, shared = 0, 0, 0
+                for k in range(rows):
+                    in_i += boxes_in(boxes[i, k])
+                    in_j += boxes_in(boxes[j, k])
+                    shared += boxes_in(boxes[i, k] & boxes[j, k])
+                if shared > SAME_FOOTPRINT * min(in_i, in_j):
+                    for k in range(rows):
+                        boxes[j, k] |= boxes[i, k]
                     for k in range(i, n):
                         group[k] = j if group[k] == i else group[k]
                     joined = True
-    return group
 
 
 def groups_of(footprints: NDArray[np.uint64]) -> list[list[int]]:
     """Group footprints (n, GRID) that overlap, transitively, with the union of their group: lists of indices."""
-    group = group_numbers(footprints)
+    group = np.zeros(len(footprints), np.int64)
+    group_numbers(footprints.copy(), group)
     return [[int(i) for i in np.flatnonzero(group == first)] for first in np.unique(group)]

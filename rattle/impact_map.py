@@ -7,7 +7,7 @@ arrives at Σ⁺. Run with (−δ, −q, −τ) the same kernel is the inverse m
 import math
 
 from rattle._compile import inline, kernel
-from rattle.first_impact import OK, first_impact
+from rattle.first_impact import OK, SIGMA_PLUS, first_impact
 from rattle.flight import DRIFT, TWO_PI, contact_force, folded, second_derivative
 
 STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
@@ -69,7 +69,7 @@ def carried(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon
 @kernel
 def impact(tau, v, delta, epsilon, beta, drift):
     """Π: (status, τ', v', elapsed time, Σ⁻ impacts on the way)."""
-    status, wall, w, elapsed, n_minus = OK, 1, -v, 0.0, 0
+    status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     while True:
         if rests(wall, w, tau, delta, epsilon, drift):
             return STUCK, tau, abs(w), elapsed, n_minus
@@ -93,7 +93,7 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
     Coordinates (τ, v), or (τ, v²/2) if energy; in the latter each flight has determinant e^(−δs). ln det is summed over
     the flights' own determinants, which near grazing is far more accurate than the determinant of the product.
     """
-    status, wall, w, elapsed, n_minus = OK, 1, -v, 0.0, 0
+    status, wall, w, elapsed, n_minus = OK, SIGMA_PLUS, -v, 0.0, 0
     j00, j01, j10, j11, log_det = 1.0, 0.0, 0.0, 1.0, 0.0
     while True:
         if rests(wall, w, tau, delta, epsilon, drift):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle._compile import kernel
-from rattle.block import GROUP, GROUPS, LANES, block, empty, ended, load, made_ready, overflows, roughest, stretched
+from rattle.block import GROUP, GROUPS, block, empty, ended, load, made_ready, overflows, roughest, stretched
 from rattle.errors import ParameterError, real_array, require
 from rattle.lanes import SAFE, SCANNED, advance_plain, advance_tangent
 
@@ -61,13 +61,11 @@ def _driver(tangent: bool) -> Any:
         n_plus, n_minus = np.zeros(size, np.int64), np.zeros(size, np.int64)
         status = np.zeros(size, np.int8)
         growth = np.zeros((3, size))
-        who = np.full(LANES, -1)
-        notes = np.zeros((LANES, 0))
         fresh, groups = 0, GROUPS
         empty(b)
         while groups > 0:
             for i in range(GROUP * groups):
-                k = who[i]
+                k = b.who[i]
                 over = ended(b, i)
                 if tangent and k >= 0 and (over or overflows(b, i)):
                     stretch, contraction = stretched(b, i)
@@ -78,12 +76,12 @@ def _driver(tangent: bool) -> Any:
                 if k >= 0:
                     out_tau[k], out_v[k], growth[0, k] = b.tau[i], abs(b.w[i]), b.time[i]
                     n_plus[k], n_minus[k], status[k] = b.n_plus[i], b.n_minus[i], b.stuck[i]
-                    who[i] = -1
+                    b.who[i] = -1
                 if fresh < size:
                     load(b, i, tau[fresh], v[fresh], delta[fresh], epsilon[fresh], beta[fresh], n[fresh])
-                    who[i] = fresh
+                    b.who[i] = fresh
                     fresh += 1
-            groups = made_ready(b, who, notes, groups, fresh == size)
+            groups = made_ready(b, groups, fresh == size)
             if tangent:
                 advance_tangent(b, groups, FLIGHTS, roughest(b, groups), paths)
             else:

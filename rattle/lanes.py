@@ -236,7 +236,7 @@ def carry(b, groups):
 @kernel
 def search(b, i):
     """Fly lane i by the search that cannot skip a crossing."""
-    wall = 1 if b.wall[i] > 0.0 else -1
+    wall = np.int64(b.wall[i])
     delta, epsilon = b.delta[i], b.epsilon[i]
     w, sin0, cos0 = b.w[i], b.sin0[i], b.cos0[i]
     if rests(wall, w, b.tau[i], delta, epsilon, DRIFT):

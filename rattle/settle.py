@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle._compile import inline, kernel
-from rattle.block import GROUP, GROUPS, LANES, empty, ended, load, made_ready, overflows, roughest, stretched
+from rattle.block import GROUP, GROUPS, empty, ended, load, made_ready, overflows, roughest, stretched
 from rattle.flight import DRIFT, TWO_PI, contact_force, wrapped
 from rattle.lanes import advance_plain, advance_tangent
 from rattle.lyapunov import BATCHES
@@ -23,9 +23,6 @@ RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
 ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
 CHUNK, LONG_CHUNK = 11, 37  # flights between two looks, at first and of samples that are followed for long; prime, so
 # that a periodic motion is seen at all its impacts
-NOTES = 7  # of each lane: its reference state and the impacts to there, looks so far, looks at which the reference
-# moves up; the batch that it is measured for (below 0 before it is aligned) and since when
-AT_TAU, AT_V, AT_N, LOOKS, NEXT, BATCH, SINCE = range(NOTES)
 STRIDES = (6, 6, 6, 5)  # flights between the footprints of a measured lane; it is looked at after all of them, a prime
 
 
@@ -124,29 +121,21 @@ def finish(b, i, k, status, orbit, samples):
 
 
 @inline
-def recurs(b, i, k, notes, samples):
+def recurs(b, i, k, samples):
     """True if lane i is back at its reference; the impacts since then go to the sample."""
     tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
-    x = wrapped(tau - notes[i, AT_TAU])
-    notes[i, LOOKS] += 1.0
-    if abs(v - notes[i, AT_V]) < RECURRENCE and abs(x) < RECURRENCE and samples.impacts[k] + n >= samples.pause[k]:
-        samples.gap[k] = int(n - notes[i, AT_N])
+    near = abs(v - b.at_v[i]) < RECURRENCE and abs(wrapped(tau - b.at_tau[i])) < RECURRENCE
+    b.looks[i] += 1.0
+    if near and samples.impacts[k] + n >= samples.pause[k]:
+        samples.gap[k] = int(n - b.at_n[i])
         return True
-    if notes[i, LOOKS] >= notes[i, NEXT]:
-        notes[i, AT_TAU], notes[i, AT_V], notes[i, AT_N], notes[i, NEXT] = tau, v, n, 2.0 * notes[i, NEXT]
+    if b.looks[i] >= b.next_look[i]:
+        b.at_tau[i], b.at_v[i], b.at_n[i], b.next_look[i] = tau, v, n, 2.0 * b.next_look[i]
     return False
 
 
 @inline
-def forget(notes, i):
-    """A lane without reference: nothing is near it."""
-    for k in range(NOTES):
-        notes[i, k] = 0.0
-    notes[i, AT_V], notes[i, NEXT], notes[i, BATCH] = -1.0, 1.0, -1.0
-
-
-@inline
-def look(b, i, k, notes, cells, samples, balls):
+def look(b, i, k, cells, samples, balls):
     """What has become of sample k on lane i, or LEFT while it goes on: (status, orbit, ended)."""
     over = ended(b, i)
     if b.wall[i] > 0.0:
@@ -155,7 +144,7 @@ def look(b, i, k, notes, cells, samples, balls):
             return status, orbit, True
     if b.stuck[i] > 0.0:
         return FAILED, -1, True
-    if b.wall[i] > 0.0 and recurs(b, i, k, notes, samples):
+    if b.wall[i] > 0.0 and recurs(b, i, k, samples):
         return RECURRENT, -1, True
     return LEFT, -1, over
 
@@ -165,25 +154,21 @@ def settle(b, which, flights, cells, samples, balls, paths):
     """Follow the samples `which` until they end, with so many flights between two looks; a sample that makes all its
     impacts is LEFT.
     """
-    who = np.full(LANES, -1)
-    notes = np.zeros((LANES, NOTES))
     fresh, groups = 0, GROUPS
     empty(b)
     while groups > 0:
         for i in range(GROUP * groups):
-            k = who[i]
+            k = b.who[i]
             if k >= 0:
-                status, orbit, over = look(b, i, k, notes, cells, samples, balls)
+                status, orbit, over = look(b, i, k, cells, samples, balls)
                 if over:
                     finish(b, i, k, status, orbit, samples)
-                    who[i] = -1
-            if who[i] < 0 and fresh < which.size:
-                k = which[fresh]
+                    b.who[i] = -1
+            if b.who[i] < 0 and fresh < which.size:
+                start(b, i, which[fresh], cells, samples)
+                b.who[i] = which[fresh]
                 fresh += 1
-                who[i] = k
-                start(b, i, k, cells, samples)
-                forget(notes, i)
-        groups = made_ready(b, who, notes, groups, fresh == which.size)
+        groups = made_ready(b, groups, fresh == which.size)
         advance_plain(b, groups, flights, roughest(b, groups), paths)
 
 
@@ -195,6 +180,17 @@ def mark(tau, v, epsilon, footprint):
     footprint[row] |= np.uint64(1) << np.uint64(column)
 
 
+@inline
+def record(b, i, batches):
+    """Add what lane i has stretched, contracted and taken of time to its batch, if it has one, and begin afresh."""
+    stretch, contraction = stretched(b, i)
+    if b.batch[i] >= 0:
+        row = batches[int(b.batch[i])]
+        row[0] += b.time[i] - b.since[i]
+        row[1] += stretch
+        row[2] += contraction
+
+
 @kernel
 def measure(b, which, least, periods, cells, samples, balls, sums, footprints, paths):
     """As `settle`, with a tangent vector, for at least so many impacts and so many forcing periods, or to the limit.
@@ -202,40 +198,32 @@ def measure(b, which, least, periods, cells, samples, balls, sums, footprints, p
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
     footprints[j] the boxes that it visits.
     """
-    who = np.full(LANES, -1)
-    notes = np.zeros((LANES, NOTES))
     fresh, groups = 0, GROUPS
     empty(b)
     while groups > 0:
         for i in range(GROUP * groups):
-            j = who[i]
+            j = b.who[i]
             if j >= 0:
                 k = which[j]
                 share = min((b.n_plus[i] - ALIGNMENT) / (least - ALIGNMENT), b.time[i] / periods)
                 share = max(share, b.n_plus[i] / b.limit[i])
                 batch = min(math.floor(share * BATCHES), BATCHES - 1)
-                status, orbit, over = look(b, i, k, notes, cells, samples, balls)
+                status, orbit, over = look(b, i, k, cells, samples, balls)
                 over |= share >= 1.0 and b.wall[i] > 0.0
-                if over or batch != notes[i, BATCH] or overflows(b, i):
-                    stretch, contraction = stretched(b, i)
-                    if notes[i, BATCH] >= 0:
-                        row = sums[j, int(notes[i, BATCH])]
-                        row[0] += b.time[i] - notes[i, SINCE]
-                        row[1] += stretch
-                        row[2] += contraction
-                    notes[i, BATCH], notes[i, SINCE] = batch, b.time[i]
+                if over or batch != b.batch[i] or overflows(b, i):
+                    record(b, i, sums[j])
+                    b.batch[i], b.since[i] = batch, b.time[i]
                 if over:
                     finish(b, i, k, status, orbit, samples)
-                    who[i] = -1
-            if who[i] < 0 and fresh < which.size:
-                who[i] = fresh
+                    b.who[i] = -1
+            if b.who[i] < 0 and fresh < which.size:
                 start(b, i, which[fresh], cells, samples)
-                forget(notes, i)
+                b.who[i] = fresh
                 fresh += 1
-        groups = made_ready(b, who, notes, groups, fresh == which.size)
+        groups = made_ready(b, groups, fresh == which.size)
         force = roughest(b, groups)
         for flights in STRIDES:
             advance_tangent(b, groups, flights, force, paths)
             for i in range(GROUP * groups):
-                if who[i] >= 0 and b.wall[i] > 0.0:
-                    mark(b.tau[i], -b.w[i], b.epsilon[i], footprints[who[i]])
+                if b.who[i] >= 0 and b.wall[i] > 0.0:
+                    mark(b.tau[i], -b.w[i], b.epsilon[i], footprints[b.who[i]])

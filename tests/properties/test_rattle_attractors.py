@@ -145,9 +145,9 @@ def test_parameters_beyond_all_measure_end_without_an_answer_but_end(point):
 
 
 def test_a_leaking_chaotic_set_is_not_an_attractor():
-    """Chaos at δ = 0.5886, ε = 0.278 is a transient of 7000 periods or so: all of it ends on P(2,3,2).
+    """Chaos at δ = 0.5886, ε = 0.278 is a transient of 5000 periods, after a first 1400: all of it ends on P(2,3,2).
 
-    Twelve witnesses of 1100 periods see nothing of that with probability 0.15; but once some samples have left the set,
+    Twelve witnesses of 1100 periods see nothing of that in one case in five; but once some samples have left the set,
     the last ones on it are not called chaotic.
     """
     gear = rattle.Gear(0.5885844496978019, 0.27795866486477266)
@@ -156,7 +156,7 @@ def test_a_leaking_chaotic_set_is_not_an_attractor():
     ]
     periodic, chaotic = (("periodic", 2, 3, 2),), (("chaotic", 0, 0, 0),)
     assert set(kinds) <= {periodic, chaotic}
-    assert kinds.count(chaotic) < 10  # probability of more: 3e-4
+    assert kinds.count(chaotic) < 10  # probability of more: 3e-3
 
 
 @pytest.mark.parametrize(
