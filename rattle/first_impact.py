@@ -39,6 +39,7 @@ LONGEST = 1000.0
 PIECE = 0.25  # longest piece of the search: a quarter turn of the forcing
 SAME_PHASE = 1e-12  # a piece starting this close before the arc starts in it: rounding must not hide the arc's exit
 MOST_STEPS = 100
+BISECTED = 5  # one step in so many halves the bracket: where F is nearly exponential the others are too short
 
 FARTHEST_STEP = 1e-4  # longest last step, of the flight time or of a period
 
@@ -66,7 +67,7 @@ def last_step(s, f0, f1, lost, sin1, cos1, a, delta, epsilon):
 
 @inline
 def stepped(u, f1, lost, sin1, cos1, a, delta, epsilon):
-    """F', F'', 1 − e^(−δs), sin and cos after a step u, by Taylor series: the first term left out is below 1e-17."""
+    """F', F'', 1 − e^(−δs), sin and cos after a step u, by Taylor series: what is left out is below 1e-15 of each."""
     f2 = second_derivative(a, lost, cos1, delta, epsilon)
     f3 = third_derivative(a, lost, sin1, delta, epsilon)
     f4 = fourth_derivative(a, lost, cos1, delta, epsilon)
@@ -132,7 +133,7 @@ def root_in(lo, hi, guess, level, rising, w, a, sin0, cos0, delta, epsilon):
     s = guess
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
-    for _ in range(MOST_STEPS):
+    for k in range(1, MOST_STEPS + 1):
         f0, f1, f2, lost, sin1, _c = evaluate(s, w, a, sin0, cos0, delta, epsilon)
         f0 -= level
         if (f0 > 0.0) == rising:
@@ -143,10 +144,11 @@ def root_in(lo, hi, guess, level, rising, w, a, sin0, cos0, delta, epsilon):
         u /= 1.0 + u * p
         bend = p * p + abs(third_derivative(a, lost, sin1, delta, epsilon) / f1)
         new = s + u
-        if not (lo <= new <= hi):
-            new = 0.5 * (lo + hi)
-        elif abs(u) * u * u * bend < 1e-17 * s:
+        inside = lo <= new <= hi
+        if inside and abs(u) * u * u * bend < 1e-17 * s:
             return new
+        if not inside or k % BISECTED == 0:
+            new = 0.5 * (lo + hi)
         if new == s or lo == hi:
             return new
         s = new
@@ -159,7 +161,7 @@ def extremum_in(lo, hi, guess, convex, w, a, sin0, cos0, delta, epsilon):
     s = guess
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
-    for _ in range(MOST_STEPS):
+    for k in range(1, MOST_STEPS + 1):
         _f0, f1, f2, lost, sin1, _c = evaluate(s, w, a, sin0, cos0, delta, epsilon)
         if (f1 > 0.0) == convex:
             hi = s
@@ -167,10 +169,12 @@ def extremum_in(lo, hi, guess, convex, w, a, sin0, cos0, delta, epsilon):
             lo = s
         u = -f1 / (f2 + delta * f1)  # F'' + δF' is the contact force, which keeps its sign
         new = s + u
-        if not (lo <= new <= hi):
-            new = 0.5 * (lo + hi)
-        elif u * u * (abs(third_derivative(a, lost, sin1, delta, epsilon) / f2) + abs(delta)) < 1e-9 * min(s, 1.0):
+        inside = lo <= new <= hi
+        bend = abs(third_derivative(a, lost, sin1, delta, epsilon) / f2) + abs(delta)
+        if inside and u * u * bend < 1e-9 * min(s, 1.0):
             return new
+        if not inside or k % BISECTED == 0:
+            new = 0.5 * (lo + hi)
         if new == s or lo == hi:
             return new
         s = new

@@ -26,6 +26,7 @@ LATER = f32(1.0002)  # double precision may end a flight up to 1e-4 of it later 
 LARGEST_STEP = f32(0.05)  # a longer step of fourth order leaves too much for `last_step`: a second attempt is cheaper
 STEEPEST = f32(100.0)  # terms of F this much larger than s |F'| at the impact would spoil the time's thirteenth digit
 FARTHEST = f32(0.15)  # longest Taylor step to the minimum
+FASTEST = f32(20.0)  # largest damping of a proof that uses the times of the arc
 SCAN_STEP = f32(1 / 8)
 SCAN_STEPS = 16
 Q, PER_DRIFT = f32(DRIFT), f32(1.0 / DRIFT)
@@ -125,7 +126,7 @@ def depth(s, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon):
     tilt = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(w, a, epsilon) + f32(6.0) * reach * left_out
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + epsilon * (W1 * end + f32(3.0))  # over height_scale
-    good = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s)
+    good = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s) & (delta * s < f32(LONGEST_DECAY))
     return lowest, lowest - ERROR * rounding - left_out * r2 if good else f32(-1e30), tilt, s + u
 
 
@@ -168,9 +169,11 @@ def arc_ahead(tau, arc_exit, arc_length):
 
 
 @inline
-def off_edges(to_exit, arc_length):
-    """True if the departure is so far from the ends of the arc that rounding cannot confuse its side."""
-    return (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
+def off_edges(to_exit, arc_length, delta):
+    """True if the departure is so far from the ends of the arc that rounding cannot confuse its side, and the damping
+    so small that rounding of these times, 1e-7, moves F' by less than ERROR allows.
+    """
+    return (delta < FASTEST) & (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
 
 
 @inline
@@ -199,7 +202,7 @@ def single_turn(
     up = before & ((end < to_exit) | (rises_out & (end < to_exit + f32(1.0))))
     up |= after & falls_in & (end < to_exit + f32(1.0))
     down = (end < to_entry) | (falls_in & (end < next_entry))
-    safe = off_edges(to_exit, arc_length) & (y < f32(LONGEST_DECAY))
+    safe = off_edges(to_exit, arc_length, delta) & (y < f32(LONGEST_DECAY))
     return no_arc | (safe & ((up & rising) | (down & (not rising))))
 
 
@@ -208,8 +211,9 @@ def lowest_point(s, bound, tilt, delta):
     """A lower bound of F up to s from a point of it with F ≥ bound, |F'| ≤ tilt, if e^(δs) F' grows from there to the
     minimum or from the minimum to there: on that way |F'| is at most e^(δs) tilt.
     """
-    x = delta * s
-    return bound - tilt * s * (f32(1.0) + x * (f32(1.0) + f32(1.1) * x))  # e^x is less, for x < 2
+    end = s * LATER
+    x = delta * end
+    return bound - tilt * end * (f32(1.0) + x * (f32(1.0) + f32(1.1) * x))  # e^x is less, for x < 2.0005
 
 
 @inline
@@ -247,11 +251,11 @@ def two_turns(
     top = f_entry + up * (f_exit - f_entry + steep * arc_length) / (up + steep)
     bend = delta * abs(a) + W2 * epsilon  # at least |F''|: double precision may move the end by 1e-4
     steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end  # after it F' is between down and steep
-    second = f_exit + down * (f_exit + steep * (s - to_exit)) / (steep - down)
+    early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
+    second = f_exit + down * (f_exit + steep * (late - to_exit)) / (steep - down)
     second = max(second, lowest_point(s, bound, tilt, delta)) if (turn > to_exit + CLOSE) & (turn < s) else second
     clear = (top < -low) & (first > low - gap) & (second > low - gap)
-    early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
-    placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc_length) & off_edges(to_exit, arc_length)
+    placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc_length) & off_edges(to_exit, arc_length, delta)
     from_top = (wall > f32(0.0)) & rising & (not no_arc)
     return from_top & turned & clear & placed & (delta * s < f32(LONGEST_DECAY))
 

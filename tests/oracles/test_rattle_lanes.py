@@ -74,6 +74,23 @@ def test_a_flight_that_turns_after_the_end_is_not_proved_clear():
     assert time == pytest.approx(0.0333571, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    "flight",
+    [
+        (0.2560554693793288, -10.346595788215485, 1765.9538287594678, 2.0017296335647714, 0.0018808159550177707),
+        (0.26032356376304483, -14.753704997028006, 1442.858592142415, 2.004803805560765, 0.000806126105201851),
+    ],
+)
+def test_the_search_finds_a_minimum_at_huge_damping(flight):
+    """Newton's steps to it are 1/δ there: the search once ran out of them and passed Σ⁻."""
+    tau, w, delta, epsilon, beta = flight
+    sin0, cos0 = math.sin(TWO_PI * tau), math.cos(TWO_PI * tau)
+    status, s, wall, *_ = safe_impact(1, tau, w, sin0, cos0, delta, epsilon, beta, DRIFT)
+    march_status, march_wall, march_s = panel_march.march(1, tau, w, delta, epsilon, beta, DRIFT)
+    assert (status, wall) == (march_status, march_wall) == (0, -1)
+    assert s == pytest.approx(march_s, rel=1e-11)
+
+
 @pytest.mark.parametrize("regime", [flights.PLANE, flights.WIDE])
 def test_flights_backwards_in_time_retrace(regime):
     """The search with δ, 4π, τ and w reversed, from the arrival of a flight, comes back to its departure."""
