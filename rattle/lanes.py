@@ -34,6 +34,7 @@ from rattle.locate import (
 SCANNED, SAFE = range(2)  # flights that took a second attempt, and the search
 Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)
 TOO_FAR = f32(LONGEST_DECAY)
+NOT_BOUNDED = f32(-1e30)
 
 
 @inline
@@ -342,7 +343,8 @@ def conclude(b, n):
         sin0, cos0, turn, end = b.z_sin[k], b.z_cos[k], b.z_turn[k], b.z_end[k]
         scanned_fall = b.z_falls[k]
         c0, c1, c2, c3, c4, c5 = taylor(turn, w, a, sin0, cos0, delta, epsilon)
-        lowest, b.z_f[k], b.z_g[k], place = depth(turn, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon)
+        lowest, bound, b.z_g[k], place = depth(turn, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon)
+        b.z_f[k] = bound if delta * turn < TOO_FAR else NOT_BOUNDED
         misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)  # between two points of the scan
         falls = flag(misses | (scanned_fall > ZERO))
         level = level_of(wall, falls > ZERO, gap)

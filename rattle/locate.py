@@ -112,7 +112,8 @@ def height(u, c0, c1, c2, c3, c4, c5):
 def depth(s, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon):
     """The minimum near s: its height as it seems, a lower bound of F and an upper one of |F'| there, and its place.
 
-    Remainders and rounding are in the bounds; the lower one is −∞ (−1e30) where the Taylor polynomial is no good.
+    Remainders and rounding are in the bounds, if δs < 2; the lower one is −∞ (−1e30) where the Taylor polynomial is no
+    good.
     """
     i2 = f32(0.5) / c2
     u = -c1 * i2
@@ -126,7 +127,7 @@ def depth(s, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon):
     tilt = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(w, a, epsilon) + f32(6.0) * reach * left_out
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + epsilon * (W1 * end + f32(3.0))  # over height_scale
-    good = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s) & (delta * s < f32(LONGEST_DECAY))
+    good = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s)
     return lowest, lowest - ERROR * rounding - left_out * r2 if good else f32(-1e30), tilt, s + u
 
 
@@ -211,9 +212,8 @@ def lowest_point(s, bound, tilt, delta):
     """A lower bound of F up to s from a point of it with F ≥ bound, |F'| ≤ tilt, if e^(δs) F' grows from there to the
     minimum or from the minimum to there: on that way |F'| is at most e^(δs) tilt.
     """
-    end = s * LATER
-    x = delta * end
-    return bound - tilt * end * (f32(1.0) + x * (f32(1.0) + f32(1.1) * x))  # e^x is less, for x < 2.0005
+    x = delta * s
+    return bound - tilt * s * (LATER + x * (f32(1.0006) + f32(1.101) * x))  # over LATER e^(LATER x), for x < 2
 
 
 @inline
