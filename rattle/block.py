@@ -24,7 +24,7 @@ _DOUBLE = (
     *("delta", "epsilon", "gap", "inverse_delta"),
     *("n_plus", "n_minus", "limit", "stuck"),
     *("t_tangent", "w_tangent", "determinant", "time"),
-    *("f0", "s", "u", "w1", "bend", "lost", "sin1", "cos1", "target", "sure"),
+    *("f0", "s", "w1", "bend", "lost", "sin1", "cos1", "target", "sure"),
 )
 #: Single precision: copies of state and parameters; the arc of negative contact force; flight time, Taylor
 #: coefficients, what was decided. z_: the lanes of the second attempt, compacted.

@@ -26,6 +26,8 @@ LATER = f32(1.0002)  # double precision may end a flight up to 1e-4 of it later 
 LARGEST_STEP = f32(0.05)  # a longer step of fourth order leaves too much for `last_step`: a second attempt is cheaper
 STEEPEST = f32(100.0)  # terms of F this much larger than s |F'| at the impact would spoil the time's thirteenth digit
 FARTHEST = f32(0.15)  # longest Taylor step to the minimum
+TOO_FAR = f32(LONGEST_DECAY)  # δs up to which the polynomials hold
+UNBOUNDED = f32(-1e30)  # a lower bound that proves nothing
 FASTEST = f32(20.0)  # largest damping of a proof that uses the times of the arc
 SCAN_STEP = f32(1 / 8)
 SCAN_STEPS = 16
@@ -112,7 +114,7 @@ def height(u, c0, c1, c2, c3, c4, c5):
 def depth(s, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon):
     """The minimum near s: its height as it seems, a lower bound of F and an upper one of |F'| there, and its place.
 
-    Remainders and rounding are in the bounds, if δs < 2; the lower one is −∞ (−1e30) where the Taylor polynomial is no
+    Remainders and rounding are in the bounds, if δs < 2; the lower one is UNBOUNDED where the Taylor polynomial is no
     good.
     """
     i2 = f32(0.5) / c2
@@ -128,7 +130,7 @@ def depth(s, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon):
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + epsilon * (W1 * end + f32(3.0))  # over height_scale
     good = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s)
-    return lowest, lowest - ERROR * rounding - left_out * r2 if good else f32(-1e30), tilt, s + u
+    return lowest, lowest - ERROR * rounding - left_out * r2 if good else UNBOUNDED, tilt, s + u
 
 
 @inline
@@ -156,7 +158,7 @@ def refined(s, level, w, a, sin0, cos0, delta, epsilon):
 @inline
 def is_located(s, step, speed, w, a, delta, epsilon):
     """True if double precision may end what single precision began: a short step, and an impact that is no graze."""
-    near = (abs(step) < LARGEST_STEP * s) & (delta * s < f32(LONGEST_DECAY))
+    near = (abs(step) < LARGEST_STEP * s) & (delta * s < TOO_FAR)
     return near & (height_scale(s, w, a, delta, epsilon) < STEEPEST * s * abs(speed))
 
 
@@ -203,7 +205,7 @@ def single_turn(
     up = before & ((end < to_exit) | (rises_out & (end < to_exit + f32(1.0))))
     up |= after & falls_in & (end < to_exit + f32(1.0))
     down = (end < to_entry) | (falls_in & (end < next_entry))
-    safe = off_edges(to_exit, arc_length, delta) & (y < f32(LONGEST_DECAY))
+    safe = off_edges(to_exit, arc_length, delta) & (y < TOO_FAR)
     return no_arc | (safe & ((up & rising) | (down & (not rising))))
 
 
@@ -257,7 +259,7 @@ def two_turns(
     clear = (top < -low) & (first > low - gap) & (second > low - gap)
     placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc_length) & off_edges(to_exit, arc_length, delta)
     from_top = (wall > f32(0.0)) & rising & (not no_arc)
-    return from_top & turned & clear & placed & (delta * s < f32(LONGEST_DECAY))
+    return from_top & turned & clear & placed & (delta * s < TOO_FAR)
 
 
 @inline

@@ -6,7 +6,6 @@ was (Brent's cycle search: a reference that moves up at powers of two)? A lane t
 sample. What becomes of a sample depends on its cell's known orbits and on nothing else in the block.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -207,7 +206,7 @@ def measure(b, which, least, periods, cells, samples, balls, sums, footprints, p
                 k = which[j]
                 share = min((b.n_plus[i] - ALIGNMENT) / (least - ALIGNMENT), b.time[i] / periods)
                 share = max(share, b.n_plus[i] / b.limit[i])
-                batch = min(math.floor(share * BATCHES), BATCHES - 1)
+                batch = min(int(share * BATCHES), BATCHES - 1) if b.n_plus[i] >= ALIGNMENT else -1
                 status, orbit, over = look(b, i, k, cells, samples, balls)
                 over |= share >= 1.0 and b.wall[i] > 0.0
                 if over or batch != b.batch[i] or overflows(b, i):

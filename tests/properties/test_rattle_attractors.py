@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import rattle
+from rattle import lyapunov, settle, survey
 from rattle.sampling import initial_conditions
 
 
@@ -196,3 +197,28 @@ def test_what_is_no_real_number_is_refused(bad):
         for array in (rattle.sn1, rattle.quiet_limit, lambda x: rattle.regions(x, 0.1)):
             with pytest.raises(rattle.ParameterError):
                 array(bad)
+
+
+def test_nothing_is_measured_before_the_tangent_vector_is_aligned():
+    """A witness that makes no more impacts than alignment takes leaves nothing in its batches; one more look does."""
+    one = np.ones(1)
+    for impacts, measured in ((settle.ALIGNMENT - 1, False), (4 * settle.ALIGNMENT, True)):
+        cells = settle.Cells(0.6 * one, 0.25 * one, 0.6 * one, 0.0 * one)
+        followed = survey.Survey(cells, np.array([[0.3]]), np.array([[4.0]]))
+        followed.samples.limit[:] = impacts
+        sums, prints = np.zeros((1, lyapunov.BATCHES, 3)), np.zeros((1, settle.GRID), np.uint64)
+        which = np.zeros(1, np.int64)
+        settle.measure(
+            followed.block,
+            which,
+            2000,
+            1000.0,
+            cells,
+            followed.samples,
+            followed.balls,
+            sums,
+            prints,
+            followed.paths,
+        )
+        assert followed.samples.impacts[0] == impacts
+        assert sums.any() == measured
