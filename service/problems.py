@@ -111,6 +111,7 @@ def install(app: FastAPI) -> None:
     for kind in (RattleError, SQLAlchemyError):
         app.add_exception_handler(kind, _on_known_error)
     app.add_exception_handler(Exception, _on_unknown_error)
+    # FastAPI's documented way to extend the schema, which mypy takes for a mistake
     app.openapi = partial(_openapi_with_problem, app.openapi)  # type: ignore[method-assign]
 
 

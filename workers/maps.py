@@ -95,6 +95,7 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
     cmap, norm, ticks, labels = _scale(plane, values[~valueless])
     extend = _extend(norm, values[~valueless])
     mesh = _cells(axes, dataset, np.where(valueless, np.nan, values), cmap, norm)
+    # axes that are drawn on have a figure, which their type leaves open
     bar = axes.get_figure().colorbar(mesh, ax=axes, ticks=ticks, pad=0.02, extend=extend)  # type: ignore[union-attr]
     if labels:
         bar.ax.set_yticklabels(labels)

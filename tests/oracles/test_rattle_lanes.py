@@ -13,7 +13,6 @@ from rattle import impact_map
 from rattle.flight import DRIFT
 from rattle.iterate import paths
 
-
 # ---- lanes ----------------------------------------------------------------------------------------------------------
 
 
