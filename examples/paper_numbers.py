@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 import rattle
+from rattle import curves
 
 B, D = 1, 3
 
@@ -42,7 +43,7 @@ def rows() -> list[tuple[str, str, str]]:
     grazing = rattle.grazing("G1", 0.762)
     first, second = (f"{x.real:.10f}" for x in grazing.multipliers)
     low, high = rattle.robust_chaos_interval()
-    points = {name: rattle.codimension_two(name) for name in ("COD20", "COD21", "COD22")}
+    points = {point.name: (point.delta, point.epsilon) for point in curves.codimension_two()}
     d, e = points["COD21"]
     table = [
         ("SN1 at δ = 0.6", "≈ 0.0596", f"{rattle.sn1(0.6):.10f}"),

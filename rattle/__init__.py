@@ -7,9 +7,10 @@
 from rattle._compile import source_hash
 from rattle._version import __version__
 from rattle.attractors import KINDS, Attractor, Attractors, attractors_of
+from rattle.curves.codimension import robust_chaos_interval
 from rattle.errors import ParameterError, RattleError
 from rattle.gear import FirstImpact, Gear, Impact
-from rattle.grazing import CodimensionTwo, Grazing, codimension_two, grazing, robust_chaos_interval
+from rattle.grazing import Grazing, grazing
 from rattle.iterate import Iterates, Stretched, iterate, iterate_tangent
 from rattle.limits import flip, quiet_limit, sn1
 from rattle.orbits import Orbit, PeriodOne, period_one
@@ -22,7 +23,6 @@ __all__ = [
     "KINDS",
     "Attractor",
     "Attractors",
-    "CodimensionTwo",
     "FirstImpact",
     "Gear",
     "Grazing",
@@ -36,7 +36,6 @@ __all__ = [
     "__version__",
     "attractors_of",
     "classify_regions",
-    "codimension_two",
     "flip",
     "grazing",
     "iterate",

@@ -1,7 +1,8 @@
 """Load or compile every kernel now, so that later calls do not pay for it."""
 
+from rattle.curves.codimension import robust_chaos_interval
 from rattle.gear import Gear
-from rattle.grazing import grazing, robust_chaos_interval
+from rattle.grazing import grazing
 from rattle.iterate import iterate_tangent
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import rattle
+from rattle import curves
 from workers.quantities import DOI
 
 
@@ -20,11 +21,8 @@ class Curve:
 
 def codimension_two(name: str, beta: float) -> tuple[float, float]:
     """Return (δ, ε) of a codimension-two point, NaN where this β has none."""
-    try:
-        point = rattle.codimension_two(name, beta)
-    except rattle.RattleError:
-        return float("nan"), float("nan")
-    return point.delta, point.epsilon
+    points = {point.name: (point.delta, point.epsilon) for point in curves.codimension_two(beta)}
+    return points.get(name, (float("nan"), float("nan")))
 
 
 def _until(name: str, epsilon: np.ndarray, delta: np.ndarray, beta: float) -> np.ndarray:

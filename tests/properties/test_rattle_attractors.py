@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle import lyapunov, settle, survey
+from rattle import curves, lyapunov, settle, survey
 from rattle.sampling import initial_conditions
 
 
@@ -189,7 +189,7 @@ def test_what_is_no_real_number_is_refused(bad):
         lambda: rattle.Gear(bad, 0.1),
         lambda: rattle.Gear(0.6, 0.1).impact(bad, 1.0),
         lambda: rattle.Gear(0.6, 0.1).attractors(count=bad),
-        lambda: rattle.codimension_two(bad),
+        lambda: curves.codimension_two(bad),
     ):
         with pytest.raises(rattle.ParameterError):
             call()

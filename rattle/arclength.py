@@ -1,0 +1,188 @@
+"""Pseudo-arclength continuation: follow the solutions of N equations in N + 1 unknowns through folds.
+
+Secant predictor, Newton corrector in the hyperplane across the step, steps that adapt to the corrector and to the
+turning of the curve. Source: H. B. Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems (1977).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from rattle.impact_equations import Array, Function, derivatives
+
+MOST_CORRECTIONS = 8
+SMALLEST_CORRECTION = 1e-13  # relative to the unknowns, which are of order one
+QUADRATIC_CORRECTION = 1e-8  # from here one more would be below rounding, if the last one was much larger
+ACCEPTED_CORRECTION = 1e-11  # what rounding may leave where the equations are nearly singular
+SHORTEST_STEP = 1e-10
+LARGEST_TURN = 0.2  # radians between steps
+MOST_POINTS = 4000
+SAME_POINT = 1e-12
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is followed: the equations (…, N + 1) → (…, N), and a preparation that may rescale them at a point."""
+
+    equations: Function
+    prepare: Callable[[Array], None] = lambda _: None
+
+
+@dataclass(frozen=True)
+class Path:
+    """Points (k, N + 1) and unit tangents of a followed curve; `outside` is the first point that was not inside, None
+    where the curve could not be followed on (or was long enough).
+    """
+
+    points: Array
+    tangents: Array
+    outside: Array | None
+
+
+def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] | None:
+    """Solve the equations in the hyperplane through x across `constraint` (N + 1,): (solution, corrections) or None."""
+    x = x.copy()
+    size = np.inf
+    for i in range(MOST_CORRECTIONS):
+        problem.prepare(x)
+        value, jacobian = derivatives(problem.equations, x)
+        matrix = np.vstack([jacobian, constraint])
+        if not (np.isfinite(matrix).all() and np.isfinite(value).all()):
+            return None
+        try:
+            step = np.linalg.solve(matrix, np.append(-value, 0.0))
+        except np.linalg.LinAlgError:
+            return None
+        last, size = size, float(np.max(np.abs(step) / (1.0 + np.abs(x))))
+        if size > 0.3 or (i > 2 and size > last and last > ACCEPTED_CORRECTION):
+            return None
+        x += step
+        quadratic = size < QUADRATIC_CORRECTION and size < 1e-3 * last
+        if size < SMALLEST_CORRECTION or quadratic or (size < ACCEPTED_CORRECTION and size > 0.1 * last):
+            return x, i + 1
+    return None
+
+
+def with_value(problem: Problem, x: Array, index: int, value: float) -> Array | None:
+    """The solution near x whose unknown number `index` has this value, or None."""
+    guess, fixed = x.copy(), np.zeros(x.size)
+    guess[index], fixed[index] = value, 1.0
+    found = newton(problem, guess, fixed)
+    return None if found is None else found[0]
+
+
+def tangent_at(problem: Problem, x: Array, direction: Array) -> Array:
+    """The unit tangent (N + 1,) of the solution curve at x, on the side of `direction`."""
+    problem.prepare(x)
+    _, jacobian = derivatives(problem.equations, x)
+    null = np.asarray(np.linalg.svd(jacobian)[2][-1], np.float64)
+    return null if null @ direction >= 0 else -null
+
+
+def between(problem: Problem, a: Array, b: Array, share: float) -> Array | None:
+    """The solution above this share of the chord from a to b."""
+    found = newton(problem, a + share * (b - a), b - a)
+    return None if found is None else found[0]
+
+
+@dataclass(frozen=True)
+class Bound:
+    """low ≤ x[index] ≤ high."""
+
+    index: int
+    low: float
+    high: float
+
+    def crossed(self, x: Array) -> float | None:
+        """The limit that x is beyond."""
+        value = x[self.index]
+        return self.low if value < self.low else self.high if value > self.high else None
+
+
+def last_inside(problem: Problem, a: Array, b: Array, happens: Callable[[Array], bool]) -> Array:
+    """The last solution between a (which happens) and b (which does not) that happens, by bisection to rounding."""
+    low, high, best = 0.0, 1.0, a
+    while (high - low) * np.max(np.abs(b - a)) > 1e-15:
+        middle = 0.5 * (low + high)
+        if middle in (low, high):
+            break
+        x = between(problem, a, b, middle)
+        if x is not None and happens(x):
+            low, best = middle, x
+        else:
+            high = middle
+    return best
+
+
+@dataclass(frozen=True)
+class Follower:
+    """How a problem is followed: between bounds, as long as `happens`, with steps at most `longest(unit tangent)` in
+    the unknowns' Euclidean norm.
+    """
+
+    problem: Problem
+    bounds: Sequence[Bound]
+    happens: Callable[[Array], bool]
+    longest: Callable[[Array], float]
+
+    def inside(self, x: Array) -> bool:
+        """Whether x is a point of the curve that is asked for."""
+        return all(bound.crossed(x) is None for bound in self.bounds) and self.happens(x)
+
+    def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS) -> Path:
+        """Follow the curve from a solution inside towards `tangent`, to where it is not inside any more: the last
+        point is that edge, to rounding.
+        """
+        points, tangents = [start], [tangent]
+        step = 0.2 * self.longest(tangent)
+        while len(points) < most and step >= SHORTEST_STEP:
+            x, direction = points[-1], tangents[-1]
+            step = min(step, self.longest(direction))
+            found = newton(self.problem, x + step * direction, direction)
+            if found is None or np.linalg.norm(found[0] - x) > 2.0 * step:
+                step *= 0.4
+                continue
+            new, corrections = found
+            new_tangent = tangent_at(self.problem, new, direction)
+            turn = float(np.arccos(np.clip(new_tangent @ direction, -1.0, 1.0)))
+            if turn > LARGEST_TURN:
+                step *= 0.4
+                continue
+            if not self.inside(new):
+                edge = self._edge(x, new)
+                if np.max(np.abs(edge - x)) > SAME_POINT:
+                    points.append(edge)
+                    tangents.append(tangent_at(self.problem, edge, direction))
+                return Path(np.array(points), np.array(tangents), new)
+            points.append(new)
+            tangents.append(new_tangent)
+            step *= min(2.0, 0.5 * LARGEST_TURN / max(turn, 1e-9)) if corrections <= 4 else 0.7
+        return Path(np.array(points), np.array(tangents), None)
+
+    def _edge(self, a: Array, b: Array) -> Array:
+        """The last point inside between a (inside) and b (not)."""
+        for bound in self.bounds:
+            limit = bound.crossed(b)
+            if limit is not None:
+                share = (limit - a[bound.index]) / (b[bound.index] - a[bound.index])
+                found = with_value(self.problem, a + share * (b - a), bound.index, limit)
+                b = b if found is None else found
+        return b if self.inside(b) else last_inside(self.problem, a, b, self.inside)
+
+
+def located(problem: Problem, a: Array, b: Array, test: Callable[[Array], float]) -> Array | None:
+    """The solution between a and b at which a test function that changes sign there vanishes, or None."""
+
+    def value(share: float) -> float:
+        x = between(problem, a, b, share)
+        if x is None:
+            raise ArithmeticError
+        return test(x)
+
+    try:
+        share = brentq(value, 0.0, 1.0, xtol=1e-15, rtol=4 * np.finfo(float).eps)
+    except (ArithmeticError, ValueError):  # lost between, or no change of sign after all
+        return None
+    return between(problem, a, b, float(share))

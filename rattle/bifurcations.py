@@ -1,0 +1,67 @@
+"""Saddle-nodes, flips and grazes of any periodic motion as equations to follow in the (δ, ε) plane, and motions to
+follow along a line in it.
+"""
+
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.arclength import Problem
+from rattle.errors import RattleError
+from rattle.impact_equations import Array, Itinerary, bordered
+from rattle.orbits import multipliers_of
+
+
+class Kind(StrEnum):
+    """What happens to a periodic motion; the names are those of continuation codes."""
+
+    SADDLE_NODE = "SN"
+    FLIP = "PD"
+    GRAZING = "GR"
+
+
+MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
+
+
+def condition(itinerary: Itinerary, kind: Kind, impact: int | None = None) -> Problem:
+    """The equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters: times, δ and ε unknown.
+
+    SN: det J(1) = 0. PD: det J(−1) = 0. GR: impact number `impact` is reached with velocity 0.
+    """
+    if kind is Kind.GRAZING:
+        if impact is None:
+            raise RattleError("a graze needs the number of the impact that grazes")
+        return Problem(lambda x: np.append(itinerary.residual(x), itinerary.flights(x).w1[..., impact - 1, None], -1))
+    multiplier = MULTIPLIER[kind]
+    borders: list[Array] = []
+
+    def prepare(x: Array) -> None:
+        left, _, right = np.linalg.svd(itinerary.jacobian(x, multiplier))
+        borders[:] = left[:, -1], right[-1]
+
+    def equations(x: NDArray) -> NDArray:
+        singular = bordered(itinerary.jacobian(x, multiplier), *borders)
+        return np.append(itinerary.residual(x), singular[..., None], -1)
+
+    return Problem(equations, prepare)
+
+
+def along(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
+    """The equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""
+
+    def equations(y: NDArray) -> NDArray:
+        n = itinerary.n
+        return itinerary.residual(np.concatenate([y[..., :n], origin + y[..., n:] * direction], axis=-1))
+
+    return Problem(equations)
+
+
+def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
+    """Both multipliers (2,) of the motion of x; at a graze those of the motion that misses the impact `grazed`, which
+    are finite.
+    """
+    if grazed is not None:
+        itinerary, x = itinerary.without(grazed), np.delete(x, grazed)
+    trace = np.trace(itinerary.monodromy(x))
+    return multipliers_of(trace, np.exp(-x[itinerary.n] * itinerary.m))

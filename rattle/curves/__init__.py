@@ -1,0 +1,8 @@
+"""Bifurcation curves of the period-one motions in the (δ, ε) plane, and the codimension-two points where they meet."""
+
+from rattle.curves.codimension import CodimensionTwo, codimension_two
+from rattle.curves.curve import Curve, End
+from rattle.curves.registry import NAMES, describe
+from rattle.curves.trace import trace
+
+__all__ = ["NAMES", "CodimensionTwo", "Curve", "End", "codimension_two", "describe", "trace"]

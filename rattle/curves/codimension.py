@@ -1,0 +1,187 @@
+"""Codimension-two points, where bifurcation curves of the period-one motions meet, and how they touch there.
+
+All lie on the one smooth grazing curve of which C makes the part called G1 and A the part called G2. With T the trace of
+the grazing motion (its multipliers without the impact on Σ⁻), E = e^(−δ), and M = (det J(1) + det J(−1))/2 of the two
+impacts (`rattle.impact_equations`), along it
+
+    COD20: T = −1 − E        COD21: T = 2 e^(−δ/2)        COD23: M = 0        COD22: T = 1 + E (τ = 3/4).
+
+Near the graze, where the speed u at Σ⁻ is small, the trace of B and D is M/u to leading order. So their saddle-node and
+their flip, at which it is 1 + E and −1 − E, reach the graze together, where M vanishes: at COD23. The paper has them end
+at COD21, where the multipliers turn real; the two points differ (docs/paper.md).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import brentq
+
+from rattle import family
+from rattle.arclength import tangent_at, with_value
+from rattle.bifurcations import condition
+from rattle.curves.registry import CURVES
+from rattle.curves.starts import members
+from rattle.errors import RattleError, require_number
+from rattle.impact_equations import Array
+
+Residual = Callable[[float, float], float]
+
+
+def _scaled_cosine(delta: float, beta: float) -> float:
+    """1 + E − T."""
+    cosine, _ = family.grazing_cosine(delta, beta)
+    return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
+
+
+def _flip(delta: float, beta: float) -> float:
+    return _scaled_cosine(delta, beta) - 2 * (1 + math.exp(-delta))
+
+
+def _equal_multipliers(delta: float, beta: float) -> float:
+    return _scaled_cosine(delta, beta) - (1 - math.exp(-delta / 2)) ** 2
+
+
+def _two_thirds(delta: float, beta: float) -> float:
+    """Larger multiplier 2/3: T = 2/3 + 3/2 E."""
+    return _scaled_cosine(delta, beta) - (1 / 3 - math.exp(-delta) / 2)
+
+
+def _no_square_root(delta: float, beta: float) -> float:
+    """−M: the square root drops out of the trace."""
+    s = family.next_grazing(0.5 + family.EDGE, delta, beta)
+    if not s < 1.0:
+        return math.nan
+    at = members(np.array([s]), delta, beta)
+    return -float(at.saddle_node[0] + at.flip[0]) / 2
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A codimension-two point: what vanishes there along the grazing curve, and the curves that meet, with the side on
+    which each exists (−1: smaller δ).
+    """
+
+    meaning: str
+    residual: Residual
+    curves: dict[str, int]
+
+
+POINTS = {
+    "COD20": Condition("C flips as it grazes: a multiplier is −1", _flip, {"PDC": -1, "G1": -1}),
+    "COD21": Condition(
+        "the multipliers of the grazing C become equal, and real beyond", _equal_multipliers, {"G1": -1}
+    ),
+    "COD23": Condition(
+        "SN2 and PD1 end on G1: beyond, D and not B is what C meets",
+        _no_square_root,
+        {"SN2": -1, "PD1": -1, "G1": -1},
+    ),
+    "COD22": Condition(
+        "SN1 ends where A and C are born grazing: G1 becomes G2",
+        lambda d, b: _scaled_cosine(d, b),
+        {"SN1": -1, "G1": -1, "G2": 1},
+    ),
+}
+
+
+@dataclass(frozen=True)
+class CodimensionTwo:
+    """A codimension-two point of the (δ, ε) plane.
+
+    curves: the names of those that meet there. tangency: for pairs of them the order p of |ε₁ − ε₂| ∝ |Δδ|^p, measured
+    (1: they cross, 2: they touch).
+    """
+
+    name: str
+    meaning: str
+    delta: float
+    epsilon: float
+    curves: tuple[str, ...]
+    tangency: dict[tuple[str, str], float]
+
+
+def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
+    """COD20, COD21, COD23, COD22, by rising δ at β = 0.6, for half-backlash beta; points that it does not have are left
+    out.
+
+    Positions to about 1e-13, orders by a fit over three decades of distance. Raises ParameterError. COD21 and COD22 are
+    the paper's (section 5.2); COD20 and COD23 are not in it.
+    """
+    beta = require_number("beta", beta, positive=True)
+    return _points(beta)
+
+
+@lru_cache(maxsize=64)
+def _points(beta: float) -> tuple[CodimensionTwo, ...]:
+    found = []
+    for name, definition in POINTS.items():
+        try:
+            delta, epsilon = _on_grazing(name, definition.residual, beta)
+        except RattleError:
+            continue
+        tangency = _tangency(definition.curves, delta, epsilon, beta)
+        found.append(CodimensionTwo(name, definition.meaning, delta, epsilon, tuple(definition.curves), tangency))
+    return tuple(found)
+
+
+@lru_cache(maxsize=256)
+def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, float]:
+    """(δ, ε) of the first point at which a residual that is positive at small damping vanishes along the graze."""
+    scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where 2πδ just crosses the gap
+    values = np.array([residual(x, beta) for x in scan])
+    falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
+    if not falls.size:
+        raise RattleError(f"there is no {name} for beta = {beta}")
+    lo, hi = scan[falls[0]], scan[falls[0] + 1]
+    delta = float(brentq(residual, lo, hi, args=(beta,), xtol=1e-15, rtol=4 * np.finfo(float).eps))
+    return delta, float(family.grazing_cosine(delta, beta)[1])
+
+
+def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
+    """The measured order at which each pair of curves touches; a curve that ends there is continued virtually."""
+    distances = np.geomspace(1e-5, 1e-2, 13) * delta
+    orders = {}
+    for one, other in combinations(curves, 2):
+        if {one, other} == {"G1", "G2"}:
+            continue  # one smooth curve
+        side = curves[other]
+        gaps = _near(one, delta, epsilon, beta, side * distances) - _near(other, delta, epsilon, beta, side * distances)
+        orders[one, other] = float(np.polyfit(np.log(distances), np.log(np.abs(gaps)), 1)[0])
+    return orders
+
+
+def _near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) -> Array:
+    """ε of a curve, real or virtual, at these offsets of δ from a point on it, farther and farther away."""
+    definition = CURVES[name]
+    problem = condition(definition.itinerary(beta), definition.kind, definition.impact)
+    x = min(definition.starts(delta, beta), key=lambda start: abs(float(start[-1]) - epsilon))
+    x = with_value(problem, x, -2, delta)
+    rising = np.zeros(x.size)
+    rising[-2] = 1.0
+    tangent = tangent_at(problem, x, rising)
+    found = []
+    for offset in offsets:
+        guess = x + (delta + offset - x[-2]) / tangent[-2] * tangent
+        x = with_value(problem, guess, -2, delta + offset)
+        tangent = tangent_at(problem, x, rising)
+        found.append(x[-1])
+    return np.array(found)
+
+
+def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:
+    """Damping interval in which the larger multiplier of the grazing C is real and in (2/3, 1), the paper's condition
+    for robust chaos at G1.
+
+    From COD21 to COD22; at large backlash, where both multipliers at COD21 are still e^(−δ/2) < 2/3, from where the
+    larger reaches 2/3. Below COD23 the chaos is not born at G1 but there already (docs/paper.md). Raises
+    ParameterError, and RattleError if this backlash has no such point. Source: paper, section 5.2.
+    """
+    beta = require_number("beta", beta, positive=True)
+    lower, upper = (_on_grazing(name, POINTS[name].residual, beta)[0] for name in ("COD21", "COD22"))
+    if math.exp(-lower / 2) < 2 / 3:
+        lower = _on_grazing("multiplier 2/3", _two_thirds, beta)[0]
+    return lower, upper

@@ -1,0 +1,107 @@
+"""Follow a bifurcation of a periodic motion through a window of the (δ, ε) plane, both ways from a solution."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rattle.arclength import Bound, Follower, Path, Problem, located, tangent_at, with_value
+from rattle.curves.curve import Curve, Described, Piece, build, crossings
+from rattle.impact_equations import Array
+
+LONGEST = 0.05  # of a step, in the unknowns
+POINTS_ACROSS = 60  # at least, over the width of the window
+
+Test = Callable[[Array], str | None]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of the plane: (low, high) of δ and of ε."""
+
+    delta: tuple[float, float]
+    epsilon: tuple[float, float]
+
+    @property
+    def bounds(self) -> tuple[Bound, Bound]:
+        """Of the last two unknowns."""
+        return Bound(-2, *self.delta), Bound(-1, *self.epsilon)
+
+    def left(self, x: Array) -> str | None:
+        """Which side of the window a point is beyond: None if it is inside."""
+        limits = zip(("delta", "epsilon"), (bound.crossed(x) for bound in self.bounds), strict=True)
+        return next((f"window: {name} = {limit:g}" for name, limit in limits if limit is not None), None)
+
+    def step(self, tangent: Array) -> float:
+        """The longest step along a unit tangent."""
+        sizes = (self.delta[1] - self.delta[0], self.epsilon[1] - self.epsilon[0])
+        rates = [abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
+        return min(LONGEST, 1.0 / (POINTS_ACROSS * max(*rates, 1e-9)))
+
+
+def pieces(problem: Problem, starts: Iterable[Array], window: Window, left: Test) -> list[Piece]:
+    """The pieces inside the window through solutions near the starts; a start on a piece already followed adds none.
+
+    left: why a solution in the window is not on the curve (its motion does not happen), None if it is.
+    """
+    found: list[Piece] = []
+    follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.step)
+    for guess in starts:
+        x = with_value(problem, guess, guess.size - 2, guess[-2])
+        if x is None or not follower.inside(x) or any(_on(problem, piece, x) for piece in found):
+            continue
+        found.append(_both_ways(follower, x, lambda y: window.left(y) or left(y)))
+    return sorted(found, key=lambda piece: (piece.points[0, -2], piece.points[0, -1]))
+
+
+def _on(problem: Problem, piece: Piece, x: Array) -> bool:
+    return any(np.allclose(x, y, rtol=0, atol=1e-7) for y in crossings(problem, piece.points, x[-2]))
+
+
+def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
+    """The whole piece through a solution, its folds among the points, the end of smaller δ first."""
+    rising = np.zeros(x.size)
+    rising[-2] = 1.0
+    tangent = tangent_at(follower.problem, x, rising)
+    back, on = (follower.follow(x, side * tangent) for side in (-1.0, 1.0))
+    points = np.concatenate([back.points[:0:-1], on.points])
+    tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
+    reasons = _reason(back, why), _reason(on, why)
+    points = _with_folds(follower.problem, points, tangents)
+    if tuple(points[0, -2:]) > tuple(points[-1, -2:]):
+        return Piece(points[::-1], (reasons[1], reasons[0]))
+    return Piece(points, reasons)
+
+
+def _with_folds(problem: Problem, points: Array, tangents: Array) -> Array:
+    """The points with one more wherever δ turns back."""
+    for i in np.flatnonzero(tangents[:-1, -2] * tangents[1:, -2] < 0)[::-1]:
+        chord = points[i + 1] - points[i]
+        fold = located(problem, points[i], points[i + 1], lambda x, c=chord: float(tangent_at(problem, x, c)[-2]))
+        if fold is not None:
+            points = np.insert(points, i + 1, fold, axis=0)
+    return points
+
+
+def _reason(path: Path, why: Test) -> str:
+    if path.outside is None:
+        return "the equations become singular: it cannot be followed on"
+    return why(path.outside) or "the edge of its existence"
+
+
+def traced(
+    name: str,
+    beta: float,
+    problem: Problem,
+    starts: Iterable[Array],
+    window: Window,
+    left: Test,
+    describe: Callable[[Array], Described],
+    named: Callable[[Array, str], str] = lambda x, reason: reason,
+) -> Curve:
+    """The curve of a problem in a window. `named` may put a better name to the reason of an end."""
+    found = [
+        Piece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
+        for piece in pieces(problem, starts, window, left)
+    ]
+    return build(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])

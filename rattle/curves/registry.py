@@ -1,0 +1,130 @@
+"""The registry of the bifurcation curves of the period-one motions. To add a curve, add one `Definition` to CURVES.
+
+Each curve is a motion (which walls it meets), the condition that holds on it (`rattle.bifurcations`), where to start
+it, and which part of the solutions it is.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rattle.bifurcations import Kind
+from rattle.curves import starts
+from rattle.errors import require
+from rattle.impact_equations import Array, Itinerary
+
+PAPER = "Mason and Piiroinen (2009)"
+
+
+@dataclass(frozen=True)
+class Definition:
+    """One bifurcation curve: its condition on the motion that meets `walls` in one forcing period.
+
+    meaning: what happens there, to which orbits. starts: guesses of the unknowns (n + 2,) at (δ, β). belongs: None for
+    a solution that is on this curve, else why it is not. impact: the one that grazes, if one does.
+    """
+
+    walls: tuple[int, ...]
+    kind: Kind
+    meaning: str
+    source: str
+    starts: Callable[[float, float], list[Array]]
+    impact: int | None = None
+    belongs: Callable[[Array], str | None] = lambda x: None
+
+    def itinerary(self, beta: float) -> Itinerary:
+        """The walls at this half-backlash."""
+        return Itinerary(self.walls, 1, beta)
+
+
+def _of_c(x: Array) -> str | None:
+    """G1 is the graze of C, cos 2πτ > 0, and G2 that of A: one smooth curve, which SN1 touches where they part."""
+    return None if np.cos(2 * np.pi * x[0]) >= 0.0 else "the grazing motion is A from here on, on G2"
+
+
+def _of_a(x: Array) -> str | None:
+    return None if np.cos(2 * np.pi * x[0]) <= 0.0 else "the grazing motion is C from here on, on G1"
+
+
+def _first_flip(delta: float, beta: float) -> list[Array]:
+    """The flip next to SN2 on D, if D is stable before it."""
+    found = starts.flips(delta, beta)
+    return found[:1] if found and starts.loses_stability(found[0], beta) else []
+
+
+def _return(delta: float, beta: float) -> list[Array]:
+    """Flips at which D is stable beyond, towards longer times between the walls."""
+    return [x for x in starts.flips(delta, beta) if not starts.loses_stability(x, beta)]
+
+
+#: In the order of the legend: the paper's five, then those that it does not have.
+CURVES: dict[str, Definition] = {
+    "SN1": Definition(
+        (1,),
+        Kind.SADDLE_NODE,
+        "saddle-node at which A and C, P(1,1,0), are born as ε grows; ends at COD22",
+        f"{PAPER}, equation (4.1)",
+        lambda delta, _: starts.one_impact(Kind.SADDLE_NODE, delta),
+    ),
+    "SN2": Definition(
+        (1, -1),
+        Kind.SADDLE_NODE,
+        "saddle-node at which B and D, P(1,1,1), are born as ε grows; ends at COD23",
+        f"{PAPER}, section 5.2, Figure 7",
+        starts.folds,
+    ),
+    "PD1": Definition(
+        (1, -1),
+        Kind.FLIP,
+        "flip (period doubling) at which D, P(1,1,1), loses stability as ε grows; ends at COD23",
+        f"{PAPER}, section 5.2, Figure 7",
+        _first_flip,
+    ),
+    "G1": Definition(
+        (1, -1),
+        Kind.GRAZING,
+        "grazing of C, P(1,1,0), on Σ⁻: there C and B (beyond COD23: D) become one; ends at COD22",
+        f"{PAPER}, section 5.2, Figure 7",
+        starts.grazes,
+        impact=1,
+        belongs=_of_c,
+    ),
+    "G2": Definition(
+        (1, -1),
+        Kind.GRAZING,
+        "grazing of A, P(1,1,0), on Σ⁻: there A and D become one; begins at COD22",
+        f"{PAPER}, section 5.2, Figure 7",
+        starts.grazes,
+        impact=1,
+        belongs=_of_a,
+    ),
+    "PDC": Definition(
+        (1,),
+        Kind.FLIP,
+        "flip (period doubling) at which C, P(1,1,0), loses stability as ε grows; ends on G1 at COD20",
+        "not in the paper; closed form in rattle.flip",
+        lambda delta, _: starts.one_impact(Kind.FLIP, delta),
+    ),
+    "PD2": Definition(
+        (1, -1),
+        Kind.FLIP,
+        "flip at which D, P(1,1,1), becomes stable again at high ε; beyond its fold, where D loses stability once more",
+        "not in the paper",
+        _return,
+    ),
+}
+
+#: The one curve on which no orbit bifurcates.
+QUIET_LIMIT = "quiet_limit"
+QUIET_MEANING = "limit of permanent contact with Σ⁺: above it the contact force changes sign; ε = 2δ/√(4π² + δ²)"
+
+NAMES = (*CURVES, QUIET_LIMIT)
+
+
+def describe(name: str) -> str:
+    """What happens on a curve, to which orbits, and the source. Raises ParameterError on an unknown name."""
+    require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
+    if name == QUIET_LIMIT:
+        return f"{QUIET_MEANING} ({PAPER}, section 3.1, has no formula)"
+    return f"{CURVES[name].meaning} ({CURVES[name].source})"

@@ -1,0 +1,89 @@
+"""Where curves start: their solutions at one damping, from the closed forms of the period-one motions."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from rattle import family
+from rattle.bifurcations import Kind
+from rattle.impact_equations import Array, Itinerary
+from rattle.limits import flip, sine_offset, sn1
+
+
+class Family(NamedTuple):
+    """The P(1,1,1) motions at one damping for rising times s ∈ (1/2, 1) from Σ⁺ to Σ⁻: unknowns (k, 4), speed at
+    Σ⁻, det J(1) and det J(−1), which vanish at a saddle-node and a flip; the first is positive on D, the second negative
+    where D is stable.
+    """
+
+    x: Array
+    u: Array
+    saddle_node: Array
+    flip: Array
+
+
+def members(s: Array, delta: float, beta: float) -> Family:
+    """The members of the family with these rising times."""
+    closed = np.array([family.closure(time, delta, beta) for time in s])
+    x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
+    tau = np.arctan2(y, x) / (2 * np.pi)
+    unknowns = np.column_stack([tau, tau + s, np.full_like(s, delta), np.hypot(x, y)])
+    itinerary = Itinerary((1, -1), 1, beta)
+    at_one, at_minus_one = (np.linalg.det(itinerary.jacobian(unknowns, multiplier)) for multiplier in (1.0, -1.0))
+    return Family(unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
+
+
+@lru_cache(maxsize=256)
+def two_impacts(delta: float, beta: float) -> Family:
+    """The family of B and D beyond its pole at s = 1/2, as fine as it is followed elsewhere."""
+    s, epsilon = family.nodes(delta, beta)
+    return members(s[(s > 0.5) & np.isfinite(epsilon)], delta, beta)
+
+
+def zeros(values: Callable[[Family], Array], delta: float, beta: float) -> list[Array]:
+    """Unknowns at the sign changes of a function of the family, in the order of s, to a thousandth of its spacing."""
+    coarse = two_impacts(delta, beta)
+    found = []
+    for i in np.flatnonzero(values(coarse)[:-1] * values(coarse)[1:] < 0):
+        low, high = (float(coarse.x[j, 1] - coarse.x[j, 0]) for j in (i, i + 1))
+        for _ in range(2):
+            s = np.linspace(low, high, 33)
+            fine = members(s, delta, beta)
+            changes = np.flatnonzero(values(fine)[:-1] * values(fine)[1:] <= 0)
+            j = int(changes[0]) if changes.size else 16
+            low, high = s[j], s[j + 1]
+        found.append(fine.x[j])
+    return found
+
+
+def folds(delta: float, beta: float) -> list[Array]:
+    """Saddle-nodes of B and D."""
+    return zeros(lambda at: at.saddle_node, delta, beta)
+
+
+def grazes(delta: float, beta: float) -> list[Array]:
+    """Members of the family whose speed at Σ⁻ is 0."""
+    return zeros(lambda at: at.u, delta, beta)
+
+
+def flips(delta: float, beta: float) -> list[Array]:
+    """Flips of B and D."""
+    return zeros(lambda at: at.flip, delta, beta)
+
+
+def loses_stability(x: Array, beta: float) -> bool:
+    """Whether a multiplier at a flip of the family leaves the unit circle there as s grows (on D, as ε grows)."""
+    at = two_impacts(float(x[-2]), beta)
+    return bool(at.flip[np.searchsorted(at.x[:, 1] - at.x[:, 0], x[1] - x[0]) - 1] < 0)
+
+
+def one_impact(kind: Kind, delta: float) -> list[Array]:
+    """SN1 (τ = 3/4) or PDC (the flip of C)."""
+    offset = float(sine_offset(delta))
+    epsilon = float(sn1(delta) if kind is Kind.SADDLE_NODE else flip(delta))
+    if not np.isfinite(epsilon) or epsilon == 0.0:
+        return []
+    cosine = np.sqrt((epsilon - offset) * (epsilon + offset)) if kind is Kind.FLIP else 0.0
+    return [np.array([np.arctan2(offset, cosine) / (2 * np.pi), delta, epsilon])]

@@ -1,0 +1,97 @@
+"""Trace a curve of the registry through the (δ, ε) plane."""
+
+import numpy as np
+
+from rattle.arclength import Problem
+from rattle.bifurcations import condition, smooth_multipliers
+from rattle.curves.codimension import codimension_two
+from rattle.curves.curve import Curve, Described
+from rattle.curves.following import Window, traced
+from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, Definition
+from rattle.errors import require, require_number
+from rattle.impact_equations import TWO_PI, Array, Itinerary
+from rattle.limits import quiet_limit
+from rattle.periodic import admissible_or_why
+
+STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found
+SAME_POINT = 1e-6
+ALL_EPSILON = (0.0, 1.0)
+
+
+def trace(
+    name: str,
+    beta: float = 0.6,
+    delta: tuple[float, float] = (0.3, 1.2),
+    epsilon: tuple[float, float] = ALL_EPSILON,
+) -> Curve:
+    """The bifurcation curve `name` of the period-one motions inside a window of the (δ, ε) plane.
+
+    name: one of `NAMES`, see `describe`. delta, epsilon: (low, high) of the window, dimensionless. Followed by
+    pseudo-arclength continuation of the impact equations with the curve's condition; points are solutions to rounding
+    (`Curve`). Raises ParameterError.
+    """
+    require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
+    beta = require_number("beta", beta, positive=True)
+    window = Window(_range("delta", delta, positive=True), _range("epsilon", epsilon))
+    dampings = np.linspace(*window.delta, 2 * STARTS + 1)[1::2]
+    if name == QUIET_LIMIT:
+        return _quiet_limit(beta, window, dampings)
+    definition = CURVES[name]
+    itinerary = definition.itinerary(beta)
+    return traced(
+        name,
+        beta,
+        condition(itinerary, definition.kind, definition.impact),
+        (x for d in dampings for x in definition.starts(float(d), beta)),
+        window,
+        lambda x: _left(definition, itinerary, x),
+        lambda x: describe_motion(itinerary, x, definition.impact),
+        lambda x, reason: _named(x, reason, beta),
+    )
+
+
+def _range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
+    require(np.shape(value) == (2,), f"{name} must be a pair (low, high), got {value!r}")
+    low, high = (require_number(name, number, positive=positive) for number in value)
+    require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
+    return low, high
+
+
+def _left(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:
+    return definition.belongs(x) or admissible_or_why(itinerary, x, definition.impact)
+
+
+def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -> Described:
+    """Phase, speed and multipliers of the motion of x, at a graze of the one that misses the wall."""
+    tau = float(x[0] - np.floor(x[0]))
+    return Described(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
+
+
+def _named(x: Array, reason: str, beta: float) -> str:
+    """A codimension-two point's name before the reason why a curve ends in it."""
+    for point in codimension_two(beta):
+        if abs(x[-2] - point.delta) < SAME_POINT and abs(x[-1] - point.epsilon) < SAME_POINT:
+            return f"{point.name}: {reason}"
+    return reason
+
+
+def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
+    """Where the contact force on Σ⁺ just reaches 0: x = (phase, δ, ε), force and its derivative vanish."""
+
+    def equations(x: Array) -> Array:
+        phase, delta, epsilon = TWO_PI * x[..., 0], x[..., 1], x[..., 2]
+        sine, cosine = np.sin(phase), np.cos(phase)
+        force = 2 * delta - epsilon * (TWO_PI * cosine + delta * sine)
+        return np.stack([force, TWO_PI * sine - delta * cosine], axis=-1)
+
+    guesses = (np.array([np.arctan2(d, TWO_PI) / TWO_PI, d, float(quiet_limit(d))]) for d in dampings)
+    nothing = np.full(2, complex(np.nan, np.nan))
+    return traced(
+        QUIET_LIMIT,
+        beta,
+        Problem(equations),
+        guesses,
+        window,
+        lambda x: None,
+        lambda x: Described(float(x[0] - np.floor(x[0])), 0.0, nothing),
+    )

@@ -1,0 +1,150 @@
+"""A periodic motion as the times of its impacts: equations that stay smooth where the impact map has its square root.
+
+Given the times t₀, t₁ at its ends, a flight from wall to wall has its velocities in closed form (paper 3.1, 3.2): with
+s = t₁ − t₀, D the distance between the walls, L = 1 − e^(−δs) and C = δ (4πs + ε (cos 2πt₁ − cos 2πt₀) − D)/L,
+
+    w₀ = 4π − 2πε sin 2πt₀ − C          w₁ = 4π − 2πε sin 2πt₁ − C e^(−δs).
+
+An elastic impact turns the velocity of arrival into minus that of departure, so a motion with n impacts in m periods is
+n equations in n times, R_i = w₀ of flight i + w₁ of flight i − 1 = 0 with t_n = t₀ + m. Each equation holds three
+neighbouring times. A perturbation that grows by λ over the motion solves the same equations with t_n' = λ t₀', so
+
+    det J(1) = 0 at a saddle-node,   det J(−1) = 0 at a flip,   w₁ = 0 at a graze,
+
+all analytic in times and parameters, through grazing and beyond, where the motion is virtual: it comes from behind the
+wall. Everything here takes complex arguments, whose imaginary part carries exact derivatives (`derivatives`).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+TWO_PI = 2 * np.pi
+COMPLEX_STEP = 1e-40
+
+Array = NDArray[np.float64]
+Function = Callable[[NDArray], NDArray]
+
+
+def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
+    """A real-analytic function (…, N) → (…, M) at x (N,): its value (M,) and Jacobian (M, N), exact to rounding."""
+    values = function(x + 1j * COMPLEX_STEP * np.eye(x.size))
+    return values[0].real, values.imag.T / COMPLEX_STEP
+
+
+@dataclass(frozen=True)
+class Flights:
+    """The flights of one motion, or of a batch: arrays (…, n), flight i from impact i to impact i + 1."""
+
+    w0: NDArray  # velocity of departure
+    w1: NDArray  # velocity of arrival
+    pull: NDArray  # δ/L
+    decay: NDArray  # e^(−δs)
+    w0_t0: NDArray  # ∂w₀/∂t₀ at fixed t₁
+    w1_t1: NDArray  # ∂w₁/∂t₁ at fixed t₀
+
+
+@dataclass(frozen=True)
+class Itinerary:
+    """Which walls a motion meets (+1 or −1, one for each impact of a period, Σ⁺ first), in how many forcing periods,
+    and the half-backlash.
+    """
+
+    walls: tuple[int, ...]
+    m: int
+    beta: float
+
+    @property
+    def n(self) -> int:
+        """Impacts per period."""
+        return len(self.walls)
+
+    def flights(self, x: NDArray) -> Flights:
+        """The flights between impacts at times x[…, :n] with δ = x[…, n], ε = x[…, n + 1]."""
+        t0, delta, epsilon = x[..., : self.n], x[..., self.n, None], x[..., self.n + 1, None]
+        t1 = np.concatenate([t0[..., 1:], t0[..., :1] + self.m], axis=-1)
+        gap = self.beta * (np.roll(self.walls, -1) - np.asarray(self.walls))
+        s = t1 - t0
+        decay = np.exp(-delta * s)
+        pull = -delta / np.expm1(-delta * s)
+        swing = -2 * np.sin(np.pi * (t0 + t1)) * np.sin(np.pi * s)  # cos 2πt₁ − cos 2πt₀
+        c = (2 * TWO_PI * s + epsilon * swing - gap) * pull
+        w0 = 2 * TWO_PI - TWO_PI * epsilon * np.sin(TWO_PI * t0) - c
+        w1 = 2 * TWO_PI - TWO_PI * epsilon * np.sin(TWO_PI * t1) - c * decay
+        forcing = TWO_PI**2 * epsilon
+        return Flights(
+            w0=w0,
+            w1=w1,
+            pull=pull,
+            decay=decay,
+            w0_t0=w0 * pull + delta * c - forcing * np.cos(TWO_PI * t0),
+            w1_t1=(delta * c - w1 * pull) * decay - forcing * np.cos(TWO_PI * t1),
+        )
+
+    def residual(self, x: NDArray) -> NDArray:
+        """R (…, n): zero where every impact is elastic."""
+        flights = self.flights(x)
+        return flights.w0 + np.roll(flights.w1, 1, axis=-1)
+
+    def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
+        """J(λ) = ∂R/∂t (…, n, n) with t_n' = λ t₀'."""
+        flights, n = self.flights(x), self.n
+        before = flights.decay * flights.pull * flights.w0  # ∂w₁/∂t₀
+        after = -flights.pull * flights.w1  # ∂w₀/∂t₁
+        wrap = np.ones(n)
+        wrap[-1] = multiplier
+        rows = np.arange(n)
+        matrix = np.zeros((*after.shape, n), after.dtype)
+        matrix[..., rows, rows] = flights.w0_t0 + np.roll(flights.w1_t1, 1, axis=-1)
+        matrix[..., rows, (rows + 1) % n] += after * wrap
+        matrix[..., (rows + 1) % n, rows] += before / wrap
+        return matrix
+
+    def parameters_matter(self, x: Array) -> Array:
+        """∂R/∂(δ, ε) (n, 2)."""
+        return derivatives(self.residual, x)[1][:, self.n :]
+
+    def monodromy(self, x: Array) -> Array:
+        """The product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs); infinite at a
+        graze.
+        """
+        flights = self.flights(x)
+        product = np.eye(2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            after = -flights.pull * flights.w1
+            for i in range(self.n):
+                # dw₀ = w0_t0 dt₀ + after dt₁ gives dt₁; then dw₁ = before dt₀ + w1_t1 dt₁
+                t_t, t_w = -flights.w0_t0[i] / after[i], 1.0 / after[i]
+                w_t = flights.decay[i] * flights.pull[i] * flights.w0[i] + flights.w1_t1[i] * t_t
+                w_w = flights.w1_t1[i] * t_w
+                energy = [[t_t, t_w / flights.w0[i]], [w_t * flights.w1[i], w_w * flights.w1[i] / flights.w0[i]]]
+                product = np.array(energy) @ product
+        return product
+
+    def without(self, impact: int) -> "Itinerary":
+        """The itinerary of the motion that just fails to make this impact."""
+        return Itinerary(self.walls[:impact] + self.walls[impact + 1 :], self.m, self.beta)
+
+    def with_impact(self, impact: int, wall: int) -> "Itinerary":
+        """The itinerary with one impact more, which becomes number `impact`."""
+        return Itinerary((*self.walls[:impact], wall, *self.walls[impact:]), self.m, self.beta)
+
+    def doubled(self) -> "Itinerary":
+        """The itinerary twice over."""
+        return Itinerary(self.walls * 2, 2 * self.m, self.beta)
+
+
+def bordered(matrix: NDArray, column: Array, row: Array) -> NDArray:
+    """A smooth function (…,) that vanishes with det of the matrix (…, n, n): the last unknown of the bordered system.
+
+    Borders near the null vectors keep it well scaled for any n. Source: W. Govaerts, Numerical Methods for Bifurcations
+    of Dynamical Equilibria (SIAM 2000).
+    """
+    n = matrix.shape[-1]
+    system = np.zeros((*matrix.shape[:-2], n + 1, n + 1), matrix.dtype)
+    system[..., :n, :n], system[..., :n, n], system[..., n, :n] = matrix, column, row
+    right = np.zeros((*matrix.shape[:-2], n + 1, 1), matrix.dtype)
+    right[..., n, 0] = 1.0
+    return np.linalg.solve(system, right)[..., n, 0]

@@ -1,0 +1,211 @@
+"""Any periodic motion P(m, n₊, n₋), stable or not: solved for the times of its impacts, with multipliers and a check
+that each flight is a true first impact.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle import first_impact, flight
+from rattle.errors import RattleError, require, require_finite, require_integer, require_number
+from rattle.impact_equations import Array, Itinerary, derivatives
+from rattle.orbits import multipliers_of
+
+MOST_IMPACTS = 512
+SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight
+GRAZING_SPEED = 1e-6  # at a graze: what rounding makes of speed 0, in a depth of its square
+GRAZING_TIME = 1e-4  # and what that speed does to the time
+MOST_NEWTON = 30
+
+
+@dataclass(frozen=True)
+class PeriodicOrbit:
+    """A periodic motion P(m, n_plus, n_minus) at one parameter point.
+
+    walls (n,): +1 or −1 of each impact, Σ⁺ first; times (n,) in forcing periods, the first in [0, 1); speeds (n,)
+    after each impact, positive into the gap, negative where the motion is virtual. multipliers: the two Floquet
+    multipliers over m periods, the larger modulus first (product e^(−δm)); infinite at a graze.
+    """
+
+    delta: float
+    epsilon: float
+    beta: float
+    m: int
+    walls: tuple[int, ...]
+    times: NDArray[np.float64]
+    speeds: NDArray[np.float64]
+    multipliers: tuple[complex, complex]
+    admissible: bool
+
+    @property
+    def label(self) -> tuple[int, int, int]:
+        """(m, n_plus, n_minus)."""
+        return self.m, self.walls.count(1), self.walls.count(-1)
+
+    @property
+    def stable(self) -> bool:
+        """Whether the motion exists and attracts."""
+        return self.admissible and abs(self.multipliers[0]) < 1.0
+
+    @property
+    def tau(self) -> float:
+        """Phase of the first impact on Σ⁺, in [0, 1)."""
+        return float(self.times[0])
+
+    @property
+    def v(self) -> float:
+        """Speed after the first impact on Σ⁺."""
+        return float(self.speeds[0])
+
+    @property
+    def itinerary(self) -> Itinerary:
+        """Its walls in their order."""
+        return Itinerary(self.walls, self.m, self.beta)
+
+    @property
+    def unknowns(self) -> Array:
+        """Times, δ and ε (n + 2,), as the impact equations take them."""
+        return np.append(self.times, [self.delta, self.epsilon])
+
+
+def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
+    """The motion of a solution x (n + 2,) of the impact equations; impacts start with one on Σ⁺, time folded."""
+    n = itinerary.n
+    speeds = -np.asarray(itinerary.walls) * itinerary.flights(x).w0
+    determinant = np.exp(-x[n] * itinerary.m)
+    trace = np.trace(itinerary.monodromy(x))
+    large, small = multipliers_of(trace, determinant) if np.isfinite(trace) else (complex(np.inf), 0j)
+    return PeriodicOrbit(
+        float(x[n]),
+        float(x[n + 1]),
+        itinerary.beta,
+        itinerary.m,
+        itinerary.walls,
+        x[:n] - np.floor(x[0]),
+        speeds,
+        (complex(large), complex(small)),
+        admissible(itinerary, x),
+    )
+
+
+def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> bool:
+    """Whether the motion of x (n + 2,) happens: it leaves each wall into the gap, and each flight ends at its first
+    impact. Impact number `grazed`, if given, has speed 0 and may be made or missed.
+    """
+    return first_failure(itinerary, x, grazed) is None
+
+
+def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> tuple[int, int, float] | None:
+    """The first flight that does not happen: (its impact of departure, the wall that it meets instead and when).
+
+    Wall 0: the motion would have to leave from behind the wall. None if all flights happen.
+    """
+    n, walls = itinerary.n, itinerary.walls
+    delta, epsilon = float(x[n]), float(x[n + 1])
+    w0 = itinerary.flights(x).w0
+    ends = np.append(x[:n], x[0] + itinerary.m)
+    for i in range(n):
+        if i == grazed:
+            w = -walls[i] * GRAZING_SPEED
+        else:
+            w = float(w0[i])
+            if not -walls[i] * w > 0.0:
+                return i, 0, float(ends[i])
+        to = (i + 1) % n
+        status, s, wall, w1 = _impact(walls[i], ends[i], w, delta, epsilon, itinerary.beta)
+        if status != first_impact.OK:
+            return i, 0, float(ends[i])
+        if to == grazed:
+            missed = wall != walls[to] or abs(s - (ends[i + 1] - ends[i])) > GRAZING_TIME or abs(w1) > GRAZING_TIME
+            if missed and not _passes(itinerary, ends, i, s, wall):
+                return i, int(wall), float(ends[i] + s)
+            continue
+        near = GRAZING_TIME if i == grazed else SAME_TIME
+        if wall != walls[to] or abs(s - (ends[i + 1] - ends[i])) > near:
+            return i, int(wall), float(ends[i] + s)
+    return None
+
+
+def _passes(itinerary: Itinerary, ends: Array, i: int, s: float, wall: int) -> bool:
+    """Whether a flight that misses the grazed impact i + 1 arrives where the next flight does."""
+    after = (i + 2) % itinerary.n
+    arrival = ends[i + 2] if i + 2 < ends.size else ends[1] + itinerary.m
+    return bool(wall == itinerary.walls[after] and abs(s - (arrival - ends[i])) < GRAZING_TIME)
+
+
+def _impact(
+    wall: int, time: float, w: float, delta: float, epsilon: float, beta: float
+) -> tuple[int, float, int, float]:
+    tau = float(flight.folded(time))
+    return first_impact.first_impact(wall, tau, w, delta, epsilon, beta, flight.DRIFT)[:4]  # type: ignore[no-any-return]
+
+
+def at_parameters(itinerary: Itinerary, x: Array) -> Array | None:
+    """Newton on the impact equations for the times alone, δ and ε of x (n + 2,) fixed; None if it fails."""
+    n, x = itinerary.n, x.copy()
+    for _ in range(MOST_NEWTON):
+        value, jacobian = derivatives(itinerary.residual, x)
+        if not (np.isfinite(value).all() and np.isfinite(jacobian).all()):
+            return None
+        try:
+            step = np.linalg.solve(jacobian[:, :n], -value)
+        except np.linalg.LinAlgError:
+            return None
+        size = float(np.max(np.abs(step)))
+        x[:n] += step * min(1.0, 0.05 / size) if size > 0 else 0.0
+        if size < 1e-13 * max(1.0, itinerary.m):
+            return x
+    return x if size < 1e-11 else None
+
+
+def follow_impacts(
+    delta: float, epsilon: float, beta: float, tau: float, v: float, n_plus: int
+) -> tuple[Itinerary, Array]:
+    """The itinerary and the unknowns (n + 2,) of the flights from (τ, v) until Σ⁺ has been met n_plus times more."""
+    walls, times = [1], [tau]
+    time, wall, w, left = tau, 1, -v, n_plus
+    while True:
+        status, s, wall, w1 = _impact(wall, time, w, delta, epsilon, beta)
+        if status != first_impact.OK or len(times) > MOST_IMPACTS:
+            raise RattleError(f"no periodic motion near tau = {tau}, v = {v}: it comes to rest or impacts without end")
+        time, w = time + s, -w1
+        left -= wall == 1
+        if left == 0:
+            m = max(round(time - tau), 1)
+            return Itinerary(tuple(walls), m, beta), np.array([*times, delta, epsilon])
+        walls.append(wall)
+        times.append(time)
+
+
+def periodic_orbit(
+    delta: float, epsilon: float, tau: float, v: float, n_plus: int = 1, beta: float = 0.6
+) -> PeriodicOrbit:
+    """The periodic motion near the state (τ, v) after an impact on Σ⁺, with n_plus ≥ 1 impacts on Σ⁺ per period.
+
+    Newton's method on the impact equations, from the flights that start at (τ, v): tau, v and n_plus are those of an
+    `Attractor`. All numbers dimensionless; time in forcing periods. Raises ParameterError, and RattleError if there is
+    no periodic motion near, or it does not happen.
+    """
+    delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
+    epsilon, v = require_number("epsilon", epsilon), require_number("v", v, positive=True)
+    require_integer("n_plus", n_plus, 1, MOST_IMPACTS)
+    tau = float(flight.folded(require_finite("tau", tau)))
+    itinerary, x = follow_impacts(delta, epsilon, beta, tau, v, n_plus)
+    found = at_parameters(itinerary, x)
+    if found is None or not admissible(itinerary, found):
+        raise RattleError(f"no periodic motion with {n_plus} impacts on Σ⁺ near tau = {tau}, v = {v}: start closer")
+    require(bool(np.isfinite(found).all()), "the periodic motion is beyond double precision")
+    return orbit_of(itinerary, found)
+
+
+def admissible_or_why(itinerary: Itinerary, x: Array, grazed: int | None = None) -> str | None:
+    """None if the motion of x happens (`admissible`), else what happens instead, in words."""
+    failure = first_failure(itinerary, x, grazed)
+    if failure is None:
+        return None
+    impact, wall, _ = failure
+    here, there = ("Σ⁺" if w > 0 else "Σ⁻" for w in (itinerary.walls[impact], wall))
+    if wall == 0:
+        return f"the speed after impact {impact} on {here} reaches 0"
+    return f"the flight after impact {impact} on {here} touches {there} on its way"
