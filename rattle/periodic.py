@@ -137,8 +137,9 @@ def _passes(itinerary: Itinerary, ends: Array, i: int, s: float, wall: int) -> b
 def _impact(
     wall: int, time: float, w: float, delta: float, epsilon: float, beta: float
 ) -> tuple[int, float, int, float]:
-    tau = float(flight.folded(time))
-    return first_impact.first_impact(wall, tau, w, delta, epsilon, beta, flight.DRIFT)[:4]  # type: ignore[no-any-return]
+    """Status, flight time, wall and velocity of the first impact of a flight."""
+    found = first_impact.first_impact(wall, float(flight.folded(time)), w, delta, epsilon, beta, flight.DRIFT)
+    return int(found[0]), float(found[1]), int(found[2]), float(found[3])
 
 
 def at_parameters(itinerary: Itinerary, x: Array) -> Array | None:

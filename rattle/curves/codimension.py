@@ -1,14 +1,14 @@
 """Codimension-two points, where bifurcation curves of the period-one motions meet, and how they touch there.
 
-All lie on the one smooth grazing curve of which C makes the part called G1 and A the part called G2. With T the trace of
-the grazing motion (its multipliers without the impact on Σ⁻), E = e^(−δ), and M = (det J(1) + det J(−1))/2 of the two
-impacts (`rattle.impact_equations`), along it
+All lie on the one smooth grazing curve of which C makes the part called G1 and A the part called G2. With T the trace
+of the grazing motion (its multipliers without the impact on Σ⁻), E = e^(−δ), and M = (det J(1) + det J(−1))/2 of the
+two impacts (`rattle.impact_equations`), along it
 
     COD20: T = −1 − E        COD21: T = 2 e^(−δ/2)        COD23: M = 0        COD22: T = 1 + E (τ = 3/4).
 
-Near the graze, where the speed u at Σ⁻ is small, the trace of B and D is M/u to leading order. So their saddle-node and
-their flip, at which it is 1 + E and −1 − E, reach the graze together, where M vanishes: at COD23. The paper has them end
-at COD21, where the multipliers turn real; the two points differ (docs/paper.md).
+Near the graze, where the speed u at Σ⁻ is small, the trace of B and D is proportional to M/u. So their saddle-node and
+their flip, at which it is 1 + E and −1 − E, reach the graze together, where M vanishes: at COD23. The paper has them
+end at COD21, where the multipliers turn real; the two points differ (docs/paper.md).
 """
 
 import math
@@ -21,7 +21,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from rattle import family
-from rattle.arclength import tangent_at, with_value
+from rattle.arclength import Problem, tangent_at, with_value
 from rattle.bifurcations import condition
 from rattle.curves.registry import CURVES
 from rattle.curves.starts import members
@@ -72,9 +72,7 @@ class Condition:
 
 POINTS = {
     "COD20": Condition("C flips as it grazes: a multiplier is −1", _flip, {"PDC": -1, "G1": -1}),
-    "COD21": Condition(
-        "the multipliers of the grazing C become equal, and real beyond", _equal_multipliers, {"G1": -1}
-    ),
+    "COD21": Condition("the multipliers of the grazing C become equal, and real", _equal_multipliers, {"G1": -1}),
     "COD23": Condition(
         "SN2 and PD1 end on G1: beyond, D and not B is what C meets",
         _no_square_root,
@@ -82,7 +80,7 @@ POINTS = {
     ),
     "COD22": Condition(
         "SN1 ends where A and C are born grazing: G1 becomes G2",
-        lambda d, b: _scaled_cosine(d, b),
+        _scaled_cosine,
         {"SN1": -1, "G1": -1, "G2": 1},
     ),
 }
@@ -158,18 +156,24 @@ def _near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) 
     """ε of a curve, real or virtual, at these offsets of δ from a point on it, farther and farther away."""
     definition = CURVES[name]
     problem = condition(definition.itinerary(beta), definition.kind, definition.impact)
-    x = min(definition.starts(delta, beta), key=lambda start: abs(float(start[-1]) - epsilon))
-    x = with_value(problem, x, -2, delta)
+    x = _solved(problem, min(definition.starts(delta, beta), key=lambda x: abs(float(x[-1]) - epsilon)), delta)
     rising = np.zeros(x.size)
     rising[-2] = 1.0
     tangent = tangent_at(problem, x, rising)
     found = []
     for offset in offsets:
         guess = x + (delta + offset - x[-2]) / tangent[-2] * tangent
-        x = with_value(problem, guess, -2, delta + offset)
+        x = _solved(problem, guess, delta + offset)
         tangent = tangent_at(problem, x, rising)
         found.append(x[-1])
     return np.array(found)
+
+
+def _solved(problem: Problem, guess: Array, delta: float) -> Array:
+    x = with_value(problem, guess, -2, delta)
+    if x is None:
+        raise RattleError(f"a curve cannot be continued to delta = {delta}")
+    return x
 
 
 def robust_chaos_interval(beta: float = 0.6) -> tuple[float, float]:

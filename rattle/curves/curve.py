@@ -14,7 +14,8 @@ from rattle.impact_equations import Array
 SAME_EPSILON = 1e-9
 
 
-class End(NamedTuple):
+@dataclass(frozen=True)
+class End:
     """An end of a piece: the index of its point, and why the curve ends there."""
 
     index: int

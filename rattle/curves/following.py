@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -77,10 +78,15 @@ def _with_folds(problem: Problem, points: Array, tangents: Array) -> Array:
     """The points with one more wherever δ turns back."""
     for i in np.flatnonzero(tangents[:-1, -2] * tangents[1:, -2] < 0)[::-1]:
         chord = points[i + 1] - points[i]
-        fold = located(problem, points[i], points[i + 1], lambda x, c=chord: float(tangent_at(problem, x, c)[-2]))
+        fold = located(problem, points[i], points[i + 1], partial(_rate, problem, chord))
         if fold is not None:
             points = np.insert(points, i + 1, fold, axis=0)
     return points
+
+
+def _rate(problem: Problem, direction: Array, x: Array) -> float:
+    """dδ/d(arclength) at a solution."""
+    return float(tangent_at(problem, x, direction)[-2])
 
 
 def _reason(path: Path, why: Test) -> str:
@@ -97,7 +103,7 @@ def traced(
     window: Window,
     left: Test,
     describe: Callable[[Array], Described],
-    named: Callable[[Array, str], str] = lambda x, reason: reason,
+    named: Callable[[Array, str], str],
 ) -> Curve:
     """The curve of a problem in a window. `named` may put a better name to the reason of an end."""
     found = [

@@ -31,7 +31,7 @@ class Definition:
     source: str
     starts: Callable[[float, float], list[Array]]
     impact: int | None = None
-    belongs: Callable[[Array], str | None] = lambda x: None
+    belongs: Callable[[Array], str | None] = lambda _: None
 
     def itinerary(self, beta: float) -> Itinerary:
         """The walls at this half-backlash."""

@@ -14,8 +14,8 @@ from rattle.limits import flip, sine_offset, sn1
 
 class Family(NamedTuple):
     """The P(1,1,1) motions at one damping for rising times s ∈ (1/2, 1) from Σ⁺ to Σ⁻: unknowns (k, 4), speed at
-    Σ⁻, det J(1) and det J(−1), which vanish at a saddle-node and a flip; the first is positive on D, the second negative
-    where D is stable.
+    Σ⁻, det J(1) and det J(−1), which vanish at a saddle-node and a flip; the first is positive on D, the second
+    negative where D is stable.
     """
 
     x: Array

@@ -92,6 +92,7 @@ def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
         Problem(equations),
         guesses,
         window,
-        lambda x: None,
+        lambda _: None,
         lambda x: Described(float(x[0] - np.floor(x[0])), 0.0, nothing),
+        lambda _, reason: reason,
     )
