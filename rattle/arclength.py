@@ -77,8 +77,12 @@ def tangent_at(problem: Problem, x: Array, direction: Array) -> Array:
     """The unit tangent (N + 1,) of the solution curve at x, on the side of `direction`."""
     problem.prepare(x)
     _, jacobian = derivatives(problem.equations, x)
-    null = np.asarray(np.linalg.svd(jacobian)[2][-1], np.float64)
-    return null if null @ direction >= 0 else -null
+    onwards = np.append(np.zeros(len(jacobian)), 1.0)
+    try:
+        tangent = np.linalg.solve(np.vstack([jacobian, direction]), onwards)
+    except np.linalg.LinAlgError:  # the curve runs across the direction
+        tangent = np.linalg.svd(jacobian)[2][-1]
+    return np.asarray(tangent / np.linalg.norm(tangent), np.float64)
 
 
 def between(problem: Problem, a: Array, b: Array, share: float) -> Array | None:
@@ -101,19 +105,21 @@ class Bound:
         return self.low if value < self.low else self.high if value > self.high else None
 
 
-def last_inside(problem: Problem, a: Array, b: Array, happens: Callable[[Array], bool]) -> Array:
-    """The last solution between a (which happens) and b (which does not) that happens, by bisection to rounding."""
-    low, high, best = 0.0, 1.0, a
+def last_inside(problem: Problem, a: Array, b: Array, happens: Callable[[Array], bool]) -> tuple[Array, Array]:
+    """The last solution between a (which happens) and b (which does not) that happens, and the first that does not, by
+    bisection to rounding.
+    """
+    low, high, inside, outside = 0.0, 1.0, a, b
     while (high - low) * np.max(np.abs(b - a)) > 1e-15:
         middle = 0.5 * (low + high)
         if middle in (low, high):
             break
         x = between(problem, a, b, middle)
         if x is not None and happens(x):
-            low, best = middle, x
+            low, inside = middle, x
         else:
-            high = middle
-    return best
+            high, outside = middle, outside if x is None else x
+    return inside, outside
 
 
 @dataclass(frozen=True)
@@ -131,12 +137,12 @@ class Follower:
         """Whether x is a point of the curve that is asked for."""
         return all(bound.crossed(x) is None for bound in self.bounds) and self.happens(x)
 
-    def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS) -> Path:
+    def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> Path:
         """Follow the curve from a solution inside towards `tangent`, to where it is not inside any more: the last
-        point is that edge, to rounding.
+        point is that edge, to rounding. The first step is at most `first`.
         """
         points, tangents = [start], [tangent]
-        step = 0.2 * self.longest(tangent)
+        step = min(first, 0.2 * self.longest(tangent))
         while len(points) < most and step >= SHORTEST_STEP:
             x, direction = points[-1], tangents[-1]
             step = min(step, self.longest(direction))
@@ -169,7 +175,7 @@ class Follower:
                 share = (limit - a[bound.index]) / (b[bound.index] - a[bound.index])
                 found = with_value(self.problem, a + share * (b - a), bound.index, limit)
                 b = b if found is None else found
-        return b if self.inside(b) else last_inside(self.problem, a, b, self.inside)
+        return b if self.inside(b) else last_inside(self.problem, a, b, self.inside)[0]
 
 
 def located(problem: Problem, a: Array, b: Array, test: Callable[[Array], float]) -> Array | None:

@@ -9,6 +9,7 @@ from rattle.curves.curve import Curve, Described
 from rattle.curves.following import Window, traced
 from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, Definition
 from rattle.errors import require, require_number
+from rattle.events import Event
 from rattle.impact_equations import TWO_PI, Array, Itinerary
 from rattle.limits import quiet_limit
 from rattle.periodic import admissible_or_why
@@ -48,6 +49,40 @@ def trace(
         lambda x: describe_motion(itinerary, x, definition.impact),
         lambda x, reason: _named(x, reason, beta),
     )
+
+
+def bifurcation_curve(
+    event: Event, delta: tuple[float, float] = (0.3, 1.2), epsilon: tuple[float, float] = ALL_EPSILON
+) -> Curve:
+    """The saddle-node, flip or grazing curve through an event on a branch (`rattle.branches`), of any periodic motion,
+    inside a window of the (δ, ε) plane.
+
+    The curve of an admissible event ends where its motion ceases to happen; that of a virtual one goes on. Points as in
+    `trace`; at a graze tau and v are those of the motion that touches the wall. Raises ParameterError.
+    """
+    window = Window(_range("delta", delta, positive=True), _range("epsilon", epsilon))
+    itinerary, x, impact = _begun_on_sigma_plus(event)
+    m, n_plus, n_minus = itinerary.m, itinerary.walls.count(1), itinerary.walls.count(-1)
+    return traced(
+        f"{event.kind} of P({m},{n_plus},{n_minus})",
+        itinerary.beta,
+        condition(itinerary, event.kind, impact),
+        [x],
+        window,
+        lambda y: admissible_or_why(itinerary, y, impact) if event.admissible else None,
+        lambda y: describe_motion(itinerary, y, impact),
+        lambda _, reason: reason,
+    )
+
+
+def _begun_on_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
+    """Itinerary, unknowns and grazing impact of an event, impact 0 one on Σ⁺ that does not graze, if there is one."""
+    itinerary, times = event.itinerary, event.unknowns[:-2]
+    begin = next((i for i, wall in enumerate(itinerary.walls) if wall > 0 and i != event.impact), 0)
+    walls = (*itinerary.walls[begin:], *itinerary.walls[:begin])
+    rotated = np.concatenate([times[begin:], times[:begin] + itinerary.m, event.unknowns[-2:]])
+    impact = None if event.impact is None else (event.impact - begin) % itinerary.n
+    return Itinerary(walls, itinerary.m, itinerary.beta), rotated, impact
 
 
 def _range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:

@@ -1,0 +1,226 @@
+"""Branches of any periodic motion along a line in the (δ, ε) plane, through folds and into grazing.
+
+The unknowns are the times of the impacts, in which a graze is a regular point: beyond it the branch goes on as a
+virtual one, whose motion would have to pass a wall or leave from behind it, and is flagged as such.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.arclength import Bound, Follower, Path, newton, tangent_at
+from rattle.bifurcations import Kind, along
+from rattle.errors import RattleError, require
+from rattle.events import Event, Line, find_events
+from rattle.impact_equations import Array, Itinerary
+from rattle.periodic import PeriodicOrbit, orbit_of
+
+LONGEST = 0.05  # of a step, in the unknowns
+POINTS_ACROSS = 50  # at least, over the span
+SHORTEST_FLIGHT = 1e-6
+FIRST_OF_DOUBLED = 1e-4  # its size grows as the root of the distance from the flip
+MOST_POINTS = 1000
+LEAST_DAMPING = 1e-3  # of the orbit's, to which a line may go
+NEAR = 0.02  # span by default, either way
+DIRECTIONS = {"delta": (1.0, 0.0), "epsilon": (0.0, 1.0)}
+
+Parameter = str | tuple[float, float]
+Span = tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class Branch:
+    """A branch of motions with one itinerary, k points in order, n impacts each.
+
+    delta, epsilon, tau, v (k,), multipliers (2, k), times and speeds (k, n) as in `PeriodicOrbit`; stable, admissible
+    (k,): whether the motion attracts, and whether it happens at all (False: virtual). start: the point it was followed
+    from. events: in the order of the branch. ends: why it was not followed farther, at its first and its last point.
+    """
+
+    itinerary: Itinerary
+    delta: NDArray[np.float64]
+    epsilon: NDArray[np.float64]
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    multipliers: NDArray[np.complex128]
+    times: NDArray[np.float64]
+    speeds: NDArray[np.float64]
+    stable: NDArray[np.bool_]
+    admissible: NDArray[np.bool_]
+    start: int
+    events: tuple[Event, ...]
+    ends: tuple[str, str]
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return self.delta.size
+
+    @property
+    def label(self) -> tuple[int, int, int]:
+        """(m, n_plus, n_minus)."""
+        return self.itinerary.m, self.itinerary.walls.count(1), self.itinerary.walls.count(-1)
+
+    def orbit(self, index: int) -> PeriodicOrbit:
+        """The motion at one point."""
+        return orbit_of(self.itinerary, np.append(self.times[index], [self.delta[index], self.epsilon[index]]))
+
+
+def branch(orbit: PeriodicOrbit, parameter: Parameter = "epsilon", span: Span = None) -> Branch:
+    """The branch of a periodic motion in one parameter, both ways from it.
+
+    parameter: "epsilon" or "delta", and span its (low, high), by default 0.02 either way; or a direction (dδ, dε), and
+    span the multiples of it that may be added, by default −1 to 1. It goes on beyond grazes, where the motion does not
+    happen. Raises ParameterError, and RattleError if the orbit is no solution.
+    """
+    line = _line(orbit.delta, orbit.epsilon, parameter, span)
+    start = np.append(orbit.times, 0.0)
+    fixed = np.append(np.zeros(orbit.times.size), 1.0)
+    solved = newton(along(orbit.itinerary, line.origin, line.direction), start, fixed)
+    if solved is None:
+        raise RattleError("the orbit does not solve the impact equations: take it from periodic_orbit")
+    return _both_ways(orbit.itinerary, line, solved[0])
+
+
+def doubled(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> Branch:
+    """The branch of period-doubled motions that leaves a flip (PD), from there; arguments and errors as `branch`."""
+    if event.kind is not Kind.FLIP:
+        raise RattleError(f"the period doubles at a flip (PD), not at {event.kind}")
+    line = _line(event.delta, event.epsilon, parameter, span)
+    times = event.unknowns[:-2]
+    mode = np.linalg.svd(event.itinerary.jacobian(event.unknowns, -1.0))[2][-1]
+    start = np.concatenate([times, times + event.itinerary.m, [0.0]])
+    tangent = np.concatenate([mode, -mode, [0.0]]) / np.sqrt(2.0)
+    itinerary = event.itinerary.doubled()
+    path = _follower(itinerary, line).follow(start, tangent, MOST_POINTS, FIRST_OF_DOUBLED)
+    return _built(itinerary, line, path.points, path.tangents, 0, ("flip", _end(itinerary, path)))
+
+
+def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> tuple[Branch, Branch]:
+    """The branches that meet at a graze (GR): of the motion that misses the wall, and of the one that touches it.
+
+    Arguments and errors as `branch`.
+    """
+    if event.impact is None:
+        raise RattleError(f"motions of different itineraries meet at a graze (GR), not at {event.kind}")
+    line = _line(event.delta, event.epsilon, parameter, span)
+    misses, touches = np.delete(event.unknowns, event.impact)[:-2], event.unknowns[:-2]
+    return (
+        _both_ways(event.itinerary.without(event.impact), line, np.append(misses, 0.0)),
+        _both_ways(event.itinerary, line, np.append(touches, 0.0)),
+    )
+
+
+def cascade(
+    orbit: PeriodicOrbit, parameter: Parameter = "epsilon", span: Span = None, doublings: int = 6
+) -> tuple[Event, ...]:
+    """The period-doubling cascade of a stable motion as the parameter grows: the flip at which it loses stability, that
+    of the doubled motion and so on, for so many doublings, or up to the graze or saddle-node that ends a stable branch.
+
+    Arguments and errors as `branch`.
+    """
+    here, found = branch(orbit, parameter, span), list[Event]()
+    last = orbit.delta, orbit.epsilon
+    while True:
+        event = _loss_of_stability(here)
+        if event is not None:
+            found.append(event)
+        if event is None or event.kind is not Kind.FLIP or len(found) >= doublings:
+            return tuple(found)
+        gap = np.hypot(event.delta - last[0], event.epsilon - last[1])
+        last = event.delta, event.epsilon
+        here = doubled(event, *_around(event, parameter, span, 2 * gap if len(found) > 1 else np.inf))
+
+
+def _around(
+    event: Event, parameter: Parameter, span: Span, reach: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Direction and span of the part of a line within this reach of an event: the next doubling is nearer."""
+    line = _line(event.delta, event.epsilon, parameter, span)
+    reach /= float(np.hypot(*line.direction))
+    low, high = max(line.span[0], -reach), min(line.span[1], reach)
+    return (float(line.direction[0]), float(line.direction[1])), (low, high)
+
+
+def _loss_of_stability(here: Branch) -> Event | None:
+    """The first event, from where the branch was begun on, at which it stops being stable."""
+    stable = [*here.stable[here.start :], False]
+    if True not in stable:
+        return None
+    last = here.start + stable.index(False, stable.index(True)) - 1
+    events = [event for event in here.events if event.after == last]
+    return events[0] if events else None
+
+
+def _line(delta: float, epsilon: float, parameter: Parameter, span: Span) -> Line:
+    """The line through a point that these arguments of `branch` mean."""
+    origin = np.array([delta, epsilon])
+    if isinstance(parameter, str):
+        require(parameter in DIRECTIONS, f"parameter must be delta, epsilon or a direction, got {parameter!r}")
+        direction = np.array(DIRECTIONS[parameter])
+        here = float(origin @ direction)
+        low, high = (-NEAR, NEAR) if span is None else (span[0] - here, span[1] - here)
+    else:
+        direction = np.asarray(parameter, np.float64)
+        low, high = (-1.0, 1.0) if span is None else span
+    require(
+        direction.shape == (2,) and bool(np.isfinite(direction).all() and direction.any()),
+        f"a direction is a pair (dδ, dε) other than (0, 0), got {parameter!r}",
+    )
+    require(low <= 0.0 <= high and low < high < np.inf, f"span must be (low, high) around the orbit, got {span!r}")
+    if direction[0]:  # damping stays positive
+        floor = (LEAST_DAMPING - 1.0) * delta / direction[0]
+        low, high = (max(low, floor), high) if direction[0] > 0 else (low, min(high, floor))
+    return Line(origin, direction, (float(low), float(high)))
+
+
+def _follower(itinerary: Itinerary, line: Line) -> Follower:
+    def longest(tangent: Array) -> float:
+        across = (line.span[1] - line.span[0]) / POINTS_ACROSS
+        return min(LONGEST, across / max(abs(float(tangent[-1])), 1e-9))
+
+    problem = along(itinerary, line.origin, line.direction)
+    return Follower(problem, (Bound(-1, *line.span),), lambda y: _flights_last(itinerary, y), longest)
+
+
+def _both_ways(itinerary: Itinerary, line: Line, start: Array) -> Branch:
+    """The branch through y = (times, p), in the direction of rising p there."""
+    follower = _follower(itinerary, line)
+    tangent = tangent_at(follower.problem, start, np.append(np.zeros(itinerary.n), 1.0))
+    back, on = (follower.follow(start, side * tangent, MOST_POINTS) for side in (-1.0, 1.0))
+    points = np.concatenate([back.points[:0:-1], on.points])
+    tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
+    ends = _end(itinerary, back), _end(itinerary, on)
+    return _built(itinerary, line, points, tangents, len(back.points) - 1, ends)
+
+
+def _flights_last(itinerary: Itinerary, y: Array) -> bool:
+    return bool(np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) > SHORTEST_FLIGHT)
+
+
+def _end(itinerary: Itinerary, path: Path) -> str:
+    if path.outside is None:
+        return "followed far enough" if len(path.points) >= MOST_POINTS else "the equations become singular"
+    return "span" if _flights_last(itinerary, path.outside) else "two impacts become one"
+
+
+def _built(
+    itinerary: Itinerary, line: Line, points: Array, tangents: Array, start: int, ends: tuple[str, str]
+) -> Branch:
+    orbits = [orbit_of(itinerary, line.plane(y)) for y in points]
+    problem = along(itinerary, line.origin, line.direction)
+    return Branch(
+        itinerary,
+        np.array([orbit.delta for orbit in orbits]),
+        np.array([orbit.epsilon for orbit in orbits]),
+        np.array([orbit.tau for orbit in orbits]),
+        np.array([orbit.v for orbit in orbits]),
+        np.array([orbit.multipliers for orbit in orbits]).T,
+        np.array([orbit.times for orbit in orbits]),
+        np.array([orbit.speeds for orbit in orbits]),
+        np.array([orbit.stable for orbit in orbits]),
+        np.array([orbit.admissible for orbit in orbits]),
+        start,
+        tuple(find_events(itinerary, line, problem, points, tangents)),
+        ends,
+    )

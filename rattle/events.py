@@ -1,0 +1,170 @@
+"""What happens on a branch of periodic motions between neighbouring points: saddle-nodes, flips, grazes, solved for."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.arclength import Problem, last_inside, located, newton, tangent_at
+from rattle.bifurcations import Kind, condition, smooth_multipliers
+from rattle.impact_equations import Array, Itinerary
+from rattle.periodic import admissible, first_failure
+
+SAME_HALVES = 0.02  # a motion this close to one of half the period, where its branch turns, is that one there
+SAME_PLACE = 0.5  # of a step: farther than this from where it was found, a solution is another one
+
+
+@dataclass(frozen=True)
+class Line:
+    """(δ, ε) = origin + p direction, p in span."""
+
+    origin: Array
+    direction: Array
+    span: tuple[float, float]
+
+    def plane(self, y: Array) -> Array:
+        """The unknowns (n + 2,) at y = (times, p)."""
+        return np.concatenate([y[:-1], self.origin + y[-1] * self.direction])
+
+    def across(self, n: int) -> Array:
+        """The constraint (n + 2,) that keeps a solution on the line."""
+        return np.concatenate([np.zeros(n), [-self.direction[1], self.direction[0]]])
+
+
+class Candidate(NamedTuple):
+    """Where on a branch an event seems to be: at y = (times, p), with a guess of its unknowns (n + 2,)."""
+
+    y: Array
+    kind: Kind
+    itinerary: Itinerary
+    guess: Array
+    impact: int | None = None
+
+
+@dataclass(frozen=True)
+class Event:
+    """A bifurcation on a branch.
+
+    kind: SN, PD or GR. unknowns (n + 2,): times, δ, ε of the motion there, of this itinerary; for GR the impact number
+    `impact` has speed 0, and one of the two motions that meet does not make it. admissible: the motion happens. after:
+    number of the branch's point before it.
+    """
+
+    kind: Kind
+    itinerary: Itinerary
+    unknowns: Array
+    impact: int | None
+    admissible: bool
+    after: int
+
+    @property
+    def delta(self) -> float:
+        """Damping of the event."""
+        return float(self.unknowns[-2])
+
+    @property
+    def epsilon(self) -> float:
+        """Eccentricity of the event."""
+        return float(self.unknowns[-1])
+
+    @property
+    def wall(self) -> int | None:
+        """The wall that is grazed, if one is."""
+        return None if self.impact is None else self.itinerary.walls[self.impact]
+
+    @property
+    def multipliers(self) -> NDArray[np.complex128]:
+        """Both multipliers (2,); at a graze those of the motion that misses the wall."""
+        return smooth_multipliers(self.itinerary, self.unknowns, self.impact)
+
+
+def find_events(itinerary: Itinerary, line: Line, problem: Problem, points: Array, tangents: Array) -> Iterator[Event]:
+    """The events between neighbouring solutions y = (times, p) (k, n + 1) of a branch with unit tangents, in order."""
+    tests = _tests(itinerary, line, problem)
+    departures = np.array([itinerary.flights(line.plane(y)).w0 for y in points])
+    flips = [_flip(itinerary, line, y) for y in points]
+    values = np.column_stack([tangents[:, -1], flips, departures])
+    real = [admissible(itinerary, line.plane(y)) for y in points]
+    for k in range(len(points) - 1):
+        a, b = points[k], points[k + 1]
+        found = []
+        for j in np.flatnonzero(values[k] * values[k + 1] < 0):
+            kind, impact, test = tests[j]
+            y = located(problem, a, b, partial(test, along=b - a))
+            if y is None and kind is Kind.SADDLE_NODE:  # two branches cross: no step between them converges
+                y = 0.5 * (a + b)
+            if y is not None:
+                found.append(Candidate(y, kind, itinerary, line.plane(y), impact))
+        if real[k] != real[k + 1] and not any(at.kind is Kind.GRAZING for at in found):
+            found += _touches(itinerary, line, problem, *((a, b) if real[k] else (b, a)))
+        near = SAME_PLACE * float(np.max(np.abs(b - a)))
+        for candidate in sorted(found, key=lambda at: float(np.linalg.norm(at.y - points[k]))):
+            solved = _solved(line, candidate, k, near)
+            if solved is not None:
+                yield solved
+
+
+class Test(Protocol):
+    """A function of a solution and the direction of the branch that changes sign at an event."""
+
+    def __call__(self, y: Array, along: Array) -> float: ...
+
+
+def _tests(itinerary: Itinerary, line: Line, problem: Problem) -> list[tuple[Kind, int | None, Test]]:
+    def fold(y: Array, along: Array) -> float:
+        return float(tangent_at(problem, y, along)[-1])
+
+    def flip(y: Array, along: Array) -> float:  # noqa: ARG001
+        return _flip(itinerary, line, y)
+
+    def graze(impact: int) -> Test:
+        return lambda y, along: float(itinerary.flights(line.plane(y)).w0[impact])  # noqa: ARG005
+
+    grazes = ((Kind.GRAZING, impact, graze(impact)) for impact in range(itinerary.n))
+    return [(Kind.SADDLE_NODE, None, fold), (Kind.FLIP, None, flip), *grazes]
+
+
+def _flip(itinerary: Itinerary, line: Line, y: Array) -> float:
+    """det J(−1), rows of length 1."""
+    matrix = itinerary.jacobian(line.plane(y), -1.0)
+    return float(np.linalg.det(matrix / np.linalg.norm(matrix, axis=1, keepdims=True)))
+
+
+def _touches(itinerary: Itinerary, line: Line, problem: Problem, inside: Array, outside: Array) -> list[Candidate]:
+    """Where a flight of the branch first touches a wall on its way: a graze of the itinerary with that impact more."""
+    edge, beyond = last_inside(problem, inside, outside, lambda y: admissible(itinerary, line.plane(y)))
+    failure = first_failure(itinerary, line.plane(beyond))
+    if failure is None or failure[1] == 0:
+        return []
+    departure, wall, time = failure
+    guess = np.insert(line.plane(edge), departure + 1, time)
+    return [Candidate(edge, Kind.GRAZING, itinerary.with_impact(departure + 1, wall), guess, departure + 1)]
+
+
+def _solved(line: Line, candidate: Candidate, after: int, near: float) -> Event | None:
+    """The event near a candidate, on the line, or None where there is none.
+
+    Where a branch turns back as a motion twice over, it leaves that motion of half the period at its flip.
+    """
+    _, kind, itinerary, guess, impact = candidate
+    half = _halved(itinerary, guess) if kind is Kind.SADDLE_NODE else None
+    if half is not None:
+        kind, (itinerary, guess) = Kind.FLIP, half
+    found = newton(condition(itinerary, kind, impact), guess, line.across(itinerary.n))
+    if found is None or np.max(np.abs((found[0] - guess)[-2:])) > near:
+        return None
+    return Event(kind, itinerary, found[0], impact, admissible(itinerary, found[0], impact), after)
+
+
+def _halved(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
+    """Itinerary and unknowns of half the motion, if it is nearly one motion twice over."""
+    n, m = itinerary.n // 2, itinerary.m // 2
+    twice = itinerary.n == 2 * n and itinerary.m == 2 * m and itinerary.walls[:n] == itinerary.walls[n:]
+    if not twice or np.max(np.abs(x[n : 2 * n] - x[:n] - m)) > SAME_HALVES:
+        return None
+    return Itinerary(itinerary.walls[:n], m, itinerary.beta), np.concatenate(
+        [0.5 * (x[:n] + x[n : 2 * n] - m), x[2 * n :]]
+    )
