@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 from rattle.arclength import Bound, Follower, Path, newton, tangent_at
 from rattle.bifurcations import Kind, along
 from rattle.errors import RattleError, require
-from rattle.events import Event, Line, find_events
+from rattle.events import Event, Line, find_events, is_twice, origin_of_doubling
 from rattle.impact_equations import Array, Itinerary
 from rattle.periodic import PeriodicOrbit, orbit_of
 
 LONGEST = 0.05  # of a step, in the unknowns
 POINTS_ACROSS = 50  # at least, over the span
+FEW_POINTS = 6  # between neighbouring cells
 SHORTEST_FLIGHT = 1e-6
 FIRST_OF_DOUBLED = 1e-4  # its size grows as the root of the distance from the flip
 MOST_POINTS = 1000
+HALF_PERIOD = "the period halves: a flip"
 LEAST_DAMPING = 1e-3  # of the orbit's, to which a line may go
 NEAR = 0.02  # span by default, either way
 DIRECTIONS = {"delta": (1.0, 0.0), "epsilon": (0.0, 1.0)}
@@ -66,14 +68,17 @@ class Branch:
         return orbit_of(self.itinerary, np.append(self.times[index], [self.delta[index], self.epsilon[index]]))
 
 
-def branch(orbit: PeriodicOrbit, parameter: Parameter = "epsilon", span: Span = None) -> Branch:
+def branch(
+    orbit: PeriodicOrbit, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
+) -> Branch:
     """The branch of a periodic motion in one parameter, both ways from it.
 
     parameter: "epsilon" or "delta", and span its (low, high), by default 0.02 either way; or a direction (dδ, dε), and
-    span the multiples of it that may be added, by default −1 to 1. It goes on beyond grazes, where the motion does not
-    happen. Raises ParameterError, and RattleError if the orbit is no solution.
+    span the multiples of it that may be added, by default −1 to 1. resolution: points over the span, at least. The
+    branch goes on beyond grazes, where the motion does not happen. Raises ParameterError, and RattleError if the orbit
+    is no solution.
     """
-    line = _line(orbit.delta, orbit.epsilon, parameter, span)
+    line = _line(orbit.delta, orbit.epsilon, parameter, span, resolution)
     start = np.append(orbit.times, 0.0)
     fixed = np.append(np.zeros(orbit.times.size), 1.0)
     solved = newton(along(orbit.itinerary, line.origin, line.direction), start, fixed)
@@ -142,6 +147,22 @@ def _around(
     return (float(line.direction[0]), float(line.direction[1])), (low, high)
 
 
+def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
+    """What becomes of a motion on the straight way to other parameters: itself there, or the first event at which it
+    ceases to happen or its stability changes; None if neither can be found.
+
+    Raises ParameterError, and RattleError if the orbit is no solution.
+    """
+    here = branch(orbit, (delta - orbit.delta, epsilon - orbit.epsilon), (0.0, 1.0), FEW_POINTS)
+    for event in here.events:
+        before, after = ((here.admissible[i], here.stable[i]) for i in (event.after, event.after + 1))
+        turns = event.kind is Kind.SADDLE_NODE or event.itinerary.m < here.itinerary.m
+        if event.after >= here.start and (turns or before != after):
+            return event
+    arrived = np.allclose([here.delta[-1], here.epsilon[-1]], [delta, epsilon], rtol=1e-12, atol=0)
+    return here.orbit(-1) if arrived else None
+
+
 def _loss_of_stability(here: Branch) -> Event | None:
     """The first event, from where the branch was begun on, at which it stops being stable."""
     stable = [*here.stable[here.start :], False]
@@ -152,7 +173,7 @@ def _loss_of_stability(here: Branch) -> Event | None:
     return events[0] if events else None
 
 
-def _line(delta: float, epsilon: float, parameter: Parameter, span: Span) -> Line:
+def _line(delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS) -> Line:
     """The line through a point that these arguments of `branch` mean."""
     origin = np.array([delta, epsilon])
     if isinstance(parameter, str):
@@ -171,16 +192,23 @@ def _line(delta: float, epsilon: float, parameter: Parameter, span: Span) -> Lin
     if direction[0]:  # damping stays positive
         floor = (LEAST_DAMPING - 1.0) * delta / direction[0]
         low, high = (max(low, floor), high) if direction[0] > 0 else (low, min(high, floor))
-    return Line(origin, direction, (float(low), float(high)))
+    return Line(origin, direction, (float(low), float(high)), resolution)
 
 
 def _follower(itinerary: Itinerary, line: Line) -> Follower:
     def longest(tangent: Array) -> float:
-        across = (line.span[1] - line.span[0]) / POINTS_ACROSS
-        return min(LONGEST, across / max(abs(float(tangent[-1])), 1e-9))
+        step = (line.span[1] - line.span[0]) / line.resolution
+        return min(LONGEST, step / max(abs(float(tangent[-1])), 1e-9))
 
     problem = along(itinerary, line.origin, line.direction)
-    return Follower(problem, (Bound(-1, *line.span),), lambda y: _flights_last(itinerary, y), longest)
+    return Follower(problem, (Bound(-1, *line.span),), lambda y: _degenerate(itinerary, y) is None, longest)
+
+
+def _degenerate(itinerary: Itinerary, y: Array) -> str | None:
+    """Why y = (times, p) is no motion of this itinerary and period, None if it is."""
+    if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
+        return "two impacts become one"
+    return HALF_PERIOD if is_twice(itinerary, y, SHORTEST_FLIGHT) else None
 
 
 def _both_ways(itinerary: Itinerary, line: Line, start: Array) -> Branch:
@@ -194,14 +222,10 @@ def _both_ways(itinerary: Itinerary, line: Line, start: Array) -> Branch:
     return _built(itinerary, line, points, tangents, len(back.points) - 1, ends)
 
 
-def _flights_last(itinerary: Itinerary, y: Array) -> bool:
-    return bool(np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) > SHORTEST_FLIGHT)
-
-
 def _end(itinerary: Itinerary, path: Path) -> str:
     if path.outside is None:
         return "followed far enough" if len(path.points) >= MOST_POINTS else "the equations become singular"
-    return "span" if _flights_last(itinerary, path.outside) else "two impacts become one"
+    return _degenerate(itinerary, path.outside) or "span"
 
 
 def _built(
@@ -209,6 +233,11 @@ def _built(
 ) -> Branch:
     orbits = [orbit_of(itinerary, line.plane(y)) for y in points]
     problem = along(itinerary, line.origin, line.direction)
+    events = list(find_events(itinerary, line, problem, points, tangents))
+    for end, at, place in ((ends[0], 0, 0), (ends[1], len(points) - 1, len(events))):
+        flip = origin_of_doubling(itinerary, line, points[at], max(at - 1, 0)) if end == HALF_PERIOD else None
+        if flip is not None:
+            events.insert(place, flip)
     return Branch(
         itinerary,
         np.array([orbit.delta for orbit in orbits]),
@@ -221,6 +250,6 @@ def _built(
         np.array([orbit.stable for orbit in orbits]),
         np.array([orbit.admissible for orbit in orbits]),
         start,
-        tuple(find_events(itinerary, line, problem, points, tangents)),
+        tuple(events),
         ends,
     )

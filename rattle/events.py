@@ -19,11 +19,12 @@ SAME_PLACE = 0.5  # of a step: farther than this from where it was found, a solu
 
 @dataclass(frozen=True)
 class Line:
-    """(δ, ε) = origin + p direction, p in span."""
+    """(δ, ε) = origin + p direction, p in span, with so many points over it at least."""
 
     origin: Array
     direction: Array
     span: tuple[float, float]
+    resolution: int
 
     def plane(self, y: Array) -> Array:
         """The unknowns (n + 2,) at y = (times, p)."""
@@ -159,12 +160,23 @@ def _solved(line: Line, candidate: Candidate, after: int, near: float) -> Event 
     return Event(kind, itinerary, found[0], impact, admissible(itinerary, found[0], impact), after)
 
 
+def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
+    """Whether the times that y (≥ n,) begins with are those of one motion of half the period, twice over."""
+    n, m = itinerary.n // 2, itinerary.m // 2
+    if itinerary.n != 2 * n or itinerary.m != 2 * m or itinerary.walls[:n] != itinerary.walls[n:]:
+        return False
+    return bool(np.max(np.abs(y[n : 2 * n] - y[:n] - m)) < tolerance)
+
+
+def origin_of_doubling(itinerary: Itinerary, line: Line, y: Array, after: int) -> Event | None:
+    """The flip of the motion of half the period at which a branch that has come near it, at y, begins; or None."""
+    return _solved(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.plane(y)), after, SAME_HALVES)
+
+
 def _halved(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
     """Itinerary and unknowns of half the motion, if it is nearly one motion twice over."""
-    n, m = itinerary.n // 2, itinerary.m // 2
-    twice = itinerary.n == 2 * n and itinerary.m == 2 * m and itinerary.walls[:n] == itinerary.walls[n:]
-    if not twice or np.max(np.abs(x[n : 2 * n] - x[:n] - m)) > SAME_HALVES:
+    if not is_twice(itinerary, x, SAME_HALVES):
         return None
-    return Itinerary(itinerary.walls[:n], m, itinerary.beta), np.concatenate(
-        [0.5 * (x[:n] + x[n : 2 * n] - m), x[2 * n :]]
-    )
+    n, m = itinerary.n // 2, itinerary.m // 2
+    times = 0.5 * (x[:n] + x[n : 2 * n] - m)
+    return Itinerary(itinerary.walls[:n], m, itinerary.beta), np.concatenate([times, x[2 * n :]])

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.arclength import Problem, with_value
-from rattle.errors import require_number
+from rattle.errors import require, require_number
 from rattle.impact_equations import Array
 
-SAME_EPSILON = 1e-9
+SAME_POINT = 1e-9
 
 
 @dataclass(frozen=True)
@@ -65,21 +65,27 @@ class Curve:
         """Number of points."""
         return self.delta.size
 
-    def at(self, delta: float) -> tuple[float, ...]:
-        """Every ε of the curve at this damping, rising, each solved for to rounding; empty where it has none."""
-        delta = require_number("delta", delta, positive=True)
-        return tuple(sorted({float(x[-1]) for points in self._points for x in crossings(self._problem, points, delta)}))
+    def at(self, delta: float | None = None, epsilon: float | None = None) -> tuple[float, ...]:
+        """Every ε of the curve at this damping, or every δ at this eccentricity: rising, each solved for to rounding.
+
+        Empty where it has none. Raises ParameterError unless one of the two is given.
+        """
+        require((delta is None) != (epsilon is None), "give delta or epsilon, not both")
+        index, given = (-2, delta) if epsilon is None else (-1, epsilon)
+        value = require_number("delta" if epsilon is None else "epsilon", given)  # type: ignore[arg-type]
+        found = (crossings(self._problem, points, index, value) for points in self._points)
+        return tuple(sorted({float(x[-3 - index]) for each in found for x in each}))
 
 
-def crossings(problem: Problem, points: Array, delta: float) -> list[Array]:
-    """The solutions with this δ on a followed piece (k, N), each once."""
+def crossings(problem: Problem, points: Array, index: int, value: float) -> list[Array]:
+    """The solutions with this δ (index −2) or ε (−1) on a followed piece (k, N), each once."""
     found: list[Array] = []
-    d = points[:, -2] - delta
+    d = points[:, index] - value
     for i in np.flatnonzero((d[:-1] <= 0) & (d[1:] >= 0) | (d[:-1] >= 0) & (d[1:] <= 0)):
         rise = d[i + 1] - d[i]
         share = -d[i] / rise if rise else 0.0
-        x = with_value(problem, points[i] + share * (points[i + 1] - points[i]), points.shape[1] - 2, delta)
-        if x is not None and not any(abs(x[-1] - other[-1]) < SAME_EPSILON for other in found):
+        x = with_value(problem, points[i] + share * (points[i + 1] - points[i]), index, value)
+        if x is not None and not any(np.max(np.abs((x - other)[-2:])) < SAME_POINT for other in found):
             found.append(x)
     return found
 

@@ -56,7 +56,7 @@ def pieces(problem: Problem, starts: Iterable[Array], window: Window, left: Test
 
 
 def _on(problem: Problem, piece: Piece, x: Array) -> bool:
-    return any(np.allclose(x, y, rtol=0, atol=1e-7) for y in crossings(problem, piece.points, x[-2]))
+    return any(np.allclose(x, y, rtol=0, atol=1e-7) for y in crossings(problem, piece.points, -2, x[-2]))
 
 
 def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
@@ -75,18 +75,21 @@ def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
 
 
 def _with_folds(problem: Problem, points: Array, tangents: Array) -> Array:
-    """The points with one more wherever δ turns back."""
-    for i in np.flatnonzero(tangents[:-1, -2] * tangents[1:, -2] < 0)[::-1]:
+    """The points with one more wherever δ or ε turns back, so that both are monotone between neighbours."""
+    turns = [
+        (int(i), index) for index in (-2, -1) for i in np.flatnonzero(tangents[:-1, index] * tangents[1:, index] < 0)
+    ]
+    for i, index in sorted(turns, reverse=True):
         chord = points[i + 1] - points[i]
-        fold = located(problem, points[i], points[i + 1], partial(_rate, problem, chord))
+        fold = located(problem, points[i], points[i + 1], partial(_rate, problem, chord, index))
         if fold is not None:
             points = np.insert(points, i + 1, fold, axis=0)
     return points
 
 
-def _rate(problem: Problem, direction: Array, x: Array) -> float:
-    """dδ/d(arclength) at a solution."""
-    return float(tangent_at(problem, x, direction)[-2])
+def _rate(problem: Problem, direction: Array, index: int, x: Array) -> float:
+    """Rate of δ (index −2) or ε (−1) along the curve at a solution."""
+    return float(tangent_at(problem, x, direction)[index])
 
 
 def _reason(path: Path, why: Test) -> str:
