@@ -2,7 +2,18 @@
 
 from rattle.curves.codimension import CodimensionTwo, codimension_two
 from rattle.curves.curve import Curve, End
-from rattle.curves.registry import NAMES, describe
+from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, describe
 from rattle.curves.trace import bifurcation_curve, trace
 
-__all__ = ["NAMES", "CodimensionTwo", "Curve", "End", "bifurcation_curve", "codimension_two", "describe", "trace"]
+__all__ = [
+    "CURVES",
+    "NAMES",
+    "QUIET_LIMIT",
+    "CodimensionTwo",
+    "Curve",
+    "End",
+    "bifurcation_curve",
+    "codimension_two",
+    "describe",
+    "trace",
+]

@@ -1,0 +1,124 @@
+"""Which neighbouring cells of a survey differ, in what, and which of those pairs a curve passes between."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from rattle.curves import Curve
+from workers.errors import SurveyError
+from workers.evaluate import FAILED, KINDS
+
+ROMAN = ("none", "I", "II", "III", "IV", "V")
+UNDECIDED = KINDS.index("undecided")
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """The pairs of cells that differ: (i, j), of ε and δ, and the neighbour one to the right or above.
+
+    first, second (n, 2): indices (i, j). region, attractors (n,): whether these differ.
+    """
+
+    first: np.ndarray
+    second: np.ndarray
+    region: np.ndarray
+    attractors: np.ndarray
+
+    def __len__(self) -> int:
+        """Number of pairs."""
+        return len(self.first)
+
+
+Label = tuple[int, int, int, int]  # kind, m, n₊, n₋
+
+
+class Attractor(NamedTuple):
+    """One attractor of a cell: its label, a state on it and its share of the sample."""
+
+    label: Label
+    tau: float
+    v: float
+    fraction: float
+
+
+class Grid:
+    """The cells of an open survey: axes (n,), half-backlash, and per cell its region and its attractors."""
+
+    def __init__(self, dataset: xr.Dataset) -> None:
+        """Read what is compared. Raises SurveyError if the survey has neither regions nor attractors."""
+        self.delta, self.epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
+        self.beta = float(dataset.attrs["beta"])
+        status = np.asarray(dataset["status"])
+        self.known = (status > 0) & (status != FAILED)
+        self.region = np.asarray(dataset["region"]) if "region" in dataset else None
+        names = ("attractor_kind", "attractor_m", "attractor_n_plus", "attractor_n_minus")
+        self.labels: np.ndarray | None = None
+        self.slots, self.states = tuple[np.ndarray, ...](), tuple[np.ndarray, ...]()
+        if all(name in dataset for name in names):
+            # one number a slot, so that a sorted row is a cell's set of attractors
+            kind, m, plus, minus = (np.asarray(dataset[name]).astype(np.int64) for name in names)
+            self.labels = np.sort(((kind * 2**15 + m) * 2**15 + plus) * 2**15 + minus, axis=0)
+            self.slots = kind, m, plus, minus
+            self.states = tuple(np.asarray(dataset[f"attractor_{name}"]) for name in ("phase", "velocity", "fraction"))
+        if self.region is None and self.labels is None:
+            raise SurveyError("nothing to explain: ask for a survey with region or attractors")
+
+    def differing(self) -> Pairs:
+        """The neighbours that differ, both of them computed."""
+        found = []
+        for step in ((0, 1), (1, 0)):
+            here = tuple(slice(0, size - s) for size, s in zip(self.known.shape, step, strict=True))
+            there = tuple(slice(s, None) for s in step)
+            known = self.known[here] & self.known[there]
+            region = np.zeros(known.shape, bool) if self.region is None else self.region[here] != self.region[there]
+            sets = np.zeros(known.shape, bool)
+            if self.labels is not None:
+                sets = (self.labels[:, *here] != self.labels[:, *there]).any(axis=0)
+                sets &= ~(self._undecided()[here] | self._undecided()[there])
+            i, j = np.nonzero(known & (region | sets))
+            found.append((np.column_stack([i, j]), np.array(step), region[i, j], sets[i, j]))
+        first = np.concatenate([at for at, *_ in found])
+        second = np.concatenate([at + step for at, step, *_ in found])
+        return Pairs(first, second, *(np.concatenate([item[k] for item in found]) for k in (2, 3)))
+
+    def _undecided(self) -> np.ndarray:
+        """Cells whose set is not known: a sample was left undecided."""
+        return (self.slots[0] == UNDECIDED).any(axis=0)
+
+    def attractors(self, cell: np.ndarray) -> list[Attractor]:
+        """The attractors of one cell (i, j), by falling fraction."""
+        columns = (*self.slots, *self.states)
+        rows = zip(*(values[:, cell[0], cell[1]] for values in columns), strict=True)
+        return [
+            Attractor((int(kind), int(m), int(plus), int(minus)), float(tau), float(v), float(share))
+            for kind, m, plus, minus, tau, v, share in rows
+            if kind
+        ]
+
+    def point(self, cell: np.ndarray) -> tuple[float, float]:
+        """(δ, ε) of a cell."""
+        return float(self.delta[cell[1]]), float(self.epsilon[cell[0]])
+
+
+def crossed(curve: Curve, grid: Grid, pairs: Pairs) -> np.ndarray:
+    """Which of the pairs (n,) a curve passes between: solved for on the lines of the grid, not read off its points."""
+    found = np.zeros(len(pairs), bool)
+    beside = pairs.first[:, 0] == pairs.second[:, 0]
+    for chosen, fixed in ((~beside, "delta"), (beside, "epsilon")):
+        column = 1 if fixed == "delta" else 0
+        lines, values = (grid.delta, grid.epsilon) if fixed == "delta" else (grid.epsilon, grid.delta)
+        for line in np.unique(pairs.first[chosen, column]):
+            at = curve.at(**{fixed: float(lines[line])})
+            if at:
+                mine = np.flatnonzero(chosen & (pairs.first[:, column] == line))
+                low, high = values[pairs.first[mine, 1 - column]], values[pairs.second[mine, 1 - column]]
+                found[mine] |= np.any([(low <= x) & (x <= high) for x in at], axis=0)
+    return found
+
+
+def name_of(label: Label) -> str:
+    """How an attractor is written."""
+    kind, m, n_plus, n_minus = label
+    return f"P({m},{n_plus},{n_minus})" if KINDS[kind] == "periodic" else KINDS[kind]

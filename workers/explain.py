@@ -1,0 +1,233 @@
+"""Explain the boundaries of a survey: which bifurcation curve passes between each two neighbours that differ.
+
+The curves of the period-one motions come first. Then, as long as neighbours differ by a motion that none of them
+concerns, that motion is followed from one cell to the other (`rattle.branches.fate`): the saddle-node, flip or graze
+that it meets becomes one curve more, which may explain other pairs too.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+
+from rattle import RattleError, curves, period_one, quiet_limit
+from rattle.branches import fate
+from rattle.curves import Curve
+from rattle.events import Event
+from rattle.periodic import PeriodicOrbit, periodic_orbit
+from workers.boundaries import KINDS, ROMAN, Attractor, Grid, Label, Pairs, crossed, name_of
+
+QUIET, PERIODIC, CHAOTIC = (KINDS.index(kind) for kind in ("quiet", "periodic", "chaotic"))
+QUIET_LABEL: Label = (QUIET, 0, 0, 0)
+MOST_CURVES = 200
+ORBITS = ("A", "B", "C", "D")
+
+
+@dataclass(frozen=True)
+class Known:
+    """A computed curve: the attractors that it may make or end, whether it bounds regions, the pairs it crosses (n,)."""
+
+    curve: Curve
+    labels: frozenset[Label]
+    bounds_regions: bool
+    crosses: np.ndarray
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Pairs that no curve explains: what changes, why none does, how many pairs, and one of them, two (δ, ε)."""
+
+    change: str
+    why: str
+    pairs: int
+    example: tuple[tuple[float, float], tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """What explains a survey: its pairs that differ, the curves by falling number of pairs, and the rest.
+
+    region, attractors (n,): whether the pair differs in these; region_explained, attractors_explained (n,): and a curve
+    of a motion that changes there passes between; crossed (n,): some curve does.
+    """
+
+    pairs: Pairs
+    known: tuple[Known, ...]
+    region_explained: np.ndarray
+    attractors_explained: np.ndarray
+    rest: tuple[Rest, ...]
+
+    @property
+    def crossed(self) -> np.ndarray:
+        """Which pairs any curve passes between."""
+        return np.any([known.crosses for known in self.known], axis=0)
+
+
+def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES) -> Explanation:
+    """Explain the boundaries between the cells of an open survey, finished or not.
+
+    most_curves: how many curves of other than period-one motions may be computed. Raises SurveyError.
+    """
+    search = _Search(Grid(dataset), most_curves)
+    why = dict(search.run())
+    region = search.covers_region()
+    attractors = np.array([not search.uncovered(n) for n in range(len(search.pairs))], bool) & search.pairs.attractors
+    known = sorted(search.known, key=lambda item: -int(item.crosses.sum()))
+    return Explanation(search.pairs, tuple(known), region, attractors, _grouped(search, why, region, attractors))
+
+
+@dataclass
+class _Search:
+    grid: Grid
+    most_curves: int
+    pairs: Pairs = field(init=False)
+    known: list[Known] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.pairs = self.grid.differing()
+        for name in curves.NAMES:
+            curve = curves.trace(name, self.grid.beta, *self.window)
+            self._add(curve, _labels_of(name), name not in ("PDC", "quiet_limit"))
+        self.changes = [_changes(self.grid, self.pairs, n) for n in range(len(self.pairs))]
+
+    @property
+    def window(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """The survey's (δ, ε)."""
+        delta, epsilon = self.grid.delta, self.grid.epsilon
+        return (float(delta[0]), float(delta[-1])), (float(epsilon[0]), float(epsilon[-1]))
+
+    def run(self) -> Iterator[tuple[int, str]]:
+        """Compute curves until every pair has one or a reason to have none: (pair, reason)."""
+        for n in range(len(self.pairs)):
+            if self.pairs.region[n] and not self.covers_region()[n]:
+                for orbit, target in self._period_one_changes(n):
+                    self._follow(orbit, target)
+                if not self.covers_region()[n]:
+                    yield n, "the region's boundary could not be followed"
+            for label in self.uncovered(n):
+                reason = self._resolve(n, label)
+                if reason:
+                    yield n, reason
+
+    def covers_region(self) -> np.ndarray:
+        """Which pairs (n,) differ in their region and have a curve for it."""
+        bounds = [item.crosses for item in self.known if item.bounds_regions]
+        return self.pairs.region & np.any(bounds, axis=0)
+
+    def uncovered(self, n: int) -> list[Label]:
+        """The attractors that change between a pair and that no curve there concerns.
+
+        Chaos is explained where it takes the place of a motion that a curve ends, or gives way to one.
+        """
+        changed = self.changes[n]
+        here = [item.labels for item in self.known if item.crosses[n]]
+        left = [label for label in changed if label[0] != CHAOTIC and not any(label in labels for labels in here)]
+        chaos = [label for label in changed if label[0] == CHAOTIC]
+        return left + chaos if left or len(chaos) == len(changed) else []
+
+    def _resolve(self, n: int, label: Label) -> str | None:
+        """Find the curve that explains a change, or say why there is none."""
+        if label == QUIET_LABEL:
+            return "quiet is below its limit on both sides: its share is small" if self._quiet(n) else "quiet limit"
+        if label[0] == CHAOTIC:
+            return "chaos begins or ends by itself: a crisis, or a transient that outlives the watch"
+        here, there, attractor = self._side(n, label)
+        try:
+            start = periodic_orbit(*self.grid.point(here), attractor.tau, attractor.v, label[2], self.grid.beta)
+        except RattleError:
+            return "the motion could not be solved for"
+        found = self._follow(start, self.grid.point(there))
+        if isinstance(found, PeriodicOrbit):
+            return "the motion attracts on both sides: its share is small, one sample missed it"
+        if found is None:
+            return "the motion could not be followed"
+        return None if label not in self.uncovered(n) else f"{found.kind} on the way, but its curve was not traced"
+
+    def _side(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, Attractor]:
+        """The cell that has more attractors of a label, the other, and the one of the smallest share there."""
+        ends = self.pairs.first[n], self.pairs.second[n]
+        having = [[found for found in self.grid.attractors(cell) if found.label == label] for cell in ends]
+        here = 0 if len(having[0]) > len(having[1]) else 1
+        return ends[here], ends[1 - here], having[here][-1]
+
+    def _quiet(self, n: int) -> bool:
+        return all(
+            epsilon < quiet_limit(delta)
+            for delta, epsilon in map(self.grid.point, (self.pairs.first[n], self.pairs.second[n]))
+        )
+
+    def _period_one_changes(self, n: int) -> Iterator[tuple[PeriodicOrbit, tuple[float, float]]]:
+        """The motions A–D of each cell that do not exist, or with other stability, in the other, and its (δ, ε)."""
+        points = [self.grid.point(cell) for cell in (self.pairs.first[n], self.pairs.second[n])]
+        found = [period_one(*point, self.grid.beta) for point in points]
+        for here, there in ((0, 1), (1, 0)):
+            for i in range(len(ORBITS)):
+                same = (
+                    found[here].exists[i] == found[there].exists[i] and found[here].stable[i] == found[there].stable[i]
+                )
+                if found[here].exists[i] and not same:
+                    tau, v = float(found[here].tau[i]), float(found[here].v[i])
+                    yield periodic_orbit(*points[here], tau, v, 1, self.grid.beta), points[there]
+
+    def _follow(self, orbit: PeriodicOrbit, target: tuple[float, float]) -> PeriodicOrbit | Event | None:
+        """Follow a motion to other parameters; what it meets becomes a curve."""
+        found = fate(orbit, *target)
+        if isinstance(found, Event) and len(self.known) < len(curves.NAMES) + self.most_curves:
+            curve = curves.bifurcation_curve(found, *self.window)
+            self._add(curve, _labels_at(found), found.itinerary.m == 1)
+        return found
+
+    def _add(self, curve: Curve, labels: frozenset[Label], bounds_regions: bool) -> None:
+        self.known.append(Known(curve, labels, bounds_regions, crossed(curve, self.grid, self.pairs)))
+
+
+def _labels_of(name: str) -> frozenset[Label]:
+    """The attractors that a period-one curve makes or ends."""
+    if name == curves.QUIET_LIMIT:
+        return frozenset({QUIET_LABEL})
+    definition = curves.CURVES[name]
+    return _labels(definition.walls, 1, definition.impact, definition.kind == "PD")
+
+
+def _labels_at(event: Event) -> frozenset[Label]:
+    return _labels(event.itinerary.walls, event.itinerary.m, event.impact, event.kind == "PD")
+
+
+def _labels(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
+    """The motion itself, what it becomes without the impact that grazes, and doubled by a flip."""
+    plus, minus = walls.count(1), walls.count(-1)
+    found = {(PERIODIC, m, plus, minus)}
+    if impact is not None:
+        found.add((PERIODIC, m, plus - (walls[impact] > 0), minus - (walls[impact] < 0)))
+    if flip:
+        found.add((PERIODIC, 2 * m, 2 * plus, 2 * minus))
+    return frozenset(found)
+
+
+def _changes(grid: Grid, pairs: Pairs, n: int) -> list[Label]:
+    """The labels of which the two cells of a pair have different numbers."""
+    if not pairs.attractors[n]:
+        return []
+    one, other = (Counter(found.label for found in grid.attractors(cell)) for cell in (pairs.first[n], pairs.second[n]))
+    return sorted({*(one - other), *(other - one)})
+
+
+def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractors: np.ndarray) -> tuple[Rest, ...]:
+    """The pairs without explanation, alike ones together, by falling number."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    pairs, grid = search.pairs, search.grid
+    for n in np.flatnonzero((pairs.region & ~region) | (pairs.attractors & ~attractors)):
+        if pairs.region[n] and not region[n]:
+            change = "region " + " | ".join(
+                ROMAN[grid.region[tuple(cell)]] for cell in (pairs.first[n], pairs.second[n])
+            )
+        else:
+            change = " and ".join(name_of(label) for label in search.uncovered(n))
+        groups.setdefault((change, why.get(int(n), "")), []).append(int(n))
+    found = [
+        Rest(change, reason, len(members), tuple(grid.point(cell[members[0]]) for cell in (pairs.first, pairs.second)))
+        for (change, reason), members in groups.items()
+    ]
+    return tuple(sorted(found, key=lambda rest: (-rest.pairs, rest.change)))
