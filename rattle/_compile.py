@@ -49,7 +49,7 @@ def kernel(function: Callable[..., Any]) -> Any:
     before = config.CACHE_DIR
     config.CACHE_DIR = _cache_directory()
     try:
-        return numba.njit(cache=True, nogil=True, **_ARITHMETIC)(function)
+        return numba.njit(cache=True, nogil=True, no_cfunc_wrapper=True, **_ARITHMETIC)(function)
     finally:
         config.CACHE_DIR = before
 
@@ -59,4 +59,4 @@ def inline(function: Callable[..., Any]) -> Any:
 
     From Python it stays the plain function: compiled entries that nobody calls cost a sixth of a cold start.
     """
-    return register_jitable(forceinline=True, **_ARITHMETIC)(function)
+    return register_jitable(forceinline=True, no_cfunc_wrapper=True, **_ARITHMETIC)(function)
