@@ -12,7 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 
 from rattle import family
 from rattle.errors import RattleError, require, require_number
@@ -94,6 +93,8 @@ def codimension_two(name: str, beta: float = 0.6) -> CodimensionTwo:
 
 def _on_grazing(name: str, residual: Callable[[float, float], float], beta: float) -> CodimensionTwo:
     """The first point at which a residual that is positive at small damping vanishes along the grazing curve."""
+    from scipy.optimize import brentq  # a quarter of a second to load, and only needed here
+
     scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi
     values = np.array([residual(x, beta) for x in scan])
     falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
