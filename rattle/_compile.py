@@ -40,11 +40,7 @@ def _cache_directory() -> str:
 
 #: IEEE arithmetic but for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation would
 #: break the rounding trick of `rattle.flight` and the sums that avoid cancellation.
-_ARITHMETIC: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
-#: No kernel is called back from C, and none makes an array: references need not be counted, which is a twentieth of a
-#: cold start and of the time of small cells.
-_OPTIONS: dict[str, Any] = _ARITHMETIC | {"no_cfunc_wrapper": True, "_nrt": False}
-_INSIDE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cfunc_wrapper": True}
 
 
 def _with_room(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -64,7 +60,7 @@ class Inline:
         """Inside other kernels it needs neither a wrapper nor a file, and is compiled once, whoever calls it."""
         update_wrapper(self, function)
         self._run = function
-        self._inside = numba.njit(forceinline=forced, **_INSIDE)(function)
+        self._inside = numba.njit(no_cpython_wrapper=True, forceinline=forced, **_OPTIONS)(function)
 
     def __call__(self, *arguments: Any) -> Any:
         return self._run(*arguments)

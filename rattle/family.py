@@ -12,14 +12,11 @@ and the displacements if p(1 − Es) + q(1 − Er) = 4πδ and p(1 − Es)/δ = 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rattle._compile import kernel
 from rattle.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight import DRIFT, TWO_PI, folded, versines
 from rattle.impact_map import flight_tangent
-
-FloatArray = NDArray[np.float64]
 
 A, B, C, D = np.arange(4)  # of a type that makes no variants of kernels, as the walls
 FOUR_PI = 4.0 * math.pi
@@ -27,7 +24,6 @@ SAME_TIME = 1e-6  # a recomputed flight time this close to the family's is the s
 GRAZING_SPEED = 1e-6
 EDGE = 1e-9  # nodes start this close to s = 1/2, where the closure is singular
 NODES_PER_SIDE = 160
-MOST_NODES = 2 * NODES_PER_SIDE + 24  # a few turning points of ε(s) among them
 
 
 @kernel
@@ -114,15 +110,17 @@ def turning_point(lo, hi, sign, delta, beta):
 
 
 @kernel
-def nodes(delta, beta, s, e):
-    """Write increasing s and ε(s), between which ε is monotone, to arrays of MOST_NODES: a scan that is geometric about
-    the pole, with the turning points added. Returns how many.
+def nodes(delta, beta):
+    """Increasing s and ε(s), between which ε is monotone: a scan that is geometric about the pole, with the turning
+    points added.
     """
     n = NODES_PER_SIDE
+    s = np.empty(2 * n + 24)
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
         s[n - 1 - i], s[n + i] = 0.5 - gap, 0.5 + gap
     size = 2 * n
+    e = np.empty(s.size)
     for i in range(size):
         e[i] = amplitude(s[i], delta, beta)
     for i in range(1, 2 * n - 1):
@@ -139,7 +137,7 @@ def nodes(delta, beta, s, e):
             s[j], e[j] = s[j - 1], e[j - 1]
             j -= 1
         s[j], e[j] = new_s, new_e
-    return size
+    return s[:size], e[:size]
 
 
 @kernel
@@ -196,9 +194,15 @@ def record(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
 
 
 @kernel
-def find_period_one(order, delta, epsilon, beta, offset, exists, phase, speed, traces, s, e):
-    """What `period_one_cells` returns, written to arrays; s and e hold the nodes of one (δ, β)."""
-    last, size = -1, 0
+def period_one_cells(order, delta, epsilon, beta, offset):
+    """All admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other: (exists, τ, v,
+    trace), (4, n).
+    """
+    n = delta.size
+    exists = np.zeros((4, n), np.bool_)
+    phase, speed, traces = np.full((4, n), np.nan), np.full((4, n), np.nan), np.full((4, n), np.nan)
+    last = -1
+    s, e = np.empty(0), np.empty(0)
     for i in order:
         d, eps, b = delta[i], epsilon[i], beta[i]
         ok, tau, v, trace = single_impact_orbit(-1.0, d, eps, b, offset[i])
@@ -206,25 +210,13 @@ def find_period_one(order, delta, epsilon, beta, offset, exists, phase, speed, t
         ok, tau, v, trace = single_impact_orbit(1.0, d, eps, b, offset[i])
         record(C, ok, tau, v, trace, exists, phase, speed, traces, i)
         if last < 0 or d != delta[last] or b != beta[last]:
-            size = nodes(d, b, s, e)
+            s, e = nodes(d, b)
         last = i
-        for j in range(size - 2, -1, -1):
+        for j in range(s.size - 2, -1, -1):
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not s[j] < 0.5 < s[j + 1]:
                 root = solve(0, eps, s[j], s[j + 1], d, b)
                 ok, tau, v, trace = double_impact_orbit(root, d, eps, b)
                 record(D if e[j + 1] > e[j] else B, ok, tau, v, trace, exists, phase, speed, traces, i)
-
-
-def period_one_cells(
-    order: NDArray[np.int64], delta: FloatArray, epsilon: FloatArray, beta: FloatArray, offset: FloatArray
-) -> tuple[NDArray[np.bool_], FloatArray, FloatArray, FloatArray]:
-    """All admissible A–D of flat parameter arrays (n,), visited so that equal (δ, β) follow each other: (exists, τ, v,
-    trace), (4, n).
-    """
-    exists = np.zeros((4, delta.size), np.bool_)
-    phase, speed, traces = (np.full((4, delta.size), np.nan) for _ in range(3))
-    nodes_of_one = np.empty(MOST_NODES), np.empty(MOST_NODES)
-    find_period_one(order, delta, epsilon, beta, offset, exists, phase, speed, traces, *nodes_of_one)
     return exists, phase, speed, traces
 
 
@@ -261,8 +253,9 @@ def grazing_point(s, delta, beta):
 
 
 @kernel
-def find_grazing(curve, delta, beta, epsilon, phase, trace):
-    """What `grazing_cells` returns, written to arrays."""
+def grazing_cells(curve, delta, beta):
+    """G1 (curve 0: C grazes) or G2 (1: A grazes) of flat arrays: (ε, τ, trace), NaN where absent."""
+    epsilon, phase, trace = np.full(delta.size, np.nan), np.full(delta.size, np.nan), np.full(delta.size, np.nan)
     for i in range(delta.size):
         s = next_grazing(0.5 + EDGE, delta[i], beta[i])
         while s < 1.0:
@@ -271,12 +264,6 @@ def find_grazing(curve, delta, beta, epsilon, phase, trace):
                 epsilon[i], phase[i], trace[i] = eps, tau, trace_of_one_flight(delta[i], x)
                 break
             s = next_grazing(s + 1e-12, delta[i], beta[i])
-
-
-def grazing_cells(curve: int, delta: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """G1 (curve 0: C grazes) or G2 (1: A grazes) of flat arrays (n,): (ε, τ, trace), NaN where absent."""
-    epsilon, phase, trace = (np.full(delta.size, np.nan) for _ in range(3))
-    find_grazing(curve, delta, beta, epsilon, phase, trace)
     return epsilon, phase, trace
 
 

@@ -52,12 +52,16 @@ def working_block() -> Any:
 
 def _driver(tangent: bool) -> Any:
     @kernel
-    def drive(b, tau, v, n, delta, epsilon, beta, paths, n_plus, n_minus, growth):
-        """Π^n of each element of flat arrays, lanes refilled as they finish; τ and v become the last state.
+    def drive(b, tau, v, n, delta, epsilon, beta, paths):
+        """Π^n of each element of flat arrays, lanes refilled as they finish.
 
-        growth has rows for time, ln stretch and ln|det|; the last two stay as they are without tangent.
+        Returns (status, τ, v, impacts on Σ⁺, on Σ⁻, time, ln stretch, ln|det|), the last three 0 without tangent.
         """
         size = tau.size
+        out_tau, out_v = tau.copy(), v.copy()
+        n_plus, n_minus = np.zeros(size, np.int64), np.zeros(size, np.int64)
+        status = np.zeros(size, np.int8)
+        growth = np.zeros((3, size))
         fresh, groups = 0, GROUPS
         empty(b)
         while groups > 0:
@@ -71,8 +75,8 @@ def _driver(tangent: bool) -> Any:
                 if not over:
                     continue
                 if k >= 0:
-                    tau[k], v[k], growth[0, k] = b.tau[i], abs(b.w[i]), b.time[i]
-                    n_plus[k], n_minus[k] = b.n_plus[i], b.n_minus[i]
+                    out_tau[k], out_v[k], growth[0, k] = b.tau[i], abs(b.w[i]), b.time[i]
+                    n_plus[k], n_minus[k], status[k] = b.n_plus[i], b.n_minus[i], b.stuck[i]
                     b.who[i] = -1
                 if fresh < size:
                     load(b, i, tau[fresh], v[fresh], delta[fresh], epsilon[fresh], beta[fresh], n[fresh])
@@ -83,6 +87,7 @@ def _driver(tangent: bool) -> Any:
                 advance_tangent(b, groups, FLIGHTS, roughest(b, groups), paths)
             else:
                 advance_plain(b, groups, FLIGHTS, roughest(b, groups), paths)
+        return status, out_tau, out_v, n_plus, n_minus, growth
 
     return drive
 
@@ -119,17 +124,6 @@ def _checked(
     return flat, phases.shape
 
 
-def _flown(
-    drive: Any, flat: list[NDArray[Any]], counted: NDArray[np.int64]
-) -> tuple[list[NDArray[Any]], NDArray[np.float64]]:
-    """What a driver makes of flat arrays, whose τ and v it overwrites: [τ, v, impacts on Σ⁺, on Σ⁻], growth."""
-    size = flat[0].size
-    n_plus, n_minus = np.zeros(size, np.int64), np.zeros(size, np.int64)
-    growth = np.zeros((3, size))
-    drive(working_block(), *flat, counted, n_plus, n_minus, growth)
-    return [flat[0], flat[1], n_plus, n_minus], growth
-
-
 def iterate(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> Iterates:
@@ -139,7 +133,7 @@ def iterate(
     others. Raises ParameterError. Source: Mason and Piiroinen (2009), equation 3.16; docs/kernel.md.
     """
     flat, shape = _checked(delta, epsilon, tau, v, n, beta)
-    out, _growth = _flown(_drive_plain, flat, np.zeros(2, np.int64))
+    _status, *out, _growth = _drive_plain(working_block(), *flat, np.zeros(2, np.int64))
     return Iterates(*(x.reshape(shape) for x in out))
 
 
@@ -152,7 +146,7 @@ def iterate_tangent(
     mean ln|determinant|, from the tangent matrices, less the first. NaN where n is 0. Raises ParameterError.
     """
     flat, shape = _checked(delta, epsilon, tau, v, n, beta)
-    out, growth = _flown(_drive_tangent, flat, np.zeros(2, np.int64))
+    _status, *out, growth = _drive_tangent(working_block(), *flat, np.zeros(2, np.int64))
     time = growth[0]
     with np.errstate(divide="ignore", invalid="ignore"):
         first = growth[1] / time
@@ -168,5 +162,5 @@ def paths(
     """How many flights of `iterate` there are in all, took the scan, and took the search: what proof costs."""
     flat, _shape = _checked(delta, epsilon, tau, v, n, beta)
     counted = np.zeros(2, np.int64)
-    (_tau, _v, n_plus, n_minus), _growth = _flown(_drive_plain, flat, counted)
+    _status, _tau, _v, n_plus, n_minus, _growth = _drive_plain(working_block(), *flat, counted)
     return int(n_plus.sum() + n_minus.sum()), int(counted[SCANNED]), int(counted[SAFE])

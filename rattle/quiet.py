@@ -14,7 +14,6 @@ falls in every period, η with it. docs/decisions/0003-quiet-capture.md has the 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rattle._compile import kernel
 from rattle.flight import DRIFT, TWO_PI, contact_force
@@ -50,18 +49,11 @@ def capture_invariant(delta, epsilon, beta):
 
 
 @kernel
-def find_capture_invariants(delta, epsilon, beta, found):
-    """The same for flat arrays, written to found."""
+def capture_invariants(delta, epsilon, beta):
+    """The same for flat arrays."""
+    found = np.empty(delta.size)
     for i in range(delta.size):
         found[i] = capture_invariant(delta[i], epsilon[i], beta[i])
-
-
-def capture_invariants(
-    delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """The same for arrays of shape (n,)."""
-    found = np.empty(delta.size)
-    find_capture_invariants(delta, epsilon, beta, found)
     return found
 
 
