@@ -41,6 +41,7 @@ def _cache_directory() -> str:
 #: IEEE arithmetic but for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation would
 #: break the rounding trick of `rattle.flight` and the sums that avoid cancellation.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cfunc_wrapper": True}
+_INSIDE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True}
 
 
 def _with_room(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -60,7 +61,7 @@ class Inline:
         """Inside other kernels it needs neither a wrapper nor a file, and is compiled once, whoever calls it."""
         update_wrapper(self, function)
         self._run = function
-        self._inside = numba.njit(no_cpython_wrapper=True, forceinline=forced, **_OPTIONS)(function)
+        self._inside = numba.njit(forceinline=forced, **_INSIDE)(function)
 
     def __call__(self, *arguments: Any) -> Any:
         return self._run(*arguments)
