@@ -9,14 +9,13 @@ import os
 import platform
 import sys
 from collections.abc import Callable
-from functools import cache
+from functools import cache, update_wrapper
 from pathlib import Path
 from typing import Any
 
 import llvmlite
 import numba
 import numpy as np
-from numba.extending import register_jitable
 
 config: Any = numba.config  # its options are made at run time
 
@@ -41,22 +40,60 @@ def _cache_directory() -> str:
 
 #: IEEE arithmetic but for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation would
 #: break the rounding trick of `rattle.flight` and the sums that avoid cancellation.
-_ARITHMETIC: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}}
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cfunc_wrapper": True}
+_INSIDE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True}
 
 
-def kernel(function: Callable[..., Any]) -> Any:
+def _with_room(function: Callable[..., Any], *arguments: Any) -> Any:
+    return function(*arguments)
+
+
+# Python keeps its frames in pieces of 16 KiB. Where a call that the compiler makes often crosses from one to the next,
+# a piece is mapped and unmapped every time: 460,000 times, a fifth of a cold start. A frame that says it needs a
+# mebibyte gets a piece of two, and the frames above it share what is left.
+_with_room.__code__ = _with_room.__code__.replace(co_stacksize=1 << 17)
+
+
+class Inline:
+    """A function that is compiled into its callers; from Python it stays the plain function."""
+
+    def __init__(self, function: Callable[..., Any], *, forced: bool = True) -> None:
+        """Inside other kernels it needs neither a wrapper nor a file, and is compiled once, whoever calls it."""
+        update_wrapper(self, function)
+        self._run = function
+        self._inside = numba.njit(forceinline=forced, **_INSIDE)(function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._run(*arguments)
+
+    @property
+    def _numba_type_(self) -> Any:  # what numba asks an object for
+        return self._inside._numba_type_
+
+
+class Kernel(Inline):
+    """A compiled function with an entry from Python, which is kept on disk; inside other kernels it has none."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function, forced=False)
+        before = config.CACHE_DIR
+        config.CACHE_DIR = _cache_directory()
+        try:
+            self._entry = numba.njit(cache=True, nogil=True, forceinline=False, **_OPTIONS)(function)
+        finally:
+            config.CACHE_DIR = before
+        self._run = self._first
+
+    def _first(self, *arguments: Any) -> Any:
+        self._run = self._entry
+        return _with_room(self._entry, *arguments)
+
+
+def kernel(function: Callable[..., Any]) -> Kernel:
     """Compile a kernel on first call, and cache it on disk; other threads run meanwhile."""
-    before = config.CACHE_DIR
-    config.CACHE_DIR = _cache_directory()
-    try:
-        return numba.njit(cache=True, nogil=True, **_ARITHMETIC)(function)
-    finally:
-        config.CACHE_DIR = before
+    return Kernel(function)
 
 
-def inline(function: Callable[..., Any]) -> Any:
-    """Compile a small function into its callers: a loop over it stays one straight line, which LLVM vectorises.
-
-    From Python it stays the plain function: compiled entries that nobody calls cost a sixth of a cold start.
-    """
-    return register_jitable(forceinline=True, **_ARITHMETIC)(function)
+def inline(function: Callable[..., Any]) -> Inline:
+    """Compile a small function into its callers: a loop over it stays one straight line, which LLVM vectorises."""
+    return Inline(function)

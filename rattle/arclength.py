@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from rattle.impact_equations import Array, Function, derivatives
 
@@ -186,6 +185,8 @@ def located(problem: Problem, a: Array, b: Array, test: Callable[[Array], float]
         if x is None:
             raise ArithmeticError
         return test(x)
+
+    from scipy.optimize import brentq  # a quarter of a second to load
 
     try:
         share = brentq(value, 0.0, 1.0, xtol=1e-15, rtol=4 * np.finfo(float).eps)

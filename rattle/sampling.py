@@ -5,7 +5,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import qmc
 
 from rattle.errors import real_array, require
 
@@ -16,6 +15,8 @@ Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 @lru_cache(maxsize=8)
 def _sobol(count: int) -> NDArray[np.float64]:
     """The first points of the unscrambled Sobol sequence in the unit square, drawn as a full power of two."""
+    from scipy.stats import qmc  # half a second to load, and only needed here
+
     points = qmc.Sobol(2, scramble=False).random_base2(max(count - 1, 1).bit_length())[:count]
     points.setflags(write=False)
     return points

@@ -18,7 +18,6 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import brentq
 
 from rattle import family
 from rattle.arclength import Problem, tangent_at, with_value
@@ -129,6 +128,8 @@ def _points(beta: float) -> tuple[CodimensionTwo, ...]:
 @lru_cache(maxsize=256)
 def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, float]:
     """(δ, ε) of the first point at which a residual that is positive at small damping vanishes along the graze."""
+    from scipy.optimize import brentq  # a quarter of a second to load
+
     scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where 2πδ just crosses the gap
     values = np.array([residual(x, beta) for x in scan])
     falls = np.flatnonzero((values[:-1] > 0) & (values[1:] <= 0))
