@@ -324,10 +324,26 @@ def crossing(x, value, i):
     return float(x[i] + (x[i + 1] - x[i]) * value[i] / (value[i] - value[i + 1]))
 
 
-def scan(points=4000):
-    """Times to Σ⁻, denser about s = 1/2, where the family has a pole."""
+def scan(delta, beta, points=3000):
+    """Times to Σ⁻, denser about the pole of the family at s = 1/2 and about its grazes, where curves come close."""
     gap = np.geomspace(1e-6, 0.5 * (1 - 1e-6), points)
-    return np.concatenate([(0.5 - gap)[::-1], 0.5 + gap])
+    s = np.concatenate([(0.5 - gap)[::-1], 0.5 + gap])
+    u = family(s, delta, beta)[3]
+    near = np.geomspace(1e-8, 1e-2, 200)
+    grazes = [crossing(s, u, i) for i in np.flatnonzero((u[:-1] * u[1:] < 0) & (np.diff(s) < 1e-2)) if s[i] > 0.5]
+    return np.sort(np.concatenate([s, *(g + side * near for g in grazes for side in (-1, 1))]))
+
+
+def family_crossings(delta, beta, multiplier, highest):
+    """(time to Σ⁻, guess) of the members with a multiplier of 1 or −1, by that time."""
+    s = scan(delta, beta)
+    epsilon, phase, v, u = family(s, delta, beta)
+    value = family_trace(s, delta, epsilon, phase, v, u) - multiplier * (1 + np.exp(-delta))
+    ok = (epsilon < highest) & (v > 0) & (u > 0)
+    for i in np.flatnonzero(ok[:-1] & ok[1:] & (value[:-1] * value[1:] < 0) & (np.diff(s) < 1e-2)):
+        root = crossing(s, value, i)
+        e, t, w, low = (float(x[0]) for x in family(np.array([root]), delta, beta))
+        yield root, (e, t, w, t + root, low)
 
 
 def guesses(name, delta, beta, highest=1.0):
@@ -335,14 +351,12 @@ def guesses(name, delta, beta, highest=1.0):
     delta, beta = float(delta), float(beta)
     kind = KINDS[name]
     if kind.impacts == 2:
-        s = scan()
-        epsilon, phase, v, u = family(s, delta, beta)
-        value = family_trace(s, delta, epsilon, phase, v, u) - kind.multiplier * (1 + np.exp(-delta))
-        ok = (epsilon < highest) & (v > 0) & (u > 0)
-        for i in np.flatnonzero(ok[:-1] & ok[1:] & (value[:-1] * value[1:] < 0) & (np.diff(s) < 1e-2)):
-            root = crossing(s, value, i)
-            e, t, w, low = (float(x[0]) for x in family(np.array([root]), delta, beta))
-            yield e, t, w, t + root, low
+        found = [x for x in family_crossings(delta, beta, kind.multiplier, highest) if x[0] > 0.5]
+        if kind.multiplier == -1:  # PD1 is the first after SN2 on the way of D
+            births = [x[0] for x in family_crossings(delta, beta, 1, highest) if x[0] > 0.5]
+            first = [x for x in found if births and x[0] > births[0]][:1]
+            found = first if name == "PD1" else [x for x in found if x not in first]
+        yield from (guess for _, guess in found)
         return
     if not kind.grazes:
         sine, v, cosine = one_flight(delta, kind.multiplier * (1 + np.exp(-delta)))
@@ -386,3 +400,84 @@ def points(name, delta, beta, highest=1.0):
         if all(abs(point.epsilon - other.epsilon) > 1e-12 for other in found):
             found.append(point)
     return sorted(found, key=lambda p: p.epsilon)
+
+
+def end_of_folds(beta):
+    """The point of G1 in which SN2 and PD1 end: (δ, ε) and the multipliers of the grazing C.
+
+    At the speed u of their orbit at Σ⁻ the trace is finite as u → 0 only where its part in 1/u vanishes. That is where the
+    characteristic determinant of the grazing orbit, its impact at speed 0 counted, vanishes for every multiplier: a change of
+    velocity at the graze is without effect on the place one period later.
+    """
+    beta = mpf(beta)
+
+    def cycle(e, t0, v, t1, d):
+        return Cycle((t0, t1), (-v, mpf(0)), d, e, beta)
+
+    def equations(*x):
+        now = cycle(*x)
+        return [*now.closure(), now.characteristic(mpf(1))]
+
+    first, last = (points_of_codimension_two(name, beta)[0].delta for name in ("COD21", "COD22"))
+    value, at = [], []
+    for share in np.linspace(0, 0.9, 7):
+        d = first + (last - first) * mpf(share)
+        guess = max((g for g in guesses("G1", d, beta) if np.cos(TWO_PI * g[1]) > 0), key=lambda g: -g[0])
+        orbit = _solve(KINDS["G1"], d, beta, guess)
+        s = mp.findroot(orbit.flight().velocity, guess[3] - guess[1])
+        at.append((orbit.epsilon, orbit.times[0], -orbit.velocities[0], orbit.times[0] + s, d))
+        value.append(float(cycle(*at[-1]).characteristic(mpf(1))))
+    i = next(i for i in range(6) if value[i] * value[i + 1] < 0)
+    share = value[i] / (value[i] - value[i + 1])
+    found = newton(equations, [x + share * (y - x) for x, y in zip(at[i], at[i + 1], strict=True)])
+    return _point(Cycle([found[1]], [-found[2]], found[4], found[0], beta))
+
+
+def orbits(delta, epsilon, beta):
+    """All admissible cycles of period 1 at one place of the plane, as (letter, cycle, time to Σ⁻ or 0), in doubles.
+
+    A and B have a multiplier above 1, C and D do not.
+    """
+    decay = np.exp(-delta)
+    sine, v = one_flight(delta)
+    found = []
+    if epsilon >= abs(sine):
+        for cosine in (-np.sqrt(epsilon**2 - sine**2), np.sqrt(epsilon**2 - sine**2)):
+            found.append((Cycle([np.arctan2(sine, cosine) / TWO_PI], [-v], delta, epsilon, beta), 0.0))
+    s = scan(delta, beta)
+    folds = [x[0] for x in family_crossings(delta, beta, 1, 10.0)]
+    s = np.sort(np.concatenate([s, folds]))
+    e = family(s, delta, beta)[0] - epsilon
+    lo = np.flatnonzero((e[:-1] * e[1:] < 0) & (np.diff(s) < 1e-2) & ~((s[:-1] < 0.5) & (s[1:] > 0.5)))
+    left, right, sign = s[lo], s[lo + 1], np.sign(e[lo])
+    for _ in range(55):
+        middle = (left + right) / 2
+        same = np.sign(family(middle, delta, beta)[0] - epsilon) == sign
+        left, right = np.where(same, middle, left), np.where(same, right, middle)
+    _, phase, v, u = family(left, delta, beta)
+    for x, t, w, low in zip(left, phase, v, u, strict=True):
+        if w > 0 and low > 0:
+            found.append((Cycle([t, t + x], [-w, low], delta, epsilon, beta), float(x)))
+    letters = {(1, True): "A", (2, True): "B", (1, False): "C", (2, False): "D"}
+    return [
+        (letters[len(c.times), bool(double_trace(c) > 1 + decay)], c, x) for c, x in found if c.admissible()
+    ]
+
+
+def double_trace(cycle):
+    """Trace in doubles, for cycles known in doubles only."""
+    delta, epsilon = float(cycle.delta), float(cycle.epsilon)
+    t, w = [float(x) for x in cycle.times], [float(x) for x in cycle.velocities]
+    if len(t) == 1:
+        return float(np.trace(tangent(1.0, t[0], w[0], -w[0], delta, epsilon)))
+    return float(family_trace(t[1] - t[0], delta, epsilon, t[0], -w[0], w[1]))
+
+
+def region(delta, epsilon, beta):
+    """Region by definition (0: another combination), and the letters of its orbits with D's stability."""
+    found = sorted(orbits(delta, epsilon, beta), key=lambda x: -x[2])
+    letters = "".join(sorted({x[0] for x in found}))
+    d = next((c for letter, c, _ in found if letter == "D"), None)
+    stable = d is not None and abs(double_trace(d)) < 1 + np.exp(-delta)
+    number = {"": 1, "AC": 2, "AD": 5, "ABCD": 3 if stable else 4}.get(letters, 0)
+    return number, letters, stable
