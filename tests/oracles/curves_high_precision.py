@@ -436,14 +436,13 @@ def end_of_folds(beta):
 def orbits(delta, epsilon, beta):
     """All admissible cycles of period 1 at one place of the plane, as (letter, cycle, time to Σ⁻ or 0), in doubles.
 
-    A and B have a multiplier above 1, C and D do not.
+    A has cos 2πt₀ < 0, C the other sign; on B, ε falls with the time to Σ⁻, and on D it rises.
     """
-    decay = np.exp(-delta)
     sine, v = one_flight(delta)
     found = []
     if epsilon >= abs(sine):
-        for cosine in (-np.sqrt(epsilon**2 - sine**2), np.sqrt(epsilon**2 - sine**2)):
-            found.append((Cycle([np.arctan2(sine, cosine) / TWO_PI], [-v], delta, epsilon, beta), 0.0))
+        for letter, cosine in zip("AC", np.sqrt(epsilon**2 - sine**2) * np.array([-1, 1]), strict=True):
+            found.append((letter, Cycle([np.arctan2(sine, cosine) / TWO_PI], [-v], delta, epsilon, beta), 0.0))
     s = scan(delta, beta)
     folds = [x[0] for x in family_crossings(delta, beta, 1, 10.0)]
     s = np.sort(np.concatenate([s, folds]))
@@ -455,13 +454,11 @@ def orbits(delta, epsilon, beta):
         same = np.sign(family(middle, delta, beta)[0] - epsilon) == sign
         left, right = np.where(same, middle, left), np.where(same, right, middle)
     _, phase, v, u = family(left, delta, beta)
-    for x, t, w, low in zip(left, phase, v, u, strict=True):
+    for x, t, w, low, before in zip(left, phase, v, u, sign, strict=True):
         if w > 0 and low > 0:
-            found.append((Cycle([t, t + x], [-w, low], delta, epsilon, beta), float(x)))
-    letters = {(1, True): "A", (2, True): "B", (1, False): "C", (2, False): "D"}
-    return [
-        (letters[len(c.times), bool(double_trace(c) > 1 + decay)], c, x) for c, x in found if c.admissible()
-    ]
+            cycle = Cycle([t, t + x], [-w, low], delta, epsilon, beta)
+            found.append(("D" if before < 0 else "B", cycle, float(x)))
+    return [x for x in found if x[1].admissible()]
 
 
 def double_trace(cycle):
@@ -478,6 +475,6 @@ def region(delta, epsilon, beta):
     found = sorted(orbits(delta, epsilon, beta), key=lambda x: -x[2])
     letters = "".join(sorted({x[0] for x in found}))
     d = next((c for letter, c, _ in found if letter == "D"), None)
-    stable = d is not None and abs(double_trace(d)) < 1 + np.exp(-delta)
+    stable = d is not None and bool(abs(double_trace(d)) < 1 + np.exp(-delta))
     number = {"": 1, "AC": 2, "AD": 5, "ABCD": 3 if stable else 4}.get(letters, 0)
     return number, letters, stable
