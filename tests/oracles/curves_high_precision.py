@@ -1,9 +1,9 @@
 """The bifurcation curves in 40 digits, from the differential equation and the impact law alone.
 
-An orbit is a cycle of impacts (phase, velocity after it) that free flights join, and a curve is one more equation: a multiplier that is
-1 (fold) or −1 (flip), or a flight whose minimum lies on Σ⁻ (graze). All unknowns, ε or δ among them, are found together by Newton's
-method; nothing is eliminated. Guesses are rounded to six digits, so that agreement in ten is the work of the equations, and come from a
-scan in doubles over all orbits, so that a curve which the library misses is missed there.
+An orbit is a cycle of impacts (phase, velocity after it) that free flights join, and a curve is one more equation: a
+multiplier that is 1 (fold) or −1 (flip), or a flight whose minimum lies on Σ⁻ (graze). All unknowns, ε or δ among them,
+are found together by Newton's method; nothing is eliminated. Guesses are rounded to six digits, so that agreement in
+ten is the work of the equations, and come from a scan in doubles over all orbits, not from the library.
 """
 
 from typing import NamedTuple
@@ -57,8 +57,8 @@ class Cycle:
     def characteristic(self, multiplier):
         """Determinant that vanishes where a perturbation returns multiplied; regular also at speed 0.
 
-        A flight that starts dt later with velocity w + dw differs from the old one by −w dt in place and dw − Φ'' dt in velocity;
-        a difference y obeys y'' + δ y' = 0; and the wall is met where w₁ dt₁ + y = 0, with dw₁ = y' + Φ'' dt₁.
+        A flight that starts dt later with velocity w + dw differs from the old one by −w dt in place and dw − Φ'' dt in
+        velocity; a difference y obeys y'' + δ y' = 0; the wall is met where w₁ dt₁ + y = 0, with dw₁ = y' + Φ'' dt₁.
         """
         n = len(self.times)
         matrix = mp.zeros(2 * n)
@@ -146,7 +146,7 @@ def force(t, delta, epsilon):
     return 4 * mp.pi * delta - 4 * mp.pi**2 * epsilon * mp.cos(angle) - 2 * mp.pi * delta * epsilon * mp.sin(angle)
 
 
-def newton(equations, guess, digits=6):
+def newton(equations, guess, digits=6, near=NEAR):
     """The solution near a guess that is rounded first."""
     start = [mpf(f"{float(x):.{digits}g}") for x in guess]
     try:
@@ -157,13 +157,13 @@ def newton(equations, guess, digits=6):
     if missed > RESIDUAL:
         raise NotFoundError(f"residual {mp.nstr(missed, 3)}")
     moved = max(abs(float(x) - float(y)) / (1 + abs(float(y))) for x, y in zip(found, guess, strict=True))
-    if moved > NEAR:
+    if moved > near:
         raise NotFoundError(f"Newton left the guess by {moved:.2g}")
     return found
 
 
 def solve(name, delta, beta, guess):
-    """The verified point of a curve at this damping; guess is (ε, phase, speed[, phase, speed at Σ⁻ or phase of the graze])."""
+    """The verified point of a curve at this damping, near (ε, phase, speed[, phase, speed at Σ⁻ or phase of the graze])."""
     cycle = _solve(KINDS[name], mpf(delta), mpf(beta), guess)
     if name in ("G1", "G2") and (cycle.trace() > 1 + mp.exp(-cycle.delta)) != (name == "G2"):
         raise NotFoundError("the other orbit grazes")
@@ -175,7 +175,7 @@ def solve(name, delta, beta, guess):
 
 
 def solve_codimension_two(name, beta, guess):
-    """COD20, COD21 or COD22, where a multiplier on the grazing curve is −1, double, or 1; guess is (δ, ε, phase, ...) as in solve."""
+    """COD20, COD21 or COD22, where a multiplier on the grazing curve is −1, double, or 1, near (δ, ε, phase, ...)."""
     return _point(_solve(KINDS["G1"], guess[0], mpf(beta), guess[1:], POINTS[name]))
 
 
@@ -184,7 +184,7 @@ def _point(cycle):
 
 
 def _solve(kind, delta, beta, guess, multiplier_at=None):
-    """The admissible cycle of a kind; δ is an unknown too if multiplier_at, a function of δ, asks for one multiplier more."""
+    """The admissible cycle of a kind; δ is an unknown too if multiplier_at, of δ, asks for one multiplier more."""
     n = kind.impacts
 
     def cycle(x):
@@ -236,15 +236,19 @@ def trace_slope(cycle):
     return mp.sign(neighbour(cycle, epsilon=cycle.epsilon + STEP).trace() - cycle.trace())
 
 
-def quiet_limit(delta, guess):
+def quiet_limit(delta):
     """(ε, phase) at which the contact force of the gear at rest first vanishes: its minimum over time is 0."""
     delta = mpf(delta)
 
     def slope(t, epsilon):
         return 8 * mp.pi**3 * epsilon * mp.sin(2 * mp.pi * t) - 4 * mp.pi**2 * delta * epsilon * mp.cos(2 * mp.pi * t)
 
-    epsilon, t = newton(lambda e, t: [force(t, delta, e), slope(t, e)], guess)
-    if min(force(mpf(k) / 360, delta, epsilon) for k in range(360)) < 0:
+    times = [k / 360 for k in range(360)]
+    still = force(mpf(0), delta, mpf(0))
+    pull = [float(still - force(mpf(t), delta, mpf(1))) for t in times]
+    guess = float(still) / max(pull), times[int(np.argmax(pull))]
+    epsilon, t = newton(lambda e, t: [force(t, delta, e), slope(t, e)], guess, near=0.01)
+    if min(force(mpf(t), delta, epsilon) for t in times) < 0:
         raise NotFoundError("the force is negative elsewhere")
     return epsilon, t % 1
 
@@ -255,7 +259,7 @@ def quiet_limit(delta, guess):
 def family(s, delta, beta):
     """(ε, phase, speed, speed at Σ⁻) of closed cycles that reach Σ⁻ after time s.
 
-    With ε cos 2πt₀ and ε sin 2πt₀ for ε and t₀, what the two flights miss is affine in all four unknowns: the matrix is measured.
+    With ε cos 2πt₀ and ε sin 2πt₀ for ε and t₀, what the two flights miss is affine in all unknowns: it is measured.
     """
 
     def missed(x, y, v, u):
@@ -276,7 +280,7 @@ def family(s, delta, beta):
 
 
 def tangent(span, t0, w0, w1, delta, epsilon):
-    """∂(t₁, velocity after the impact)/∂(t₀, w₀) of one flight, by the variational equation of `Cycle.characteristic`."""
+    """∂(t₁, velocity after the impact)/∂(t₀, w₀) of one flight, by the equations of `Cycle.characteristic`."""
 
     def acceleration(t, w):
         angle = TWO_PI * t
@@ -312,12 +316,15 @@ def one_flight(delta, trace=None):
 
 
 def clearance(cosine, sine, delta, beta, steps=1000):
-    """Least height above Σ⁻ of such a cycle, and when after the impact."""
+    """Least height above Σ⁻ of such a cycle, and when after the impact, by the parabola through its lowest samples."""
     s = np.arange(1, steps) / steps
     cosine, sine, delta = (np.asarray(x)[..., None] for x in (cosine, sine, delta))
     swing = cosine * (np.cos(TWO_PI * s) - 1) - sine * np.sin(TWO_PI * s)
     place = 4 * np.pi / -np.expm1(-delta) * np.expm1(-delta * s) + swing + 4 * np.pi * s + 2 * beta
-    return place.min(axis=-1), s[place.argmin(axis=-1)]
+    lowest = np.clip(place.argmin(axis=-1), 1, steps - 3)
+    before, at, after = (np.take_along_axis(place, lowest[..., None] + k, -1)[..., 0] for k in (-1, 0, 1))
+    offset = np.clip((before - after) / (2 * (before - 2 * at + after)), -1, 1)
+    return at - (before - after) * offset / 4, s[lowest] + offset / steps
 
 
 def crossing(x, value, i):
@@ -364,11 +371,11 @@ def guesses(name, delta, beta, highest=1.0):
         return
     sine, v = one_flight(delta)
     cosine = np.linspace(-highest, highest, 1601)
-    height, when = clearance(cosine, sine, delta, beta)
+    height, _ = clearance(cosine, sine, delta, beta)
     for i in np.flatnonzero(height[:-1] * height[1:] < 0):
         root = crossing(cosine, height, i)
         t = np.arctan2(sine, root) / TWO_PI
-        yield np.hypot(root, sine), t, v, t + when[i]
+        yield np.hypot(root, sine), t, v, t + float(clearance(root, sine, delta, beta)[1])
 
 
 def points_of_codimension_two(name, beta, lowest=0.05, highest=2.5):
@@ -376,14 +383,15 @@ def points_of_codimension_two(name, beta, lowest=0.05, highest=2.5):
     delta = np.geomspace(lowest, highest, 1200)
     multiplier = {"COD20": -1 + 0 * delta, "COD21": np.exp(-delta / 2), "COD22": 1 + 0 * delta}[name]
     sine, v, cosine = one_flight(delta, multiplier + np.exp(-delta) / multiplier)
-    height, when = clearance(cosine, sine, delta, float(beta))
+    height, _ = clearance(cosine, sine, delta, float(beta))
     found = []
     for i in np.flatnonzero(height[:-1] * height[1:] < 0):
         d = crossing(delta, height, i)
         x, y, w = (np.interp(d, delta, z) for z in (cosine, sine, v))
         t = np.arctan2(y, x) / TWO_PI
         try:
-            found.append(solve_codimension_two(name, beta, (d, np.hypot(x, y), t, w, t + when[i])))
+            _, when = clearance(x, y, d, float(beta))
+            found.append(solve_codimension_two(name, beta, (d, np.hypot(x, y), t, w, t + float(when))))
         except NotFoundError:
             continue
     return found
@@ -405,9 +413,9 @@ def points(name, delta, beta, highest=1.0):
 def end_of_folds(beta):
     """The point of G1 in which SN2 and PD1 end: (δ, ε) and the multipliers of the grazing C.
 
-    At the speed u of their orbit at Σ⁻ the trace is finite as u → 0 only where its part in 1/u vanishes. That is where the
-    characteristic determinant of the grazing orbit, its impact at speed 0 counted, vanishes for every multiplier: a change of
-    velocity at the graze is without effect on the place one period later.
+    As the speed u of their orbit at Σ⁻ goes to 0, the trace stays finite only where its part in 1/u vanishes: there the
+    characteristic determinant of the grazing orbit, the impact at speed 0 counted, is 0 for every multiplier, and a
+    change of velocity at the graze has no effect on the place one period later.
     """
     beta = mpf(beta)
 

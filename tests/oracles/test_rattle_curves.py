@@ -6,6 +6,7 @@ CURVES_SEED=N, printed on failure, repeats a run.
 import os
 import time
 from functools import cache
+from itertools import pairwise
 
 import curves_high_precision as exact
 import numpy as np
@@ -101,7 +102,7 @@ def test_closed_forms_and_grazing(rng):
         for name, form in (("SN1", rattle.sn1), ("PDC", rattle.flip)):
             for point in exact.points(name, delta, beta, 3.0):
                 assert abs(point.epsilon - float(form(delta))) < 1e-13, (name, delta, beta)
-        epsilon, _ = exact.quiet_limit(delta, (0.318 * delta * (1 - delta**2 / 79), delta / 39.5))
+        epsilon, _ = exact.quiet_limit(delta)
         assert abs(epsilon - float(rattle.quiet_limit(delta))) < 1e-14, delta
         for name in ("G1", "G2"):
             found = [p.epsilon for p in exact.points(name, delta, beta)]
@@ -157,7 +158,7 @@ def test_the_quiet_limit(rng):
     beta = betas()[1]
     curve = traced("quiet_limit", beta)
     for i in rng.integers(0, len(curve.delta), PAIRS):
-        epsilon, phase = exact.quiet_limit(float(curve.delta[i]), (curve.epsilon[i], curve.tau[i]))
+        epsilon, phase = exact.quiet_limit(float(curve.delta[i]))
         assert abs(epsilon - curve.epsilon[i]) < 1e-10
         assert abs(phase - curve.tau[i]) < 1e-8
     assert np.isnan(curve.multipliers).all()
@@ -205,13 +206,17 @@ def test_saddle_node_and_flip_outlive_the_double_multiplier():
         reached, met, _ = fold.cycle.flight(i).first_impact()
         assert met == wall
         assert abs(reached - (t1 - t0)) < mpf("1e-30")
-    letters = [exact.region(delta, float(e), 0.6)[0] for e in (2 * fold.epsilon - flip.epsilon, (fold.epsilon + flip.epsilon) / 2)]
+    letters = [
+        exact.region(delta, float(e), 0.6)[0]
+        for e in (2 * fold.epsilon - flip.epsilon, (fold.epsilon + flip.epsilon) / 2)
+    ]
     assert letters == [2, 3]
     assert [rattle.Gear(delta, float(e)).region() for e in (fold.epsilon - 1e-8, fold.epsilon + 1e-8)] == [2, 3]
 
 
 @pytest.mark.parametrize(
-    ("name", "point"), [("SN1", "COD22"), ("G1", "COD22"), ("G2", "COD22"), ("PDC", "COD20"), ("SN2", "COD23"), ("PD1", "COD23")]
+    ("name", "point"),
+    [("SN1", "COD22"), ("G1", "COD22"), ("G2", "COD22"), ("PDC", "COD20"), ("SN2", "COD23"), ("PD1", "COD23")],
 )
 def test_where_a_curve_ends(name, point):
     for beta in betas()[:3]:
@@ -237,7 +242,7 @@ def test_where_a_curve_ends(name, point):
     ],
 )
 def test_how_curves_touch(point, one, other, order):
-    """Order p of |ε₁ − ε₂| ∝ |Δδ|^p: halving the distance divides the gap by 2^p, and twice more takes out the next term."""
+    """Order p of |ε₁ − ε₂| ∝ |Δδ|^p: halving the distance divides the gap by 2^p; three gaps take out the next term."""
     beta, gaps = 0.6, []
     at = meeting(point, beta)
     side = 1 if other == "G2" else -1
@@ -246,7 +251,7 @@ def test_how_curves_touch(point, one, other, order):
         first = next(exact.guesses(one, delta, beta, 0.6))[0] if (one, side) == ("SN1", 1) else None  # virtual there
         first = mpf(float(first)) if first else exact.points(one, delta, beta, 0.6)[0].epsilon
         gaps.append(abs(first - exact.points(other, delta, beta, 0.6)[0].epsilon))
-    orders = [float(mp.log(x / y, 2)) for x, y in zip(gaps, gaps[1:], strict=False)]
+    orders = [float(mp.log(x / y, 2)) for x, y in pairwise(gaps)]
     assert 2 * orders[1] - orders[0] == pytest.approx(order, abs=0.02)
     theirs = next(p for p in curves.codimension_two(beta) if p.name == point).tangency
     ours = theirs.get((one, other), theirs.get((other, one)))
@@ -271,7 +276,7 @@ def expected(name, delta, beta, epsilon):
 
 @pytest.mark.parametrize("name", ["SN1", "SN2", "PD1", "PD2", "G1", "G2"])
 def test_regions_beside_a_curve(name, rng):
-    """1e-6 below and above a curve, the region, its orbits and the stability of D are the oracle's; and the curve tells."""
+    """1e-6 below and above a curve: the region, its orbits and the stability of D, which differ, are the oracle's."""
     for beta in betas()[:5]:
         curve = traced(name, beta)
         if not len(curve.delta):
