@@ -163,7 +163,7 @@ def newton(equations, guess, digits=6, near=NEAR):
 
 
 def solve(name, delta, beta, guess):
-    """The verified point of a curve at this damping, near (ε, phase, speed[, phase, speed at Σ⁻ or phase of the graze])."""
+    """The verified point of a curve at this damping, near (ε, phase, speed[, phase of a graze or both at Σ⁻])."""
     cycle = _solve(KINDS[name], mpf(delta), mpf(beta), guess)
     if name in ("G1", "G2") and (cycle.trace() > 1 + mp.exp(-cycle.delta)) != (name == "G2"):
         raise NotFoundError("the other orbit grazes")
