@@ -405,7 +405,7 @@ def points(name, delta, beta, highest=1.0):
             point = solve(name, delta, beta, guess)
         except NotFoundError:
             continue
-        if all(abs(point.epsilon - other.epsilon) > 1e-12 for other in found):
+        if point.epsilon <= highest and all(abs(point.epsilon - other.epsilon) > 1e-12 for other in found):
             found.append(point)
     return sorted(found, key=lambda p: p.epsilon)
 
