@@ -315,7 +315,7 @@ def one_flight(delta, trace=None):
     return sine, v, (trace - at[0]) / (at[1] - at[0])
 
 
-def clearance(cosine, sine, delta, beta, steps=1000):
+def clearance(cosine, sine, delta, beta, steps=500):
     """Least height above Σ⁻ of such a cycle, and when after the impact, by the parabola through its lowest samples."""
     s = np.arange(1, steps) / steps
     cosine, sine, delta = (np.asarray(x)[..., None] for x in (cosine, sine, delta))
@@ -370,7 +370,7 @@ def guesses(name, delta, beta, highest=1.0):
         yield np.hypot(cosine, sine), np.arctan2(sine, cosine) / TWO_PI, v
         return
     sine, v = one_flight(delta)
-    cosine = np.linspace(-highest, highest, 1601)
+    cosine = np.linspace(-highest, highest, 801)
     height, _ = clearance(cosine, sine, delta, beta)
     for i in np.flatnonzero(height[:-1] * height[1:] < 0):
         root = crossing(cosine, height, i)
@@ -428,14 +428,14 @@ def end_of_folds(beta):
 
     first, last = (points_of_codimension_two(name, beta)[0].delta for name in ("COD21", "COD22"))
     value, at = [], []
-    for share in np.linspace(0, 0.9, 7):
+    for share in np.linspace(0, 0.4, 4):
         d = first + (last - first) * mpf(share)
         guess = max((g for g in guesses("G1", d, beta) if np.cos(TWO_PI * g[1]) > 0), key=lambda g: -g[0])
         orbit = _solve(KINDS["G1"], d, beta, guess)
         s = mp.findroot(orbit.flight().velocity, guess[3] - guess[1])
         at.append((orbit.epsilon, orbit.times[0], -orbit.velocities[0], orbit.times[0] + s, d))
         value.append(float(cycle(*at[-1]).characteristic(mpf(1))))
-    i = next(i for i in range(6) if value[i] * value[i + 1] < 0)
+    i = next(i for i in range(3) if value[i] * value[i + 1] < 0)
     share = value[i] / (value[i] - value[i + 1])
     found = newton(equations, [x + share * (y - x) for x, y in zip(at[i], at[i + 1], strict=True)])
     return _point(Cycle([found[1]], [-found[2]], found[4], found[0], beta))
