@@ -177,8 +177,12 @@ class Follower:
         return b if self.inside(b) else last_inside(self.problem, a, b, self.inside)[0]
 
 
-def located(problem: Problem, a: Array, b: Array, test: Callable[[Array], float]) -> Array | None:
-    """The solution between a and b at which a test function that changes sign there vanishes, or None."""
+def located(
+    problem: Problem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
+) -> Array | None:
+    """The solution between a and b at which a test function that changes sign there vanishes, to this share of the
+    way; or None.
+    """
 
     def value(share: float) -> float:
         x = between(problem, a, b, share)
@@ -189,7 +193,7 @@ def located(problem: Problem, a: Array, b: Array, test: Callable[[Array], float]
     from scipy.optimize import brentq  # a quarter of a second to load
 
     try:
-        share = brentq(value, 0.0, 1.0, xtol=1e-15, rtol=4 * np.finfo(float).eps)
+        share = brentq(value, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
     except (ArithmeticError, ValueError):  # lost between, or no change of sign after all
         return None
     return between(problem, a, b, float(share))

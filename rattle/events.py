@@ -14,6 +14,7 @@ from rattle.impact_equations import Array, Itinerary
 from rattle.periodic import admissible, first_failure
 
 SAME_HALVES = 0.02  # a motion this close to one of half the period, where its branch turns, is that one there
+FOUND = 1e-3  # of a step: near enough to solve from
 SAME_PLACE = 0.5  # of a step: farther than this from where it was found, a solution is another one
 
 
@@ -94,7 +95,7 @@ def find_events(itinerary: Itinerary, line: Line, problem: Problem, points: Arra
         found = []
         for j in np.flatnonzero(values[k] * values[k + 1] < 0):
             kind, impact, test = tests[j]
-            y = located(problem, a, b, partial(test, along=b - a))
+            y = located(problem, a, b, partial(test, along=b - a), FOUND)
             if y is None and kind is Kind.SADDLE_NODE:  # two branches cross: no step between them converges
                 y = 0.5 * (a + b)
             if y is not None:

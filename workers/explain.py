@@ -27,7 +27,7 @@ ORBITS = ("A", "B", "C", "D")
 
 @dataclass(frozen=True)
 class Known:
-    """A computed curve: the attractors that it may make or end, whether it bounds regions, the pairs it crosses (n,)."""
+    """A curve, the attractors that it may make or end, whether it bounds regions, and the pairs that it crosses (n,)."""
 
     curve: Curve
     labels: frozenset[Label]

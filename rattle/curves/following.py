@@ -11,6 +11,7 @@ from rattle.curves.curve import Curve, Described, Piece, build, crossings
 from rattle.impact_equations import Array
 
 LONGEST = 0.05  # of a step, in the unknowns
+SAME_POINT = 1e-7
 POINTS_ACROSS = 60  # at least, over the width of the window
 
 Test = Callable[[Array], str | None]
@@ -18,10 +19,11 @@ Test = Callable[[Array], str | None]
 
 @dataclass(frozen=True)
 class Window:
-    """A rectangle of the plane: (low, high) of δ and of ε."""
+    """A rectangle of the plane: (low, high) of δ and of ε, and the least number of points of a curve across it."""
 
     delta: tuple[float, float]
     epsilon: tuple[float, float]
+    resolution: int = POINTS_ACROSS
 
     @property
     def bounds(self) -> tuple[Bound, Bound]:
@@ -37,7 +39,7 @@ class Window:
         """The longest step along a unit tangent."""
         sizes = (self.delta[1] - self.delta[0], self.epsilon[1] - self.epsilon[0])
         rates = [abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
-        return min(LONGEST, 1.0 / (POINTS_ACROSS * max(*rates, 1e-9)))
+        return min(LONGEST, 1.0 / (self.resolution * max(*rates, 1e-9)))
 
 
 def pieces(problem: Problem, starts: Iterable[Array], window: Window, left: Test) -> list[Piece]:
@@ -56,7 +58,13 @@ def pieces(problem: Problem, starts: Iterable[Array], window: Window, left: Test
 
 
 def _on(problem: Problem, piece: Piece, x: Array) -> bool:
-    return any(np.allclose(x, y, rtol=0, atol=1e-7) for y in crossings(problem, piece.points, -2, x[-2]))
+    """Whether a solution is on a piece already, some forcing periods earlier or later perhaps."""
+    for y in crossings(problem, piece.points, -2, x[-2]):
+        apart = x - y
+        apart[:-2] -= np.rint(apart[0])
+        if np.max(np.abs(apart)) < SAME_POINT:
+            return True
+    return False
 
 
 def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:

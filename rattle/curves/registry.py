@@ -53,9 +53,9 @@ def _first_flip(delta: float, beta: float) -> list[Array]:
     return found[:1] if found and starts.loses_stability(found[0], beta) else []
 
 
-def _return(delta: float, beta: float) -> list[Array]:
-    """Flips at which D is stable beyond, towards longer times between the walls."""
-    return [x for x in starts.flips(delta, beta) if not starts.loses_stability(x, beta)]
+def _later_flips(delta: float, beta: float) -> list[Array]:
+    """Where D becomes stable again, and beyond the fold where it ceases to be."""
+    return starts.flips(delta, beta)[len(_first_flip(delta, beta)) :]
 
 
 #: In the order of the legend: the paper's five, then those that it does not have.
@@ -111,7 +111,7 @@ CURVES: dict[str, Definition] = {
         Kind.FLIP,
         "flip at which D, P(1,1,1), becomes stable again at high ε; beyond its fold, where D loses stability once more",
         "not in the paper",
-        _return,
+        _later_flips,
     ),
 }
 

@@ -6,7 +6,7 @@ from rattle.arclength import Problem
 from rattle.bifurcations import condition, smooth_multipliers
 from rattle.curves.codimension import codimension_two
 from rattle.curves.curve import Curve, Described
-from rattle.curves.following import Window, traced
+from rattle.curves.following import POINTS_ACROSS, Window, traced
 from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, Definition
 from rattle.errors import require, require_number
 from rattle.events import Event
@@ -15,6 +15,7 @@ from rattle.limits import quiet_limit
 from rattle.periodic import admissible_or_why
 
 STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found
+BESIDE = 1e-7  # of a damping
 SAME_POINT = 1e-6
 ALL_EPSILON = (0.0, 1.0)
 
@@ -34,7 +35,7 @@ def trace(
     require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
     beta = require_number("beta", beta, positive=True)
     window = Window(_range("delta", delta, positive=True), _range("epsilon", epsilon))
-    dampings = np.linspace(*window.delta, 2 * STARTS + 1)[1::2]
+    dampings = _dampings(window, beta)
     if name == QUIET_LIMIT:
         return _quiet_limit(beta, window, dampings)
     definition = CURVES[name]
@@ -51,16 +52,28 @@ def trace(
     )
 
 
+def _dampings(window: Window, beta: float) -> Array:
+    """Where a curve is looked for: over the window, at its edges, and beside the points where curves end."""
+    low, high = window.delta
+    ends = [point.delta * (1.0 + side * BESIDE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
+    inside = [delta for delta in ends if low < delta < high]
+    return np.array([*np.linspace(low, high, 2 * STARTS + 1)[1::2], low, high, *inside])
+
+
 def bifurcation_curve(
-    event: Event, delta: tuple[float, float] = (0.3, 1.2), epsilon: tuple[float, float] = ALL_EPSILON
+    event: Event,
+    delta: tuple[float, float] = (0.3, 1.2),
+    epsilon: tuple[float, float] = ALL_EPSILON,
+    resolution: int = POINTS_ACROSS,
 ) -> Curve:
     """The saddle-node, flip or grazing curve through an event on a branch (`rattle.branches`), of any periodic motion,
     inside a window of the (δ, ε) plane.
 
     The curve of an admissible event ends where its motion ceases to happen; that of a virtual one goes on. Points as in
-    `trace`; at a graze tau and v are those of the motion that touches the wall. Raises ParameterError.
+    `trace`, resolution of them across the window at least; at a graze tau and v are those of the motion that touches
+    the wall. Raises ParameterError.
     """
-    window = Window(_range("delta", delta, positive=True), _range("epsilon", epsilon))
+    window = Window(_range("delta", delta, positive=True), _range("epsilon", epsilon), resolution)
     itinerary, x, impact = _begun_on_sigma_plus(event)
     m, n_plus, n_minus = itinerary.m, itinerary.walls.count(1), itinerary.walls.count(-1)
     return traced(
