@@ -14,7 +14,7 @@ from rattle.bifurcations import Kind, along
 from rattle.errors import RattleError, require
 from rattle.events import Event, Line, find_events, is_twice, origin_of_doubling
 from rattle.impact_equations import Array, Itinerary
-from rattle.periodic import PeriodicOrbit, orbit_of
+from rattle.periodic import PeriodicOrbit, at_parameters, orbit_of
 
 LONGEST = 0.05  # of a step, in the unknowns
 POINTS_ACROSS = 50  # at least, over the span
@@ -151,8 +151,14 @@ def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | 
     """What becomes of a motion on the straight way to other parameters: itself there, or the first event at which it
     ceases to happen or its stability changes; None if neither can be found.
 
+    Where Newton's method finds the motion there at once, close by and as stable, nothing is looked for on the way.
     Raises ParameterError, and RattleError if the orbit is no solution.
     """
+    there = at_parameters(orbit.itinerary, np.append(orbit.times, [delta, epsilon]))
+    if there is not None and np.max(np.abs(there[:-2] - orbit.times)) < LONGEST:
+        found = orbit_of(orbit.itinerary, there)
+        if found.admissible and found.stable == orbit.stable:
+            return found
     here = branch(orbit, (delta - orbit.delta, epsilon - orbit.epsilon), (0.0, 1.0), FEW_POINTS)
     for event in here.events:
         before, after = ((here.admissible[i], here.stable[i]) for i in (event.after, event.after + 1))

@@ -17,6 +17,7 @@ wall. Everything here takes complex arguments, whose imaginary part carries exac
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,32 +62,49 @@ class Itinerary:
         """Impacts per period."""
         return len(self.walls)
 
+    @cached_property
+    def after(self) -> NDArray[np.int64]:
+        """The impact after each impact (n,)."""
+        return np.roll(np.arange(self.n), -1)
+
+    @cached_property
+    def before(self) -> NDArray[np.int64]:
+        """The impact before each impact (n,)."""
+        return np.roll(np.arange(self.n), 1)
+
+    @cached_property
+    def gaps(self) -> Array:
+        """The distance D that each flight covers (n,)."""
+        walls = np.asarray(self.walls)
+        return self.beta * (walls[self.after] - walls)
+
     def flights(self, x: NDArray) -> Flights:
         """The flights between impacts at times x[…, :n] with δ = x[…, n], ε = x[…, n + 1]."""
         t0, delta, epsilon = x[..., : self.n], x[..., self.n, None], x[..., self.n + 1, None]
         t1 = np.concatenate([t0[..., 1:], t0[..., :1] + self.m], axis=-1)
-        gap = self.beta * (np.roll(self.walls, -1) - np.asarray(self.walls))
+        sin0, cos0 = np.sin(TWO_PI * t0), np.cos(TWO_PI * t0)
+        sin1, cos1 = sin0[..., self.after], cos0[..., self.after]
         s = t1 - t0
         decay = np.exp(-delta * s)
         pull = -delta / np.expm1(-delta * s)
         swing = -2 * np.sin(np.pi * (t0 + t1)) * np.sin(np.pi * s)  # cos 2πt₁ − cos 2πt₀
-        c = (2 * TWO_PI * s + epsilon * swing - gap) * pull
-        w0 = 2 * TWO_PI - TWO_PI * epsilon * np.sin(TWO_PI * t0) - c
-        w1 = 2 * TWO_PI - TWO_PI * epsilon * np.sin(TWO_PI * t1) - c * decay
+        c = (2 * TWO_PI * s + epsilon * swing - self.gaps) * pull
+        w0 = 2 * TWO_PI - TWO_PI * epsilon * sin0 - c
+        w1 = 2 * TWO_PI - TWO_PI * epsilon * sin1 - c * decay
         forcing = TWO_PI**2 * epsilon
         return Flights(
             w0=w0,
             w1=w1,
             pull=pull,
             decay=decay,
-            w0_t0=w0 * pull + delta * c - forcing * np.cos(TWO_PI * t0),
-            w1_t1=(delta * c - w1 * pull) * decay - forcing * np.cos(TWO_PI * t1),
+            w0_t0=w0 * pull + delta * c - forcing * cos0,
+            w1_t1=(delta * c - w1 * pull) * decay - forcing * cos1,
         )
 
     def residual(self, x: NDArray) -> NDArray:
         """R (…, n): zero where every impact is elastic."""
         flights = self.flights(x)
-        return flights.w0 + np.roll(flights.w1, 1, axis=-1)
+        return flights.w0 + flights.w1[..., self.before]
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
         """J(λ) = ∂R/∂t (…, n, n) with t_n' = λ t₀'."""
@@ -97,14 +115,10 @@ class Itinerary:
         wrap[-1] = multiplier
         rows = np.arange(n)
         matrix = np.zeros((*after.shape, n), after.dtype)
-        matrix[..., rows, rows] = flights.w0_t0 + np.roll(flights.w1_t1, 1, axis=-1)
-        matrix[..., rows, (rows + 1) % n] += after * wrap
-        matrix[..., (rows + 1) % n, rows] += before / wrap
+        matrix[..., rows, rows] = flights.w0_t0 + flights.w1_t1[..., self.before]
+        matrix[..., rows, self.after] += after * wrap
+        matrix[..., self.after, rows] += before / wrap
         return matrix
-
-    def parameters_matter(self, x: Array) -> Array:
-        """∂R/∂(δ, ε) (n, 2)."""
-        return derivatives(self.residual, x)[1][:, self.n :]
 
     def monodromy(self, x: Array) -> Array:
         """The product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs); infinite at a

@@ -6,6 +6,7 @@ import typer
 
 from service.commands.bench import bench
 from service.commands.drawing import figure
+from service.commands.explain import explain
 from service.commands.opening import open_
 from service.commands.orbits import orbits
 from service.commands.remote import list_, submit, watch
@@ -27,6 +28,7 @@ app.command("list")(list_)
 app.command()(watch)
 app.command("open")(open_)
 app.command()(figure)
+app.command()(explain)
 app.command()(orbits)
 app.command()(bench)
 

@@ -52,7 +52,7 @@ class Grid:
         self.beta = float(dataset.attrs["beta"])
         status = np.asarray(dataset["status"])
         self.known = (status > 0) & (status != FAILED)
-        self.region = np.asarray(dataset["region"]) if "region" in dataset else None
+        self.region = np.asarray(dataset["region"]) if "region" in dataset else np.zeros(status.shape, np.int8)
         names = ("attractor_kind", "attractor_m", "attractor_n_plus", "attractor_n_minus")
         self.labels: np.ndarray | None = None
         self.slots, self.states = tuple[np.ndarray, ...](), tuple[np.ndarray, ...]()
@@ -62,7 +62,7 @@ class Grid:
             self.labels = np.sort(((kind * 2**15 + m) * 2**15 + plus) * 2**15 + minus, axis=0)
             self.slots = kind, m, plus, minus
             self.states = tuple(np.asarray(dataset[f"attractor_{name}"]) for name in ("phase", "velocity", "fraction"))
-        if self.region is None and self.labels is None:
+        if "region" not in dataset and self.labels is None:
             raise SurveyError("nothing to explain: ask for a survey with region or attractors")
 
     def differing(self) -> Pairs:
@@ -72,7 +72,7 @@ class Grid:
             here = tuple(slice(0, size - s) for size, s in zip(self.known.shape, step, strict=True))
             there = tuple(slice(s, None) for s in step)
             known = self.known[here] & self.known[there]
-            region = np.zeros(known.shape, bool) if self.region is None else self.region[here] != self.region[there]
+            region = self.region[here] != self.region[there]
             sets = np.zeros(known.shape, bool)
             if self.labels is not None:
                 sets = (self.labels[:, *here] != self.labels[:, *there]).any(axis=0)

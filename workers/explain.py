@@ -1,8 +1,8 @@
 """Explain the boundaries of a survey: which bifurcation curve passes between each two neighbours that differ.
 
-The curves of the period-one motions come first. Then, as long as neighbours differ by a motion that none of them
-concerns, that motion is followed from one cell to the other (`rattle.branches.fate`): the saddle-node, flip or graze
-that it meets becomes one curve more, which may explain other pairs too.
+The curves of the period-one motions come first. Then, where neighbours differ by a motion that none of them concerns,
+that motion is followed from one cell to the other (`rattle.branches.fate`). The saddle-node, flip or graze that it
+meets is solved for; where several pairs differ by such a motion it becomes one curve more, which may explain others.
 """
 
 from collections import Counter
@@ -21,13 +21,15 @@ from workers.boundaries import KINDS, ROMAN, Attractor, Grid, Label, Pairs, cros
 
 QUIET, PERIODIC, CHAOTIC = (KINDS.index(kind) for kind in ("quiet", "periodic", "chaotic"))
 QUIET_LABEL: Label = (QUIET, 0, 0, 0)
-MOST_CURVES = 200
+MOST_CURVES = 100
+WORTH_A_CURVE = 4  # pairs that differ by a motion
+COARSE = 30  # points of such a curve across the survey: crossings are solved for
 ORBITS = ("A", "B", "C", "D")
 
 
 @dataclass(frozen=True)
 class Known:
-    """A curve, the attractors that it may make or end, whether it bounds regions, and the pairs that it crosses (n,)."""
+    """A curve, the attractors that it may make or end, whether it bounds regions, the pairs that it crosses (n,)."""
 
     curve: Curve
     labels: frozenset[Label]
@@ -49,20 +51,18 @@ class Rest:
 class Explanation:
     """What explains a survey: its pairs that differ, the curves by falling number of pairs, and the rest.
 
-    region, attractors (n,): whether the pair differs in these; region_explained, attractors_explained (n,): and a curve
-    of a motion that changes there passes between; crossed (n,): some curve does.
+    region_explained, attractors_explained (n,): the pair differs in its region (attractors), and a curve of a motion
+    that changes there passes between. crossed (n,): some curve passes between. met: at so many of these pairs only the
+    point of the curve between the two cells was computed.
     """
 
     pairs: Pairs
     known: tuple[Known, ...]
     region_explained: np.ndarray
     attractors_explained: np.ndarray
+    met: int
     rest: tuple[Rest, ...]
-
-    @property
-    def crossed(self) -> np.ndarray:
-        """Which pairs any curve passes between."""
-        return np.any([known.crosses for known in self.known], axis=0)
+    crossed: np.ndarray
 
 
 def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES) -> Explanation:
@@ -74,8 +74,19 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES) -> Explanation:
     why = dict(search.run())
     region = search.covers_region()
     attractors = np.array([not search.uncovered(n) for n in range(len(search.pairs))], bool) & search.pairs.attractors
-    known = sorted(search.known, key=lambda item: -int(item.crosses.sum()))
-    return Explanation(search.pairs, tuple(known), region, attractors, _grouped(search, why, region, attractors))
+    crossing = np.any([item.crosses for item in search.known], axis=0)
+    met = np.array(sorted(search.met), np.int64)
+    met = met[~crossing[met]]
+    crossing[met] = True
+    return Explanation(
+        search.pairs,
+        tuple(sorted(search.known, key=lambda item: -int(item.crosses.sum()))),
+        region,
+        attractors,
+        met.size,
+        _grouped(search, why, region, attractors),
+        crossing,
+    )
 
 
 @dataclass
@@ -84,6 +95,7 @@ class _Search:
     most_curves: int
     pairs: Pairs = field(init=False)
     known: list[Known] = field(default_factory=list)
+    met: dict[int, frozenset[Label]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.pairs = self.grid.differing()
@@ -91,6 +103,7 @@ class _Search:
             curve = curves.trace(name, self.grid.beta, *self.window)
             self._add(curve, _labels_of(name), name not in ("PDC", "quiet_limit"))
         self.changes = [_changes(self.grid, self.pairs, n) for n in range(len(self.pairs))]
+        self.often = Counter(label for n in range(len(self.pairs)) for label in self.uncovered(n))
 
     @property
     def window(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -103,7 +116,7 @@ class _Search:
         for n in range(len(self.pairs)):
             if self.pairs.region[n] and not self.covers_region()[n]:
                 for orbit, target in self._period_one_changes(n):
-                    self._follow(orbit, target)
+                    self._follow(n, orbit, target, worth=True)
                 if not self.covers_region()[n]:
                     yield n, "the region's boundary could not be followed"
             for label in self.uncovered(n):
@@ -122,7 +135,7 @@ class _Search:
         Chaos is explained where it takes the place of a motion that a curve ends, or gives way to one.
         """
         changed = self.changes[n]
-        here = [item.labels for item in self.known if item.crosses[n]]
+        here = [item.labels for item in self.known if item.crosses[n]] + [self.met.get(n, frozenset())]
         left = [label for label in changed if label[0] != CHAOTIC and not any(label in labels for labels in here)]
         chaos = [label for label in changed if label[0] == CHAOTIC]
         return left + chaos if left or len(chaos) == len(changed) else []
@@ -138,12 +151,12 @@ class _Search:
             start = periodic_orbit(*self.grid.point(here), attractor.tau, attractor.v, label[2], self.grid.beta)
         except RattleError:
             return "the motion could not be solved for"
-        found = self._follow(start, self.grid.point(there))
+        found = self._follow(n, start, self.grid.point(there), self.often[label] >= WORTH_A_CURVE)
         if isinstance(found, PeriodicOrbit):
             return "the motion attracts on both sides: its share is small, one sample missed it"
         if found is None:
             return "the motion could not be followed"
-        return None if label not in self.uncovered(n) else f"{found.kind} on the way, but its curve was not traced"
+        return None if label not in self.uncovered(n) else f"{found.kind} of another motion on the way"
 
     def _side(self, n: int, label: Label) -> tuple[np.ndarray, np.ndarray, Attractor]:
         """The cell that has more attractors of a label, the other, and the one of the smallest share there."""
@@ -171,12 +184,16 @@ class _Search:
                     tau, v = float(found[here].tau[i]), float(found[here].v[i])
                     yield periodic_orbit(*points[here], tau, v, 1, self.grid.beta), points[there]
 
-    def _follow(self, orbit: PeriodicOrbit, target: tuple[float, float]) -> PeriodicOrbit | Event | None:
-        """Follow a motion to other parameters; what it meets becomes a curve."""
+    def _follow(
+        self, n: int, orbit: PeriodicOrbit, target: tuple[float, float], worth: bool
+    ) -> PeriodicOrbit | Event | None:
+        """Follow a motion from one cell of a pair to the other; what it meets becomes a curve if that is worth it."""
         found = fate(orbit, *target)
-        if isinstance(found, Event) and len(self.known) < len(curves.NAMES) + self.most_curves:
-            curve = curves.bifurcation_curve(found, *self.window)
-            self._add(curve, _labels_at(found), found.itinerary.m == 1)
+        if isinstance(found, Event):
+            self.met[n] = self.met.get(n, frozenset()) | _labels_at(found)
+            if worth and len(self.known) < len(curves.NAMES) + self.most_curves:
+                curve = curves.bifurcation_curve(found, *self.window, COARSE)
+                self._add(curve, _labels_at(found), found.itinerary.m == 1)
         return found
 
     def _add(self, curve: Curve, labels: frozenset[Label], bounds_regions: bool) -> None:
@@ -218,16 +235,14 @@ def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractor
     """The pairs without explanation, alike ones together, by falling number."""
     groups: dict[tuple[str, str], list[int]] = {}
     pairs, grid = search.pairs, search.grid
-    for n in np.flatnonzero((pairs.region & ~region) | (pairs.attractors & ~attractors)):
+    for n in map(int, np.flatnonzero((pairs.region & ~region) | (pairs.attractors & ~attractors))):
         if pairs.region[n] and not region[n]:
-            change = "region " + " | ".join(
-                ROMAN[grid.region[tuple(cell)]] for cell in (pairs.first[n], pairs.second[n])
-            )
+            change = "region " + " | ".join(ROMAN[grid.region[i, j]] for i, j in (pairs.first[n], pairs.second[n]))
         else:
             change = " and ".join(name_of(label) for label in search.uncovered(n))
-        groups.setdefault((change, why.get(int(n), "")), []).append(int(n))
+        groups.setdefault((change, why.get(n, "")), []).append(n)
     found = [
-        Rest(change, reason, len(members), tuple(grid.point(cell[members[0]]) for cell in (pairs.first, pairs.second)))
+        Rest(change, reason, len(members), (grid.point(pairs.first[members[0]]), grid.point(pairs.second[members[0]])))
         for (change, reason), members in groups.items()
     ]
     return tuple(sorted(found, key=lambda rest: (-rest.pairs, rest.change)))

@@ -1,0 +1,68 @@
+"""``rattle explain``: what the boundaries of a survey are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from workers.explain import Explanation
+
+WIDTH = 160  # numbers are never cut, whatever the terminal
+UNEXPLAINED = 1
+
+
+def explain(
+    store: Annotated[str, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")],
+    most_curves: Annotated[
+        int, typer.Option("--curves", min=0, help="Curves to compute at most besides those of the period-one motions.")
+    ] = 100,
+    rows: Annotated[int, typer.Option(min=1, help="Rows of each table.")] = 25,
+) -> None:
+    """Say which bifurcation curve passes between each two neighbouring cells of a survey that differ.
+
+    Cells differ in their region or in their set of attractors. Exits with 1 if a boundary of regions has no curve.
+    """
+    from workers import open_survey
+    from workers.explain import explain as explained
+
+    with open_survey(store) as dataset:
+        found = explained(dataset, most_curves)
+    _print(found, rows)
+    if found.region_explained.sum() < found.pairs.region.sum():
+        raise typer.Exit(UNEXPLAINED)
+
+
+def _print(found: Explanation, rows: int) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False, width=WIDTH)
+    pairs = found.pairs
+    console.print(f"{len(pairs)} pairs of neighbouring cells differ in their region or their attractors.")
+    for what, number, of in (
+        ("between which a computed curve passes", found.crossed.sum(), len(pairs)),
+        ("whose regions differ, explained", found.region_explained.sum(), pairs.region.sum()),
+        ("whose attractors differ, explained", found.attractors_explained.sum(), pairs.attractors.sum()),
+    ):
+        share = f"{100 * number / of:.1f} %" if of else "-"
+        console.print(f"  {what}: {number} of {of} ({share})")
+    console.print(f"  of these, by the point of a curve between the two cells alone: {found.met}")
+    table = Table("curve", "pairs that it passes between", box=None, title="Curves", title_justify="left")
+    crossing = [item for item in found.known if item.crosses.any()]
+    for item in crossing[:rows]:
+        table.add_row(item.curve.name, str(item.crosses.sum()))
+    console.print(table)
+    if len(crossing) > rows:
+        console.print(f"  and {len(crossing) - rows} curves more")
+    if not found.rest:
+        return
+    table = Table("what changes", "pairs", "why no curve", "for example, (delta, epsilon)", box=None, title="The rest")
+    table.title_justify = "left"
+    for rest in found.rest[:rows]:
+        example = " | ".join(f"({delta:.6g}, {epsilon:.6g})" for delta, epsilon in rest.example)
+        table.add_row(rest.change, str(rest.pairs), rest.why, example)
+    console.print(table)
+    if len(found.rest) > rows:
+        console.print(f"  and {len(found.rest) - rows} kinds more, {sum(x.pairs for x in found.rest[rows:])} pairs")
