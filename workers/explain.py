@@ -7,7 +7,7 @@ meets is solved for; where several pairs differ by such a motion it becomes one 
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
@@ -23,18 +23,22 @@ QUIET, PERIODIC, CHAOTIC = (KINDS.index(kind) for kind in ("quiet", "periodic", 
 QUIET_LABEL: Label = (QUIET, 0, 0, 0)
 MOST_CURVES = 100
 WORTH_A_CURVE = 4  # pairs that differ by a motion
+LONGEST_TRACED = 16  # impacts of a motion whose curve is traced: many small bounces take seconds and explain little
 COARSE = 30  # points of such a curve across the survey: crossings are solved for
 ORBITS = ("A", "B", "C", "D")
 
 
 @dataclass(frozen=True)
 class Known:
-    """A curve, the attractors that it may make or end, whether it bounds regions, the pairs that it crosses (n,)."""
+    """A curve, the attractors that it may make or end, whether it bounds regions, the pairs that it crosses (n,), and
+    how many of these differ in such a way.
+    """
 
     curve: Curve
     labels: frozenset[Label]
     bounds_regions: bool
     crosses: np.ndarray
+    explains: int = 0
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ class Rest:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What explains a survey: its pairs that differ, the curves by falling number of pairs, and the rest.
+    """What explains a survey: its pairs that differ, the curves by falling number of pairs they explain, and the rest.
 
     region_explained, attractors_explained (n,): the pair differs in its region (attractors), and a curve of a motion
     that changes there passes between. crossed (n,): some curve passes between. met: at so many of these pairs only the
@@ -80,7 +84,7 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES) -> Explanation:
     crossing[met] = True
     return Explanation(
         search.pairs,
-        tuple(sorted(search.known, key=lambda item: -int(item.crosses.sum()))),
+        tuple(sorted(search.counted(), key=lambda item: -item.explains)),
         region,
         attractors,
         met.size,
@@ -123,6 +127,14 @@ class _Search:
                 reason = self._resolve(n, label)
                 if reason:
                     yield n, reason
+
+    def counted(self) -> Iterator[Known]:
+        """The curves with the number of pairs that each explains."""
+        for item in self.known:
+            here = np.flatnonzero(item.crosses)
+            own = [bool(item.labels.intersection(self.changes[n])) for n in here]
+            region = self.pairs.region[here] & item.bounds_regions
+            yield replace(item, explains=int(np.sum(own | region)))
 
     def covers_region(self) -> np.ndarray:
         """Which pairs (n,) differ in their region and have a curve for it."""
@@ -191,6 +203,7 @@ class _Search:
         found = fate(orbit, *target)
         if isinstance(found, Event):
             self.met[n] = self.met.get(n, frozenset()) | _labels_at(found)
+            worth = worth and found.itinerary.n <= LONGEST_TRACED
             if worth and len(self.known) < len(curves.NAMES) + self.most_curves:
                 curve = curves.bifurcation_curve(found, *self.window, COARSE)
                 self._add(curve, _labels_at(found), found.itinerary.m == 1)
