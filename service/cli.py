@@ -8,6 +8,7 @@ from service.commands.bench import bench
 from service.commands.drawing import figure
 from service.commands.opening import open_
 from service.commands.orbits import orbits
+from service.commands.paper import paper
 from service.commands.remote import list_, submit, watch
 from service.commands.run import run
 from service.commands.serve import serve
@@ -28,6 +29,7 @@ app.command()(watch)
 app.command("open")(open_)
 app.command()(figure)
 app.command()(orbits)
+app.command()(paper)
 app.command()(bench)
 
 
