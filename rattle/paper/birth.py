@@ -4,7 +4,7 @@ from functools import cache
 from typing import NamedTuple
 
 from rattle.bifurcations import Kind
-from rattle.branches import cascade
+from rattle.branches import branch, cascade
 from rattle.errors import RattleError
 from rattle.gear import Gear
 from rattle.periodic import periodic_orbit
@@ -14,12 +14,16 @@ FROM, TO = 0.0945, 0.0985  # ε of Figure 4(h), and where chaos is found
 
 
 class Birth(NamedTuple):
-    """ε at which P(2,2,1) doubles, and at which the doubled orbit, with as many impacts on each wall, grazes Σ⁻."""
+    """ε at which P(2,2,1) doubles, and at which the doubled orbit, with as many impacts on each wall, grazes Σ⁻.
+
+    persists: whether P(2,2,1) itself exists at all ε that were followed.
+    """
 
     flip: float
     graze: float
     n_plus: int
     n_minus: int
+    persists: bool
 
 
 @cache
@@ -36,5 +40,6 @@ def birth_of_chaos() -> Birth:
     if kinds != [Kind.FLIP, Kind.GRAZING] or events[1].wall != -1:
         raise RattleError(f"P(2,2,1) was expected to double and then to graze, not {kinds}")
     flip, graze = events
+    persists = bool(branch(orbit, "epsilon", (FROM, TO)).admissible.all())
     walls = graze.itinerary.walls  # with the graze counted as an impact
-    return Birth(flip.epsilon, graze.epsilon, walls.count(1), walls.count(-1) - 1)
+    return Birth(flip.epsilon, graze.epsilon, walls.count(1), walls.count(-1) - 1, persists)

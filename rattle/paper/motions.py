@@ -5,6 +5,8 @@ from numpy.typing import NDArray
 
 import rattle
 from rattle.attractors import KINDS, PERIODIC, QUIET, Attractor, attractors_of
+from rattle.bifurcations import Kind
+from rattle.branches import branch
 from rattle.curves import codimension_two, trace
 from rattle.gear import Gear
 from rattle.orbits import PeriodOne, orbits_at
@@ -14,6 +16,7 @@ from rattle.paper.numbers import at
 from rattle.paper.pictures import DELTA, Panels, fractions, name, share
 from rattle.paper.plane import Array, C, D
 from rattle.paper.records import Evidence, Finding
+from rattle.periodic import periodic_orbit
 
 FAR_BELOW, JUST_BELOW = 0.0912, 0.096  # ε at which the attractors are shown, δ = 0.6
 ROMAN = ("none", "I", "II", "III", "IV", "V")
@@ -41,7 +44,11 @@ def chaos_appears() -> Finding:
         "wide periodic windows up to about 0.0978. It is not the first: another P(4,4,2) doubles into a chaotic "
         "attractor at ε near 0.091, and smaller ones come and go in brief windows.",
         (
-            Evidence(f"P(2,2,1), followed from ε = 0.0945, doubles at ε = {birth.flip:.10f}", birth.flip < 0.0955),
+            Evidence(
+                f"P(2,2,1), followed from ε = 0.0945 to 0.0985, doubles at ε = {birth.flip:.10f} and exists on, "
+                "unstable",
+                birth.flip < 0.0955 and birth.persists,
+            ),
             Evidence(
                 f"the doubled orbit, P(4,{birth.n_plus},{birth.n_minus}), grazes Σ⁻ at ε = {birth.graze:.10f}",
                 (birth.n_plus, birth.n_minus) == (4, 2) and birth.graze > 0.097,
@@ -212,6 +219,9 @@ def region_one() -> Finding:
     which = np.unique(found.cell[two])
     here, there = Gear(1.0, 0.23), Gear(DELTA, 0.12)
     seen, also = here.attractors(count=1024), there.attractors(count=1024)
+    two_bounces = next(a for a in also if name(a) == "P(1,2,0)")
+    orbit = periodic_orbit(DELTA, 0.12, two_bounces.tau, two_bounces.v, 2)
+    born = next(e.epsilon for e in branch(orbit, "epsilon", (0.09, 0.13)).events if e.kind is Kind.SADDLE_NODE)
     kinds = ", ".join(sorted({KINDS[k] for k in found.kind[other & ~two]})) or "nothing"
     return Finding(
         "P(1,2,0)",
@@ -231,7 +241,14 @@ def region_one() -> Finding:
                 "quiet motion",
                 which.size > 0 and not (other & ~two).any(),
             ),
-            Evidence(f"δ = 0.6, ε = 0.12: {fractions(also)}", share(also, "P(1,2,0)") > 0.05),
+            Evidence(
+                f"δ = 0.6: born in a saddle-node at ε = {born:.7f}; ε = 0.12: {fractions(also)}",
+                share(also, "P(1,2,0)") > 0.05 and 0.1 < born < 0.12,
+            ),
+            Evidence(
+                "there its speeds on Σ⁺ are {:.4f} and {:.4f}".format(*orbit.speeds),
+                orbit.label == (1, 2, 0) and orbit.stable and bool(orbit.speeds.max() < 3.7),
+            ),
         ),
     )
 
