@@ -9,6 +9,7 @@ from service.commands.drawing import figure
 from service.commands.explain import explain
 from service.commands.opening import open_
 from service.commands.orbits import orbits
+from service.commands.paper import paper
 from service.commands.remote import list_, submit, watch
 from service.commands.run import run
 from service.commands.serve import serve
@@ -30,6 +31,7 @@ app.command("open")(open_)
 app.command()(figure)
 app.command()(explain)
 app.command()(orbits)
+app.command()(paper)
 app.command()(bench)
 
 

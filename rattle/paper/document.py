@@ -1,0 +1,79 @@
+"""The report as Markdown: docs/paper.md."""
+
+from rattle.paper.derivations import DERIVATIONS, NOT_CHECKED, NOT_HELD
+from rattle.paper.records import Number, Report
+
+HEAD = """\
+# The paper, checked
+
+J. F. Mason and P. T. Piiroinen, *The effect of codimension-two bifurcations on the global dynamics of a gear
+model*, SIAM J. Appl. Dyn. Syst. 8 (2009) 1694–1711. Every number and statement in it that can be computed, for β =
+0.6, and where it is wrong or incomplete. This file is what `rattle paper --markdown` prints.
+"""
+
+RULE = """\
+A number agrees if it lies within half a unit of the last digit that the paper gives, within one unit where the
+paper writes ≈. An interval agrees only as a whole.
+"""
+
+
+def value(number: Number) -> str:
+    """The computed value to ten decimals, or both ends of the interval to seven."""
+    if isinstance(number.computed, tuple):
+        return "{:.7f} to {:.7f}".format(*number.computed)
+    return f"{number.computed:.10f}"
+
+
+def difference(number: Number) -> str:
+    """Computed less stated, to two decimals more than the paper gives."""
+    return f"{number.difference:+.{2 - int(number.stated.as_tuple().exponent)}f}"
+
+
+def verdict(report: Report, number: Number) -> str:
+    """The verdict, with the number of the finding that explains it."""
+    return f"{number.verdict}: finding {report.number_of(number.finding)}" if number.finding else number.verdict
+
+
+def cell(text: str) -> str:
+    """Text for a cell of a table, in which | would end it."""
+    return text.replace("|", "\\|")
+
+
+def markdown(report: Report) -> str:
+    """The whole document."""
+    numbers = [
+        f"| {x.where} | {x.what} | {x.paper} | {value(x)} | {difference(x)} | {verdict(report, x)} |"
+        for x in report.numbers
+    ]
+    statements = [f"| {x.where} | {cell(x.says)} | {cell(x.computed)} | {x.verdict} |" for x in report.statements]
+    findings = []
+    for i, x in enumerate(report.findings, 1):
+        evidence = [f"- {one.shows}{'' if one.holds else ' (NOT BORNE OUT)'}" for one in x.evidence]
+        findings += [f"### {i}. {x.title}", "", f"Paper: {x.paper}", "", f"Instead: {x.instead}", "", *evidence, ""]
+    parts = [
+        HEAD,
+        "## Numbers",
+        "",
+        RULE,
+        "| where | what | paper | computed | difference | verdict |\n|---|---|---|---|---|---|",
+        *numbers,
+        "",
+        "## Statements",
+        "",
+        "| where | the paper says | computed | verdict |\n|---|---|---|---|",
+        *statements,
+        "",
+        "## Where the paper is wrong or incomplete",
+        "",
+        *findings,
+        "## Derivations",
+        "",
+        DERIVATIONS,
+        "## Not held against the paper",
+        "",
+        NOT_HELD,
+        "## Not checked, or only so far",
+        "",
+        NOT_CHECKED,
+    ]
+    return "\n".join(parts).rstrip() + "\n"

@@ -1,0 +1,113 @@
+"""The formulas of the paper's section 3.1.1 against the exact flight.
+
+A flight leaves Σ⁺ at phase t* with velocity −v. Orders are measured as log2 of the ratio of the largest residual over
+PHASES at two steps, one half of the other.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import rattle
+from rattle import flight
+from rattle.gear import Gear
+
+TWO_PI = 2 * np.pi
+PHASES = np.arange(16) / 16
+DELTA, EPSILON = 0.6, 0.1  # below the quiet limit, so that every small bounce comes back
+SPEED = 0.05
+STEPS = (2.0**-9, 2.0**-10)
+SPEEDS = (2.0**-8, 2.0**-9)
+
+Array = NDArray[np.float64]
+
+
+def acceleration(phase: Array, v: float, delta: float, epsilon: float) -> Array:
+    """Φ'' on departure: the bracket of (3.7), and the denominator of (3.8) with its sign put right."""
+    return (
+        delta * v
+        - TWO_PI * delta * epsilon * np.sin(TWO_PI * phase)
+        + 2 * TWO_PI * delta
+        - TWO_PI**2 * epsilon * np.cos(TWO_PI * phase)
+    )
+
+
+def f(phase: Array, v: float, delta: float, epsilon: float) -> Array:
+    """(3.9) as printed: 2 Φ''' on departure."""
+    sine = np.sin(TWO_PI * phase)
+    return 4 * (
+        -(delta**2) * v / 2 + delta**2 * np.pi * epsilon * sine - 2 * delta**2 * np.pi + 4 * np.pi**3 * epsilon * sine
+    )
+
+
+def g(phase: Array, v: float, delta: float, epsilon: float) -> Array:
+    """(3.10) as printed: the square of Φ'' on departure."""
+    return acceleration(phase, v, delta, epsilon) ** 2
+
+
+class Orders(NamedTuple):
+    """Measured orders of what is left out: of Φ by (3.6), Φ' by (3.7) as h → 0; of the time by (3.8), and of the speed
+    by v + (f/g) v² and by v + (f/3g) v², as v → 0.
+    """
+
+    displacement: float
+    velocity: float
+    time: float
+    printed: float
+    third: float
+
+
+def orders() -> Orders:
+    """At δ = 0.6, ε = 0.1: two steps h of one departure speed, two speeds of whole bounces."""
+    expansions = np.array([_expansion_residuals(h) for h in STEPS])
+    bounces = np.array([_bounce_residuals(v) for v in SPEEDS])
+    return Orders(*np.log2(expansions[0] / expansions[1]), *np.log2(bounces[0] / bounces[1]))
+
+
+def _expansion_residuals(h: float) -> tuple[float, float]:
+    rate = acceleration(PHASES, SPEED, DELTA, EPSILON)
+    left = []
+    for phase, a, jerk in zip(PHASES, rate, f(PHASES, SPEED, DELTA, EPSILON) / 2, strict=True):
+        sine, cosine = math.sin(TWO_PI * phase), math.cos(TWO_PI * phase)
+        start = flight.DRIFT - TWO_PI * EPSILON * sine + SPEED
+        moved, velocity, *_ = flight.evaluate(h, -SPEED, start, sine, cosine, DELTA, EPSILON)
+        left.append((moved - (-SPEED * h + a / 2 * h**2), velocity - (-SPEED + a * h + jerk / 2 * h**2)))
+    worst = np.abs(left).max(axis=0)
+    return float(worst[0]), float(worst[1])
+
+
+def _bounce_residuals(v: float) -> tuple[float, float, float]:
+    gear = Gear(DELTA, EPSILON)
+    bounces = [gear.first_impact(1, phase, -v) for phase in PHASES]
+    time = np.array([b.flight_time for b in bounces])
+    speed = np.array([b.impact_velocity for b in bounces])
+    change = f(PHASES, v, DELTA, EPSILON) / g(PHASES, v, DELTA, EPSILON) * v**2
+    left = (time - 2 * v / acceleration(PHASES, v, DELTA, EPSILON), speed - v - change, speed - v - change / 3)
+    return tuple(float(np.abs(x).max()) for x in left)  # type: ignore[return-value]
+
+
+def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON) -> tuple[float, float]:
+    """(rate per forcing period at which ln v falls, periods): many exact bounces from phase 0.
+
+    Taken between equal contact forces: of ln (v³/g)/3, since the ratio v³/g compares speeds at different phases.
+    """
+    end = rattle.iterate_tangent(delta, epsilon, 0.0, v, impacts)
+    invariant = [
+        math.log(speed**3 / float(acceleration(np.array(phase), 0.0, delta, epsilon)))
+        for phase, speed in ((0.0, v), (float(end.tau), float(end.v)))
+    ]
+    periods = float(end.time)
+    return (invariant[0] - invariant[1]) / 3 / periods, periods
+
+
+def decay_by_formula(factor: float, v: float, periods: float, delta: float = DELTA, epsilon: float = EPSILON) -> float:
+    """The same rate if a bounce took 2v/Φ'' and changed v by factor (f/g) v²: over whole periods, from phase 0."""
+    t, speed = 0.0, v
+    while t < periods:
+        phase = np.array(t)
+        a = float(acceleration(phase, speed, delta, epsilon))
+        change = factor * float(f(phase, speed, delta, epsilon)) / a**2
+        t, speed = t + 2 * speed / a, speed + change * speed**2
+    return math.log(v / speed) / t

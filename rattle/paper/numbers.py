@@ -1,0 +1,76 @@
+"""Every number that the paper states, computed. β = 0.6 throughout."""
+
+import math
+from collections.abc import Callable
+
+import rattle
+from rattle.curves import codimension_two, trace
+from rattle.errors import RattleError
+from rattle.paper.birth import birth_of_chaos
+from rattle.paper.chaos import end_of_chaos
+from rattle.paper.records import Number
+
+#: What the paper states: where, the digits, and the key of the finding if it is off.
+STATED = {
+    "SN1 at δ = 0.6": ("5.1, Fig. 5", "≈ 0.0596", ""),
+    "SN2 at δ = 0.6": ("5.1, Fig. 5", "≈ 0.0687", ""),
+    "PD1 at δ = 0.6": ("5.1, Fig. 5", "≈ 0.076", ""),
+    "chaotic attractor appears at δ = 0.6": ("5.1", "≈ 0.096", "birth"),
+    "chaotic attractor ends at δ = 0.6": ("5.1, 6", "≈ 0.1109", ""),
+    "G1 at δ = 0.6": ("5.1, Fig. 5", "≈ 0.1445", ""),
+    "SN1 at δ = 0.762": ("5.2, Fig. 9", "≈ 0.09585", ""),
+    "G1 at δ = 0.762": ("5.2, Fig. 9", "≈ 0.09606", ""),
+    "chaotic attractor ends at δ = 0.762": ("5.2, 6, Fig. 9", "≈ 0.09742", ""),
+    "λ₁ of C on G1 at δ = 0.762": ("5.2", "≈ 0.8349", ""),
+    "λ₂ of C on G1 at δ = 0.762": ("5.2", "≈ 0.5590", ""),
+    "COD21: multipliers on G1 turn real, δ": ("5.2, Figs. 7, 8", "≈ 0.7590", ""),
+    "COD21: multipliers on G1 turn real, ε": ("5.2, Figs. 7, 8", "≈ 0.09550", ""),
+    "λ₁ = λ₂ at COD21": ("5.2", "≈ 0.6842", ""),
+    "COD21: SN2 and PD1 meet G1, δ": ("5.2, Figs. 7, 8", "≈ 0.7590", "COD23"),
+    "COD21: SN2 and PD1 meet G1, ε": ("5.2, Figs. 7, 8", "≈ 0.09550", "COD23"),
+    "COD22: SN1 meets G1 and G2, δ": ("5.2, Figs. 7, 8", "≈ 0.7701", ""),
+    "COD22: SN1 meets G1 and G2, ε": ("5.2, Figs. 7, 8", "≈ 0.09789", ""),
+    "λ₁ = λ₂ = 2/3, δ": ("5.2", "≈ 0.8109", ""),
+}
+
+
+def at(curve: str, delta: float) -> float:
+    """ε of a bifurcation curve at one damping; NaN where it is absent."""
+    found = trace(curve, delta=(delta - 0.01, delta + 0.01)).at(delta)
+    return found[0] if found else math.nan
+
+
+def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
+    """How each is computed; the names are those of STATED."""
+    points = {point.name: point for point in codimension_two()}
+    if not {"COD21", "COD22", "COD23"} <= set(points):
+        raise RattleError("codimension-two points of beta = 0.6 are missing")
+    equal, ends, fold = points["COD21"], points["COD23"], points["COD22"]
+    first, second = rattle.grazing("G1", 0.762).multipliers
+    return {
+        "SN1 at δ = 0.6": lambda: at("SN1", 0.6),
+        "SN2 at δ = 0.6": lambda: at("SN2", 0.6),
+        "PD1 at δ = 0.6": lambda: at("PD1", 0.6),
+        "chaotic attractor appears at δ = 0.6": lambda: birth_of_chaos().graze,
+        "chaotic attractor ends at δ = 0.6": lambda: end_of_chaos(0.6, 0.1107, 0.1112, 2e-6),
+        "G1 at δ = 0.6": lambda: at("G1", 0.6),
+        "SN1 at δ = 0.762": lambda: at("SN1", 0.762),
+        "G1 at δ = 0.762": lambda: at("G1", 0.762),
+        "chaotic attractor ends at δ = 0.762": lambda: end_of_chaos(0.762, 0.0973, 0.0976, 1e-6),
+        "λ₁ of C on G1 at δ = 0.762": lambda: float(first.real),
+        "λ₂ of C on G1 at δ = 0.762": lambda: float(second.real),
+        "COD21: multipliers on G1 turn real, δ": lambda: equal.delta,
+        "COD21: multipliers on G1 turn real, ε": lambda: equal.epsilon,
+        "λ₁ = λ₂ at COD21": lambda: math.exp(-equal.delta / 2),
+        "COD21: SN2 and PD1 meet G1, δ": lambda: ends.delta,
+        "COD21: SN2 and PD1 meet G1, ε": lambda: ends.epsilon,
+        "COD22: SN1 meets G1 and G2, δ": lambda: fold.delta,
+        "COD22: SN1 meets G1 and G2, ε": lambda: fold.epsilon,
+        "λ₁ = λ₂ = 2/3, δ": lambda: -2 * math.log(2 / 3),
+    }
+
+
+def numbers() -> tuple[Number, ...]:
+    """All of them, in the paper's order."""
+    computed = _computed()
+    return tuple(Number(where, what, paper, computed[what](), key) for what, (where, paper, key) in STATED.items())

@@ -1,0 +1,117 @@
+"""`rattle paper` can fail, and docs/paper.md says what it prints."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from rattle import paper
+from rattle.paper import numbers
+from rattle.paper.records import AGREES, OFF, UNDECIDED
+from service.cli import app
+
+DOCUMENT = (Path(__file__).parents[2] / "docs" / "paper.md").read_text()
+NUMBER = re.compile(r"\d+\.\d+")
+INTERVAL = 1e-5  # trajectories near a crisis differ from machine to machine
+
+
+@pytest.fixture(scope="module")
+def report() -> paper.Report:
+    """Everything, computed once."""
+    return paper.report()
+
+
+@pytest.fixture
+def computed(report: paper.Report, monkeypatch: pytest.MonkeyPatch) -> paper.Report:
+    """The command computes its numbers, and takes what costs more from the report."""
+    intervals = {x.what: x.computed for x in report.numbers if isinstance(x.computed, tuple)}
+    monkeypatch.setattr(numbers, "end_of_chaos", lambda delta, *_: intervals[f"chaotic attractor ends at δ = {delta}"])
+    module = __import__("rattle.paper.report", fromlist=["report"])
+    monkeypatch.setattr(module, "statements", lambda *_: report.statements)
+    monkeypatch.setattr(module, "findings", lambda *_: report.findings)
+    return report
+
+
+def test_nothing_is_unexpected(report):
+    assert report.unexpected == ()
+    assert len(report.numbers) == len(numbers.STATED)
+
+
+def test_the_document_is_what_the_command_prints(report):
+    """To the last digit but one; basin fractions, whose boundaries are fractal, to 0.003."""
+    ours, shown = paper.markdown(report).splitlines(), DOCUMENT.splitlines()
+    assert len(ours) == len(shown)
+    for one, other in zip(ours, shown, strict=True):
+        assert NUMBER.sub("#", one) == NUMBER.sub("#", other)
+        for a, b in zip(NUMBER.findall(one), NUMBER.findall(other), strict=True):
+            tolerance = INTERVAL if "attractor ends" in one else 3.0 * 10.0 ** -len(a.split(".")[1])
+            assert float(a) == pytest.approx(float(b), abs=tolerance)
+
+
+def test_the_command_shows_every_number(computed):
+    result = CliRunner().invoke(app, ["paper"])
+    assert result.exit_code == 0, result.output
+    for number in computed.numbers:
+        assert number.paper in result.output
+    for finding in computed.findings:
+        assert finding.title in result.output.replace("\n", " ")
+    printed = CliRunner().invoke(app, ["paper", "--markdown"])
+    assert printed.exit_code == 0
+    assert printed.output.splitlines()[:20] == paper.markdown(computed).splitlines()[:20]
+
+
+@pytest.mark.usefixtures("computed")
+def test_a_wrong_value_in_the_paper_makes_the_command_fail(monkeypatch):
+    monkeypatch.setitem(numbers.STATED, "SN1 at δ = 0.6", ("5.1", "≈ 0.0598", ""))
+    result = CliRunner().invoke(app, ["paper"])
+    assert result.exit_code == 1
+    assert "unexpected: SN1 at δ = 0.6" in result.output
+
+
+@pytest.mark.usefixtures("computed")
+def test_a_wrong_computed_value_makes_the_command_fail(monkeypatch):
+    right = numbers.at
+    monkeypatch.setattr(numbers, "at", lambda curve, delta: right(curve, delta) + 2e-4 * (curve == "G1"))
+    result = CliRunner().invoke(app, ["paper"])
+    assert result.exit_code == 1
+    assert "unexpected: G1 at δ = 0.6" in result.output
+    assert "unexpected: SN1" not in result.output
+
+
+def test_a_finding_without_evidence_or_need_is_unexpected(report):
+    first = report.findings[0]
+    doubtful = replace(first, evidence=(replace(first.evidence[0], holds=False), *first.evidence[1:]))
+    assert replace(report, findings=(doubtful, *report.findings[1:])).unexpected
+    off = next(x for x in report.numbers if x.finding)
+    assert not replace(off, computed=float(off.stated)).as_expected
+    assert report.number_of(off.finding) <= len(report.findings)
+    assert replace(report, statements=(replace(report.statements[0], holds=False),)).unexpected
+
+
+@pytest.mark.parametrize(
+    ("stated", "computed", "verdict"),
+    [
+        ("0.076", 0.0765, AGREES),
+        ("0.076", 0.07651, OFF),
+        ("≈ 0.076", 0.077, AGREES),
+        ("≈ 0.076", 0.07701, OFF),
+        ("≈ 0.7590", 0.75891, AGREES),
+        ("≈ 0.7590", 0.75889, OFF),
+        ("≈ 0.1109", (0.1108, 0.1110), AGREES),
+        ("≈ 0.1109", (0.1109, 0.1111), UNDECIDED),
+        ("≈ 0.1109", (0.1112, 0.1113), OFF),
+        ("≈ 0.1109", float("nan"), OFF),
+    ],
+)
+def test_the_rule(stated, computed, verdict):
+    number = paper.Number("5.1", "something", stated, computed)
+    assert number.verdict == verdict
+    assert number.as_expected == (verdict == AGREES)
+
+
+def test_the_end_of_chaos_agrees_with_the_manifold_condition(report):
+    """At δ = 0.762 the corner of W^u(A) lands on W^s(A) at this ε; beyond it by less than the watch can tell."""
+    low, high = next(x.interval for x in report.numbers if x.what == "chaotic attractor ends at δ = 0.762")
+    assert low - 1e-6 < 0.0974223487 < high
