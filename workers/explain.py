@@ -132,7 +132,7 @@ class _Search:
         """The curves with the number of pairs that each explains."""
         for item in self.known:
             here = np.flatnonzero(item.crosses)
-            own = [bool(item.labels.intersection(self.changes[n])) for n in here]
+            own = np.array([bool(item.labels.intersection(self.changes[n])) for n in here], bool)
             region = self.pairs.region[here] & item.bounds_regions
             yield replace(item, explains=int(np.sum(own | region)))
 

@@ -1,0 +1,122 @@
+"""What explains the boundaries of a survey: every boundary of regions, on any plane, and what is left says why."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+import rattle
+from rattle import curves
+from service.cli import app
+from workers import Axis, SurveyError, SurveyRequest, create_store, open_survey, tiles_of
+from workers.boundaries import Grid, crossed
+from workers.explain import explain
+from workers.runner import compute_and_write
+
+
+def regions_only(beta: float, delta: tuple[float, float], epsilon: tuple[float, float], num: int = 31) -> xr.Dataset:
+    axes = {"delta": np.linspace(*delta, num), "epsilon": np.linspace(*epsilon, num + 1)}
+    region = rattle.regions(axes["delta"], axes["epsilon"][:, None], beta)
+    cells = ("epsilon", "delta")
+    status = np.ones(region.shape, np.int8)
+    return xr.Dataset({"region": (cells, region), "status": (cells, status)}, coords=axes, attrs={"beta": beta})
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("explain") / "survey.zarr"
+    request = SurveyRequest(
+        delta=Axis(start=0.55, stop=0.8, num=11),
+        epsilon=Axis(start=0.055, stop=0.135, num=13),
+        initial_conditions={"count": 24},
+    )
+    create_store(request, path)
+    for tile in tiles_of(request):
+        compute_and_write(request, str(path), tile)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("beta", "delta", "epsilon"),
+    [
+        (0.6, (0.4, 1.0), (0.005, 0.3)),
+        (0.6, (0.2, 1.5), (0.001, 0.4)),
+        (0.6, (0.755, 0.775), (0.094, 0.099)),
+        (0.2, (0.05, 0.6), (0.0, 0.3)),
+        (0.35, (0.2, 1.5), (0.001, 0.4)),
+        (1.2, (0.2, 1.7), (0.001, 0.6)),
+    ],
+)
+def test_every_boundary_of_regions_is_explained(
+    beta: float, delta: tuple[float, float], epsilon: tuple[float, float]
+) -> None:
+    """Other planes than Figure 7's hold region 0 too, where A or C returns early or more orbits P(1,1,1) are born."""
+    found = explain(regions_only(beta, delta, epsilon))
+    assert found.pairs.region.sum() > 50
+    assert found.region_explained[found.pairs.region].all()
+    assert not found.rest
+
+
+def test_a_boundary_that_no_curve_makes_is_left_over() -> None:
+    """The check can fail: a cell with a wrong region has four neighbours that nothing passes between."""
+    dataset = regions_only(0.6, (0.4, 1.0), (0.005, 0.3))
+    i, j = 3, 25  # in region I, far from every curve
+    assert (dataset["region"][i - 1 : i + 2, j - 1 : j + 2] == 1).all()
+    dataset["region"][i, j] = 4
+    found = explain(dataset)
+    assert found.pairs.region.sum() - found.region_explained.sum() == 4
+    assert {rest.change for rest in found.rest} == {"region I | IV", "region IV | I"}
+    assert sum(rest.pairs for rest in found.rest) == 4
+
+
+def test_crossings_are_those_of_a_closed_form() -> None:
+    grid = Grid(regions_only(0.6, (0.4, 1.0), (0.005, 0.3)))
+    pairs = grid.differing()
+    found = crossed(curves.trace("SN1", 0.6, (0.4, 1.0), (0.005, 0.3)), grid, pairs)
+    ends = [np.array([grid.point(cell) for cell in side]) for side in (pairs.first, pairs.second)]
+    above = [epsilon > rattle.sn1(delta) for delta, epsilon in (side.T for side in ends)]
+    before_cod22 = np.minimum(ends[0][:, 0], ends[1][:, 0]) < 0.76
+    assert (found[before_cod22] == (above[0] != above[1])[before_cod22]).all()
+    assert found.any()
+
+
+def test_what_changes_between_attractors(store: Path) -> None:
+    with open_survey(store) as dataset:
+        found = explain(dataset)
+    assert found.region_explained[found.pairs.region].all()
+    differ, explained = found.pairs.attractors, found.attractors_explained
+    assert differ.sum() > 30
+    assert explained.sum() / differ.sum() > 0.5
+    assert found.crossed[explained].all()
+    left = (differ & ~explained).sum()
+    assert sum(rest.pairs for rest in found.rest) == left
+    for rest in found.rest:
+        assert rest.why
+        (d0, e0), (d1, e1) = rest.example
+        assert (d0 == d1) != (e0 == e1)
+    others = {item.curve.name for item in found.known} - set(curves.NAMES)
+    assert any(item.explains for item in found.known if item.curve.name in others)
+
+
+def test_the_command_prints_shares_and_the_rest(store: Path) -> None:
+    result = CliRunner().invoke(app, ["explain", str(store), "--curves", "3", "--rows", "4"])
+    assert result.exit_code == 0, result.output
+    assert "whose regions differ, explained" in result.output
+    assert "(100.0 %)" in result.output
+    assert "why no curve" in result.output
+
+
+def test_the_command_fails_where_a_region_has_no_boundary(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with open_survey(store) as dataset:
+        wrong = dataset.load()
+    wrong["region"][0, -1] = 5
+    monkeypatch.setattr("workers.open_survey", lambda _: wrong)
+    assert CliRunner().invoke(app, ["explain", str(store), "--curves", "0"]).exit_code == 1
+
+
+def test_nothing_to_explain_is_said() -> None:
+    empty = regions_only(0.6, (0.4, 1.0), (0.005, 0.3)).drop_vars("region")
+    with pytest.raises(SurveyError, match="region or attractors"):
+        explain(empty)
