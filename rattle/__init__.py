@@ -1,19 +1,24 @@
 """rattle: the impacting gear model of Mason and Piiroinen (2009), exact and fast.
 
 `Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and
-`quiet_limit` work on whole arrays.
+`quiet_limit` work on whole arrays. `periodic_orbit` solves for any periodic motion; `branch`, `doubled`, `beyond` and
+`cascade` follow it in one parameter; `curves` has the bifurcation curves of the (δ, ε) plane.
 """
 
+from rattle import curves
 from rattle._compile import source_hash
 from rattle._version import __version__
 from rattle.attractors import KINDS, Attractor, Attractors, attractors_of
+from rattle.branches import Branch, beyond, branch, cascade, doubled, fate
 from rattle.curves.codimension import robust_chaos_interval
 from rattle.errors import ParameterError, RattleError
+from rattle.events import Event
 from rattle.gear import FirstImpact, Gear, Impact
 from rattle.grazing import Grazing, grazing
 from rattle.iterate import Iterates, Stretched, iterate, iterate_tangent
 from rattle.limits import flip, quiet_limit, sn1
 from rattle.orbits import Orbit, PeriodOne, period_one
+from rattle.periodic import PeriodicOrbit, periodic_orbit
 from rattle.regions import classify as classify_regions
 from rattle.regions import regions
 from rattle.sampling import wilson_interval
@@ -23,6 +28,8 @@ __all__ = [
     "KINDS",
     "Attractor",
     "Attractors",
+    "Branch",
+    "Event",
     "FirstImpact",
     "Gear",
     "Grazing",
@@ -31,16 +38,24 @@ __all__ = [
     "Orbit",
     "ParameterError",
     "PeriodOne",
+    "PeriodicOrbit",
     "RattleError",
     "Stretched",
     "__version__",
     "attractors_of",
+    "beyond",
+    "branch",
+    "cascade",
     "classify_regions",
+    "curves",
+    "doubled",
+    "fate",
     "flip",
     "grazing",
     "iterate",
     "iterate_tangent",
     "period_one",
+    "periodic_orbit",
     "quiet_limit",
     "regions",
     "robust_chaos_interval",

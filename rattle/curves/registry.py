@@ -4,7 +4,7 @@ Each curve is a motion (which walls it meets), the condition that holds on it (`
 it, and which part of the solutions it is.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +29,7 @@ class Definition:
     kind: Kind
     meaning: str
     source: str
-    starts: Callable[[float, float], list[Array]]
+    starts: Callable[[float, float], Sequence[Array]]
     impact: int | None = None
     belongs: Callable[[Array], str | None] = lambda _: None
 
@@ -47,13 +47,13 @@ def _of_a(x: Array) -> str | None:
     return None if np.cos(2 * np.pi * x[0]) <= 0.0 else "the grazing motion is C from here on, on G1"
 
 
-def _first_flip(delta: float, beta: float) -> list[Array]:
+def _first_flip(delta: float, beta: float) -> Sequence[Array]:
     """The flip next to SN2 on D, if D is stable before it."""
     found = starts.flips(delta, beta)
-    return found[:1] if found and starts.loses_stability(found[0], beta) else []
+    return found[:1] if found and starts.loses_stability(found[0], beta) else ()
 
 
-def _later_flips(delta: float, beta: float) -> list[Array]:
+def _later_flips(delta: float, beta: float) -> Sequence[Array]:
     """Where D becomes stable again, and beyond the fold where it ceases to be."""
     return starts.flips(delta, beta)[len(_first_flip(delta, beta)) :]
 

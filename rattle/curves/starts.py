@@ -11,6 +11,8 @@ from rattle.bifurcations import Kind
 from rattle.impact_equations import Array, Itinerary
 from rattle.limits import flip, sine_offset, sn1
 
+FINER = 33  # members between two neighbours of the family, one of which is near a zero
+
 
 class Family(NamedTuple):
     """The P(1,1,1) motions at one damping for rising times s ∈ (1/2, 1) from Σ⁺ to Σ⁻: unknowns (k, 4), speed at
@@ -43,18 +45,15 @@ def two_impacts(delta: float, beta: float) -> Family:
 
 
 def zeros(values: Callable[[Family], Array], delta: float, beta: float) -> list[Array]:
-    """Unknowns at the sign changes of a function of the family, in the order of s, to a thousandth of its spacing."""
+    """Unknowns at the sign changes of a function of the family, in the order of s, to a fraction of its spacing."""
     coarse = two_impacts(delta, beta)
-    found = []
-    for i in np.flatnonzero(values(coarse)[:-1] * values(coarse)[1:] < 0):
+    at, found = values(coarse), []
+    for i in np.flatnonzero(at[:-1] * at[1:] < 0):
         low, high = (float(coarse.x[j, 1] - coarse.x[j, 0]) for j in (i, i + 1))
-        for _ in range(2):
-            s = np.linspace(low, high, 33)
-            fine = members(s, delta, beta)
-            changes = np.flatnonzero(values(fine)[:-1] * values(fine)[1:] <= 0)
-            j = int(changes[0]) if changes.size else 16
-            low, high = s[j], s[j + 1]
-        found.append(fine.x[j])
+        fine = members(np.linspace(low, high, FINER), delta, beta)
+        at_fine = values(fine)
+        changes = np.flatnonzero(at_fine[:-1] * at_fine[1:] <= 0)
+        found.append(fine.x[changes[0] if changes.size else FINER // 2])
     return found
 
 
@@ -68,9 +67,10 @@ def grazes(delta: float, beta: float) -> list[Array]:
     return zeros(lambda at: at.u, delta, beta)
 
 
-def flips(delta: float, beta: float) -> list[Array]:
+@lru_cache(maxsize=256)
+def flips(delta: float, beta: float) -> tuple[Array, ...]:
     """Flips of B and D."""
-    return zeros(lambda at: at.flip, delta, beta)
+    return tuple(zeros(lambda at: at.flip, delta, beta))
 
 
 def loses_stability(x: Array, beta: float) -> bool:

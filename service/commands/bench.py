@@ -21,6 +21,7 @@ class Part(StrEnum):
     KERNEL = "kernel"
     CELL = "cell"
     SURVEY = "survey"
+    CURVES = "curves"
     PEERS = "peers"
     START = "start"
 
@@ -43,6 +44,8 @@ def bench(
 
     survey: cells per second, where the time goes, and peak memory.
 
+    curves: seconds to trace Figures 7 and 8, for branches of motions and for a period-doubling cascade.
+
     peers: other people's integrators on the same trajectories.
 
     start: seconds to the first result of a new process.
@@ -54,6 +57,7 @@ def bench(
         Part.KERNEL: lambda: _kernel(thin),
         Part.CELL: lambda: _cell(count, row, sample),
         Part.SURVEY: lambda: _survey(side, count, workers, tile),
+        Part.CURVES: _curves,
         Part.PEERS: _peers,
         Part.START: _start,
     }
@@ -129,6 +133,17 @@ def _survey(side: int, count: int, workers: int, tile: int | None) -> Iterable[T
     table.add_row("1000 × 1000 cells would take, without the idle end", f"{cost.large_hours:.2f} h", "")
     table.add_row("peak memory, this process", f"{cost.front_mebibytes:.0f} MiB", "")
     table.add_row("peak memory, all workers", f"{cost.workers_mebibytes:.0f} MiB", "")
+    yield table
+
+
+def _curves() -> Iterable[Table]:
+    from rich.table import Table
+
+    from service import measure
+
+    table = Table("what", "seconds", "points", title="curves: one core, kernels compiled")
+    for name, seconds, points in measure.bifurcations():
+        table.add_row(name, f"{seconds:.2f}", str(points))
     yield table
 
 

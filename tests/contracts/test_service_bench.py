@@ -103,6 +103,14 @@ def test_survey_table(monkeypatch: pytest.MonkeyPatch) -> None:
     assert table["1000 × 1000 cells would take, without the idle end"][0] == "22.92 h"
 
 
+def test_curves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measure, "TURNS", 1)
+    table = rows(printed(monkeypatch, "curves"))
+    assert int(table["Figures 7 and 8"][1]) > 300
+    assert int(table["six period doublings of D"][1]) == 6
+    assert all(float(cells[0]) > 0 for cells in table.values())
+
+
 def test_peers(monkeypatch: pytest.MonkeyPatch) -> None:
     measured = peers.Peer("scipy", "1.0", 3000.0, 30.0, 1e-12, 1e-11, 400, 3)
     monkeypatch.setattr(peers, "peers", lambda: iter([measured]))
