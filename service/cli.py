@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from service.commands.bench import bench
+from service.commands.curves import curves
 from service.commands.drawing import figure
 from service.commands.explain import explain
 from service.commands.opening import open_
@@ -32,6 +33,7 @@ app.command()(figure)
 app.command()(explain)
 app.command()(orbits)
 app.command()(paper)
+app.command()(curves)
 app.command()(bench)
 
 

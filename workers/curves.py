@@ -1,53 +1,171 @@
-"""The curves and points that divide the plane of a survey, for its store and its picture."""
+"""The curves and points that divide the plane of a survey, for its store and its picture: those of `rattle.curves`.
 
+The bare names delta, epsilon and multiplier are coordinates of the survey, which xarray's groups inherit: a variable of
+that name in a group would be hidden. So theirs begin with `point_`.
+"""
+
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 
-import rattle
-from rattle import curves
+from rattle import RattleError
+from rattle.curves import CodimensionTwo, Curve, describe, trace
 from workers.quantities import DOI
+
+LOWEST_DELTA = 0.1  # of the axis' start: where half a cell reaches 0, which no curve does
+
+
+class Window(NamedTuple):
+    """A rectangle of the plane: (low, high) of δ and of ε."""
+
+    delta: tuple[float, float]
+    epsilon: tuple[float, float]
+
+
+class Missing(NamedTuple):
+    """A curve that cannot be traced, and why."""
+
+    reason: str
 
 
 @dataclass(frozen=True)
-class Curve:
-    """A curve ε(δ) for a half-backlash β; NaN where it does not exist."""
+class Variable:
+    """A stored variable of a group, and its values; a group without values holds it with length 0."""
 
+    name: str
+    dims: tuple[str, ...]
+    dtype: Any
     long_name: str
-    reference: str
-    epsilon: Callable[[np.ndarray, float], np.ndarray]
+    values: Callable[[Any], Any]
+
+    def of(self, item: Any) -> np.ndarray:
+        """The values, in the stored type; empty for a missing curve."""
+        if isinstance(item, Missing):
+            return np.empty([2 if dim == "multiplier" else 0 for dim in self.dims], self.dtype)
+        return np.asarray(self.values(item), self.dtype)
+
+    @property
+    def attributes(self) -> dict[str, str]:
+        """CF attributes."""
+        return {"long_name": self.long_name, "units": "1"}
 
 
-def codimension_two(name: str, beta: float) -> tuple[float, float]:
-    """Return (δ, ε) of a codimension-two point, NaN where this β has none."""
-    points = {point.name: (point.delta, point.epsilon) for point in curves.codimension_two(beta)}
-    return points.get(name, (float("nan"), float("nan")))
+TEXT = np.dtypes.StringDType()  # of variable length, the only kind of text that zarr v3 specifies
+POINT, END, PAIR = ("point",), ("end",), ("pair",)
 
-
-def _until(name: str, epsilon: np.ndarray, delta: np.ndarray, beta: float) -> np.ndarray:
-    """End a curve at a codimension-two point, beyond which its orbit would cross the other wall."""
-    return np.where(delta > codimension_two(name, beta)[0], np.nan, epsilon)
-
-
-_FIGURE_7 = f"doi:{DOI} section 5.2, Figure 7"
-
-CURVES = {
-    "SN1": Curve(
-        "saddle-node of A and C, up to COD22",
-        f"doi:{DOI} equation 4.1",
-        lambda delta, beta: _until("COD22", rattle.sn1(delta), delta, beta),
+CURVE_VARIABLES: tuple[Variable, ...] = (
+    Variable("point_delta", POINT, float, "damping δ of the point", lambda curve: curve.delta),
+    Variable("point_epsilon", POINT, float, "eccentricity ε of the point", lambda curve: curve.epsilon),
+    Variable("phase", POINT, float, "phase τ of the impact on Σ+, in forcing periods", lambda curve: curve.tau),
+    Variable("velocity", POINT, float, "speed v after the impact on Σ+", lambda curve: curve.v),
+    Variable(
+        "point_multiplier",
+        ("multiplier", "point"),
+        complex,
+        "Floquet multiplier of the motion; where it grazes, without the square root",
+        lambda curve: curve.multipliers,
     ),
-    "PDC": Curve(
-        "flip (period doubling) of C, up to COD20",
-        f"doi:{DOI} section 3.3",
-        lambda delta, beta: _until("COD20", rattle.flip(delta), delta, beta),
+    Variable(
+        "arclength",
+        POINT,
+        float,
+        "length along the curve in the (δ, ε) plane, from the start of the piece",
+        lambda curve: curve.arclength,
     ),
-    "G1": Curve("grazing of C", _FIGURE_7, lambda delta, beta: rattle.grazing("G1", delta, beta).epsilon),
-    "G2": Curve("grazing of A", _FIGURE_7, lambda delta, beta: rattle.grazing("G2", delta, beta).epsilon),
-    "quiet_limit": Curve(
-        "limit of permanent contact", f"doi:{DOI} section 3.1", lambda delta, _: rattle.quiet_limit(delta)
+    Variable("piece", POINT, np.int64, "number of the connected piece, from 0", lambda curve: curve.piece),
+    Variable(
+        "fold", POINT, bool, "whether δ turns back at the point", lambda curve: np.isin(range(len(curve)), curve.folds)
     ),
-}
+    Variable(
+        "end_point",
+        END,
+        np.int64,
+        "number of the point, from 0, at which a piece ends; two ends of each piece in turn",
+        lambda curve: [end.index for end in curve.ends],
+    ),
+    Variable(
+        "end_reason",
+        END,
+        TEXT,
+        "why the curve ends there: a codimension-two point, the edge of existence of its motion, or, where it goes on, "
+        "the window of the survey",
+        lambda curve: [end.reason for end in curve.ends],
+    ),
+)
 
-POINTS = ("COD20", "COD21", "COD22")
+Points = tuple[CodimensionTwo, ...]
+
+
+def _pairs(points: Points) -> list[tuple[str, str, str, float]]:
+    return [(point.name, *pair, order) for point in points for pair, order in point.tangency.items()]
+
+
+POINT_VARIABLES: tuple[Variable, ...] = (
+    Variable("point", POINT, TEXT, "name of the codimension-two point", lambda points: [each.name for each in points]),
+    Variable("point_delta", POINT, float, "damping δ of the point", lambda points: [each.delta for each in points]),
+    Variable(
+        "point_epsilon", POINT, float, "eccentricity ε of the point", lambda points: [each.epsilon for each in points]
+    ),
+    Variable("meaning", POINT, TEXT, "what happens at the point", lambda points: [each.meaning for each in points]),
+    Variable(
+        "curves",
+        POINT,
+        TEXT,
+        "curves that meet at the point, groups of /curves, separated by spaces",
+        lambda points: [" ".join(each.curves) for each in points],
+    ),
+    Variable("pair_point", PAIR, TEXT, "point at which a pair of curves meets", lambda points: _column(points, 0)),
+    Variable("pair_first", PAIR, TEXT, "one curve of the pair", lambda points: _column(points, 1)),
+    Variable("pair_second", PAIR, TEXT, "the other curve of the pair", lambda points: _column(points, 2)),
+    Variable(
+        "pair_tangency",
+        PAIR,
+        float,
+        "measured order p of |ε₁ − ε₂| ∝ |Δδ|^p of the pair at the point: 1 where they cross, 2 where they touch",
+        lambda points: _column(points, 3),
+    ),
+)
+
+
+def _column(points: Points, number: int) -> list[Any]:
+    return [pair[number] for pair in _pairs(points)]
+
+
+def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
+    """The plane that a map of these cells shows: half a cell more on each side, where δ is positive and ε not negative.
+
+    So a curve that crosses a cell, also one on the border, has points on both sides of it.
+    """
+    low, high = _around(delta)
+    bottom, top = _around(epsilon)
+    return Window((max(low, LOWEST_DELTA * float(delta[0])), high), (max(bottom, 0.0), top))
+
+
+def _around(axis: np.ndarray) -> tuple[float, float]:
+    low, high = float(axis[0]), float(axis[-1])
+    half = (high - low) / max(2 * (axis.size - 1), 1)
+    return low - half, min(high + half, sys.float_info.max)
+
+
+@lru_cache(maxsize=128)
+def traced(name: str, beta: float, window: Window) -> Curve | Missing:
+    """A curve inside a window; kept, because the pictures of a survey that runs need it again and again."""
+    try:
+        with np.errstate(all="ignore"):  # what overflows on the way in an extreme window is no curve
+            return trace(name, beta, window.delta, window.epsilon)
+    except RattleError as error:
+        return Missing(f"not traced: {error}")
+
+
+def curve_attributes(name: str, curve: Curve | Missing) -> dict[str, str]:
+    """What a curve is, and why its group is empty if it is; the reference is the model's, which lacks some curves."""
+    attributes = {"long_name": f"{name}: {describe(name)}", "references": f"https://doi.org/{DOI}"}
+    if isinstance(curve, Missing):
+        attributes["comment"] = curve.reason
+    elif not len(curve):
+        attributes["comment"] = "no part of the curve is in the window"
+    return attributes

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from workers.errors import SurveyError
 from workers.evaluate import FAILED
+from workers.overlay import CURVES_ON, draw_curves, draw_points
 from workers.schema import CELL
 
 NOT_COMPUTED, FAILURE, NOTHING = "0.78", "#3b0a0a", "#eee3bd"
@@ -37,7 +38,10 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
     axes = figure.add_subplot()
     draw_map(axes, dataset, plane)
     axes.set_title(_title(plane), fontsize=11)
+    curves = draw_curves(axes, dataset, CURVES_ON.get(variable, ()))
     draw_legend(axes)
+    if variable == "region":
+        draw_points(axes, dataset, curves)
     with BytesIO() as png:
         figure.savefig(png, format="png")
         return png.getvalue()

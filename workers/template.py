@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,8 @@ import numpy as np
 import zarr
 from zarr.errors import ZarrUserWarning
 
-from workers.curves import CURVES, POINTS, codimension_two
+from rattle.curves import NAMES, codimension_two
+from workers.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
 from workers.quantities import COORDINATES, DOI, shape_of, stored
 from workers.request import SurveyRequest
 from workers.schema import Quantity
@@ -93,24 +95,34 @@ def _create(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> Non
 
 
 def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
-    """Write the curves on the survey's δ, and the codimension-two points, as groups beside the survey."""
-    delta, beta = request.delta.values(), request.beta
-    curves = root.create_group("curves")
-    for name, curve in CURVES.items():
-        attributes = {"long_name": f"ε of {name}, {curve.long_name}", "units": "1", "references": curve.reference}
-        _write(curves, name, ("delta",), curve.epsilon(delta, beta), attributes)
-    points = root.create_group("codimension_two")
-    values = np.array([codimension_two(name, beta) for name in POINTS])
-    described = {"long_name": "codimension-two point", "units": "1"}
-    _write(points, "point", ("point",), coordinate_values(POINTS), described)
-    for name, symbol, column in (("point_delta", "δ", 0), ("point_epsilon", "ε", 1)):
-        attributes = {"long_name": f"{symbol} of the codimension-two point", "units": "1"}
-        _write(points, name, ("point",), values[:, column], attributes)
+    """Write the curves and codimension-two points of this β as groups beside the survey."""
+    window = window_around(request.delta.values(), request.epsilon.values())
+    attributes = {
+        "long_name": "bifurcation curves of the period-one motions, a group each",
+        "references": f"https://doi.org/{DOI}",
+        "beta": request.beta,
+        "window_delta": window.delta,
+        "window_epsilon": window.epsilon,
+    }
+    groups = root.create_group("curves", attributes=attributes)
+    multiplier = COORDINATES["multiplier"]
+    described = {"long_name": multiplier.long_name, "units": "1"}
+    _write(groups, "multiplier", ("multiplier",), coordinate_values(multiplier.values), described)
+    for name in NAMES:
+        curve = traced(name, request.beta, window)
+        group = groups.create_group(name, attributes=curve_attributes(name, curve))
+        _write_variables(group, CURVE_VARIABLES, curve)
+    attributes = {"long_name": "codimension-two points, where curves meet", "references": f"https://doi.org/{DOI}"}
+    group = root.create_group("codimension_two", attributes=attributes | {"beta": request.beta})
+    _write_variables(group, POINT_VARIABLES, codimension_two(request.beta))
+
+
+def _write_variables(group: zarr.Group, variables: Iterable[Variable], item: Any) -> None:
+    for variable in variables:
+        _write(group, variable.name, variable.dims, variable.of(item), variable.attributes)
 
 
 def _write(group: zarr.Group, name: str, dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, Any]) -> None:
     """Write an array whole, in one chunk: no tile ever writes to it."""
-    array = group.create_array(
-        name, shape=values.shape, chunks=values.shape, dtype=values.dtype, dimension_names=dims, attributes=attributes
-    )
-    array[...] = values
+    chunks = tuple(max(size, 1) for size in values.shape)  # a chunk of an empty array has a size too
+    group.create_array(name, data=values, chunks=chunks, dimension_names=dims, attributes=attributes)

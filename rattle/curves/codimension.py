@@ -90,7 +90,7 @@ class CodimensionTwo:
     """A codimension-two point of the (δ, ε) plane.
 
     curves: the names of those that meet there. tangency: for pairs of them the order p of |ε₁ − ε₂| ∝ |Δδ|^p, measured
-    (1: they cross, 2: they touch).
+    (1: they cross, 2: they touch); a pair that cannot be followed, at extreme backlash, is left out.
     """
 
     name: str
@@ -147,8 +147,11 @@ def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float)
     for one, other in combinations(curves, 2):
         if {one, other} == {"G1", "G2"}:
             continue  # one smooth curve
-        side = curves[other]
-        gaps = _near(one, delta, epsilon, beta, side * distances) - _near(other, delta, epsilon, beta, side * distances)
+        offsets = curves[other] * distances
+        try:
+            gaps = _near(one, delta, epsilon, beta, offsets) - _near(other, delta, epsilon, beta, offsets)
+        except (RattleError, np.linalg.LinAlgError):
+            continue
         orders[one, other] = float(np.polyfit(np.log(distances), np.log(np.abs(gaps)), 1)[0])
     return orders
 
@@ -157,7 +160,10 @@ def _near(name: str, delta: float, epsilon: float, beta: float, offsets: Array) 
     """ε of a curve, real or virtual, at these offsets of δ from a point on it, farther and farther away."""
     definition = CURVES[name]
     problem = condition(definition.itinerary(beta), definition.kind, definition.impact)
-    x = _solved(problem, min(definition.starts(delta, beta), key=lambda x: abs(float(x[-1]) - epsilon)), delta)
+    starts = definition.starts(delta, beta)
+    if not starts:
+        raise RattleError(f"{name} has no start at delta = {delta}")
+    x = _solved(problem, min(starts, key=lambda x: abs(float(x[-1]) - epsilon)), delta)
     rising = np.zeros(x.size)
     rising[-2] = 1.0
     tangent = tangent_at(problem, x, rising)

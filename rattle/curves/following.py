@@ -10,7 +10,7 @@ from rattle.arclength import Bound, Follower, Path, Problem, located, tangent_at
 from rattle.curves.curve import Curve, Described, Piece, build, crossings
 from rattle.impact_equations import Array
 
-LONGEST = 0.05  # of a step, in the unknowns
+LONGEST = 0.05  # of a step, in times
 SAME_POINT = 1e-7
 POINTS_ACROSS = 60  # at least, over the width of the window
 
@@ -38,8 +38,8 @@ class Window:
     def step(self, tangent: Array) -> float:
         """The longest step along a unit tangent."""
         sizes = (self.delta[1] - self.delta[0], self.epsilon[1] - self.epsilon[0])
-        rates = [abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
-        return min(LONGEST, 1.0 / (self.resolution * max(*rates, 1e-9)))
+        rates = [self.resolution * abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
+        return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST)
 
 
 def pieces(problem: Problem, starts: Iterable[Array], window: Window, left: Test) -> list[Piece]:

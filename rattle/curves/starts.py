@@ -28,7 +28,7 @@ class Family(NamedTuple):
 
 def members(s: Array, delta: float, beta: float) -> Family:
     """The members of the family with these rising times."""
-    closed = np.array([family.closure(time, delta, beta) for time in s])
+    closed = np.array([family.closure(time, delta, beta) for time in s]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
     unknowns = np.column_stack([tau, tau + s, np.full_like(s, delta), np.hypot(x, y)])

@@ -8,7 +8,7 @@ from rattle.curves.codimension import codimension_two
 from rattle.curves.curve import Curve, Described
 from rattle.curves.following import POINTS_ACROSS, Window, traced
 from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, Definition
-from rattle.errors import require, require_number
+from rattle.errors import RattleError, require, require_number
 from rattle.events import Event
 from rattle.impact_equations import TWO_PI, Array, Itinerary
 from rattle.limits import quiet_limit
@@ -16,6 +16,9 @@ from rattle.periodic import admissible_or_why
 
 STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found
 BESIDE = 1e-7  # of a damping
+REACH = 8.0  # half-backlashes of damping: COD22 is near 4/π of them, and every curve passes below
+FARTHEST = 1e6  # of a window, and the damping that it must reach above: beyond either too few digits are left
+LEAST_DELTA = 1e-4
 SAME_POINT = 1e-6
 ALL_EPSILON = (0.0, 1.0)
 
@@ -30,14 +33,20 @@ def trace(
 
     name: one of `NAMES`, see `describe`. delta, epsilon: (low, high) of the window, dimensionless. Followed by
     pseudo-arclength continuation of the impact equations with the curve's condition; points are solutions to rounding
-    (`Curve`). Raises ParameterError.
+    (`Curve`). Raises ParameterError, and RattleError where rounding keeps the curve from being followed.
     """
     require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
     beta = require_number("beta", beta, positive=True)
     window = Window(_range("delta", delta, positive=True), _range("epsilon", epsilon))
+    require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")
     dampings = _dampings(window, beta)
-    if name == QUIET_LIMIT:
-        return _quiet_limit(beta, window, dampings)
+    try:
+        return _quiet_limit(beta, window, dampings) if name == QUIET_LIMIT else _traced(name, beta, window, dampings)
+    except np.linalg.LinAlgError as error:
+        raise RattleError(f"{name} cannot be followed for beta = {beta} in {window}: {error}") from error
+
+
+def _traced(name: str, beta: float, window: Window, dampings: Array) -> Curve:
     definition = CURVES[name]
     itinerary = definition.itinerary(beta)
     return traced(
@@ -57,7 +66,14 @@ def _dampings(window: Window, beta: float) -> Array:
     low, high = window.delta
     ends = [point.delta * (1.0 + side * BESIDE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
     inside = [delta for delta in ends if low < delta < high]
-    return np.array([*np.linspace(low, high, 2 * STARTS + 1)[1::2], low, high, *inside])
+    spread = _between(low, high)
+    if low < REACH * beta < high - low:  # a wide window, in which this spacing would miss the curves
+        spread = np.concatenate([_between(low, REACH * beta), spread])
+    return np.array([*spread, low, high, *inside])
+
+
+def _between(low: float, high: float) -> Array:
+    return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
 
 def bifurcation_curve(
@@ -102,6 +118,7 @@ def _range(name: str, value: tuple[float, float], positive: bool = False) -> tup
     require(np.shape(value) == (2,), f"{name} must be a pair (low, high), got {value!r}")
     low, high = (require_number(name, number, positive=positive) for number in value)
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
+    require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")
     return low, high
 
 

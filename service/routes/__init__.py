@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter
 
-from service.routes import events, health, picture, points, store, surveys
+from service.routes import curves, events, health, picture, points, store, surveys
 
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
@@ -10,5 +10,6 @@ ROUTERS: tuple[APIRouter, ...] = (
     store.router,
     picture.router,
     points.router,
+    curves.router,
     health.router,
 )

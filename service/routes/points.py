@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from typing import Annotated
 
-import anyio
-from anyio import BrokenWorkerProcess, to_process
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
 
 import rattle
-from service.errors import LimitError, UnavailableError
+from service.errors import LimitError
 from service.problems import declared
-from service.state import Front, FrontState
+from service.state import FrontState
+from service.tracing import number
+from service.turns import in_turn
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -96,9 +95,9 @@ def orbits(model: GearQuery) -> Orbits:
     return Orbits(
         **_point(model),
         region=model.region(),
-        sn1=_number(model.sn1),
-        flip=_number(model.flip),
-        quiet_limit=_number(model.quiet_limit),
+        sn1=number(model.sn1),
+        flip=number(model.flip),
+        quiet_limit=number(model.quiet_limit),
         orbits=[_orbit(orbit) for orbit in model.orbits()],
     )
 
@@ -113,32 +112,18 @@ async def attractors(
 ) -> Attractors:
     if count > front.settings.max_point_count:
         raise LimitError("query.count", f"count may be at most {front.settings.max_point_count} here; submit a survey.")
-    found = await _in_turn(front, model, count, v_max, seed)
+    found = await in_turn(
+        front,
+        model.attractors,
+        count,
+        v_max,
+        seed,
+        what="The attractors",
+        advice="Ask for fewer initial conditions (count), or submit a survey.",
+    )
     return Attractors(
         **_point(model), count=count, v_max=v_max, seed=seed, attractors=[_attractor(item) for item in found]
     )
-
-
-async def _in_turn(
-    front: Front, model: rattle.Gear, count: int, v_max: float, seed: int
-) -> tuple[rattle.Attractor, ...]:
-    # In a process of its own: a compiled loop can neither be interrupted nor does it let other threads run, and at
-    # extreme parameters it takes minutes.
-    limits = front.settings
-    if front.points.statistics().tasks_waiting >= limits.max_points_waiting:
-        raise UnavailableError("Too many parameter points are being computed. Try again in a few seconds.")
-    try:
-        with anyio.fail_after(limits.max_point_seconds):
-            return await to_process.run_sync(
-                model.attractors, count, v_max, seed, cancellable=True, limiter=front.points
-            )
-    except TimeoutError as error:
-        raise UnavailableError(
-            f"The attractors were not found within {limits.max_point_seconds:g} s. "
-            "Ask for fewer initial conditions (count), or submit a survey."
-        ) from error
-    except BrokenWorkerProcess as error:
-        raise UnavailableError("The process that computed this point has died. Try again.") from error
 
 
 def _point(model: rattle.Gear) -> dict[str, float]:
@@ -146,14 +131,14 @@ def _point(model: rattle.Gear) -> dict[str, float]:
 
 
 def _orbit(orbit: rattle.Orbit) -> OrbitDocument:
-    first, second = (Multiplier(re=_number(value.real), im=_number(value.imag)) for value in orbit.multipliers)
+    first, second = (Multiplier(re=number(value.real), im=number(value.imag)) for value in orbit.multipliers)
     return OrbitDocument(
         name=orbit.name,
         m=orbit.m,
         n_plus=orbit.n_plus,
         n_minus=orbit.n_minus,
-        tau=_number(orbit.tau),
-        v=_number(orbit.v),
+        tau=number(orbit.tau),
+        v=number(orbit.v),
         multipliers=(first, second),
         stable=orbit.stable,
     )
@@ -167,13 +152,8 @@ def _attractor(item: rattle.Attractor) -> AttractorDocument:
         n_minus=item.n_minus,
         fraction=item.fraction,
         fraction_interval=item.fraction_interval,
-        lyapunov=(_number(item.lyapunov[0]), _number(item.lyapunov[1])),
-        lyapunov_error=_number(item.lyapunov_error),
-        tau=_number(item.tau),
-        v=_number(item.v),
+        lyapunov=(number(item.lyapunov[0]), number(item.lyapunov[1])),
+        lyapunov_error=number(item.lyapunov_error),
+        tau=number(item.tau),
+        v=number(item.v),
     )
-
-
-def _number(value: float) -> float | None:
-    """JSON has neither NaN nor infinity; both occur where a limit overflows at extreme parameters."""
-    return value if math.isfinite(value) else None

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.text import Annotation
+from matplotlib.text import Annotation, Text
 
 from workers import (
     QUANTITIES,
@@ -32,6 +32,7 @@ REQUEST = SurveyRequest(
     initial_conditions={"count": 2},
     tile={"delta": 4, "epsilon": 4},
 )
+Pair = tuple[float, float]
 MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
 
 
@@ -102,20 +103,49 @@ def test_figure_has_regions_curves_and_points(whole: xr.Dataset) -> None:
         "Largest Lyapunov exponent",
     ]
     curves = lines(panels[0])
-    assert {"SN1", "PDC", "G1", "G2", "quiet limit"} <= set(curves)
-    _, epsilon = curves["G1"][np.nanargmin(abs(curves["G1"][:, 0] - 0.6))]
-    assert epsilon == pytest.approx(0.144452777, abs=5e-4)
+    assert set(curves) == {"SN1", "SN2", "PD1", "G1", "G2", "PDC", "quiet limit"}  # PD2 is above this map
+    assert [text.get_text() for text in panels[0].get_legend().get_texts()] == list(curves)
+    g1 = curves["G1"][np.argsort(curves["G1"][:, 0])]
+    assert np.interp(0.6, *g1.T) == pytest.approx(0.144452777, abs=1e-4)
     texts = {text.get_text() for text in panels[0].texts}
-    assert texts == {"I", "II", "III", "IV", "V", "COD21", "COD22"}
+    assert texts == {"I", "II", "III", "IV", "V", "COD20", "COD21", "COD22", "COD23"}
     points = {text.get_text(): text.xy for text in panels[0].texts if isinstance(text, Annotation)}
     assert points["COD21"] == pytest.approx((0.759042986991, 0.095502531889), abs=1e-9)
 
 
 def test_curves_end_where_their_orbits_do(whole: xr.Dataset) -> None:
     curves = lines(survey_figure(whole).axes[0])
-    for name, last in (("SN1", 0.770147), ("PDC", 0.541770), ("G1", 0.770147)):
+    for name, last in (("SN1", 0.770147), ("SN2", 0.760121), ("PD1", 0.760121), ("PDC", 0.541770), ("G1", 0.770147)):
         drawn = curves[name][~np.isnan(curves[name][:, 1]), 0]
         assert drawn.max() == pytest.approx(last, abs=1e-3)
+
+
+AXES = {"full": ((0.4, 1.0), (0.005, 0.3)), "Figure 8": ((0.74, 0.78), (0.092, 0.1)), "corner": ((0.75, 2), (0.0, 0.1))}
+
+
+@pytest.mark.parametrize("beta", [0.6, 0.45])
+@pytest.mark.parametrize(("delta", "epsilon"), AXES.values(), ids=AXES)
+def test_labels_do_not_overlap(tmp_path: Path, delta: Pair, epsilon: Pair, beta: float) -> None:
+    axes = {
+        "delta": Axis(start=delta[0], stop=delta[1], num=9),
+        "epsilon": Axis(start=epsilon[0], stop=epsilon[1], num=8),
+    }
+    figure = survey_figure(survey(tmp_path / "survey.zarr", SurveyRequest(**axes, beta=beta, quantities=("region",))))
+    figure.canvas.draw()
+    panel = figure.axes[0]
+    names = [Text.get_window_extent(text) for text in panel.texts if text.get_text().startswith("COD")]
+    numbers = [Text.get_window_extent(text) for text in panel.texts if not text.get_text().startswith("COD")]
+    for i, box in enumerate(names):
+        assert panel.get_window_extent().contains(*box.min)
+        assert panel.get_window_extent().contains(*box.max)
+        assert not any(box.overlaps(other) for other in names[:i] + numbers)
+
+
+def test_the_map_of_the_regions_has_the_curves_too(whole: xr.Dataset) -> None:
+    def red(png: bytes) -> float:
+        return float(np.all(np.isclose(pixels(png)[..., :3], (0.773, 0.106, 0.106), atol=0.01), axis=-1).mean())
+
+    assert red(map_png(whole, "region")) > 0.001 > red(map_png(whole, "orbit_exists")) == 0
 
 
 def test_curves_outside_the_map_are_left_out(tmp_path: Path) -> None:
@@ -129,7 +159,8 @@ def test_curves_outside_the_map_are_left_out(tmp_path: Path) -> None:
 def test_another_backlash_has_other_curves(tmp_path: Path, whole: xr.Dataset) -> None:
     request = REQUEST.model_copy(update={"beta": 0.5, "quantities": (Group.REGION,)})
     other = survey_figure(survey(tmp_path / "survey.zarr", request)).axes[0]
-    assert not np.allclose(lines(other)["G1"], lines(survey_figure(whole).axes[0])["G1"], equal_nan=True)
+    tops = [lines(axes)["G1"][:, 1].max() for axes in (other, survey_figure(whole).axes[0])]
+    assert tops[0] < tops[1] - 0.01
     assert all(text.get_text() != "COD22" or text.xy[0] < 0.7 for text in other.texts)
 
 

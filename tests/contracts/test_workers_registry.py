@@ -135,19 +135,6 @@ def test_attributes_tell_where_it_comes_from(template: Path, request_: SurveyReq
     assert {"Conventions", "code_version", "date_created", "source"} <= set(attributes)
 
 
-def test_groups_hold_the_curves_and_points_of_the_plane(template: Path) -> None:
-    tree = xr.open_datatree(template, engine="zarr")
-    for group in ("curves", "codimension_two"):
-        for variable in tree[group].variables.values():
-            assert variable.attrs["long_name"]
-            assert variable.attrs["units"] == "1"
-    curves, points = tree["curves"], tree["codimension_two"]
-    assert curves["SN1"].sel(delta=0.55) == pytest.approx(abs(2 - 0.55 / np.tanh(0.275)), rel=1e-12)
-    assert np.isnan(curves["PDC"].sel(delta=0.55))  # C meets G1 before it could flip
-    assert list(points["point"].values) == ["COD20", "COD21", "COD22"]
-    assert points["point_delta"].values[1:] == pytest.approx([0.759042986991, 0.770147130934], abs=1e-9)
-
-
 @pytest.mark.parametrize("group", Group)
 def test_only_what_is_asked_for_is_stored(tmp_path: Path, request_: SurveyRequest, group: Group) -> None:
     path = tmp_path / "survey.zarr"

@@ -1,0 +1,108 @@
+"""The curves that divide the (δ, ε) plane of one half-backlash, computed at once."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, Field
+
+from rattle.curves.trace import FARTHEST
+from service.problems import declared
+from service.routes.points import Multiplier, Positive
+from service.state import FrontState
+from service.tracing import curves_document
+from service.turns import in_turn
+
+router = APIRouter(prefix="/v1", tags=["points"])
+
+Damping = Annotated[float, Query(gt=0, le=FARTHEST, allow_inf_nan=False)]
+Eccentricity = Annotated[float, Query(ge=0, le=FARTHEST, allow_inf_nan=False)]
+
+
+class Rectangle(BaseModel):
+    """A window of the plane."""
+
+    delta: tuple[float, float]
+    epsilon: tuple[float, float]
+
+
+class EndDocument(BaseModel):
+    """An end of a piece of a curve."""
+
+    index: int = Field(description="of its point")
+    reason: str = Field(description="why the curve ends there; `window: …` where it goes on")
+
+
+class CurveDocument(BaseModel):
+    """A bifurcation curve: parallel lists with an entry for each point, in the order of the connected pieces."""
+
+    name: str
+    meaning: str
+    delta: list[float] = Field(description="damping")
+    epsilon: list[float] = Field(description="eccentricity")
+    tau: list[float] = Field(description="phase of the impact on the positive wall, in forcing periods")
+    v: list[float] = Field(description="speed after it")
+    multipliers: list[tuple[Multiplier, Multiplier]] = Field(description="where it grazes, without the square root")
+    arclength: list[float] = Field(description="along the curve in the plane, from the start of the piece")
+    piece: list[int] = Field(description="number of the connected piece")
+    folds: list[int] = Field(description="indices of the points where delta turns back")
+    ends: list[EndDocument]
+    missing: str | None = Field(description="why the curve could not be traced, if it could not")
+
+
+class Tangency(BaseModel):
+    """How two curves meet at a point."""
+
+    curves: tuple[str, str]
+    order: float | None = Field(
+        description="measured p of |epsilon1 - epsilon2| ~ |delta|^p: 1 where they cross, 2 where they touch"
+    )
+
+
+class PointDocument(BaseModel):
+    """A codimension-two point."""
+
+    name: str
+    meaning: str
+    delta: float
+    epsilon: float
+    curves: list[str] = Field(description="those that meet there")
+    tangency: list[Tangency]
+
+
+class Curves(BaseModel):
+    """The bifurcation curves inside a window, and all codimension-two points of the half-backlash."""
+
+    beta: float
+    window: Rectangle
+    curves: list[CurveDocument]
+    points: list[PointDocument]
+
+
+@router.get("/curves", summary="Bifurcation curves of one half-backlash", responses=declared(422, 503))
+async def curves(
+    front: FrontState,
+    beta: Positive = 0.6,
+    delta_min: Damping = 0.3,
+    delta_max: Damping = 1.2,
+    epsilon_min: Eccentricity = 0.0,
+    epsilon_max: Eccentricity = 1.0,
+) -> Curves:
+    """A curve that does not cross the window has no points."""
+    window = {"delta": (delta_min, delta_max), "epsilon": (epsilon_min, epsilon_max)}
+    for name, (low, high) in window.items():
+        if not low < high:
+            message = f"{name}_max ({high:g}) must be above {name}_min ({low:g})"
+            raise RequestValidationError([{"loc": ("query", f"{name}_max"), "msg": message}])
+    found = await in_turn(
+        front,
+        curves_document,
+        beta,
+        window["delta"],
+        window["epsilon"],
+        what="The curves",
+        advice="Ask for a smaller window.",
+    )
+    return Curves(beta=beta, window=Rectangle(**window), **found)

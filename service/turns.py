@@ -1,0 +1,38 @@
+"""Computations for one request, each in a process of its own: few at once, not for ever."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TypeVar, TypeVarTuple
+
+import anyio
+from anyio import BrokenWorkerProcess, to_process
+
+from service.errors import UnavailableError
+from service.state import Front
+
+Result = TypeVar("Result")
+Arguments = TypeVarTuple("Arguments")
+
+
+async def in_turn(
+    front: Front, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, advice: str
+) -> Result:
+    """What `compute` returns for these arguments, all of which can be pickled.
+
+    In a process of its own: a compiled loop can neither be interrupted nor does it let other threads run, and at
+    extreme parameters it takes minutes.
+
+    Raises:
+        UnavailableError: too many wait already, it takes too long (`what`, and the `advice` to follow), or it died.
+    """
+    limits = front.settings
+    if front.points.statistics().tasks_waiting >= limits.max_points_waiting:
+        raise UnavailableError("Too many parameter points are being computed. Try again in a few seconds.")
+    try:
+        with anyio.fail_after(limits.max_point_seconds):
+            return await to_process.run_sync(compute, *arguments, cancellable=True, limiter=front.points)
+    except TimeoutError as error:
+        raise UnavailableError(f"{what} were not found within {limits.max_point_seconds:g} s. {advice}") from error
+    except BrokenWorkerProcess as error:
+        raise UnavailableError("The process that computed this has died. Try again.") from error
