@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import require, require_integer, require_number
 from rattle.lyapunov import pooled
 from rattle.orbits import parameters
-from rattle.sampling import wilson_interval
+from rattle.sampling import initial_conditions, wilson_interval
 from rattle.settle import LEFT, ORBIT
 from rattle.settle import QUIET as SETTLED_QUIET
 from rattle.survey import Survey, followed
@@ -75,8 +75,8 @@ def _kinds(survey: Survey) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     return kind, which
 
 
-def _tabulate(survey: Survey) -> Attractors:
-    """One row for every attractor of every cell."""
+def tabulated(survey: Survey) -> tuple[Attractors, NDArray[np.int64]]:
+    """One row for every attractor of every cell, and the row of every sample."""
     kind, which = _kinds(survey)
     samples, orbits = survey.samples, survey.orbits
     width = int(which.max(initial=0)) + 1
@@ -101,7 +101,8 @@ def _tabulate(survey: Survey) -> Attractors:
         x[order] for x in (cell, kind, m, n_plus, n_minus, number, impacts)
     )
     tau, v, first, second, error = (x[order] for x in (tau, v, first, second, error))
-    return Attractors(cell, kind, m, n_plus, n_minus, number, tau, v, first, second, error, impacts)
+    table = Attractors(cell, kind, m, n_plus, n_minus, number, tau, v, first, second, error, impacts)
+    return table, np.argsort(order)[row.ravel()]
 
 
 def attractors_of(
@@ -116,20 +117,21 @@ def attractors_of(
     v_max = require_number("v_max", v_max, positive=True)
     d, e, b = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon, beta))
     require(d.size * count <= 64 * MOST_SAMPLES, f"{d.size} cells of {count} samples are too many at once: use tiles")
-    return _tabulate(followed(d, e, b, count, v_max, seed))
+    table, _rows = tabulated(followed(d, e, b, *initial_conditions(d, e, b, count, v_max, seed)))
+    return table
 
 
-def attractors(delta: float, epsilon: float, beta: float, count: int, v_max: float, seed: int) -> tuple[Attractor, ...]:
-    """See `rattle.Gear.attractors`."""
-    table = attractors_of(delta, epsilon, beta, count, v_max, seed)
-    low, high = wilson_interval(table.samples, count)
+def listed(table: Attractors, samples: NDArray[np.int64]) -> tuple[Attractor, ...]:
+    """The rows of one cell's table, with fractions from numbers of samples (rows,), which need not be the table's."""
+    count = int(samples.sum())
+    low, high = wilson_interval(samples, count)
     return tuple(
         Attractor(
             kind=KINDS[table.kind[i]],
             m=int(table.m[i]),
             n_plus=int(table.n_plus[i]),
             n_minus=int(table.n_minus[i]),
-            fraction=int(table.samples[i]) / count,
+            fraction=int(samples[i]) / count,
             fraction_interval=(float(low[i]), float(high[i])),
             lyapunov=(float(table.first[i]), float(table.second[i])),
             lyapunov_error=float(table.error[i]),
@@ -138,3 +140,9 @@ def attractors(delta: float, epsilon: float, beta: float, count: int, v_max: flo
         )
         for i in range(table.cell.size)
     )
+
+
+def attractors(delta: float, epsilon: float, beta: float, count: int, v_max: float, seed: int) -> tuple[Attractor, ...]:
+    """See `rattle.Gear.attractors`."""
+    table = attractors_of(delta, epsilon, beta, count, v_max, seed)
+    return listed(table, table.samples)

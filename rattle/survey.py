@@ -17,7 +17,6 @@ from rattle.iterate import working_block
 from rattle.limits import sine_offset
 from rattle.lyapunov import BATCHES, is_chaotic
 from rattle.quiet import capture_invariants
-from rattle.sampling import initial_conditions
 from rattle.settle import CHUNK, GRID, LEFT, LONG_CHUNK, RECURRENT, Balls, Cells, Orbits, Samples, measure, settle
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
@@ -234,12 +233,10 @@ def followed(
     delta: NDArray[np.float64],
     epsilon: NDArray[np.float64],
     beta: NDArray[np.float64],
-    count: int,
-    v_max: float,
-    seed: int,
+    tau: NDArray[np.float64],
+    v: NDArray[np.float64],
 ) -> Survey:
-    """The samples of cells with parameters (n,), each followed to its end."""
-    cells = Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
-    survey = Survey(cells, *initial_conditions(delta, epsilon, beta, count, v_max, seed))
+    """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end."""
+    survey = Survey(Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta)), tau, v)
     survey.run()
     return survey
