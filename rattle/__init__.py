@@ -9,6 +9,7 @@ from rattle import curves
 from rattle._compile import source_hash
 from rattle._version import __version__
 from rattle.attractors import KINDS, Attractor, Attractors, attractors_of
+from rattle.basins import Basins
 from rattle.branches import Branch, beyond, branch, cascade, doubled, fate
 from rattle.curves.codimension import robust_chaos_interval
 from rattle.errors import ParameterError, RattleError
@@ -28,6 +29,7 @@ __all__ = [
     "KINDS",
     "Attractor",
     "Attractors",
+    "Basins",
     "Branch",
     "Event",
     "FirstImpact",

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle import first_impact, flight, impact_map, limits
 from rattle.attractors import Attractor, attractors
+from rattle.basins import Basins, basins
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.iterate import Iterates, iterate
 from rattle.orbits import Orbit, orbits_at
@@ -147,6 +148,15 @@ class Gear:
         ParameterError.
         """
         return attractors(self.delta, self.epsilon, self.beta, count, v_max, seed)
+
+    def basins(self, resolution: int = 1000, v_max: float = 7.0, method: str = "cells", impacts: int = 16) -> Basins:
+        """Basins of attraction on resolution × resolution cells of (τ, v) ∈ [0, 1) × (0, v_max) (paper Figures 4, 6).
+
+        method "direct": each cell centre is followed as `attractors` follows its sample. "cells": simple cell mapping
+        (Hsu 1987) of Π^impacts; a state that is certain to become quiet goes to a sink, one above v_max is followed
+        until it returns or settles. "refined": cells, then directly wherever basins meet. Raises ParameterError.
+        """
+        return basins(self.delta, self.epsilon, self.beta, resolution, v_max, method, impacts)
 
 
 def _phase(phase: float) -> float:

@@ -1,0 +1,71 @@
+"""A map of cells to cells: the motion that a grid of states leaves of the impact map, and where each cell ends up
+(compiled).
+
+Source: C. S. Hsu, Cell-to-Cell Mapping (Springer 1987), chapters 8 and 11: simple cell mapping.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle._compile import kernel
+from rattle.flight import DRIFT, contact_force, versines
+
+UNSEEN, ON_THE_WAY = -1, -2
+
+
+@kernel
+def locate(tau, v, n, v_max, delta, epsilon, capture, cell):
+    """Write to cell the cell of every state: row-major (v, τ) of n × n, n² if it is certain to become quiet, −1 if its
+    speed is v_max or more.
+    """
+    for i in range(tau.size):
+        versine, sine, _defect = versines(tau[i])
+        speed = v[i]
+        if speed * speed * speed <= capture * contact_force(sine, 1.0 - versine, delta, epsilon, DRIFT):
+            cell[i] = n * n
+        elif speed >= v_max:
+            cell[i] = -1
+        else:
+            row, column = int(speed / v_max * n), int(tau[i] * n)
+            cell[i] = min(row, n - 1) * n + min(column, n - 1)
+
+
+@kernel
+def find_groups(image, group, steps):
+    """Follow every cell of the map to the periodic group that it ends in: its number and the steps until there, 0 on
+    the group itself. group must be UNSEEN everywhere. Returns the number of groups.
+
+    One pass: a chain of images is followed to a cell that is known, then written from its start. While it is on the
+    way, steps holds the positions of its cells.
+    """
+    groups = 0
+    for start in range(image.size):
+        cell, length = start, 0
+        while group[cell] == UNSEEN:
+            group[cell], steps[cell] = ON_THE_WAY, length
+            cell, length = image[cell], length + 1
+        if length == 0:
+            continue
+        if group[cell] == ON_THE_WAY:  # the chain has met itself: from there on it is a new group
+            number, end = groups, steps[cell]
+            groups += 1
+        else:
+            number, end = group[cell], length + steps[cell]
+        cell = start
+        for position in range(length):
+            group[cell], steps[cell] = number, max(end - position, 0)
+            cell = image[cell]
+    return groups
+
+
+def groups_of_map(image: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """The periodic groups of a map of cells 0 … n − 1 (n,): each cell's group, its steps to it, each group's first
+    cell. Groups are numbered by their first cells.
+    """
+    group, steps = np.full(image.size, UNSEEN), np.zeros(image.size, np.int64)
+    n_groups = find_groups(image, group, steps)
+    on_group = np.flatnonzero(steps == 0)
+    first = np.full(n_groups, image.size)
+    np.minimum.at(first, group[on_group], on_group)
+    order = np.argsort(first)
+    return np.argsort(order)[group], steps, first[order]
