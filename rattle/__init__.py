@@ -9,6 +9,7 @@ from rattle import curves
 from rattle._compile import source_hash
 from rattle._version import __version__
 from rattle.attractors import KINDS, Attractor, Attractors, attractors_of
+from rattle.basin_measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
 from rattle.basins import Basins
 from rattle.branches import Branch, beyond, branch, cascade, doubled, fate
 from rattle.curves.codimension import robust_chaos_interval
@@ -29,6 +30,7 @@ __all__ = [
     "KINDS",
     "Attractor",
     "Attractors",
+    "BasinEntropy",
     "Basins",
     "Branch",
     "Event",
@@ -43,13 +45,17 @@ __all__ = [
     "PeriodicOrbit",
     "RattleError",
     "Stretched",
+    "Uncertainty",
     "__version__",
     "attractors_of",
+    "basin_entropy",
     "beyond",
     "branch",
     "cascade",
     "classify_regions",
     "curves",
+    "differing",
+    "disagreement",
     "doubled",
     "fate",
     "flip",

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle import first_impact, flight, impact_map, limits
 from rattle.attractors import Attractor, attractors
+from rattle.basin_measures import Uncertainty, uncertainty
 from rattle.basins import Basins, basins
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.iterate import Iterates, iterate
@@ -157,6 +158,15 @@ class Gear:
         until it returns or settles. "refined": cells, then directly wherever basins meet. Raises ParameterError.
         """
         return basins(self.delta, self.epsilon, self.beta, resolution, v_max, method, impacts)
+
+    def uncertainty(self, pairs: int = 8192, v_max: float = 7.0, seed: int = 0) -> Uncertainty:
+        """The uncertainty exponent of the basin boundary in [0, 1) × (0, v_max), whose dimension is 2 less it.
+
+        From exact trajectories: so many pairs of states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³.
+        Deterministic in all arguments. Raises ParameterError. Source: Grebogi, McDonald, Ott and Yorke, Physics Letters
+        A 99 (1983) 415–418.
+        """
+        return uncertainty(self.delta, self.epsilon, self.beta, pairs, v_max, seed)
 
 
 def _phase(phase: float) -> float:

@@ -1,0 +1,140 @@
+"""How intermixed basins are: where two results differ, basin entropy, and the uncertainty exponent of the boundary."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.attractors import UNDECIDED
+from rattle.basins import Basins, classified
+from rattle.errors import require, require_integer, require_number
+from rattle.sampling import Z_95, wilson_interval
+
+LARGEST_SIZE, SIZES = 2.0**-6, 8  # perturbations, halving
+FEWEST = 5  # uncertain pairs below which a size tells nothing
+MOST_PAIRS = 1 << 20
+LONGEST_BOX = 4096
+
+
+class BasinEntropy(NamedTuple):
+    """Entropy per box (nats) over all boxes and over those at boundaries (NaN if there are none), with the numbers of
+    both. Source: Daza et al., Scientific Reports 6 (2016) 31416.
+    """
+
+    entropy: float
+    boundary_entropy: float
+    boxes: int
+    boundary_boxes: int
+
+
+class Uncertainty(NamedTuple):
+    """The exponent α of the share of uncertain pairs f ∝ size^α, with its 95 % half-width; NaN where fewer than three
+    sizes have uncertain pairs enough to tell.
+
+    sizes (k,): distances between the states of a pair, in units of the whole plane (1 in τ, v_max in v). fractions,
+    low, high (k,): share of uncertain pairs with its 95 % Wilson interval. pairs (k,): pairs with both fates decided.
+    """
+
+    exponent: float
+    error: float
+    sizes: NDArray[np.float64]
+    fractions: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+
+
+def differing(a: Basins, b: Basins) -> NDArray[np.bool_]:
+    """The cells (n, n) that two results of the same grid give to different attractors.
+
+    Attractors of the two are the same if kind and P(m, n₊, n₋) agree; where several could be, they are paired so that
+    fewest cells differ. Raises ParameterError on different grids.
+    """
+    same_grid = a.labels.shape == b.labels.shape and np.array_equal(a.v, b.v)
+    require(same_grid, f"the grids differ: {a.labels.shape} to v = {a.v[-1]:g}, {b.labels.shape} to v = {b.v[-1]:g}")
+    from scipy.optimize import linear_sum_assignment  # slow to load
+
+    shape = (len(a.attractors), len(b.attractors))
+    both = np.bincount(a.labels.ravel() * shape[1] + b.labels.ravel(), minlength=shape[0] * shape[1]).reshape(shape)
+    names = [[(x.kind, x.m, x.n_plus, x.n_minus) for x in each.attractors] for each in (a, b)]
+    alike = np.array([[x == y for y in names[1]] for x in names[0]])
+    pairs = linear_sum_assignment(np.where(alike, both, -1), maximize=True)
+    agree = np.zeros(shape, np.bool_)
+    agree[pairs] = alike[pairs]
+    return ~agree[a.labels, b.labels]
+
+
+def disagreement(a: Basins, b: Basins) -> float:
+    """The share of cells that two results of the same grid give to different attractors; see `differing`."""
+    return float(differing(a, b).mean())
+
+
+def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
+    """Basin entropy of boxes of box × box cells: −Σ p ln p over the labels in a box, averaged over boxes.
+
+    What does not fill a box at the upper ends of τ and v is left out. Raises ParameterError if no box fits.
+    """
+    n = basins.labels.shape[0]
+    box = require_integer("box", box, 1, min(n, LONGEST_BOX))
+    side = n // box
+    cut = basins.labels[: side * box, : side * box]
+    boxes = cut.reshape(side, box, side, box).transpose(0, 2, 1, 3).reshape(side * side, box * box)
+    entropy = np.zeros(side * side)
+    for label in range(len(basins.attractors)):
+        p = (boxes == label).mean(axis=1)
+        entropy -= p * np.log(np.where(p > 0, p, 1.0))
+    mixed = (boxes != boxes[:, :1]).any(axis=1)
+    at_boundary = float(entropy[mixed].mean()) if mixed.any() else float("nan")
+    return BasinEntropy(float(entropy.mean()), at_boundary, side * side, int(mixed.sum()))
+
+
+def _pairs(
+    sizes: NDArray[np.float64], pairs: int, v_max: float, seed: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """States τ, v (sizes, 2, pairs), uniform, each with one at the given distance in a random direction."""
+    random = np.random.default_rng(seed)
+    shape = (sizes.size, pairs)
+    tau, v = random.random(shape), 1.0 - random.random(shape)
+    angle = 2 * np.pi * random.random(shape)
+    step_tau, step_v = sizes[:, None] * np.cos(angle), sizes[:, None] * np.sin(angle)
+    step_v = np.where((v + step_v > 0) & (v + step_v < 1), step_v, -step_v)  # stay inside the plane
+    other_tau = (tau + step_tau) % 1.0
+    other_tau = np.where(other_tau < 1.0, other_tau, 0.0)
+    return np.stack([tau, other_tau], axis=1), v_max * np.stack([v, v + step_v], axis=1)
+
+
+def power_law(
+    sizes: NDArray[np.float64], uncertain: NDArray[np.int64], pairs: NDArray[np.int64]
+) -> tuple[float, float]:
+    """α of uncertain/pairs ∝ size^α and its 95 % half-width, by least squares of logarithms with binomial weights.
+
+    Where the points scatter by more than counting explains, the error grows by that.
+    """
+    told = uncertain >= FEWEST
+    if told.sum() < 3:
+        return float("nan"), float("nan")
+    x, f = np.log(sizes[told]), uncertain[told] / pairs[told]
+    weight = uncertain[told] / np.maximum(1.0 - f, 0.5 / pairs[told])  # 1/variance of ln f
+    middle = np.average(x, weights=weight)
+    spread = float((weight * (x - middle) ** 2).sum())
+    y = np.log(f)
+    slope = float((weight * (x - middle) * y).sum()) / spread
+    rest = y - np.average(y, weights=weight) - slope * (x - middle)
+    scatter = float((weight * rest**2).sum()) / (x.size - 2)
+    return slope, float(Z_95 * np.sqrt(max(scatter, 1.0) / spread))
+
+
+def uncertainty(delta: float, epsilon: float, beta: float, pairs: int, v_max: float, seed: int) -> Uncertainty:
+    """See `rattle.Gear.uncertainty`."""
+    pairs = require_integer("pairs", pairs, 1, MOST_PAIRS // 16)
+    v_max = require_number("v_max", v_max, positive=True)
+    seed = require_integer("seed", seed, 0, (1 << 128) - 1)
+    sizes = np.asarray(LARGEST_SIZE / 2.0 ** np.arange(SIZES), np.float64)
+    tau, v = _pairs(sizes, pairs, v_max, seed)
+    table, rows, _impacts = classified((delta, epsilon, beta), tau.ravel(), v.ravel())
+    one, other = np.moveaxis(rows.reshape(tau.shape), 1, 0)
+    decided = (table.kind[one] != UNDECIDED) & (table.kind[other] != UNDECIDED)
+    uncertain, count = ((one != other) & decided).sum(axis=1), decided.sum(axis=1)
+    exponent, error = power_law(sizes, uncertain, count)
+    low, high = wilson_interval(uncertain, np.maximum(count, 1))
+    return Uncertainty(exponent, error, sizes, uncertain / np.maximum(count, 1), low, high, count)
