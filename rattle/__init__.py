@@ -15,6 +15,7 @@ from rattle.branches import Branch, beyond, branch, cascade, doubled, fate
 from rattle.curves.codimension import robust_chaos_interval
 from rattle.errors import ParameterError, RattleError
 from rattle.events import Event
+from rattle.gamma import GammaPiece
 from rattle.gear import FirstImpact, Gear, Impact
 from rattle.grazing import Grazing, grazing
 from rattle.iterate import Iterates, Stretched, iterate, iterate_tangent
@@ -35,6 +36,7 @@ __all__ = [
     "Branch",
     "Event",
     "FirstImpact",
+    "GammaPiece",
     "Gear",
     "Grazing",
     "Impact",

@@ -11,6 +11,7 @@ from rattle.attractors import Attractor, attractors
 from rattle.basin_measures import Uncertainty, uncertainty
 from rattle.basins import Basins, basins
 from rattle.errors import RattleError, require, require_finite, require_number
+from rattle.gamma import GammaPiece, gamma
 from rattle.iterate import Iterates, iterate
 from rattle.orbits import Orbit, orbits_at
 from rattle.quiet import capture_speed
@@ -167,6 +168,12 @@ class Gear:
         A 99 (1983) 415–418.
         """
         return uncertainty(self.delta, self.epsilon, self.beta, pairs, v_max, seed)
+
+    def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
+        """The grazing curve Γ: all (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10, in pieces whose neighbouring
+        points are no further apart in (τ, v) than spacing (at least 1e-4). Raises ParameterError.
+        """
+        return gamma(self.delta, self.epsilon, self.beta, spacing)
 
 
 def _phase(phase: float) -> float:

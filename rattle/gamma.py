@@ -1,0 +1,64 @@
+"""The grazing curve Γ in the (τ, v) plane: states whose flight just touches Σ⁻ (paper, section 3).
+
+A touch is fixed by its time alone: there Φ = −β and Φ' = 0. So Γ has the time of touch as its parameter, and each point
+is one flight backwards. It breaks where that flight itself grazes a wall.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.errors import require, require_number
+from rattle.graze_line import before_touch
+
+FIRST_POINTS = 256
+CLOSEST = 1e-13  # times of touch that cannot be told apart any more: between them Γ is broken
+FINEST = 1e-4
+
+
+class GammaPiece(NamedTuple):
+    """One piece of Γ, points (n,) in order of the time of touch: (τ, v) on Σ⁺, and that time, in forcing periods.
+
+    τ is continuous along the piece and may leave [0, 1); τ % 1 is the phase. closed: the last point is the first one, a
+    period later.
+    """
+
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    touch: NDArray[np.float64]
+    closed: bool
+
+
+def gamma(delta: float, epsilon: float, beta: float, spacing: float) -> tuple[GammaPiece, ...]:
+    """See `rattle.Gear.gamma`."""
+    spacing = require_number("spacing", spacing, positive=True)
+    require(spacing >= FINEST, f"spacing must be at least {FINEST:g}, got {spacing:g}")
+
+    def traced(times: NDArray[np.float64]) -> NDArray[np.float64]:
+        tau, v = np.empty(times.size), np.empty(times.size)
+        before_touch(times, delta, epsilon, beta, tau, v)
+        return np.stack([times, tau, v])
+
+    points = traced(np.arange(FIRST_POINTS) / FIRST_POINTS)
+    while True:
+        last = points[:, :1] + np.array([[1.0], [1.0], [0.0]])  # the period closes
+        touch, tau, v = np.concatenate([points, last], axis=1)
+        exists = v >= 0
+        near = np.hypot(np.diff(tau), np.diff(v)) <= spacing
+        joined = exists[:-1] & exists[1:] & near
+        open_ = ~joined & (exists[:-1] | exists[1:]) & (np.diff(touch) > CLOSEST)
+        if not open_.any():
+            break
+        middle = 0.5 * (touch[:-1] + touch[1:])[open_]
+        points = np.concatenate([points, traced(middle)], axis=1)
+        points = points[:, np.argsort(points[0])]
+    if joined.all():
+        return (GammaPiece(tau, v, touch, True),)
+    # begin behind a break, so that no piece lies across the end of the period
+    start = int(np.flatnonzero(~joined)[0]) + 1
+    shift = np.array([[1.0], [1.0], [0.0]])
+    points = np.concatenate([points[:, start:], points[:, :start] + shift], axis=1)
+    joined = np.roll(joined, -start)[:-1]
+    pieces = np.split(points, np.flatnonzero(~joined) + 1, axis=1)
+    return tuple(GammaPiece(p[1], p[2], p[0], False) for p in pieces if p[2, 0] >= 0)
