@@ -7,7 +7,9 @@ from rattle.iterate import iterate_tangent
 
 
 def warm_up() -> None:
-    """Run every kernel once (seconds when they must be compiled, well under a second from the disk cache)."""
+    """Run every kernel once, but those of basins and Γ, which compile when first used (seconds when they must be
+    compiled, well under a second from the disk cache).
+    """
     gear = Gear(0.6, 0.1)
     gear.attractors(count=16)
     step = gear.impact(0.3, 4.0)

@@ -1,0 +1,193 @@
+"""Basins: two independent methods against each other, against Figure 4, and against answers known exactly."""
+
+import numpy as np
+import pytest
+
+import rattle
+from rattle.basin_measures import power_law
+from rattle.basins import Basins, boundary, classified
+from rattle.cell_map import groups_of_map
+
+# Figure 4: 100 × 100 cell centres by a separate program: quiet, chaotic, or (m, n₊, n₋).
+KNOWN = {
+    0.056: {"quiet": 1.0},
+    0.0615: {"quiet": 0.898, (1, 1, 0): 0.102},
+    0.078: {"quiet": 0.780, (1, 1, 0): 0.189, (2, 2, 2): 0.031},
+    0.089: {"quiet": 0.733, (4, 4, 2): 0.085, (8, 8, 6): 0.082, (1, 1, 0): 0.073, (2, 2, 1): 0.021, (5, 5, 2): 0.006},
+    0.1: {"quiet": 0.719, "chaotic": 0.249, (1, 1, 0): 0.032},
+}
+
+
+def label(attractor):
+    return (attractor.m, attractor.n_plus, attractor.n_minus) if attractor.kind == "periodic" else attractor.kind
+
+
+def fractions(attractors):
+    return {label(a): a.fraction for a in attractors}
+
+
+def agree(found, known, tolerance):
+    for name in set(found) | set(known):
+        assert found.get(name, 0.0) == pytest.approx(known.get(name, 0.0), abs=tolerance), name
+
+
+@pytest.mark.parametrize("method", ["cells", "direct", "refined"])
+@pytest.mark.parametrize("epsilon", KNOWN)
+def test_fractions_of_figure_4(epsilon, method):
+    found = rattle.Gear(0.6, epsilon).basins(300, method=method)
+    agree(fractions(found.attractors), KNOWN[epsilon], 0.01)
+    counted = np.bincount(found.labels.ravel(), minlength=len(found.attractors)) / found.labels.size
+    assert [a.fraction for a in found.attractors] == pytest.approx(counted)
+    assert (np.diff(counted) <= 0).all()
+    converged = np.array([a.kind in ("quiet", "periodic") for a in found.attractors])[found.labels]
+    assert ((found.steps >= 0) == converged).all()
+
+
+@pytest.mark.parametrize("beta", [0.3, 0.6, 1.0])
+@pytest.mark.parametrize("epsilon", [0.078, 0.12])
+def test_both_methods_find_the_attractors_of_the_sample(epsilon, beta):
+    gear = rattle.Gear(0.6, epsilon, beta)
+    sample = gear.attractors(count=1024)
+    for method in ("cells", "direct"):
+        found = gear.basins(200, method=method)
+        agree(fractions(found.attractors), fractions(sample), 0.02)
+        for a in found.attractors:
+            if a.kind == "periodic" and a.fraction > 0.01:
+                twin = next(b for b in sample if label(b) == label(a))
+                assert (a.tau, a.v) == pytest.approx((twin.tau, twin.v), abs=1e-6)
+
+
+@pytest.mark.parametrize("impacts", [1, 16])
+@pytest.mark.parametrize("epsilon", [0.0615, 0.078, 0.1])
+def test_the_methods_differ_in_few_cells_and_at_boundaries(epsilon, impacts):
+    gear = rattle.Gear(0.6, epsilon)
+    mapped, direct = gear.basins(400, impacts=impacts), gear.basins(400, method="direct")
+    differing = rattle.differing(mapped, direct)
+    assert rattle.disagreement(mapped, direct) == differing.mean() < (0.03 if impacts == 1 else 0.001)
+    near = boundary(direct.labels) | boundary(mapped.labels)
+    assert (differing & ~near).sum() <= 0.1 * differing.sum()
+    assert rattle.disagreement(gear.basins(400, method="refined", impacts=impacts), direct) <= 0.5 * differing.mean()
+
+
+def test_the_interleaved_basins_of_four_orbits():
+    gear = rattle.Gear(0.6, 0.089)
+    direct = gear.basins(400, method="direct")
+    by_impacts = [rattle.disagreement(gear.basins(400, impacts=k), direct) for k in (1, 4, 16)]
+    assert by_impacts[0] < 0.15
+    assert by_impacts[2] < 0.05  # 0.033; 0.008 on 1000 × 1000 cells
+    assert by_impacts == sorted(by_impacts, reverse=True)
+
+
+def test_finer_cells_are_better_cells():
+    gear = rattle.Gear(0.6, 0.1)
+    errors = []
+    for n in (50, 200, 800):
+        errors.append(rattle.disagreement(gear.basins(n, impacts=1), gear.basins(n, method="direct")))
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
+    coarse, fine = (fractions(gear.basins(n).attractors) for n in (200, 1000))
+    agree(coarse, fine, 0.003)
+
+
+def test_a_cell_does_not_depend_on_the_others():
+    gear = rattle.Gear(0.6, 0.1)
+    found = gear.basins(60, method="direct")
+    tau, v = (x.ravel() for x in np.meshgrid(found.tau, found.v))
+    order = np.random.default_rng(5).permutation(tau.size)
+    table, rows, _impacts = classified((0.6, 0.1, 0.6), tau[order], v[order])
+    kinds = np.array([rattle.KINDS.index(a.kind) for a in found.attractors])
+    assert (table.kind[rows] == kinds[found.labels.ravel()[order]]).all()
+
+
+@pytest.mark.parametrize("method", ["cells", "direct"])
+def test_nothing_is_quiet_above_the_quiet_limit(method):
+    gear = rattle.Gear(0.6, 0.2)
+    assert gear.epsilon > gear.quiet_limit
+    assert "quiet" not in fractions(gear.basins(100, method=method).attractors)
+
+
+def test_states_above_the_grid_are_followed_on():
+    gear = rattle.Gear(0.6, 0.1)
+    low, direct = gear.basins(150, v_max=3.5), gear.basins(150, v_max=3.5, method="direct")
+    assert max(a.v for a in low.attractors) > 3.5
+    assert rattle.disagreement(low, direct) < 0.005
+
+
+def test_groups_of_a_small_map():
+    group, steps, first = groups_of_map(np.array([1, 2, 1, 0, 4, 4, 9, 8, 7, 9]))
+    assert group.tolist() == [0, 0, 0, 0, 1, 1, 3, 2, 2, 3]
+    assert steps.tolist() == [1, 0, 0, 2, 0, 1, 1, 0, 0, 0]
+    assert first.tolist() == [1, 4, 7, 9]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_groups_of_random_maps(seed):
+    random = np.random.default_rng(seed)
+    n = 300
+    image = random.integers(0, n, n)
+    group, steps, first = groups_of_map(image)
+    for cell in range(n):
+        orbit = [cell]
+        while image[orbit[-1]] not in orbit:
+            orbit.append(image[orbit[-1]])
+        entry = orbit.index(image[orbit[-1]])
+        assert steps[cell] == entry
+        assert first[group[cell]] == min(orbit[entry:])
+    order = random.permutation(n)  # cell i is now called order[i]
+    renamed = np.empty(n, np.int64)
+    renamed[order] = order[image]
+    again, steps_again, _first = groups_of_map(renamed)
+    assert (steps_again[order] == steps).all()
+    assert len(np.unique(np.stack([group, again[order]]), axis=1).T) == group.max() + 1 == again.max() + 1
+
+
+def painted(labels):
+    one = rattle.Gear(0.6, 0.056).attractors(count=8)[0]
+    n = len(labels)
+    centres = (np.arange(n) + 0.5) / n
+    return Basins(centres, 7 * centres, labels, (one,) * (labels.max() + 1), np.zeros_like(labels), "direct")
+
+
+def test_entropy_of_painted_basins():
+    labels = np.zeros((20, 20), np.int64)
+    assert rattle.basin_entropy(painted(labels))[:1] == (0.0,)
+    assert np.isnan(rattle.basin_entropy(painted(labels)).boundary_entropy)
+    labels[:, 8:] = 1  # cuts the second column of boxes into 3 : 2
+    p = np.array([0.6, 0.4])
+    each = -(p * np.log(p)).sum()
+    assert rattle.basin_entropy(painted(labels)) == pytest.approx((each / 4, each, 16, 4))
+    chess = np.indices((16, 16)).sum(axis=0) % 2
+    assert rattle.basin_entropy(painted(chess), box=4) == pytest.approx((np.log(2), np.log(2), 16, 16))
+
+
+def test_the_fit_recovers_a_power_law_and_its_error():
+    sizes, pairs = 2.0 ** -np.arange(5.0, 13.0), np.full(8, 8192)
+    random = np.random.default_rng(2)
+    fits = np.array([power_law(sizes, random.binomial(pairs, 2 * sizes**0.7), pairs) for _ in range(400)])
+    assert fits[:, 0].mean() == pytest.approx(0.7, abs=0.01)
+    assert (np.abs(fits[:, 0] - 0.7) < fits[:, 1]).mean() > 0.9
+    assert np.isnan(power_law(sizes, np.zeros(8, np.int64), pairs)).all()
+
+
+def test_a_smooth_boundary_has_exponent_one_and_a_mixed_one_less():
+    smooth = rattle.Gear(0.6, 0.0615).uncertainty()
+    assert abs(smooth.exponent - 1) < 1.5 * smooth.error
+    mixed = rattle.Gear(0.6, 0.089).uncertainty(pairs=2048)
+    assert mixed.exponent + 3 * mixed.error < 0.8
+    assert mixed.exponent == rattle.Gear(0.6, 0.089).uncertainty(pairs=2048).exponent
+    other = rattle.Gear(0.6, 0.089).uncertainty(pairs=2048, seed=1)
+    assert abs(mixed.exponent - other.exponent) < 2 * np.hypot(mixed.error, other.error)
+
+
+def test_what_is_refused():
+    gear = rattle.Gear(0.6, 0.1)
+    for wrong in ({"resolution": 0}, {"resolution": 2.5}, {"v_max": 0}, {"method": "guess"}, {"impacts": 0}):
+        with pytest.raises(rattle.ParameterError):
+            gear.basins(**({"resolution": 10} | wrong))
+    with pytest.raises(rattle.ParameterError):
+        rattle.disagreement(gear.basins(10), gear.basins(20))
+    with pytest.raises(rattle.ParameterError):
+        rattle.basin_entropy(gear.basins(4))
+    with pytest.raises(rattle.ParameterError):
+        gear.uncertainty(pairs=0)
+    with pytest.raises(rattle.ParameterError):
+        gear.gamma(spacing=0)
