@@ -18,6 +18,7 @@ ACCEPTED_CORRECTION = 1e-11  # what rounding may leave where the equations are n
 SHORTEST_STEP = 1e-10
 LARGEST_TURN = 0.2  # radians between steps
 MOST_POINTS = 4000
+MOST_BISECTIONS = 200
 SAME_POINT = 1e-12
 SAME_SOLUTION = 1e-8
 
@@ -116,18 +117,19 @@ class Bound:
 
 def last_inside(problem: Problem, a: Array, b: Array, happens: Callable[[Array], bool]) -> tuple[Array, Array]:
     """The last solution between a (which happens) and b (which does not) that happens, and the first that does not, by
-    bisection to rounding.
+    bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps are shorter.
     """
-    low, high, inside, outside = 0.0, 1.0, a, b
-    while (high - low) * np.max(np.abs(b - a)) > 1e-15:
-        middle = 0.5 * (low + high)
-        if middle in (low, high):
+    inside, outside, share = a, b, 0.5
+    for _ in range(MOST_BISECTIONS):
+        if share * np.max(np.abs(outside - inside)) < 1e-15:
             break
-        x = between(problem, a, b, middle)
-        if x is not None and happens(x):
-            low, inside = middle, x
+        x = between(problem, inside, outside, share)
+        if x is None:
+            share *= 0.5
+        elif happens(x):
+            inside, share = x, 0.5
         else:
-            high, outside = middle, outside if x is None else x
+            outside, share = x, 0.5
     return inside, outside
 
 

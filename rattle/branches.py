@@ -27,7 +27,7 @@ MOST_POINTS = 1000
 CLOSED = "closed: it comes back to its start"
 HALF_PERIOD = "the period halves: a flip"
 LEAST_DAMPING = 1e-3  # of the orbit's, to which a line may go
-MOST_DOUBLINGS = 20  # farther, flips are nearer to each other than rounding
+MOST_DOUBLINGS = 8  # time grows by six with each
 NEAR = 0.02  # span by default, either way
 DIRECTIONS = {"delta": (1.0, 0.0), "epsilon": (0.0, 1.0)}
 
