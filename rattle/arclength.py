@@ -123,13 +123,13 @@ def last_inside(problem: Problem, a: Array, b: Array, happens: Callable[[Array],
     for _ in range(MOST_BISECTIONS):
         if share * np.max(np.abs(outside - inside)) < 1e-15:
             break
-        x = between(problem, inside, outside, share)
-        if x is None:
+        found = newton(problem, inside + share * (outside - inside), b - a)
+        if found is None:
             share *= 0.5
-        elif happens(x):
-            inside, share = x, 0.5
+        elif happens(found[0]):
+            inside, share = found[0], 0.5
         else:
-            outside, share = x, 0.5
+            outside, share = found[0], 0.5
     return inside, outside
 
 
