@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rattle.arclength import Bound, Follower, Path, newton, tangent_at
 from rattle.bifurcations import Kind, along
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
-from rattle.events import Event, Line, find_events, is_twice, origin_of_doubling
+from rattle.events import Event, Line, between_twins, find_events, is_twice, origin_of_doubling
 from rattle.impact_equations import Array, Itinerary
 from rattle.periodic import PeriodicOrbit, at_parameters, orbit_of
 
@@ -256,8 +256,12 @@ def _same_place(one: Event, other: Event) -> bool:
 def _built(
     itinerary: Itinerary, line: Line, points: Array, tangents: Array, start: int, ends: tuple[str, str]
 ) -> Branch:
-    orbits = [orbit_of(itinerary, line.plane(y)) for y in points]
     problem = along(itinerary, line.origin, line.direction)
+    more = sorted(between_twins(itinerary, line, problem, points, tangents), key=lambda item: -item[0])
+    for after, y, tangent in more:
+        points, tangents = np.insert(points, after + 1, y, axis=0), np.insert(tangents, after + 1, tangent, axis=0)
+        start += after < start
+    orbits = [orbit_of(itinerary, line.plane(y)) for y in points]
     events = list(find_events(itinerary, line, problem, points, tangents))
     for end, at, place in ((ends[0], 0, 0), (ends[1], len(points) - 1, len(events))):
         flip = origin_of_doubling(itinerary, line, points[at], max(at - 1, 0)) if end == HALF_PERIOD else None

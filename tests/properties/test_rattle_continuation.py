@@ -122,6 +122,9 @@ def test_a_branch_does_not_depend_on_where_it_was_begun():
         inside = np.flatnonzero(whole.admissible & (np.abs(whole.epsilon / orbit.epsilon - 1) < 0.29))
         other = whole.orbit(int(inside[len(inside) // 3]))
         again = branch(other, "epsilon", (0.7 * orbit.epsilon, 1.3 * orbit.epsilon))
+        folds = [e.epsilon / orbit.epsilon for e in (*whole.events, *again.events) if e.kind == "SN"]
+        if any(min(abs(fold - 0.7), abs(fold - 1.3)) < 0.02 for fold in folds):
+            continue  # a step may leave the span and come back over such a fold
         one, two = (sorted((e.kind, round(e.epsilon, 8)) for e in found.events) for found in (whole, again))
         assert one == two, (orbit, other)
 
@@ -149,6 +152,17 @@ def test_a_near_crossing_is_not_crossed(name, place):
     for found in (coarse, fine):
         at = {event.after for event in found.events}
         assert set(np.diff(found.stable).nonzero()[0].tolist()) <= at
+
+
+def test_two_events_in_one_step():
+    """Two flips 0.0008 apart, between neighbouring points of one of two branches that are the same."""
+    orbit = periodic_orbit(0.5102259392598834, 0.0738020185040886, 0.7013300014795892, 4.272957863961546, 3)
+    span = (0.051661412952862015, 0.09594262405531519)
+    one = branch(orbit, "epsilon", span)
+    two = branch(one.orbit(int(np.argmin(np.abs(one.epsilon - 0.0789126)))), "epsilon", span)
+    flips = [0.07691781367, 0.07772233984]
+    for found in (one, two):
+        assert [e.epsilon for e in found.events if e.kind == "PD"] == pytest.approx(flips, abs=1e-10)
 
 
 def test_a_closed_branch_ends_where_it_began():
@@ -244,9 +258,12 @@ def place(wall, t0, w0, s, x, beta):
 def test_a_curve_goes_through_its_event_and_solves_for_its_points():
     for event, curve in curves_of_events():
         assert min(abs(e - event.epsilon) for e in curve.at(event.delta)) < 1e-9, curve.name
-        for i in range(1, len(curve) - 1, 5):
+        smooth = set(range(1, len(curve) - 1, 5)) - set(
+            curve.folds
+        )  # where δ turns, rounding decides whether it has one
+        for i in sorted(smooth):
             assert min(abs(e - curve.epsilon[i]) for e in curve.at(float(curve.delta[i]))) < 1e-9, (curve.name, i)
-            assert min(abs(d - curve.delta[i]) for d in curve.at(epsilon=float(curve.epsilon[i]))) < 1e-9
+            assert min(abs(d - curve.delta[i]) for d in curve.at(epsilon=float(curve.epsilon[i]))) < 1e-9, curve.name
 
 
 def test_order_along_curves():
