@@ -263,6 +263,8 @@ def test_a_curve_goes_through_its_event_and_solves_for_its_points():
         smooth = set(range(1, len(curve) - 1, 5)) - {
             t + k for t in turns for k in (-1, 0, 1)
         }  # where one turns, rounding decides whether it has the value
+        ends = curve.delta[[end.index for end in curve.ends]]
+        smooth = {i for i in smooth if np.abs(curve.delta[i] - ends).min() > 1e-6}  # it may end where it is singular
         for i in sorted(smooth):
             assert min(abs(e - curve.epsilon[i]) for e in curve.at(float(curve.delta[i]))) < 1e-9, (curve.name, i)
             assert min(abs(d - curve.delta[i]) for d in curve.at(epsilon=float(curve.epsilon[i]))) < 1e-9, curve.name
