@@ -93,6 +93,7 @@ def bifurcation_curve(
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     resolution = require_integer("resolution", resolution, 1, MOST_ACROSS)
     window = Window(_range("delta", delta, positive=True), _range("epsilon", epsilon), resolution)
+    require(window.left(event.unknowns) is None, f"the window must contain the event, ({event.delta}, {event.epsilon})")
     itinerary, x, impact = _begun_on_sigma_plus(event)
     m, n_plus, n_minus = itinerary.m, itinerary.walls.count(1), itinerary.walls.count(-1)
     return traced(
