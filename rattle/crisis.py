@@ -211,8 +211,8 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
         raise RattleError(f"the crisis is known below COD22 only, and delta = {delta} is not below it at beta = {beta}")
     if beta != 0.6 or delta < LOWEST:
         raise RattleError(
-            f"the first contact of W^u(A) with W^s(A) is known to end the attractor at beta = 0.6 and delta from {LOWEST}"
-            f" on only, not at beta = {beta}, delta = {delta}: W^u(A) may escape there in several intervals of epsilon"
+            "the first contact of W^u(A) with W^s(A) is known to end the attractor at beta = 0.6 and delta from"
+            f" {LOWEST} on only, not at beta = {beta}, delta = {delta}: it may escape in several intervals of epsilon"
         )
     floor = float(sn1(delta))
     low, high = _first_escape(delta, beta)

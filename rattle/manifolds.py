@@ -25,8 +25,8 @@ JOINED = 1e-3  # ends of two pieces closer than this part of the spacing are the
 class Manifold:
     """One side of a manifold, outwards from the saddle, n points in p pieces.
 
-    tau (n,): phase, not folded, continuous along the manifold; v (n,): speed after the impact on Σ⁺. parameter (n,): the
-    place t of the preimage in the fundamental domain, arclength at the saddle; images (n,): the j of F^j that took it
+    tau (n,): phase, not folded, continuous along the manifold; v (n,): speed after the impact on Σ⁺. parameter (n,):
+    place t of the preimage on the local manifold, arclength at the saddle; images (n,): the j of F^j that took it
     here. pieces (p + 1,): piece i is points pieces[i] to pieces[i + 1]; neighbouring pieces share their corner, given
     twice, unless their ends are `gap` (p − 1,) apart. length: arclength of it all.
     """
@@ -119,7 +119,9 @@ def manifold(
     spacing, angle = require_number("spacing", spacing, positive=True), require_number("angle", angle, positive=True)
     local = local_manifold(orbit, kind == "stable")
     t = side * local.size * local.multiplier ** np.linspace(-1.0, 0.0, FIRST)
-    rows, length = [np.array([[orbit.tau], [orbit.v], [0.0], [0.0], [0.0], [1.0]])], 0.0
+    first = np.linspace(0.0, t[0], 2 + int(abs(t[0]) / spacing))[:-1]  # from the saddle to the fundamental domain
+    zero = np.zeros(first.size)
+    rows, length = [np.stack([*local.at(first), first, zero, zero, zero])], float(abs(t[0]))
     for j in range(MOST_IMAGES):
         level = _Level(local, j, t)
         level.refine(spacing, angle)
@@ -146,10 +148,8 @@ def _assembled(orbit: PeriodicOrbit, kind: str, side: int, rows: Array, arclengt
     gap = np.hypot(*(rows[:2, starts] - rows[:2, starts - 1]))
     near = starts[gap < joined]
     exact = np.where(rows[5, near] < rows[5, near - 1], near, near - 1)
-    inserted = np.insert(rows, near, rows[:, exact], axis=1)
-    begins = starts + np.searchsorted(near, starts)  # each corner before this one moved it by a point
-    begins += np.where((gap < joined) & np.isin(starts, near[exact == near]), 1, 0)
-    pieces = np.concatenate([[0], begins, [inserted.shape[1]]]).astype(np.int64)
+    rows[:, np.where(exact == near, near - 1, near)] = rows[:, exact]  # the other side of it has the root of rounding
+    pieces = np.concatenate([[0], starts, [rows.shape[1]]]).astype(np.int64)
     length = float(np.hypot(*np.diff(rows[:2], axis=1)).sum())
-    tau, v, t, j = inserted[:4]
+    tau, v, t, j = rows[:4]
     return Manifold(orbit, kind, side, tau, v, t, j.astype(np.int64), pieces, np.where(gap < joined, 0.0, gap), length)

@@ -1,8 +1,8 @@
 """Saddles of Π^k and their manifolds close by, as power series in the parameter that the map multiplies.
 
 F is Π^k on the unstable side and Π^−k on the stable one, twice that where the multiplier is negative, so that λ > 1.
-The local manifold W(s) solves F(W(s)) = W(λs), W(0) the saddle, W'(0) its unit eigenvector: then W(s) = F^j(W(s/λ^j)) for
-any s, and one number s is the place on the whole manifold. Source: X. Cabré, E. Fontich, R. de la Llave, J. Differ.
+The local manifold W(s) solves F(W(s)) = W(λs), W(0) the saddle, W'(0) its unit eigenvector: then W(s) = F^j(W(s/λ^j))
+for any s, and one number s is the place on the whole manifold. Source: X. Cabré, E. Fontich, R. de la Llave, J. Differ.
 Equations 218 (2005) 444 (parametrisation method).
 """
 
