@@ -16,6 +16,7 @@ from rattle.periodic import PeriodicOrbit
 from rattle.saddles import Array, Local, local_manifold
 
 MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
+ENDED = 1e-9  # length of an image that has shrunk to the attractor in which this side ends
 FIRST = 9  # points of the first fundamental domain
 FINEST = 1e-6  # angles between shorter steps are rounding
 JOINED = 1e-3  # ends of two pieces closer than this part of the spacing are the same corner
@@ -109,7 +110,7 @@ def manifold(
     """One side of the "stable" or "unstable" manifold of a saddle, up to this arclength in (τ, v) (dimensionless).
 
     side: +1 leaves the saddle towards rising v (rising τ where v does not change), −1 the other way. spacing: largest
-    distance of neighbours; angle: largest turn, radians. It ends earlier where a motion comes to rest. A tongue that
+    distance of neighbours; angle: largest turn, radians. It ends earlier in a stable motion or at rest. A tongue that
     crosses Γ and returns within one spacing can be missed. Raises ParameterError if the orbit is no saddle, and
     RattleError if it is too close to grazing or needs too many points.
     """
@@ -127,8 +128,9 @@ def manifold(
         level.refine(spacing, angle)
         t, end = level.t, int(np.argmin(np.append(level.ok, False)))
         rows.append(_rows(level, end))
-        length += float(np.hypot(*np.diff(level.x[:, :end], axis=1)).sum())
-        if length > arclength or end < t.size:
+        more = float(np.hypot(*np.diff(level.x[:, :end], axis=1)).sum())
+        length += more
+        if length > arclength or end < t.size or more < ENDED:
             break
     return _assembled(orbit, kind, side, np.concatenate(rows, axis=1), arclength, JOINED * spacing)
 
