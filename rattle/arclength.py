@@ -18,7 +18,9 @@ ACCEPTED_CORRECTION = 1e-11  # what rounding may leave where the equations are n
 SHORTEST_STEP = 1e-10
 LARGEST_TURN = 0.2  # radians between steps
 MOST_POINTS = 4000
+MOST_BISECTIONS = 200
 SAME_POINT = 1e-12
+SAME_SOLUTION = 1e-8
 
 
 @dataclass(frozen=True)
@@ -32,12 +34,13 @@ class Problem:
 @dataclass(frozen=True)
 class Path:
     """Points (k, N + 1) and unit tangents of a followed curve; `outside` is the first point that was not inside, None
-    where the curve could not be followed on (or was long enough).
+    where the curve could not be followed on (or was long enough). closed: it came back to its start, the last point.
     """
 
     points: Array
     tangents: Array
     outside: Array | None
+    closed: bool = False
 
 
 def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] | None:
@@ -74,6 +77,13 @@ def with_value(problem: Problem, x: Array, index: int, value: float) -> Array | 
 
 def tangent_at(problem: Problem, x: Array, direction: Array) -> Array:
     """The unit tangent (N + 1,) of the solution curve at x, on the side of `direction`."""
+    return oriented_tangent(problem, x, direction)[0]
+
+
+def oriented_tangent(problem: Problem, x: Array, direction: Array) -> tuple[Array, float]:
+    """The tangent of `tangent_at`, and the sign of the determinant of Jacobian and tangent: it is one and the same all
+    along a curve, and the other on a neighbour that nearly crosses it.
+    """
     problem.prepare(x)
     _, jacobian = derivatives(problem.equations, x)
     onwards = np.append(np.zeros(len(jacobian)), 1.0)
@@ -81,7 +91,8 @@ def tangent_at(problem: Problem, x: Array, direction: Array) -> Array:
         tangent = np.linalg.solve(np.vstack([jacobian, direction]), onwards)
     except np.linalg.LinAlgError:  # the curve runs across the direction
         tangent = np.linalg.svd(jacobian)[2][-1]
-    return np.asarray(tangent / np.linalg.norm(tangent), np.float64)
+    tangent = np.asarray(tangent / np.linalg.norm(tangent), np.float64)
+    return tangent, float(np.linalg.slogdet(np.vstack([jacobian, tangent]))[0])
 
 
 def between(problem: Problem, a: Array, b: Array, share: float) -> Array | None:
@@ -106,31 +117,33 @@ class Bound:
 
 def last_inside(problem: Problem, a: Array, b: Array, happens: Callable[[Array], bool]) -> tuple[Array, Array]:
     """The last solution between a (which happens) and b (which does not) that happens, and the first that does not, by
-    bisection to rounding.
+    bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps are shorter.
     """
-    low, high, inside, outside = 0.0, 1.0, a, b
-    while (high - low) * np.max(np.abs(b - a)) > 1e-15:
-        middle = 0.5 * (low + high)
-        if middle in (low, high):
+    inside, outside, share = a, b, 0.5
+    for _ in range(MOST_BISECTIONS):
+        if share * np.max(np.abs(outside - inside)) < 1e-15:
             break
-        x = between(problem, a, b, middle)
-        if x is not None and happens(x):
-            low, inside = middle, x
+        found = newton(problem, inside + share * (outside - inside), b - a)
+        if found is None:
+            share *= 0.5
+        elif happens(found[0]):
+            inside, share = found[0], 0.5
         else:
-            high, outside = middle, outside if x is None else x
+            outside, share = found[0], 0.5
     return inside, outside
 
 
 @dataclass(frozen=True)
 class Follower:
     """How a problem is followed: between bounds, as long as `happens`, with steps at most `longest(unit tangent)` in
-    the unknowns' Euclidean norm.
+    the unknowns' Euclidean norm. twins(start, x): all ways to write a solution (…, N + 1), as near to x as they go.
     """
 
     problem: Problem
     bounds: Sequence[Bound]
     happens: Callable[[Array], bool]
     longest: Callable[[Array], float]
+    twins: Callable[[Array, Array], Array] = lambda start, _: start[None]
 
     def inside(self, x: Array) -> bool:
         """Whether x is a point of the curve that is asked for."""
@@ -138,11 +151,14 @@ class Follower:
 
     def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> Path:
         """Follow the curve from a solution inside towards `tangent`, to where it is not inside any more: the last
-        point is that edge, to rounding. The first step is at most `first`.
+        point is that edge, to rounding; or until it closes. The first step is at most `first`, if given: curves cross
+        at the start.
         """
         points, tangents = [start], [tangent]
+        sign = oriented_tangent(self.problem, start, tangent)[1] if first == np.inf else None
         step = min(first, 0.2 * self.longest(tangent))
-        while len(points) < most and step >= SHORTEST_STEP:
+        shortest = min(SHORTEST_STEP, 0.01 * step)
+        while len(points) < most and step >= shortest:
             x, direction = points[-1], tangents[-1]
             step = min(step, self.longest(direction))
             found = newton(self.problem, x + step * direction, direction)
@@ -150,11 +166,17 @@ class Follower:
                 step *= 0.4
                 continue
             new, corrections = found
-            new_tangent = tangent_at(self.problem, new, direction)
+            new_tangent, new_sign = oriented_tangent(self.problem, new, direction)
             turn = float(np.arccos(np.clip(new_tangent @ direction, -1.0, 1.0)))
-            if turn > LARGEST_TURN:
+            if turn > LARGEST_TURN or new_sign != (sign or new_sign):
                 step *= 0.4
                 continue
+            sign = new_sign
+            back = self._closing(start, x, new) if len(points) > 1 else None
+            if back is not None:
+                points.append(back)
+                tangents.append(tangent_at(self.problem, back, direction))
+                return Path(np.array(points), np.array(tangents), None, closed=True)
             if not self.inside(new):
                 edge = self._edge(x, new)
                 if np.max(np.abs(edge - x)) > SAME_POINT:
@@ -165,6 +187,17 @@ class Follower:
             tangents.append(new_tangent)
             step *= min(2.0, 0.5 * LARGEST_TURN / max(turn, 1e-9)) if corrections <= 4 else 0.7
         return Path(np.array(points), np.array(tangents), None)
+
+    def _closing(self, start: Array, a: Array, b: Array) -> Array | None:
+        """The start, as a curve that comes back to it between a and b would write it, or None."""
+        chord = b - a
+        for twin in self.twins(start, b):
+            share = float((twin - a) @ chord / (chord @ chord))
+            if 0.0 < share <= 1.0 and np.max(np.abs(twin - a - share * chord)) < LARGEST_TURN * np.max(np.abs(chord)):
+                found = between(self.problem, a, b, share)
+                if found is not None and np.max(np.abs(found - twin)) < SAME_SOLUTION:
+                    return found
+        return None
 
     def _edge(self, a: Array, b: Array) -> Array:
         """The last point inside between a (inside) and b (not)."""

@@ -38,7 +38,8 @@ def condition(itinerary: Itinerary, kind: Kind, impact: int | None = None) -> Pr
 
     def prepare(x: Array) -> None:
         left, _, right = np.linalg.svd(itinerary.jacobian(x, multiplier))
-        borders[:] = left[:, -1], right[-1]
+        side = np.sign(np.linalg.det(left) * np.linalg.det(right))  # of the null vectors, so that det changes no sign
+        borders[:] = side * left[:, -1], right[-1]
 
     def equations(x: NDArray) -> NDArray:
         singular = bordered(itinerary.jacobian(x, multiplier), *borders)

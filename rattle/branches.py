@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rattle.arclength import Bound, Follower, Path, newton, tangent_at
 from rattle.bifurcations import Kind, along
-from rattle.errors import RattleError, require
-from rattle.events import Event, Line, find_events, is_twice, origin_of_doubling
+from rattle.errors import RattleError, require, require_integer, require_number, require_pair
+from rattle.events import Event, Line, between_twins, find_events, is_twice, origin_of_doubling
 from rattle.impact_equations import Array, Itinerary
 from rattle.periodic import PeriodicOrbit, at_parameters, orbit_of
 
@@ -20,10 +20,14 @@ LONGEST = 0.05  # of a step, in the unknowns
 POINTS_ACROSS = 50  # at least, over the span
 FEW_POINTS = 6  # between neighbouring cells
 SHORTEST_FLIGHT = 1e-6
+TWICE = 1e-5  # nearer to its flip, rounding decides which way a doubled branch turns
+SAME_PLACE = 1e-9  # in the plane
 FIRST_OF_DOUBLED = 1e-4  # its size grows as the root of the distance from the flip
 MOST_POINTS = 1000
+CLOSED = "closed: it comes back to its start"
 HALF_PERIOD = "the period halves: a flip"
 LEAST_DAMPING = 1e-3  # of the orbit's, to which a line may go
+MOST_DOUBLINGS = 8  # time grows by six with each
 NEAR = 0.02  # span by default, either way
 DIRECTIONS = {"delta": (1.0, 0.0), "epsilon": (0.0, 1.0)}
 
@@ -78,6 +82,7 @@ def branch(
     branch goes on beyond grazes, where the motion does not happen. Raises ParameterError, and RattleError if the orbit
     is no solution.
     """
+    require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
     line = _line(orbit.delta, orbit.epsilon, parameter, span, resolution)
     start = np.append(orbit.times, 0.0)
     fixed = np.append(np.zeros(orbit.times.size), 1.0)
@@ -89,6 +94,7 @@ def branch(
 
 def doubled(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> Branch:
     """The branch of period-doubled motions that leaves a flip (PD), from there; arguments and errors as `branch`."""
+    require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.kind is not Kind.FLIP:
         raise RattleError(f"the period doubles at a flip (PD), not at {event.kind}")
     line = _line(event.delta, event.epsilon, parameter, span)
@@ -106,6 +112,7 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
 
     Arguments and errors as `branch`.
     """
+    require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.impact is None:
         raise RattleError(f"motions of different itineraries meet at a graze (GR), not at {event.kind}")
     line = _line(event.delta, event.epsilon, parameter, span)
@@ -124,6 +131,7 @@ def cascade(
 
     Arguments and errors as `branch`.
     """
+    doublings = require_integer("doublings", doublings, 1, MOST_DOUBLINGS)
     here, found = branch(orbit, parameter, span), list[Event]()
     last = orbit.delta, orbit.epsilon
     while True:
@@ -154,6 +162,8 @@ def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | 
     Where Newton's method finds the motion there at once, close by and as stable, nothing is looked for on the way.
     Raises ParameterError, and RattleError if the orbit is no solution.
     """
+    require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
+    delta, epsilon = require_number("delta", delta, positive=True), require_number("epsilon", epsilon)
     there = at_parameters(orbit.itinerary, np.append(orbit.times, [delta, epsilon]))
     if there is not None and np.max(np.abs(there[:-2] - orbit.times)) < LONGEST:
         found = orbit_of(orbit.itinerary, there)
@@ -180,25 +190,25 @@ def _loss_of_stability(here: Branch) -> Event | None:
 
 
 def _line(delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS) -> Line:
-    """The line through a point that these arguments of `branch` mean."""
+    """The line through a point that these arguments of `branch` mean, where δ is positive and ε not negative."""
     origin = np.array([delta, epsilon])
+    resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
     if isinstance(parameter, str):
         require(parameter in DIRECTIONS, f"parameter must be delta, epsilon or a direction, got {parameter!r}")
         direction = np.array(DIRECTIONS[parameter])
-        here = float(origin @ direction)
-        low, high = (-NEAR, NEAR) if span is None else (span[0] - here, span[1] - here)
+        ends = np.array([-NEAR, NEAR]) if span is None else require_pair("span", span) - origin @ direction
     else:
-        direction = np.asarray(parameter, np.float64)
-        low, high = (-1.0, 1.0) if span is None else span
-    require(
-        direction.shape == (2,) and bool(np.isfinite(direction).all() and direction.any()),
-        f"a direction is a pair (dδ, dε) other than (0, 0), got {parameter!r}",
-    )
-    require(low <= 0.0 <= high and low < high < np.inf, f"span must be (low, high) around the orbit, got {span!r}")
-    if direction[0]:  # damping stays positive
-        floor = (LEAST_DAMPING - 1.0) * delta / direction[0]
-        low, high = (max(low, floor), high) if direction[0] > 0 else (low, min(high, floor))
-    return Line(origin, direction, (float(low), float(high)), resolution)
+        direction = np.array(require_pair("parameter, if not delta or epsilon,", parameter))
+        require(bool(direction.any()), "a direction is a pair (dδ, dε) other than (0, 0)")
+        ends = np.array([-1.0, 1.0] if span is None else require_pair("span", span))
+    low, high = float(ends[0]), float(ends[1])
+    require(low <= 0.0 <= high and low < high, f"span must be (low, high) around the orbit, got {span!r}")
+    for rate, below in zip(direction, ((LEAST_DAMPING - 1.0) * delta, -epsilon), strict=True):
+        if rate > 0.0:
+            low = max(low, below / rate)
+        elif rate < 0.0:
+            high = min(high, below / rate)
+    return Line(origin, direction, (low, high), resolution)
 
 
 def _follower(itinerary: Itinerary, line: Line) -> Follower:
@@ -207,21 +217,25 @@ def _follower(itinerary: Itinerary, line: Line) -> Follower:
         return min(LONGEST, step / max(abs(float(tangent[-1])), 1e-9))
 
     problem = along(itinerary, line.origin, line.direction)
-    return Follower(problem, (Bound(-1, *line.span),), lambda y: _degenerate(itinerary, y) is None, longest)
+    happens = lambda y: _degenerate(itinerary, y) is None  # noqa: E731
+    return Follower(problem, (Bound(-1, *line.span),), happens, longest, itinerary.twins)
 
 
 def _degenerate(itinerary: Itinerary, y: Array) -> str | None:
     """Why y = (times, p) is no motion of this itinerary and period, None if it is."""
     if np.min(np.diff(np.append(y[:-1], y[0] + itinerary.m))) < SHORTEST_FLIGHT:
         return "two impacts become one"
-    return HALF_PERIOD if is_twice(itinerary, y, SHORTEST_FLIGHT) else None
+    return HALF_PERIOD if is_twice(itinerary, y, TWICE) else None
 
 
 def _both_ways(itinerary: Itinerary, line: Line, start: Array) -> Branch:
     """The branch through y = (times, p), in the direction of rising p there."""
     follower = _follower(itinerary, line)
     tangent = tangent_at(follower.problem, start, np.append(np.zeros(itinerary.n), 1.0))
-    back, on = (follower.follow(start, side * tangent, MOST_POINTS) for side in (-1.0, 1.0))
+    on = follower.follow(start, tangent, MOST_POINTS)
+    if on.closed:
+        return _built(itinerary, line, on.points, on.tangents, 0, (CLOSED, CLOSED))
+    back = follower.follow(start, -tangent, MOST_POINTS)
     points = np.concatenate([back.points[:0:-1], on.points])
     tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
     ends = _end(itinerary, back), _end(itinerary, on)
@@ -234,15 +248,24 @@ def _end(itinerary: Itinerary, path: Path) -> str:
     return _degenerate(itinerary, path.outside) or "span"
 
 
+def _same_place(one: Event, other: Event) -> bool:
+    apart = max(abs(one.delta - other.delta), abs(one.epsilon - other.epsilon))
+    return one.kind is other.kind and one.itinerary.m == other.itinerary.m and apart < SAME_PLACE
+
+
 def _built(
     itinerary: Itinerary, line: Line, points: Array, tangents: Array, start: int, ends: tuple[str, str]
 ) -> Branch:
-    orbits = [orbit_of(itinerary, line.plane(y)) for y in points]
     problem = along(itinerary, line.origin, line.direction)
+    more = sorted(between_twins(itinerary, line, problem, points, tangents), key=lambda item: -item[0])
+    for after, y, tangent in more:
+        points, tangents = np.insert(points, after + 1, y, axis=0), np.insert(tangents, after + 1, tangent, axis=0)
+        start += after < start
+    orbits = [orbit_of(itinerary, line.plane(y)) for y in points]
     events = list(find_events(itinerary, line, problem, points, tangents))
     for end, at, place in ((ends[0], 0, 0), (ends[1], len(points) - 1, len(events))):
         flip = origin_of_doubling(itinerary, line, points[at], max(at - 1, 0)) if end == HALF_PERIOD else None
-        if flip is not None:
+        if flip is not None and not any(_same_place(flip, event) for event in events):
             events.insert(place, flip)
     return Branch(
         itinerary,

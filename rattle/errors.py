@@ -65,3 +65,10 @@ def require_number(name: str, value: float, *, positive: bool = False) -> float:
     else:
         require(number >= 0.0, f"{name} must not be negative, got {number}")
     return number
+
+
+def require_pair(name: str, value: ArrayLike) -> tuple[float, float]:
+    """Return value as two floats; raise ParameterError unless it is a pair of finite real numbers."""
+    array = real_array(name, value)
+    require(array.shape == (2,) and bool(np.isfinite(array).all()), f"{name} must be a pair of numbers, got {value!r}")
+    return float(array[0]), float(array[1])

@@ -8,12 +8,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.arclength import Problem, last_inside, located, newton, tangent_at
+from rattle.arclength import Problem, between, last_inside, located, newton, tangent_at
 from rattle.bifurcations import Kind, condition, smooth_multipliers
 from rattle.impact_equations import Array, Itinerary
 from rattle.periodic import admissible, first_failure
 
 SAME_HALVES = 0.02  # a motion this close to one of half the period, where its branch turns, is that one there
+NEARLY = 0.5  # of its value: a parabola that comes so much nearer to 0 is looked at
 FOUND = 1e-3  # of a step: near enough to solve from
 SAME_PLACE = 0.5  # of a step: farther than this from where it was found, a solution is another one
 
@@ -86,9 +87,7 @@ class Event:
 def find_events(itinerary: Itinerary, line: Line, problem: Problem, points: Array, tangents: Array) -> Iterator[Event]:
     """The events between neighbouring solutions y = (times, p) (k, n + 1) of a branch with unit tangents, in order."""
     tests = _tests(itinerary, line, problem)
-    departures = np.array([itinerary.flights(line.plane(y)).w0 for y in points])
-    flips = [_flip(itinerary, line, y) for y in points]
-    values = np.column_stack([tangents[:, -1], flips, departures])
+    values = _values(itinerary, line, points, tangents)
     real = [admissible(itinerary, line.plane(y)) for y in points]
     for k in range(len(points) - 1):
         a, b = points[k], points[k + 1]
@@ -107,6 +106,38 @@ def find_events(itinerary: Itinerary, line: Line, problem: Problem, points: Arra
             solved = _solved(line, candidate, k, near)
             if solved is not None:
                 yield solved
+
+
+def between_twins(
+    itinerary: Itinerary, line: Line, problem: Problem, points: Array, tangents: Array
+) -> list[tuple[int, Array, Array]]:
+    """Solutions to put between points, each (after which, y, tangent): there a test function that has one sign at both
+    its neighbours has the other, for two events are so near that one step passed both.
+    """
+    tests, values = _tests(itinerary, line, problem), _values(itinerary, line, points, tangents)
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    size, found = np.abs(values), []
+    least = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:])
+    one_sign = (values[1:-1] * values[:-2] > 0) & (values[1:-1] * values[2:] > 0)
+    for i, j in np.argwhere(least & one_sign):
+        near = slice(i, i + 3)
+        bend, slope, value = np.polyfit(length[near] - length[i + 1], values[near, j], 2)
+        at = length[i + 1] - slope / (2 * bend) if bend else length[i + 1]
+        lowest = value - slope**2 / (4 * bend) if bend else value
+        if not length[i] < at < length[i + 2] or lowest / value > NEARLY:
+            continue
+        k = int(i if at < length[i + 1] else i + 1)
+        y = between(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
+        if y is not None and tests[j][2](y, points[k + 1] - points[k]) * values[k, j] < 0:
+            found.append((k, y, tangent_at(problem, y, tangents[k])))
+    return found
+
+
+def _values(itinerary: Itinerary, line: Line, points: Array, tangents: Array) -> Array:
+    """The test functions, in the order of `_tests`, at solutions."""
+    departures = np.array([itinerary.flights(line.plane(y)).w0 for y in points])
+    flips = [_flip(itinerary, line, y) for y in points]
+    return np.column_stack([tangents[:, -1], flips, departures])
 
 
 class Test(Protocol):

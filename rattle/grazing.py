@@ -35,7 +35,7 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
     """
     require(isinstance(curve, str) and curve in CURVES, f"curve must be one of {', '.join(CURVES)}, got {curve!r}")
     d, _, b = parameters(delta, 0.0, beta)
-    flat = family.grazing_cells(CURVES.index(curve), np.ascontiguousarray(d).ravel(), np.ascontiguousarray(b).ravel())
+    flat = family.grazing_cells(CURVES.index(curve), *(np.array(x, order="C").ravel() for x in (d, b)))
     epsilon, tau, trace = (x.reshape(d.shape) for x in flat)
     multipliers = multipliers_of(trace, np.exp(-d))
     multipliers[:, np.isnan(epsilon)] = complex(np.nan, np.nan)

@@ -137,6 +137,16 @@ class Itinerary:
                 product = np.array(energy) @ product
         return product
 
+    def twins(self, start: Array, x: Array) -> Array:
+        """All ways (…, N) to write the motion with unknowns start (N,), times first: it may begin at another impact, if
+        the walls are the same from there, and some forcing periods earlier or later, near x.
+        """
+        times, n = start[: self.n], self.n
+        begins = [k for k in range(n) if self.walls[k:] + self.walls[:k] == self.walls]
+        rolled = np.array([np.append(times[k:], times[:k] + self.m) for k in begins])
+        rolled -= np.rint(rolled[:, :1] - x[0])
+        return np.column_stack([rolled, np.tile(start[n:], (len(begins), 1))])
+
     def without(self, impact: int) -> "Itinerary":
         """The itinerary of the motion that just fails to make this impact."""
         return Itinerary(self.walls[:impact] + self.walls[impact + 1 :], self.m, self.beta)

@@ -120,7 +120,7 @@ def _checked(
     require(bool((np.isfinite(e) & (e >= 0)).all()), "epsilon must be finite and at least 0")
     require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
     require(bool((steps < 1 << 53).all()), "n must be below 2**53")
-    flat = [np.ascontiguousarray(x, np.float64).ravel() for x in (fold(phases), speeds, steps, d, e, b)]
+    flat = [np.array(x, np.float64, order="C").ravel() for x in (fold(phases), speeds, steps, d, e, b)]
     return flat, phases.shape
 
 

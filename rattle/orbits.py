@@ -76,7 +76,7 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> P
     """
     d, e, b = parameters(delta, epsilon, beta)
     shape = d.shape
-    d, e, b = (np.ascontiguousarray(x).ravel() for x in (d, e, b))
+    d, e, b = (np.array(x, order="C").ravel() for x in (d, e, b))
     order = np.lexsort((d, b))
     exists, tau, v, trace = family.period_one_cells(order, d, e, b, sine_offset(d))
     decay = np.exp(-d)

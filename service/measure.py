@@ -18,7 +18,6 @@ from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,7 +42,6 @@ CELLS = {
 }
 NEIGHBOURS = 1e-4  # half the width in δ of the row of cells around a named one
 PLANE = (0.4, 1.0), (0.005, 0.3)  # (δ, ε) of Figure 7
-MAGNIFIED = (0.74, 0.78), (0.092, 0.1)  # of Figure 8
 LARGE = 1_000_000  # cells of the survey whose time is extrapolated
 #: Haswell has what x86-64-v3 names, and no more: without the second, numba would add what this processor has besides.
 X86_64_V3 = {"NUMBA_CPU_NAME": "haswell", "NUMBA_CPU_FEATURES": ""}
@@ -330,32 +328,6 @@ def _peak_memory() -> float:
         return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM")) / KIBIBYTE
     except (OSError, StopIteration):  # no Linux; there a child may begin with the peak of its parent
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / KIBIBYTE
-
-
-def bifurcations() -> Iterator[tuple[str, float, int]]:
-    """(what, seconds, points): all curves and points of Figures 7 and 8; branches of five motions; a cascade."""
-    import rattle
-
-    turns = count()
-
-    def figures() -> int:
-        beta = 0.6 + 1e-12 * next(turns)  # nothing is remembered from the turn before
-        traced = (
-            rattle.curves.trace(name, beta, *window) for window in (PLANE, MAGNIFIED) for name in rattle.curves.NAMES
-        )
-        return sum(map(len, traced)) + len(rattle.curves.codimension_two(beta))
-
-    motions = [a for a in rattle.Gear(0.6, 0.089).attractors(count=512) if a.kind == "periodic"]
-    orbits = [rattle.periodic_orbit(0.6, 0.089, a.tau, a.v, a.n_plus) for a in motions]
-    d = next(orbit for orbit in rattle.Gear(0.6, 0.075).orbits() if orbit.name == "D")
-    stable = rattle.periodic_orbit(0.6, 0.075, d.tau, d.v)
-    for name, work in (
-        ("Figures 7 and 8", figures),
-        (f"branches of {len(orbits)} motions", lambda: sum(len(rattle.branch(orbit)) for orbit in orbits)),
-        ("six period doublings of D", lambda: len(rattle.cascade(stable, span=(0.05, 0.16)))),
-    ):
-        points = work()  # compiles what is not yet
-        yield name, best([work])[0], points
 
 
 def start() -> Iterator[tuple[str, float]]:

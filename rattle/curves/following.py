@@ -12,6 +12,7 @@ from rattle.impact_equations import Array
 
 LONGEST = 0.05  # of a step, in times
 SAME_POINT = 1e-7
+CLOSED = "closed: it comes back to its start"
 POINTS_ACROSS = 60  # at least, over the width of the window
 
 Test = Callable[[Array], str | None]
@@ -48,13 +49,20 @@ def pieces(problem: Problem, starts: Iterable[Array], window: Window, left: Test
     left: why a solution in the window is not on the curve (its motion does not happen), None if it is.
     """
     found: list[Piece] = []
-    follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.step)
+    follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.step, _periods_later)
     for guess in starts:
         x = with_value(problem, guess, guess.size - 2, guess[-2])
         if x is None or not follower.inside(x) or any(_on(problem, piece, x) for piece in found):
             continue
         found.append(_both_ways(follower, x, lambda y: window.left(y) or left(y)))
     return sorted(found, key=lambda piece: (piece.points[0, -2], piece.points[0, -1]))
+
+
+def _periods_later(start: Array, x: Array) -> Array:
+    """The same motion some forcing periods earlier or later, near x."""
+    twin = start.copy()
+    twin[:-2] += np.rint(x[0] - start[0])
+    return twin[None]
 
 
 def _on(problem: Problem, piece: Piece, x: Array) -> bool:
@@ -72,7 +80,10 @@ def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
     rising = np.zeros(x.size)
     rising[-2] = 1.0
     tangent = tangent_at(follower.problem, x, rising)
-    back, on = (follower.follow(x, side * tangent) for side in (-1.0, 1.0))
+    on = follower.follow(x, tangent)
+    if on.closed:
+        return Piece(_with_folds(follower.problem, on.points, on.tangents), (CLOSED, CLOSED))
+    back = follower.follow(x, -tangent)
     points = np.concatenate([back.points[:0:-1], on.points])
     tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
     reasons = _reason(back, why), _reason(on, why)

@@ -8,13 +8,14 @@ from rattle.curves.codimension import codimension_two
 from rattle.curves.curve import Curve, Described
 from rattle.curves.following import POINTS_ACROSS, Window, traced
 from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, Definition
-from rattle.errors import RattleError, require, require_number
+from rattle.errors import RattleError, require, require_integer, require_number, require_pair
 from rattle.events import Event
 from rattle.impact_equations import TWO_PI, Array, Itinerary
 from rattle.limits import quiet_limit
 from rattle.periodic import admissible_or_why
 
 STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found
+MOST_ACROSS = 1000  # points
 BESIDE = 1e-7  # of a damping
 REACH = 8.0  # half-backlashes of damping: COD22 is near 4/π of them, and every curve passes below
 FARTHEST = 1e6  # of a window, and the damping that it must reach above: beyond either too few digits are left
@@ -89,7 +90,10 @@ def bifurcation_curve(
     `trace`, resolution of them across the window at least; at a graze tau and v are those of the motion that touches
     the wall. Raises ParameterError.
     """
+    require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
+    resolution = require_integer("resolution", resolution, 1, MOST_ACROSS)
     window = Window(_range("delta", delta, positive=True), _range("epsilon", epsilon), resolution)
+    require(window.left(event.unknowns) is None, f"the window must contain the event, ({event.delta}, {event.epsilon})")
     itinerary, x, impact = _begun_on_sigma_plus(event)
     m, n_plus, n_minus = itinerary.m, itinerary.walls.count(1), itinerary.walls.count(-1)
     return traced(
@@ -115,8 +119,7 @@ def _begun_on_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
 
 
 def _range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
-    require(np.shape(value) == (2,), f"{name} must be a pair (low, high), got {value!r}")
-    low, high = (require_number(name, number, positive=positive) for number in value)
+    low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
     require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")
     return low, high

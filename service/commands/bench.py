@@ -139,10 +139,10 @@ def _survey(side: int, count: int, workers: int, tile: int | None) -> Iterable[T
 def _curves() -> Iterable[Table]:
     from rich.table import Table
 
-    from service import measure
+    from service.curve_times import bifurcations
 
     table = Table("what", "seconds", "points", title="curves: one core, kernels compiled")
-    for name, seconds, points in measure.bifurcations():
+    for name, seconds, points in bifurcations():
         table.add_row(name, f"{seconds:.2f}", str(points))
     yield table
 

@@ -1,0 +1,60 @@
+"""Events of any periodic motion in 40 digits, from the differential equation and the impact law alone.
+
+A motion is a cycle of impacts over m forcing periods on given walls, as in `curves_high_precision`, with ε unknown and
+one condition more: a multiplier of 1 or −1, or an impact of speed 0.
+"""
+
+import curves_high_precision as exact
+from mpmath import mp, mpf
+
+
+class Motion(exact.Cycle):
+    """A closed motion over m forcing periods: times and velocities after its impacts on these walls."""
+
+    def __init__(self, times, velocities, walls, m, delta, epsilon, beta):
+        super().__init__(times, velocities, delta, epsilon, beta)
+        self.walls, self.m = tuple(walls), m
+
+    def legs(self):
+        n = len(self.times)
+        for i in range(n):
+            j = (i + 1) % n
+            end = self.times[j] + (self.m if j == 0 else 0)
+            yield self.walls[i], self.times[i], self.velocities[i], self.walls[j], end, -self.velocities[j]
+
+    def multipliers(self):
+        """Both, the larger modulus first; their product e^(−δm) is checked, which nothing else here knows."""
+        constant, one, minus = (self.characteristic(mpf(x)) for x in (0, 1, -1))
+        square, linear = (one + minus) / 2 - constant, (one - minus) / 2
+        if abs(constant / square - mp.exp(-self.delta * self.m)) > mpf(10) ** -25:
+            raise exact.NotFoundError("the product of the multipliers is not exp(-delta m)")
+        root = mp.sqrt(linear**2 - 4 * constant * square)
+        return tuple(sorted(((s * root - linear) / (2 * square) for s in (1, -1)), key=lambda x: -abs(x)))
+
+
+def velocities(motion):
+    """Velocities after the impacts in doubles, by the place that each flight has to reach: it is affine in them."""
+    found = []
+    for wall, t0, _, following, t1, _ in motion.legs():
+        at = []
+        for w in (0, 1):
+            flight = exact.Flight(wall, t0, w, motion.delta, motion.epsilon, motion.beta)
+            at.append(flight.position(t1 - t0) - following * motion.beta)
+        found.append(float(-at[0] / (at[1] - at[0])))
+    return found
+
+
+def event(times, walls, m, delta, epsilon, beta, multiplier=None, grazed=None, digits=6):
+    """The motion with this multiplier, or with speed 0 at impact number `grazed`, near times and ε rounded so far."""
+    n, delta, beta = len(walls), mpf(delta), mpf(beta)
+    rough = Motion([mpf(float(t)) for t in times], [mpf(0)] * n, walls, m, delta, mpf(float(epsilon)), beta)
+
+    def motion(x):
+        return Motion(x[1 : n + 1], x[n + 1 :], walls, m, delta, x[0], beta)
+
+    def equations(*x):
+        now = motion(x)
+        last = now.velocities[grazed] if multiplier is None else now.characteristic(mpf(multiplier))
+        return [*now.closure(), last]
+
+    return motion(exact.newton(equations, [epsilon, *times, *velocities(rough)], digits))
