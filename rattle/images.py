@@ -1,0 +1,52 @@
+"""Images of states under Π or Π⁻¹ with phases that are not folded, and the impacts on Σ⁻ step by step (compiled)."""
+
+import numpy as np
+
+from rattle._compile import kernel
+from rattle.first_impact import OK
+from rattle.flight import DRIFT
+from rattle.impact_map import impact, inverse_impact
+
+
+@kernel
+def images(tau, v, steps, turns, backwards, delta, epsilon, beta):
+    """Π^steps, or Π^−steps if backwards, of flat arrays: (ok, τ, v, word, impacts on Σ⁻).
+
+    τ is not folded: the time taken less `turns` forcing periods for all the steps, so that it depends continuously on
+    the state. word is a hash of the numbers of impacts on Σ⁻ in each step: equal words, one smooth piece.
+    """
+    n = tau.size
+    ok, out_tau, out_v = np.ones(n, np.bool_), np.empty(n), np.empty(n)
+    word, bounces = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    for i in range(n):
+        t, w, at, letters = tau[i], v[i], tau[i], np.int64(0)
+        for _ in range(steps):
+            if backwards:
+                status, t, w, time, number = inverse_impact(t, w, delta, epsilon, beta)
+                at -= time
+            else:
+                status, t, w, time, number = impact(t, w, delta, epsilon, beta, DRIFT)
+                at += time
+            letters = letters * 1000003 + number + 1
+            bounces[i] += number
+            if status != OK:
+                ok[i] = False
+                break
+        out_tau[i], out_v[i], word[i] = at + turns if backwards else at - turns, w, letters
+    return ok, out_tau, out_v, word, bounces
+
+
+@kernel
+def escapes(tau, v, low, most, delta, epsilon, beta):
+    """The impact on Σ⁺ at which each of flat arrays of states first leaves with a speed below `low`, most + 1 if none
+    of the next `most` does.
+    """
+    out = np.full(tau.size, most + 1)
+    for i in range(tau.size):
+        t, w = tau[i], v[i]
+        for j in range(most):
+            status, t, w, _, _ = impact(t, w, delta, epsilon, beta, DRIFT)
+            if w < low or status != OK:
+                out[i] = j + 1
+                break
+    return out

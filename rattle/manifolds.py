@@ -1,0 +1,157 @@
+"""Stable and unstable manifolds of any saddle of Π^k, in smooth pieces that end in the corners that Γ makes.
+
+The manifold is one parameter long: its point s is F^j(W(t)), t = s/λ^j in the fundamental domain (size/λ, size] of
+`rattle.saddles`. New points are put in along t, so each lies on the true manifold as far as its own orbit is exact: to
+rounding, which the map stretches along the manifold and contracts across it. Refinement by distance and angle as in
+B. Krauskopf and H. M. Osinga, J. Comput. Phys. 146 (1998) 404.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.errors import RattleError, require, require_number
+from rattle.periodic import PeriodicOrbit
+from rattle.saddles import Array, Local, local_manifold
+
+MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
+ENDED = 1e-9  # length of an image that has shrunk to the attractor in which this side ends
+FIRST = 9  # points of the first fundamental domain
+FINEST = 1e-6  # angles between shorter steps are rounding
+JOINED = 1e-3  # ends of two pieces closer than this part of the spacing are the same corner
+
+
+@dataclass(frozen=True)
+class Manifold:
+    """One side of a manifold, outwards from the saddle, n points in p pieces.
+
+    tau (n,): phase, not folded, continuous along the manifold; v (n,): speed after the impact on Σ⁺. parameter (n,):
+    place t of the preimage on the local manifold, arclength at the saddle; images (n,): the j of F^j that took it
+    here. pieces (p + 1,): piece i is points pieces[i] to pieces[i + 1]; neighbouring pieces share their corner, given
+    twice, unless their ends are `gap` (p − 1,) apart. length: arclength of it all.
+    """
+
+    orbit: PeriodicOrbit
+    kind: str
+    side: int
+    tau: Array
+    v: Array
+    parameter: Array
+    images: NDArray[np.int64]
+    pieces: NDArray[np.int64]
+    gap: Array
+    length: float
+
+
+class _Level:
+    """F^j of the fundamental domain: points in order outwards."""
+
+    def __init__(self, local: Local, j: int, t: Array) -> None:
+        self.local, self.j, self.t = local, j, t
+        self.ok, self.x, self.word, self.bounces = self._mapped(t)
+
+    def _mapped(self, t: Array) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
+        return self.local.map(self.local.at(t), self.j)
+
+    def _insert(self, t: Array) -> None:
+        t = t[np.argsort(np.abs(t))]
+        ok, x, word, bounces = self._mapped(t)
+        at = np.searchsorted(np.abs(self.t), np.abs(t))
+        self.t, self.x = np.insert(self.t, at, t), np.insert(self.x, at, x, axis=1)
+        self.ok, self.word = np.insert(self.ok, at, ok), np.insert(self.word, at, word)
+        self.bounces = np.insert(self.bounces, at, bounces)
+
+    @property
+    def split(self) -> NDArray[np.bool_]:
+        """Whether a corner lies between each two neighbours (n − 1,)."""
+        return np.asarray(self.word[1:] != self.word[:-1])
+
+    def _corners(self) -> bool:
+        """Bisect changes of the word down to neighbouring doubles t; whether that put any in."""
+        i = np.flatnonzero(self.split)
+        low, high, word = self.t[i], self.t[i + 1], self.word[i]
+        while True:
+            middle = 0.5 * (low + high)
+            open_ = (middle != low) & (middle != high)
+            if not open_.any():
+                break
+            before = self._mapped(middle)[2] == word
+            low, high = np.where(open_ & before, middle, low), np.where(open_ & ~before, middle, high)
+        new = np.setdiff1d(np.concatenate([low, high]), self.t)
+        if new.size:
+            self._insert(new)
+        return bool(new.size)
+
+    def refine(self, spacing: float, angle: float) -> None:
+        """Insert points until neighbours on a piece are closer than spacing, and turn by less than angle (radians)."""
+        for _ in range(MOST_ROUNDS):
+            cornered = self._corners()
+            step = np.diff(self.x, axis=1)
+            size, same = np.hypot(*step), ~self.split
+            turn = np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(step[1], step[0])))))
+            sharp, rough = (turn > angle) & same[1:] & same[:-1], np.zeros(size.size, np.bool_)
+            rough[1:] |= sharp
+            rough[:-1] |= sharp
+            middle = 0.5 * (self.t[1:] + self.t[:-1])
+            todo = same & ((size > spacing) | (rough & (size > FINEST)))
+            todo &= (middle != self.t[1:]) & (middle != self.t[:-1])
+            if todo.any():
+                self._insert(middle[todo])
+            elif not cornered:
+                return
+            if self.t.size > MOST_POINTS:
+                raise RattleError(f"the manifold needs more than {MOST_POINTS} points: ask for less arclength")
+
+
+def manifold(
+    orbit: PeriodicOrbit, kind: str, side: int, arclength: float, spacing: float = 0.02, angle: float = 0.2
+) -> Manifold:
+    """One side of the "stable" or "unstable" manifold of a saddle, up to this arclength in (τ, v) (dimensionless).
+
+    side: +1 leaves the saddle towards rising v (rising τ where v does not change), −1 the other way. spacing: largest
+    distance of neighbours; angle: largest turn, radians. It ends earlier in a stable motion or at rest. A tongue that
+    crosses Γ and returns within one spacing can be missed. Raises ParameterError if the orbit is no saddle, and
+    RattleError if it is too close to grazing or needs too many points.
+    """
+    require(kind in ("stable", "unstable"), f"kind must be stable or unstable, got {kind!r}")
+    require(side in (1, -1), f"side must be +1 or -1, got {side!r}")
+    arclength = require_number("arclength", arclength, positive=True)
+    spacing, angle = require_number("spacing", spacing, positive=True), require_number("angle", angle, positive=True)
+    local = local_manifold(orbit, kind == "stable")
+    t = side * local.size * local.multiplier ** np.linspace(-1.0, 0.0, FIRST)
+    first = np.linspace(0.0, t[0], 2 + int(abs(t[0]) / spacing))[:-1]  # from the saddle to the fundamental domain
+    zero = np.zeros(first.size)
+    rows, length = [np.stack([*local.at(first), first, zero, zero, zero])], float(abs(t[0]))
+    for j in range(MOST_IMAGES):
+        level = _Level(local, j, t)
+        level.refine(spacing, angle)
+        t, end = level.t, int(np.argmin(np.append(level.ok, False)))
+        rows.append(_rows(level, end))
+        more = float(np.hypot(*np.diff(level.x[:, :end], axis=1)).sum())
+        length += more
+        if length > arclength or end < t.size or more < ENDED:
+            break
+    return _assembled(orbit, kind, side, np.concatenate(rows, axis=1), arclength, JOINED * spacing)
+
+
+def _rows(level: _Level, end: int) -> Array:
+    """τ, v, t, j, whether a new piece begins, impacts on Σ⁻ (6, n); the first point is the last of the level before."""
+    begins = np.concatenate([[False], level.split])
+    rows = np.stack([*level.x, level.t, np.full(level.t.size, level.j), begins, level.bounces])
+    return np.asarray(rows[:, (1 if level.j else 0) : end], np.float64)
+
+
+def _assembled(orbit: PeriodicOrbit, kind: str, side: int, rows: Array, arclength: float, joined: float) -> Manifold:
+    """Cut to length, and every corner given to both its pieces, from the side that misses Σ⁻, where it is exact."""
+    walked = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rows[:2], axis=1)))])
+    rows = rows[:, : int(np.searchsorted(walked, arclength, side="right"))]
+    starts = np.flatnonzero(rows[4])
+    gap = np.hypot(*(rows[:2, starts] - rows[:2, starts - 1]))
+    near = starts[gap < joined]
+    exact = np.where(rows[5, near] < rows[5, near - 1], near, near - 1)
+    rows[:, np.where(exact == near, near - 1, near)] = rows[:, exact]  # the other side of it has the root of rounding
+    pieces = np.concatenate([[0], starts, [rows.shape[1]]]).astype(np.int64)
+    length = float(np.hypot(*np.diff(rows[:2], axis=1)).sum())
+    tau, v, t, j = rows[:4]
+    return Manifold(orbit, kind, side, tau, v, t, j.astype(np.int64), pieces, np.where(gap < joined, 0.0, gap), length)

@@ -1,0 +1,141 @@
+"""Saddles of Π^k and their manifolds close by, as power series in the parameter that the map multiplies.
+
+F is Π^k on the unstable side and Π^−k on the stable one, twice that where the multiplier is negative, so that λ > 1.
+The local manifold W(s) solves F(W(s)) = W(λs), W(0) the saddle, W'(0) its unit eigenvector: then W(s) = F^j(W(s/λ^j))
+for any s, and one number s is the place on the whole manifold. Source: X. Cabré, E. Fontich, R. de la Llave, J. Differ.
+Equations 218 (2005) 444 (parametrisation method).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+from numpy.typing import NDArray
+
+from rattle import impact_map
+from rattle.errors import RattleError, require
+from rattle.flight import DRIFT, folded
+from rattle.images import images
+from rattle.orbits import orbits_at
+from rattle.periodic import PeriodicOrbit, periodic_orbit
+
+Array = NDArray[np.float64]
+DEGREE, NODES = 10, 25
+LARGEST, SMALLEST = 0.1, 1e-9  # sizes of s that are tried
+RESIDUAL = 1e-13  # of F(W(s)) − W(λs) in (τ, v); a large λ or one close to 1 multiplies rounding
+MOST_ITERATIONS = 3000  # near λ = 1 the series settles slowly, as λ^−i
+SETTLED = 36.0  # −ln of what is left
+
+
+@dataclass(frozen=True)
+class Local:
+    """W(s) for |s| ≤ size: powers (DEGREE + 1, 2) of s/size of (τ, v); multiplier λ of F, which is `steps` impacts on
+    Σ⁺, forwards or backwards, in `turns` forcing periods. residual: largest |F(W(s/λ)) − W(s)|.
+    """
+
+    orbit: PeriodicOrbit
+    backwards: bool
+    powers: Array
+    size: float
+    multiplier: float
+    steps: int
+    turns: int
+    residual: float = np.inf
+
+    def at(self, s: Array) -> Array:
+        """States (2, n) (τ not folded, v) at |s| ≤ size (n,)."""
+        return np.asarray(polyval(np.asarray(s) / self.size, self.powers), np.float64)
+
+    def map(self, states: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
+        """F^times of states (2, n): which exist (n,), images (2, n), word and number of impacts on Σ⁻ (n,)."""
+        orbit = self.orbit
+        tau, v = (np.ascontiguousarray(x) for x in states)
+        steps, turns = times * self.steps, times * self.turns
+        ok, tau, v, word, bounces = images(tau, v, steps, turns, self.backwards, orbit.delta, orbit.epsilon, orbit.beta)
+        return ok, np.stack([tau, v]), word, bounces
+
+    def image(self, s: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
+        """F^times(W(s)) for any s (n,), as `map`."""
+        more = max(0, int(np.ceil(np.log(np.abs(s).max() / self.size) / np.log(self.multiplier))))
+        return self.map(self.at(s / self.multiplier**more), times + more)
+
+
+def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6) -> PeriodicOrbit:
+    """A, B, C or D at one parameter point (dimensionless). Raises ParameterError, and RattleError if it is absent."""
+    for orbit in orbits_at(delta, epsilon, beta):
+        if orbit.name == name:
+            return periodic_orbit(delta, epsilon, orbit.tau, orbit.v, 1, beta)
+    raise RattleError(f"there is no {name} at delta = {delta}, epsilon = {epsilon}, beta = {beta}")
+
+
+def tangent(orbit: PeriodicOrbit) -> Array:
+    """DΠ^k (2, 2) of the orbit in (τ, v); infinite at a graze."""
+    product, tau, v = np.eye(2), float(folded(orbit.tau)), orbit.v
+    for _ in range(orbit.label[1]):
+        found = impact_map.impact_tangent(tau, v, orbit.delta, orbit.epsilon, orbit.beta, DRIFT, False)
+        tau, v = found[1:3]
+        product = np.array(found[5:9]).reshape(2, 2) @ product
+    return product
+
+
+def eigenvectors(orbit: PeriodicOrbit) -> tuple[Array, Array]:
+    """Unit eigenvectors (2,) in (τ, v) of the unstable and the stable multiplier, towards rising v (rising τ where
+    v does not change).
+    """
+    values, vectors = np.linalg.eig(tangent(orbit))
+    unstable, stable = (np.real(vectors[:, i]) for i in np.argsort(-np.abs(values)))
+    unstable, stable = (x * np.sign(x[1] if abs(x[1]) > 1e-9 else x[0]) for x in (unstable, stable))
+    return unstable, stable
+
+
+def unstable_coordinate(orbit: PeriodicOrbit) -> Array:
+    """The row (2,) that takes (τ, v) less the saddle to its part along the unstable unit eigenvector."""
+    return np.asarray(np.linalg.inv(np.stack(eigenvectors(orbit), axis=1))[0], np.float64)
+
+
+def local_manifold(orbit: PeriodicOrbit, stable: bool) -> Local:
+    """The local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-13.
+
+    Raises ParameterError if the orbit is no saddle, RattleError if it is too close to grazing.
+    """
+    large, small = orbit.multipliers
+    saddle = orbit.admissible and np.isfinite(large) and abs(large) > 1.0 > abs(small) > 0.0
+    require(bool(saddle), f"the orbit is no saddle with finite multipliers: {large}, {small}")
+    multiplier = float(1.0 / np.real(small) if stable else np.real(large))
+    twice = 2 if multiplier < 0 else 1
+    multiplier **= twice
+    powers = np.zeros((DEGREE + 1, 2))
+    powers[0], powers[1] = (orbit.tau, orbit.v), eigenvectors(orbit)[1 if stable else 0]
+    size = LARGEST
+    allowed = RESIDUAL * max(1.0, multiplier / 10.0, 1.0 / (multiplier - 1.0))
+    while size > SMALLEST:
+        start = Local(orbit, stable, powers, 1.0, multiplier, twice * orbit.label[1], twice * orbit.m)
+        found = _solved(start, size)
+        if found is not None and found.residual < allowed:
+            return found
+        size /= 2.0
+    raise RattleError(f"the saddle at tau = {orbit.tau}, v = {orbit.v} is too close to grazing for a local manifold")
+
+
+def _solved(start: Local, size: float) -> Local | None:
+    """Fixed point of W(s) → F(W(s/λ)) on |s| ≤ size with both lowest powers held; None if Γ is in the way."""
+    x = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
+    solve = np.linalg.pinv(np.vander(x, DEGREE + 1, increasing=True)[:, 2:])
+    powers = start.powers * np.array([1.0, size] + [0.0] * (DEGREE - 1))[:, None]
+    local = replace(start, powers=powers, size=size)
+    for _ in range(min(MOST_ITERATIONS, 5 + int(SETTLED / np.log(start.multiplier)))):
+        before = local.at(size * x / local.multiplier)
+        if not (before[1] > 0).all():
+            return None
+        ok, states, word, _ = local.map(before, 1)
+        if not (ok.all() and (word == word[0]).all()):
+            return None
+        new = powers.copy()
+        new[2:] = solve @ (states.T - powers[0] - x[:, None] * powers[1])
+        change = float(np.abs(new - local.powers).max())
+        local = replace(local, powers=new, residual=float(np.abs(states - local.at(size * x)).max()))
+        if change < 1e-15:
+            break
+        if not change < 1.0:
+            return None
+    return local

@@ -1,0 +1,106 @@
+"""Manifolds against what defines them: their points go to the saddle, and W^s bounds basins."""
+
+import numpy as np
+import pytest
+
+import rattle
+from rattle.errors import ParameterError, RattleError
+from rattle.images import images
+from rattle.manifolds import manifold
+from rattle.saddles import eigenvectors, local_manifold, period_one_saddle
+
+GEAR = rattle.Gear(0.6, 0.1)
+
+
+def saddle(name):
+    return period_one_saddle(name, GEAR.delta, GEAR.epsilon)
+
+
+@pytest.mark.parametrize("name", ["A", "B", "D"])
+@pytest.mark.parametrize("kind", ["stable", "unstable"])
+@pytest.mark.parametrize("side", [1, -1])
+def test_points_go_back_to_the_saddle(name, kind, side):
+    """The inverse of F^j takes a point to the place t of the fundamental domain that made it, on the local series."""
+    orbit = saddle(name)
+    local = local_manifold(orbit, kind == "stable")
+    found = manifold(orbit, kind, side, 1.0)
+    contraction = np.exp(GEAR.delta * orbit.m) * abs(orbit.multipliers[0])  # of W^u's other direction, per Π^k
+    growth = (contraction if kind == "unstable" else abs(orbit.multipliers[0])) ** local.steps
+    ends = np.zeros(found.tau.size, bool)
+    ends[found.pieces[:-1]] = ends[found.pieces[1:] - 1] = True  # at a corner the way back takes the root of rounding
+    checked = 0
+    for j in range(1, int(found.images.max()) + 1):
+        if growth**j * 1e-15 > 1e-9:  # beyond, rounding alone takes the way back away from the manifold
+            break
+        at = (found.images == j) & (found.parameter != 0)
+        _, tau, v, _, _ = images(
+            found.tau[at], found.v[at], j * local.steps, j * local.turns, not local.backwards, *_parameters(orbit)
+        )
+        off = np.hypot(*(np.stack([tau, v]) - local.at(found.parameter[at])))
+        assert off[~ends[at]].max(initial=0.0) < 1e-8
+        assert off.max(initial=0.0) < 1e-5
+        checked += off.size
+    assert checked > 5
+
+
+def _parameters(orbit):
+    return orbit.delta, orbit.epsilon, orbit.beta
+
+
+@pytest.mark.parametrize("kind", ["stable", "unstable"])
+def test_it_leaves_the_saddle_along_its_eigenvector(kind):
+    orbit = saddle("A")
+    found = manifold(orbit, kind, 1, 0.3)
+    assert (found.tau[0], found.v[0]) == (orbit.tau, orbit.v)
+    vector = eigenvectors(orbit)[kind == "stable"]
+    step = rattle.Gear(0.6, 0.1).impact(orbit.tau, orbit.v).tangent @ vector
+    multiplier = float(np.real(orbit.multipliers[1 if kind == "stable" else 0]))
+    assert step == pytest.approx(multiplier * vector, abs=1e-12)
+    local = local_manifold(orbit, kind == "stable")
+    chord = (local.at(np.array([1e-6])) - local.at(np.array([-1e-6])))[:, 0] / 2e-6
+    assert chord == pytest.approx(vector, abs=1e-8)
+
+
+def test_spacing_angle_and_corners():
+    """No step is longer than asked for, and neighbouring pieces share their corner, where the next flight grazes."""
+    found = manifold(saddle("A"), "unstable", 1, 6.0, spacing=0.01)
+    assert 5.9 < found.length <= 6.0
+    assert found.pieces[0] == 0
+    assert found.pieces[-1] == found.tau.size
+    assert found.pieces.size > 4
+    shared = found.pieces[1:-1][found.gap == 0.0]
+    assert shared.size >= found.gap.size - 1
+    assert np.array_equal(found.tau[shared], found.tau[shared - 1])
+    step = np.hypot(np.diff(found.tau), np.diff(found.v))
+    assert step.max() < 0.0101
+
+
+@pytest.mark.parametrize(("name", "kinds"), [("A", {"quiet"}), ("B", {"P(1,1,0)"})])
+def test_stable_manifolds_bound_basins(name, kinds):
+    """States 1e-5 to the left and to the right of W^s go to different attractors, for nine in ten of its points."""
+    found = manifold(saddle(name), "stable", 1, 3.0)
+    pick = np.linspace(5, found.tau.size - 5, 40).astype(int)
+    along = np.stack([found.tau[pick + 1] - found.tau[pick - 1], found.v[pick + 1] - found.v[pick - 1]])
+    across = 1e-5 * np.stack([-along[1], along[0]]) / np.hypot(*along)
+    fates = []
+    for sign in (1, -1):
+        end = GEAR.iterate(found.tau[pick] + sign * across[0], found.v[pick] + sign * across[1], 500)
+        once = GEAR.iterate(end.tau, end.v, 1)
+        still = np.hypot(once.tau - end.tau, once.v - end.v) < 1e-6
+        fates.append(np.where(end.v < 0.5, "quiet", np.where(still, "P(1,1,0)", "chaos")))
+    apart = fates[0] != fates[1]
+    assert np.mean(apart) > 0.9
+    assert kinds <= set(fates[0][apart]) | set(fates[1][apart])
+    for one, other in zip(fates[0][apart], fates[1][apart], strict=True):
+        assert kinds & {one, other}
+
+
+def test_what_is_refused():
+    with pytest.raises(ParameterError, match="no saddle"):
+        manifold(saddle("C"), "stable", 1, 1.0)
+    with pytest.raises(ParameterError, match="kind"):
+        manifold(saddle("A"), "centre", 1, 1.0)
+    with pytest.raises(ParameterError, match="side"):
+        manifold(saddle("A"), "stable", 0, 1.0)
+    with pytest.raises(RattleError, match="no B"):
+        period_one_saddle("B", 0.762, 0.0974)
