@@ -21,6 +21,7 @@ MOST_POINTS = 4000
 MOST_BISECTIONS = 200
 SAME_POINT = 1e-12
 SAME_SOLUTION = 1e-8
+CLOSED = "closed: it comes back to its start"
 
 
 @dataclass(frozen=True)

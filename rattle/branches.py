@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.arclength import Bound, Follower, Path, newton, tangent_at
+from rattle.arclength import CLOSED, Bound, Follower, Path, newton, tangent_at
 from rattle.bifurcations import Kind, along
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
 from rattle.events import Event, Line, between_twins, find_events, is_twice, origin_of_doubling
@@ -24,7 +24,6 @@ TWICE = 1e-5  # nearer to its flip, rounding decides which way a doubled branch 
 SAME_PLACE = 1e-9  # in the plane
 FIRST_OF_DOUBLED = 1e-4  # its size grows as the root of the distance from the flip
 MOST_POINTS = 1000
-CLOSED = "closed: it comes back to its start"
 HALF_PERIOD = "the period halves: a flip"
 LEAST_DAMPING = 1e-3  # of the orbit's, to which a line may go
 MOST_DOUBLINGS = 8  # time grows by six with each
@@ -217,8 +216,8 @@ def _follower(itinerary: Itinerary, line: Line) -> Follower:
         return min(LONGEST, step / max(abs(float(tangent[-1])), 1e-9))
 
     problem = along(itinerary, line.origin, line.direction)
-    happens = lambda y: _degenerate(itinerary, y) is None  # noqa: E731
-    return Follower(problem, (Bound(-1, *line.span),), happens, longest, itinerary.twins)
+    bounds = (Bound(-1, *line.span),)
+    return Follower(problem, bounds, lambda y: _degenerate(itinerary, y) is None, longest, itinerary.twins)
 
 
 def _degenerate(itinerary: Itinerary, y: Array) -> str | None:

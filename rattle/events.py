@@ -1,9 +1,9 @@
 """What happens on a branch of periodic motions between neighbouring points: saddle-nodes, flips, grazes, solved for."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +94,7 @@ def find_events(itinerary: Itinerary, line: Line, problem: Problem, points: Arra
         found = []
         for j in np.flatnonzero(values[k] * values[k + 1] < 0):
             kind, impact, test = tests[j]
-            y = located(problem, a, b, partial(test, along=b - a), FOUND)
+            y = located(problem, a, b, partial(test, b - a), FOUND)
             if y is None and kind is Kind.SADDLE_NODE:  # two branches cross: no step between them converges
                 y = 0.5 * (a + b)
             if y is not None:
@@ -128,7 +128,7 @@ def between_twins(
             continue
         k = int(i if at < length[i + 1] else i + 1)
         y = between(problem, points[k], points[k + 1], (at - length[k]) / (length[k + 1] - length[k]))
-        if y is not None and tests[j][2](y, points[k + 1] - points[k]) * values[k, j] < 0:
+        if y is not None and tests[j][2](points[k + 1] - points[k], y) * values[k, j] < 0:
             found.append((k, y, tangent_at(problem, y, tangents[k])))
     return found
 
@@ -140,24 +140,18 @@ def _values(itinerary: Itinerary, line: Line, points: Array, tangents: Array) ->
     return np.column_stack([tangents[:, -1], flips, departures])
 
 
-class Test(Protocol):
-    """A function of a solution and the direction of the branch that changes sign at an event."""
-
-    def __call__(self, y: Array, along: Array) -> float: ...
+Test = Callable[[Array, Array], float]  # of the branch's direction and a solution; it changes sign at an event
 
 
 def _tests(itinerary: Itinerary, line: Line, problem: Problem) -> list[tuple[Kind, int | None, Test]]:
-    def fold(y: Array, along: Array) -> float:
-        return float(tangent_at(problem, y, along)[-1])
-
-    def flip(y: Array, along: Array) -> float:  # noqa: ARG001
-        return _flip(itinerary, line, y)
-
     def graze(impact: int) -> Test:
-        return lambda y, along: float(itinerary.flights(line.plane(y)).w0[impact])  # noqa: ARG005
+        return lambda _, y: float(itinerary.flights(line.plane(y)).w0[impact])
 
-    grazes = ((Kind.GRAZING, impact, graze(impact)) for impact in range(itinerary.n))
-    return [(Kind.SADDLE_NODE, None, fold), (Kind.FLIP, None, flip), *grazes]
+    return [
+        (Kind.SADDLE_NODE, None, lambda along, y: float(tangent_at(problem, y, along)[-1])),
+        (Kind.FLIP, None, lambda _, y: _flip(itinerary, line, y)),
+        *((Kind.GRAZING, impact, graze(impact)) for impact in range(itinerary.n)),
+    ]
 
 
 def _flip(itinerary: Itinerary, line: Line, y: Array) -> float:

@@ -70,9 +70,10 @@ class Curve:
 
         Empty where it has none. Raises ParameterError unless one of the two is given.
         """
-        require((delta is None) != (epsilon is None), "give delta or epsilon, not both")
-        index, given = (-2, delta) if epsilon is None else (-1, epsilon)
-        value = require_number("delta" if epsilon is None else "epsilon", given)  # type: ignore[arg-type]
+        given = [(name, x) for name, x in (("delta", delta), ("epsilon", epsilon)) if x is not None]
+        require(len(given) == 1, "give delta or epsilon, not both")
+        name, value = given[0][0], require_number(*given[0])
+        index = -2 if name == "delta" else -1
         found = (crossings(self._problem, points, index, value) for points in self._points)
         return tuple(sorted({float(x[-3 - index]) for each in found for x in each}))
 

@@ -6,13 +6,12 @@ from functools import partial
 
 import numpy as np
 
-from rattle.arclength import Bound, Follower, Path, Problem, located, tangent_at, with_value
+from rattle.arclength import CLOSED, Bound, Follower, Path, Problem, located, tangent_at, with_value
 from rattle.curves.curve import Curve, Described, Piece, build, crossings
 from rattle.impact_equations import Array
 
 LONGEST = 0.05  # of a step, in times
 SAME_POINT = 1e-7
-CLOSED = "closed: it comes back to its start"
 POINTS_ACROSS = 60  # at least, over the width of the window
 
 Test = Callable[[Array], str | None]

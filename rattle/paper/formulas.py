@@ -84,8 +84,12 @@ def _bounce_residuals(v: float) -> tuple[float, float, float]:
     time = np.array([b.flight_time for b in bounces])
     speed = np.array([b.impact_velocity for b in bounces])
     change = f(PHASES, v, DELTA, EPSILON) / g(PHASES, v, DELTA, EPSILON) * v**2
-    left = (time - 2 * v / acceleration(PHASES, v, DELTA, EPSILON), speed - v - change, speed - v - change / 3)
-    return tuple(float(np.abs(x).max()) for x in left)  # type: ignore[return-value]
+    late = time - 2 * v / acceleration(PHASES, v, DELTA, EPSILON)
+    return _largest(late), _largest(speed - v - change), _largest(speed - v - change / 3)
+
+
+def _largest(values: Array) -> float:
+    return float(np.abs(values).max())
 
 
 def decay(v: float, impacts: int, delta: float = DELTA, epsilon: float = EPSILON) -> tuple[float, float]:
