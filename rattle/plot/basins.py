@@ -110,7 +110,7 @@ def panels(delta: float, epsilon: Sequence[float], beta: float = BETA, resolutio
     gears = [Gear(delta, each, beta) for each in epsilon]
     columns = next(n for n in (1, 2, 3) if n * n >= len(gears))
     rows = -(-len(gears) // columns)
-    figure = new_figure(1.0 + 2.15 * columns, 0.7 + 2.35 * rows)
+    figure = new_figure(0.6 + 2.25 * columns, 1.0 + 2.3 * rows)
     found: list[Attractor] = []
     for i, gear in enumerate(gears):
         axes = figure.add_subplot(rows, columns, i + 1)
@@ -118,21 +118,22 @@ def panels(delta: float, epsilon: Sequence[float], beta: float = BETA, resolutio
         found += basins.attractors
         draw_basins(axes, basins)
         draw_gamma(axes, gear, 0.7)
-        _small_axes(axes, f"({'abcdefghi'[i]}) ε = {gear.epsilon:g}", i % columns == 0)
-    figure.supxlabel("impact phase τ", fontsize=10)
-    figure.supylabel("initial velocity v", fontsize=10)
+        axes.set_title(f"({'abcdefghi'[i]}) ε = {gear.epsilon:g}", fontsize=9, pad=4)
+        _few_ticks(axes, first=i % columns == 0, last=i >= len(gears) - columns)
     if beta != BETA:
         figure.suptitle(f"half-backlash β = {beta:g}", fontsize=10)
     _legend(figure, found, [_white_line(1.2)], 5)
     return Drawing(figure)
 
 
-def _small_axes(axes: Axes, title: str, first: bool) -> None:
-    axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
-    axes.set_yticks([0, 7], ["0", "7"] if first else ["", ""])
-    axes.set_yticks(range(1, 7), minor=True)
+def _few_ticks(axes: Axes, first: bool, last: bool) -> None:
+    """Numbers and names at the first panel of a row and the last of a column only."""
+    axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"] if last else [""] * 3)
+    axes.set_yticks([0, V_MAX], ["0", f"{V_MAX:g}"] if first else ["", ""])
+    axes.set_yticks(range(1, int(V_MAX)), minor=True)
     axes.tick_params(labelsize=8)
-    axes.set_xlabel(title, fontsize=9, labelpad=2)
+    axes.set_xlabel("τ" if last else "", fontsize=10, labelpad=0)
+    axes.set_ylabel("v" if first else "", fontsize=10, labelpad=0)
 
 
 def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
@@ -214,18 +215,18 @@ def _write_labels(
     points = np.array([[orbit.tau, orbit.v] for orbit in orbits.values()]).reshape(-1, 2)
     labels = Labels(axes, [*manifolds.values(), gamma, *points[:, None]])
     for name, orbit in orbits.items():
-        labels.add(name, (orbit.tau, orbit.v), size=12, bright=True)
+        labels.add(name, (orbit.tau, orbit.v), size=12, bold=True)
     for i, attractor in enumerate(basins.attractors):
         symbol = _basin(attractor, orbits)
         if symbol and not labels.within(symbol, basins.labels[::-1] == i, size=13):
             place, room = labels.widest(basins.labels[::-1] == i)
             if room > 2.0:
-                labels.add(symbol, place, size=13, bright=True)
+                labels.add(symbol, place, size=13, bold=True)
     for name, line in (*((_stable(name), line) for name, line in manifolds.items()), ("Γ", gamma)):
         inside = line[~np.isnan(line[:, 0]) & (line[:, 1] < V_MAX)]
         if len(inside):
             chosen = inside[:: max(1, len(inside) // 60)]
-            labels.add(name, *((float(tau), float(v)) for tau, v in chosen), size=12, bright=True)
+            labels.add(name, *((float(tau), float(v)) for tau, v in chosen), size=12, bold=True)
 
 
 def _basin(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:

@@ -85,7 +85,7 @@ def request(
 ) -> Request:
     """Figure `number` with other δ, ε or β than the paper's. Raises ParameterError, before anything is computed."""
     known = ", ".join(map(str, sorted(FIGURES)))
-    require(number in FIGURES, f"there is no Figure {number}: the figures are {known}")
+    require(number in FIGURES, f"there is no Figure {number} to draw: there are {known}")
     figure = FIGURES[number]
     return Request(
         number,
@@ -127,10 +127,17 @@ def _checked(number: int, name: str, takes: Takes, given: Given, *, positive: bo
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[takes]
     fits = fits and (takes is RANGE or not isinstance(given, Range))
-    require(fits, f"Figure {number} takes for {name} {takes.value}, got {given!r}")
+    require(fits, f"Figure {number} takes {takes.value} for {name}, got {_written(given)}")
     checked = tuple(require_number(name, value, positive=positive) for value in values)
     if takes is RANGE:
         low, high = require_pair(name, checked)
-        require(low < high, f"{name} must be LOW:HIGH with LOW below HIGH, got {low:g}:{high:g}")
+        require(low < high, f"{name} must be LOW:HIGH with LOW below HIGH, got {_written(given)}")
         return low, high
     return checked[0] if takes is NUMBER else checked
+
+
+def _written(given: Given) -> str:
+    """As it would be written on the command line."""
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        return repr(given)
+    return (":" if isinstance(given, Range) else ", ").join(map(str, given))
