@@ -19,7 +19,7 @@ from rattle.manifolds import manifold
 from rattle.orbits import Orbit
 from rattle.plot.colours import colour, name_of, order
 from rattle.plot.drawing import Drawing, new_figure, outlined
-from rattle.plot.labels import Labels
+from rattle.plot.labels import ROOM, Labels
 from rattle.plot.paper_ranges import BETA
 from rattle.saddles import period_one_saddle
 
@@ -32,6 +32,7 @@ SPACING = 0.005  # of points of Γ and of manifolds
 ARCLENGTH = 200.0  # of each side of a manifold: at the paper's ε = 0.1 no edge of a basin is without one then
 MANIFOLDS = {"A": "#ff4df0", "B": "#12c040"}  # magenta and green
 CROSSES = {"A": "x", "B": "x", "C": "+", "D": "x"}
+AROUND = np.array([[0.0, 0.0], [0.01, 0.08], [-0.01, 0.08], [-0.01, -0.08], [0.01, -0.08]])  # of a cross, in (τ, v)
 SAME_ORBIT = 1e-6
 DIM = "0.25"  # edge of what is white
 
@@ -51,7 +52,7 @@ def folded(tau: Array, v: Array, v_max: float = V_MAX) -> Array:
         at += [i + 0.3, i + 0.5, i + 0.7]
     line = np.concatenate(points)[np.argsort(np.concatenate([np.arange(tau.size), at]), kind="stable")]
     beyond = line[:, 1] > v_max
-    hidden = beyond & np.roll(beyond, 1) & np.roll(beyond, -1)
+    hidden = beyond & np.append(True, beyond[:-1]) & np.append(beyond[1:], True)
     line[hidden] = np.nan
     doubled = np.isnan(line[:, 0]) & np.roll(np.isnan(line[:, 0]), 1)
     return np.asarray(line[~doubled], np.float64)
@@ -133,7 +134,7 @@ def _few_ticks(axes: Axes, first: bool, last: bool) -> None:
     axes.set_yticks(range(1, int(V_MAX)), minor=True)
     axes.tick_params(labelsize=8)
     axes.set_xlabel("τ" if last else "", fontsize=10, labelpad=0)
-    axes.set_ylabel("v" if first else "", fontsize=10, labelpad=0)
+    axes.set_ylabel("v" if first else "", fontsize=10, labelpad=0, rotation=0)
 
 
 def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
@@ -161,7 +162,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     shown = {name: orbit for name, orbit in orbits.items() if orbit.v < V_MAX}
     missing = [name for name in CROSSES if name not in shown]
     if missing:
-        notes.append(f"{', '.join(missing)} left out: no such orbit with v below {V_MAX:g} there")
+        notes.append(f"left out, as there is no such orbit with v below {V_MAX:g} there: {', '.join(missing)}")
     for name, orbit in shown.items():
         (mark,) = axes.plot(orbit.tau, orbit.v, CROSSES[name], color="white", markersize=9, zorder=4)
         mark.set_markeredgewidth(1.6)
@@ -182,7 +183,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
 def stable_manifold(gear: Gear, orbit: Orbit | None, name: str) -> tuple[Array, str | None]:
     """Both sides of W^s of A or B, folded (k, 2), and why any of it is missing."""
     if orbit is None:
-        return np.empty((0, 2)), f"{name} does not exist there, so its stable manifold is left out"
+        return np.empty((0, 2)), None  # what orbits are missing is said anyway
     if orbit.stable:
         return np.empty((0, 2)), f"{name} is stable there: it has no stable manifold to draw"
     sides, why = [], None
@@ -212,21 +213,21 @@ def _write_labels(
     axes: Axes, basins: Basins, orbits: dict[str, Orbit], manifolds: dict[str, Array], gamma: Array
 ) -> None:
     """Name the orbits, the basins where they are thick, and the lines."""
-    points = np.array([[orbit.tau, orbit.v] for orbit in orbits.values()]).reshape(-1, 2)
-    labels = Labels(axes, [*manifolds.values(), gamma, *points[:, None]])
+    marks = [np.array([orbit.tau, orbit.v]) + AROUND for orbit in orbits.values()]
+    labels = Labels(axes, [*manifolds.values(), gamma, *marks])
     for name, orbit in orbits.items():
-        labels.add(name, (orbit.tau, orbit.v), size=12, bold=True)
+        labels.add(name, (orbit.tau, orbit.v), size=12, edged=True)
     for i, attractor in enumerate(basins.attractors):
         symbol = _basin(attractor, orbits)
         if symbol and not labels.within(symbol, basins.labels[::-1] == i, size=13):
             place, room = labels.widest(basins.labels[::-1] == i)
             if room > 2.0:
-                labels.add(symbol, place, size=13, bold=True)
+                labels.add(symbol, place, size=13, edged=True)
     for name, line in (*((_stable(name), line) for name, line in manifolds.items()), ("Γ", gamma)):
         inside = line[~np.isnan(line[:, 0]) & (line[:, 1] < V_MAX)]
         if len(inside):
             chosen = inside[:: max(1, len(inside) // 60)]
-            labels.add(name, *((float(tau), float(v)) for tau, v in chosen), size=12, bold=True)
+            labels.add(name, *((float(tau), float(v)) for tau, v in chosen), size=12, room=3 * ROOM, edged=True)
 
 
 def _basin(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:

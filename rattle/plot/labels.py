@@ -38,8 +38,16 @@ class Labels:
         self.boxes = [text.get_window_extent(self.renderer) for text in axes.texts]
         self.leaders: list[Array] = []
 
-    def add(self, name: str, *points: Point, size: float = 8, colour: str = "black", bold: bool = False) -> Annotation:
-        """Write a name next to one of these points, with a line to it; bold: one that shows on any colour."""
+    def add(
+        self,
+        name: str,
+        *points: Point,
+        size: float = 8,
+        colour: str = "black",
+        room: float = ROOM,
+        edged: bool = False,
+    ) -> Annotation:
+        """Write a name next to one of these points, with a line to it; edged: the line has a white edge as the name."""
         text = self.axes.annotate(
             name,
             points[0],
@@ -55,12 +63,12 @@ class Labels:
                 "shrinkA": 0,
                 "shrinkB": 3,
                 "color": colour,
-                "path_effects": HALO if bold else None,
+                "path_effects": HALO if edged else None,
             },
             path_effects=HALO,
             zorder=5,
         )
-        half = np.array(Annotation.get_window_extent(text, self.renderer).size) / 2 + (3 * ROOM if bold else ROOM)
+        half = np.array(Annotation.get_window_extent(text, self.renderer).size) / 2 + room
         pixels = self.renderer.points_to_pixels(1.0)
         offsets = [
             distance * np.array([np.cos(angle), np.sin(angle)]) for distance in DISTANCES for angle in DIRECTIONS
