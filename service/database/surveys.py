@@ -97,6 +97,17 @@ class Surveys(Transactions):
             oldest = select(JobRow).where(JobRow.state.in_(ACTIVE)).order_by(JobRow.number).limit(1)
             return session.scalars(oldest).first()
 
+    def running(self) -> Sequence[str]:
+        """Ids of the surveys that run, or ran when the service ended."""
+        with self._read() as session:
+            return session.scalars(select(JobRow.id).where(JobRow.state == State.RUNNING)).all()
+
+    def set_content_hash(self, survey_id: str, content_hash: str) -> None:
+        """Note what a survey computes that began under another version than it was accepted under."""
+        with self._write() as (session, _):
+            if job := _find_active(session, survey_id):
+                job.content_hash = content_hash
+
     def count(self, state: State) -> int:
         with self._read() as session:
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0
