@@ -4,6 +4,7 @@ import signal
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -130,6 +131,14 @@ def test_a_second_service_is_refused_until_the_first_is_gone(database_url: str) 
     with pytest.raises(DataDirectoryError, match="Another service"):
         Database(database_url)
     second.close()
+
+
+def test_one_sqlite_file_by_two_names_is_one_database(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path}/jobs.sqlite")
+    (tmp_path / "link").symlink_to("jobs.sqlite")
+    with pytest.raises(DataDirectoryError, match="Another service uses the job database"):
+        Database(f"sqlite:///{tmp_path}/link")
+    database.close()
 
 
 def test_a_service_whose_database_was_taken_writes_no_more(database_url: str) -> None:
