@@ -97,10 +97,11 @@ class Surveys(Transactions):
             oldest = select(JobRow).where(JobRow.state.in_(ACTIVE)).order_by(JobRow.number).limit(1)
             return session.scalars(oldest).first()
 
-    def running(self) -> Sequence[str]:
-        """Ids of the surveys that run, or ran when the service ended."""
+    def running(self) -> list[tuple[str, str]]:
+        """Ids and content hashes of the surveys that run, or ran when the service ended."""
         with self._read() as session:
-            return session.scalars(select(JobRow.id).where(JobRow.state == State.RUNNING)).all()
+            found = session.execute(select(JobRow.id, JobRow.content_hash).where(JobRow.state == State.RUNNING))
+            return [(survey_id, content_hash) for survey_id, content_hash in found]
 
     def set_content_hash(self, survey_id: str, content_hash: str) -> None:
         """Note what a survey computes that began under another version than it was accepted under."""
