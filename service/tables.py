@@ -25,6 +25,7 @@ class State(StrEnum):
 
 
 ACTIVE = (State.ACCEPTED, State.RUNNING)
+IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
 def now() -> str:
@@ -62,7 +63,11 @@ class JobRow(Table):
     owner: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
 
     # Without autoincrement SQLite hands the number of a deleted last row out again.
-    __table_args__ = (Index("ix_jobs_owner", "owner", "number"), {"sqlite_autoincrement": True})
+    __table_args__ = (
+        Index("ix_jobs_owner", "owner", "number"),
+        Index("ix_jobs_active", "number", sqlite_where=text(IN_ACTIVE), postgresql_where=text(IN_ACTIVE)),
+        {"sqlite_autoincrement": True},
+    )
 
     @property
     def progress(self) -> int:
