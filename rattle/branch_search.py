@@ -17,6 +17,7 @@ from rattle.bifurcations import Kind, along
 from rattle.branches import Branch, doubled, through
 from rattle.events import Event
 from rattle.impact_equations import Array, Itinerary
+from rattle.periodic import PeriodicOrbit, at_parameters, orbit_of
 
 SAME_MOTION = 1e-7  # in the times of the impacts
 SAME_PLACE = 1e-8  # of a segment
@@ -83,9 +84,9 @@ class Search:
         self._queue: list[tuple[int, int, Event]] = []
         self._order = count()
 
-    def add(self, itinerary: Itinerary, x: Array) -> None:
-        """The branch through the motion of x (n + 2,), and all that it leads to."""
-        self._follow(itinerary, x)
+    def add(self, orbit: PeriodicOrbit) -> None:
+        """The branch through a motion, and all that it leads to."""
+        self._follow(orbit.itinerary, orbit.unknowns)
         while self._queue:
             _, _, event = heapq.heappop(self._queue)
             for neighbour, unknowns in _neighbours(event):
@@ -96,6 +97,19 @@ class Search:
     def index(self, itinerary: Itinerary, x: Array) -> int | None:
         """The number of the branch that the motion of x is on."""
         return next((i for i in range(len(self.branches)) if self._lies_on(i, itinerary, x)), None)
+
+    def stable_orbit(self, i: int, position: float) -> PeriodicOrbit | None:
+        """The motion at a position between two stable points of branch number i."""
+        path, stable = self._paths[i], self.branches[i].stable
+        d = path[:, -1] - position
+        for k in np.flatnonzero(stable[:-1] & stable[1:] & (d[:-1] * d[1:] <= 0.0)):
+            share = d[k] / (d[k] - d[k + 1]) if d[k] != d[k + 1] else 0.0
+            times = path[k, :-1] + share * (path[k + 1, :-1] - path[k, :-1])
+            itinerary = self.branches[i].itinerary
+            found = at_parameters(itinerary, np.append(times, self.segment.at(np.array(position))))
+            if found is not None:
+                return orbit_of(itinerary, found)
+        return None
 
     def _lies_on(self, i: int, itinerary: Itinerary, x: Array) -> bool:
         like, path = self.branches[i].itinerary, self._paths[i]
