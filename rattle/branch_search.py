@@ -21,7 +21,7 @@ from rattle.periodic import PeriodicOrbit, at_parameters, orbit_of
 
 SAME_MOTION = 1e-7  # in the times of the impacts
 SAME_PLACE = 1e-8  # of a segment
-POINTS_ACROSS = 100  # a segment, at least
+POINTS_ACROSS = 60  # a segment, at least
 
 
 @dataclass(frozen=True)
@@ -99,16 +99,17 @@ class Search:
         return next((i for i in range(len(self.branches)) if self._lies_on(i, itinerary, x)), None)
 
     def stable_orbit(self, i: int, position: float) -> PeriodicOrbit | None:
-        """The motion at a position between two stable points of branch number i."""
+        """The stable motion of branch number i at a position."""
         path, stable = self._paths[i], self.branches[i].stable
         d = path[:, -1] - position
-        for k in np.flatnonzero(stable[:-1] & stable[1:] & (d[:-1] * d[1:] <= 0.0)):
+        for k in np.flatnonzero((stable[:-1] | stable[1:]) & (d[:-1] * d[1:] <= 0.0)):
             share = d[k] / (d[k] - d[k + 1]) if d[k] != d[k + 1] else 0.0
             times = path[k, :-1] + share * (path[k + 1, :-1] - path[k, :-1])
             itinerary = self.branches[i].itinerary
             found = at_parameters(itinerary, np.append(times, self.segment.at(np.array(position))))
-            if found is not None:
-                return orbit_of(itinerary, found)
+            orbit = orbit_of(itinerary, found) if found is not None else None
+            if orbit is not None and orbit.stable:
+                return orbit
         return None
 
     def _lies_on(self, i: int, itinerary: Itinerary, x: Array) -> bool:

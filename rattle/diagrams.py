@@ -74,7 +74,7 @@ def diagram(
     steps: int = 400,
     count: int = 64,
     v_max: float = 7.0,
-    impacts: int = 12,
+    impacts: int = 8,
     most: int = 100,
     seed: int = 0,
 ) -> Diagram:
@@ -208,8 +208,8 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array) -> tuple[list[Piece
             sweeps.known[middle].append(Known(PERIODIC, orbit.label, orbit.tau, orbit.v, sampled=False))
             new = True
         if match is None or not match.sampled:
-            others = ((sweeps.known[k], search.stable_orbit(piece.branch, float(position[k]))) for k in inside)
-            if not any(found is not None and found.sampled for found in (_match(*each) for each in others)):
+            here = (_match(sweeps.known[k], search.stable_orbit(piece.branch, float(position[k]))) for k in inside)
+            if not any(found is not None and found.sampled for found in here):
                 small.append(piece)
     return small, new
 
@@ -218,8 +218,10 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[Piece, NDA
     """Stable parts of branches with the steps inside."""
     for i, found in enumerate(search.branches):
         at = search.segment.position(found.delta, found.epsilon)
+        events = {event.after: search.segment.position(event.delta, event.epsilon) for event in found.events}
         for run in _runs(np.flatnonzero(found.stable)):
-            low, high = sorted((float(at[run[0]]), float(at[run[-1]])))
+            ends = events.get(int(run[0]) - 1, at[run[0]]), events.get(int(run[-1]), at[run[-1]])
+            low, high = sorted(map(float, ends))
             yield Piece(i, low, high), np.flatnonzero((position >= low) & (position <= high))
 
 

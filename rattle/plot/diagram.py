@@ -1,0 +1,214 @@
+"""Bifurcation diagrams as the paper draws them: impact speed and phase against the parameter (Figures 5 and 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.attractors import KINDS
+from rattle.bifurcations import Kind
+from rattle.branches import Branch
+from rattle.curves import name_of
+from rattle.diagrams import Diagram, diagram, names
+from rattle.errors import require
+from rattle.events import Event
+from rattle.plot.labels import Labels
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from rattle.impact_equations import Array
+
+FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
+MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
+MEANINGS = {Kind.SADDLE_NODE: "SN", Kind.FLIP: "PD", Kind.GRAZING: "G"}
+STYLES = {True: "-", False: (0, (4.0, 2.0))}
+Limits = tuple[float, float] | None
+
+
+class _Curve(NamedTuple):
+    """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between; of the part that follows each
+    of them: stable, admissible, name of the period-one orbit.
+    """
+
+    x: Array
+    v: Array
+    tau: Array
+    stable: NDArray[np.bool_]
+    admissible: NDArray[np.bool_]
+    name: tuple[str, ...]
+
+
+def diagram_figure(diagram: Diagram, v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
+    """The figure: (a) v and (b) τ against the parameter, limits of the panels given or found.
+
+    Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked, with their
+    names where they are curves of `rattle.curves`. Points: attractors followed forward (light) and backward (on top).
+    Needs matplotlib.
+    """
+    from matplotlib.figure import Figure
+
+    require(isinstance(diagram, Diagram), f"diagram must be a Diagram, got {type(diagram).__name__}")
+    figure = Figure(figsize=(7.2, 7.6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    axis, scale, offset = _parameter(diagram)
+    curves = [(branch, list(_curves(diagram, branch, scale, offset))) for branch in diagram.branches]
+    for panel, which, limits, label in ((upper, "v", v, "impact speed $v$"), (lower, "tau", tau, "impact phase $τ$")):
+        _attractors(panel, diagram, which, offset + scale * diagram.points.position)
+        for branch, parts in curves:
+            for curve in parts:
+                _draw(panel, curve, getattr(curve, which), branch.label[:2] == (1, 1))
+        panel.set_ylabel(label)
+        panel.set_xlim(*sorted((offset, offset + scale)))
+        panel.set_ylim(*(limits or _fitting(diagram)))
+        panel.tick_params(direction="in", top=True, right=True)
+    lower.set_xlabel(axis)
+    _legend(figure)
+    figure.draw_without_rendering()  # places are chosen on the page
+    for letter, panel, which in (("(a)", upper, "v"), ("(b)", lower, "tau")):
+        labels = Labels(panel)
+        labels.corner(letter)
+        for _, parts in curves:
+            for curve in parts:
+                labels.avoid(curve.x[curve.admissible], getattr(curve, which)[curve.admissible])
+        points = diagram.points
+        labels.avoid(offset + scale * points.position[::7], getattr(points, which)[::7], weight=0.05)
+        _marks(panel, labels, diagram, which, scale, offset)
+        _names(labels, curves, which)
+    return figure
+
+
+def figure5(delta: float = 0.6, epsilon: tuple[float, float] = (0.05, 0.15), beta: float = 0.6) -> Figure:
+    """The paper's Figure 5: ε at one damping. Raises ParameterError."""
+    found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, 1000)
+    return diagram_figure(found, (3.7, 4.9), (0.4, 1.0))
+
+
+def figure9(delta: float = 0.762, epsilon: tuple[float, float] = (0.0956, 0.0976), beta: float = 0.6) -> Figure:
+    """The paper's Figure 9: ε at one damping between COD21 and COD22. Raises ParameterError."""
+    found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, 500)
+    return diagram_figure(found, (4.2, 5.4), (0.55, 0.85))
+
+
+def _parameter(diagram: Diagram) -> tuple[str, float, float]:
+    """Label of the axis, and scale and offset that take a position to it."""
+    (delta, epsilon), (last_delta, last_epsilon) = diagram.start, diagram.end
+    if delta == last_delta:
+        return f"eccentricity $ε$ (δ = {delta:g}, β = {diagram.beta:g})", last_epsilon - epsilon, epsilon
+    if epsilon == last_epsilon:
+        return f"damping $δ$ (ε = {epsilon:g}, β = {diagram.beta:g})", last_delta - delta, delta
+    way = f"way from (δ, ε) = ({delta:g}, {epsilon:g}) to ({last_delta:g}, {last_epsilon:g}), β = {diagram.beta:g}"
+    return way, 1.0, 0.0
+
+
+def _impacts(event: Event) -> tuple[Array, Array]:
+    """Phases and speeds (n,) of the impacts on Σ⁺ at an event."""
+    upper = np.array(event.itinerary.walls) > 0
+    speeds = -event.itinerary.flights(event.unknowns).w0
+    return event.unknowns[:-2][upper] % 1.0, speeds[upper]
+
+
+def _curves(diagram: Diagram, branch: Branch, scale: float, offset: float) -> Iterator[_Curve]:
+    """Every impact of a branch on Σ⁺, with the events put in between its points."""
+    x, name = offset + scale * diagram.positions(branch), names(branch)
+    for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
+        tau, v = branch.times[:, impact] % 1.0, branch.speeds[:, impact]
+        rows = []
+        for i in range(len(branch)):
+            rows.append((x[i], v[i], tau[i], branch.stable[i], branch.admissible[i], name[i]))
+            for event in branch.events:
+                if event.after == i and i + 1 < len(branch) and event.admissible:
+                    at = offset + scale * float(diagram.positions(event))
+                    phases, speeds = _impacts(event)
+                    off = np.abs((phases - tau[i] + 0.5) % 1.0 - 0.5) + np.abs(speeds - v[i])
+                    nearest = int(np.argmin(off))
+                    state = speeds[nearest], phases[nearest]
+                    rows.append((at, *state, branch.stable[i + 1], branch.admissible[i + 1], name[i + 1]))
+        columns = list(zip(*rows, strict=True))
+        yield _Curve(*(np.array(column) for column in columns[:5]), columns[5])
+
+
+def _draw(panel: Axes, curve: _Curve, y: Array, named: bool) -> None:
+    """The parts that happen, stable or not, each in one stroke; a phase that passes 1 begins anew."""
+    parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
+    kinds = [None if jumps or not happens else bool(stable) for happens, stable, jumps in parts]
+    first = 0
+    while first < len(kinds):
+        last = first
+        while last < len(kinds) and kinds[last] is kinds[first]:
+            last += 1
+        kind = kinds[first]
+        if kind is not None:
+            width, colour = (1.3, "black") if named else (0.8, "#444444")
+            style = STYLES[kind]
+            panel.plot(curve.x[first : last + 1], y[first : last + 1], color=colour, lw=width, ls=style, zorder=3)
+        first = last
+
+
+def _attractors(panel: Axes, diagram: Diagram, which: str, x: Array) -> None:
+    """The points of the sweeps, the backward ones smaller on top of the forward ones."""
+    points = diagram.points
+    y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
+    for forward, colour, size in ((True, FORWARD, 2.4), (False, BACKWARD, 1.0)):
+        for on, factor in ((~chaotic, 2.0), (chaotic, 0.35)):
+            at = on & (points.forward == forward)
+            panel.scatter(x[at], y[at], s=size * factor, c=colour, lw=0, rasterized=True, zorder=2)
+
+
+def _marks(panel: Axes, labels: Labels, diagram: Diagram, which: str, scale: float, offset: float) -> None:
+    for event in diagram.events:
+        phases, speeds = _impacts(event)
+        y = speeds if which == "v" else phases
+        x = np.full(y.size, offset + scale * float(diagram.positions(event)))
+        name = name_of(event)
+        size, face = (26.0, "black") if name else (9.0, "white")
+        panel.scatter(x, y, s=size, marker=MARKS[event.kind], c=face, ec="black", lw=0.6, zorder=4)
+        if name:
+            labels.place(name, float(x[0]), float(y[0]))
+
+
+def _names(labels: Labels, curves: list[tuple[Branch, list[_Curve]]], which: str) -> None:
+    """A to D beside the middle of what is seen of them; in one word where they are one curve, as A and C in v."""
+    places: dict[str, tuple[float, float]] = {}
+    for _, parts in curves:
+        for curve in parts:
+            y = getattr(curve, which)
+            for name in sorted(set(curve.name) - {""}):
+                on = labels.seen(curve.x, y) & curve.admissible & (np.array(curve.name) == name)
+                if on.any():
+                    at = np.flatnonzero(on)
+                    middle = at[np.argmin(np.abs(curve.x[at] - curve.x[at].mean()))]
+                    places.setdefault(name, (float(curve.x[middle]), float(y[middle])))
+    if which == "v" and {"A", "C"} <= set(places):
+        places["A, C"] = places.pop("C")
+        del places["A"]
+    for name, place in places.items():
+        labels.place(name, *place, style="italic")
+
+
+def _fitting(diagram: Diagram) -> tuple[float, float]:
+    """Limits of v that hold everything."""
+    speeds = [diagram.points.v, *(branch.speeds[branch.admissible].ravel() for branch in diagram.branches)]
+    top = max((float(each.max()) for each in speeds if each.size), default=1.0)
+    return 0.0, 1.05 * top
+
+
+def _legend(figure: Figure) -> None:
+    from matplotlib.lines import Line2D
+
+    lines = [
+        Line2D([], [], color="black", lw=1.3, label="stable"),
+        Line2D([], [], color="black", lw=1.3, ls=STYLES[False], label="unstable"),
+    ]
+    marks = [
+        Line2D([], [], ls="", marker=mark, color="black", ms=4.5, label=MEANINGS[kind]) for kind, mark in MARKS.items()
+    ]
+    sweeps = [
+        Line2D([], [], ls="", marker="o", color=colour, ms=size, label=label)
+        for colour, size, label in ((FORWARD, 6, "followed forward"), (BACKWARD, 4, "backward"))
+    ]
+    figure.legend(handles=[*lines, *marks, *sweeps], loc="outside upper center", ncols=7, frameon=False, fontsize=8.5)
