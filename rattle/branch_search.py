@@ -41,7 +41,7 @@ class Segment:
         delta, epsilon = (a + np.asarray(position) * (b - a) for a, b in zip(self.start, self.end, strict=True))
         return delta, np.maximum(epsilon, 0.0)
 
-    def position(self, delta: NDArray[np.float64], epsilon: NDArray[np.float64]) -> Array:
+    def position(self, delta: Array | float, epsilon: Array | float) -> Array:
         """Where points of the segment are."""
         rate = self.direction
         across = (delta - self.start[0]) * rate[0] + (epsilon - self.start[1]) * rate[1]
@@ -80,7 +80,7 @@ class Search:
         self.branches: list[Branch] = []
         self.events: list[Event] = []
         self.left_out: set[tuple[int, int, int]] = set()
-        self._paths: list[Array] = []  # (times, position) of every branch, times unfolded
+        self.paths: list[Array] = []  # (times, position) of every branch, times unfolded
         self._queue: list[tuple[int, int, Event]] = []
         self._order = count()
 
@@ -100,7 +100,7 @@ class Search:
 
     def stable_orbit(self, i: int, position: float) -> PeriodicOrbit | None:
         """The stable motion of branch number i at a position."""
-        path, stable = self._paths[i], self.branches[i].stable
+        path, stable = self.paths[i], self.branches[i].stable
         d = path[:, -1] - position
         for k in np.flatnonzero((stable[:-1] | stable[1:]) & (d[:-1] * d[1:] <= 0.0)):
             share = d[k] / (d[k] - d[k + 1]) if d[k] != d[k + 1] else 0.0
@@ -113,7 +113,7 @@ class Search:
         return None
 
     def _lies_on(self, i: int, itinerary: Itinerary, x: Array) -> bool:
-        like, path = self.branches[i].itinerary, self._paths[i]
+        like, path = self.branches[i].itinerary, self.paths[i]
         if itinerary.n != like.n or itinerary.m != like.m or len(path) < 2:
             return False
         a, chord = path[:-1], np.diff(path, axis=0)
@@ -163,7 +163,7 @@ class Search:
     def _keep(self, found: Branch) -> None:
         self.branches.append(found)
         times = found.times - found.times[:, :1] + np.unwrap(found.times[:, 0], period=1.0)[:, None]
-        self._paths.append(np.column_stack([times, self.segment.position(found.delta, found.epsilon)]))
+        self.paths.append(np.column_stack([times, self.segment.position(found.delta, found.epsilon)]))
         for event in found.events:
             motion = event.itinerary, event.unknowns
             if not event.admissible:

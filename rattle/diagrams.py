@@ -127,12 +127,13 @@ def diagram(
 def names(branch: Branch) -> tuple[str, ...]:
     """A, B, C or D for every point of a period-one branch, "" for the points of any other.
 
-    A and B are the saddles with a multiplier above 1; along a branch they become C and D at saddle-nodes.
+    A and B are the saddles with a multiplier above 1; at saddle-nodes they become C and D.
     """
-    pair = {(1, 1, 0): "AC", (1, 1, 1): "BD"}.get(branch.label)
+    pair = {(1, 1, 0): "CA", (1, 1, 1): "BD"}.get(branch.label)
     if pair is None:
         return ("",) * len(branch)
-    index = np.real(np.prod(1.0 - branch.multipliers, axis=0))
+    unknowns = np.column_stack([branch.times, branch.delta, branch.epsilon])
+    index = np.linalg.det(branch.itinerary.jacobian(unknowns))  # 0 at saddle-nodes, finite at grazes
     return tuple(pair[int(above)] for above in index > 0.0)
 
 
@@ -166,9 +167,7 @@ def _orbit(delta: float, epsilon: float, beta: float, tau: float, v: float, n_pl
         yield orbit_of(itinerary, solved)
 
 
-def _seen(
-    sweeps: Sweeps, delta: Array, epsilon: Array, beta: float, search: Search
-) -> Iterator[PeriodicOrbit]:
+def _seen(sweeps: Sweeps, delta: Array, epsilon: Array, beta: float, search: Search) -> Iterator[PeriodicOrbit]:
     """Periodic attractors of the sweeps: all that are short enough, some where they go on from step to step."""
     last: dict[tuple[int, int, int], list[tuple[int, Known]]] = {}
     for step, here in enumerate(sweeps.known):
@@ -193,45 +192,51 @@ def _close(one: Known, other: Known) -> bool:
 
 
 def _unseen(sweeps: Sweeps, search: Search, position: Array) -> tuple[list[Piece], bool]:
-    """The stable parts of branches that no sample found, and whether one of them was new to the sweeps, which know it
-    from here on.
+    """The stable parts of branches that no sample found, and whether the sweeps missed one of their motions at a step;
+    they know it from here on.
     """
     small, new = [], False
-    for piece, inside in _stable_pieces(search, position):
-        if not inside.size:
+    for piece, inside, tau, v in _stable_pieces(search, position):
+        sampled = False
+        for step, phases, speeds in zip(inside, tau, v, strict=True):
+            label = search.branches[piece.branch].label
+            match = _nearest(sweeps.known[step], label, phases, speeds, JUMP)
+            if match is None:
+                orbit = search.stable_orbit(piece.branch, float(position[step]))
+                if orbit is None:
+                    continue
+                upper = np.array(orbit.walls) > 0
+                match = _nearest(sweeps.known[step], label, orbit.times[upper], orbit.speeds[upper], SAME_ORBIT)
+                if match is None:
+                    sweeps.known[step].append(Known(PERIODIC, label, orbit.tau, orbit.v, sampled=False))
+                    new = True
+            sampled |= match is not None and match.sampled
+        if not sampled:
             small.append(piece)
-            continue
-        middle = int(inside[inside.size // 2])
-        orbit = search.stable_orbit(piece.branch, float(position[middle]))
-        match = _match(sweeps.known[middle], orbit)
-        if orbit is not None and match is None:
-            sweeps.known[middle].append(Known(PERIODIC, orbit.label, orbit.tau, orbit.v, sampled=False))
-            new = True
-        if match is None or not match.sampled:
-            here = (_match(sweeps.known[k], search.stable_orbit(piece.branch, float(position[k]))) for k in inside)
-            if not any(found is not None and found.sampled for found in here):
-                small.append(piece)
     return small, new
 
 
-def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[Piece, NDArray[np.int64]]]:
-    """Stable parts of branches with the steps inside."""
+def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[Piece, NDArray[np.int64], Array, Array]]:
+    """Stable parts of branches with the steps inside, and about where their impacts on Σ⁺ are there (steps, n_plus)."""
     for i, found in enumerate(search.branches):
-        at = search.segment.position(found.delta, found.epsilon)
-        events = {event.after: search.segment.position(event.delta, event.epsilon) for event in found.events}
+        upper = np.flatnonzero(np.array(found.itinerary.walls) > 0)
+        at, times = search.paths[i][:, -1], search.paths[i][:, :-1]
+        events = {event.after: float(search.segment.position(event.delta, event.epsilon)) for event in found.events}
         for run in _runs(np.flatnonzero(found.stable)):
-            ends = events.get(int(run[0]) - 1, at[run[0]]), events.get(int(run[-1]), at[run[-1]])
-            low, high = sorted(map(float, ends))
-            yield Piece(i, low, high), np.flatnonzero((position >= low) & (position <= high))
+            low, high = sorted((events.get(int(run[0]) - 1, float(at[run[0]])), events.get(int(run[-1]), at[run[-1]])))
+            inside = np.flatnonzero((position >= low) & (position <= high))
+            order = run[np.argsort(at[run])]
+            tau, v = (
+                np.array([np.interp(position[inside], at[order], x[order, j]) for j in upper]).T
+                for x in (times, found.speeds)
+            )
+            yield Piece(i, low, float(high)), inside, tau, v
 
 
-def _match(known: list[Known], orbit: PeriodicOrbit | None) -> Known | None:
-    """The attractor that is this orbit, by any of its impacts on Σ⁺."""
-    if orbit is None:
-        return None
-    upper = np.array(orbit.walls) > 0
+def _nearest(known: list[Known], label: tuple[int, int, int], tau: Array, v: Array, within: float) -> Known | None:
+    """The attractor with this label that has a state so near to one of the impacts (n_plus,)."""
     for each in known:
-        near = np.abs(wrapped(orbit.times[upper] - each.tau)) + np.abs(orbit.speeds[upper] - each.v)
-        if each.kind == PERIODIC and each.label == orbit.label and near.min() < SAME_ORBIT:
+        near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v)
+        if each.kind == PERIODIC and each.label == label and near.min() < within:
             return each
     return None

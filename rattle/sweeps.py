@@ -2,8 +2,8 @@
 
 The state at one step starts the next one. All attractors at both ends of the line are followed into it. A motion that
 is lost, or becomes one that was followed that way before, is followed back from there. What has then been reached
-neither way is followed forward from where a sample first found it, and back. So all attractors are seen, and where the
-two directions differ there is hysteresis.
+neither way is followed forward from where a sample first found it, and back; what no sample found, as far as to what is
+known. So all attractors are seen, and where the two directions differ there is hysteresis.
 """
 
 from collections.abc import Iterable
@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors import CHAOTIC, PERIODIC, QUIET, UNDECIDED, Attractors, tabulated
+from rattle.attractors import PERIODIC, QUIET, UNDECIDED, Attractors, tabulated
 from rattle.iterate import iterate
 from rattle.survey import followed
 
@@ -68,14 +68,17 @@ class Points(NamedTuple):
 @dataclass
 class _Run:
     """A motion that is followed in one direction: the step that it is to arrive at, from a state of the one before, or
-    where it begins, from an attractor there; `last`: what it was on before.
+    where it begins, from an attractor there. trail: what it was on, by step; back: the trail that it goes back on.
+    shy: it stops where anything was before.
     """
 
     direction: int
     step: int
     tau: float
     v: float
-    last: Known | None = None
+    back: dict[int, Known]
+    shy: bool
+    trail: dict[int, Known] = field(default_factory=dict)
 
 
 class Sweeps:
@@ -107,13 +110,15 @@ class Sweeps:
                 if not left:
                     break
                 for known in left:
-                    self._begin(known, FORWARD, step)
+                    self._begin(known, FORWARD, step, shy=not known.sampled)
                 self._finish()
                 self.known[step] = [known for known in self.known[step] if any(known.reached) or known not in left]
 
-    def _begin(self, known: Known, direction: int, step: int) -> None:
-        if not known.reached[direction]:
-            self._runs.append(_Run(direction, step, known.tau, known.v))
+    def _begin(
+        self, known: Known | None, direction: int, step: int, back: dict[int, Known] | None = None, shy: bool = False
+    ) -> None:
+        if known is not None and not known.reached[direction]:
+            self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, shy))
 
     def _finish(self) -> None:
         """Advance all runs to their ends, and those that they lead to; at any time one run only is at a step."""
@@ -129,7 +134,8 @@ class Sweeps:
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
         steps = [run.step for run in runs]
-        survey = followed(*(np.ascontiguousarray(x[steps]) for x in self.parameters), tau, v)
+        delta, epsilon, beta = (np.ascontiguousarray(x[steps]) for x in self.parameters)
+        survey = followed(delta, epsilon, beta, tau, v)
         table, rows = tabulated(survey)
         for i, run in enumerate(runs):
             first = i * count
@@ -137,14 +143,21 @@ class Sweeps:
             self._arrive(run, table, rows[first : first + len(states[i])], end)
 
     def _arrive(self, run: _Run, table: Attractors, rows: NDArray[np.int64], end: tuple[float, float]) -> None:
-        """Note what was reached, and go on; where that is nothing new, go back from the step before."""
+        """Note what was reached, and go on; where that is nothing new, go back from the step before.
+
+        One that is lost on its way back, from a set that it leaves in time, begins again where it came through.
+        """
         row, here = rows[0], self.known[run.step]
         kind = int(table.kind[row])
         same = [known for known, other in zip(here, rows[1:], strict=True) if other == row]
-        if kind == QUIET or any(known.reached[run.direction] for known in same):
+        before = [any(known.reached) if run.shy else known.reached[run.direction] for known in same]
+        if kind == QUIET or any(before):
             self._runs.remove(run)
-            if run.last is not None:
-                self._begin(run.last, 1 - run.direction, run.step - STEP[run.direction])
+            last = run.step - STEP[run.direction]
+            self._begin(run.trail.get(last), 1 - run.direction, last, run.trail)
+            again = run.step if run.trail else run.step + STEP[run.direction]
+            if kind == QUIET:
+                self._begin(run.back.get(again), run.direction, again, run.back)
             return
         label = int(table.m[row]), int(table.n_plus[row]), int(table.n_minus[row])
         if kind == PERIODIC:
@@ -155,8 +168,9 @@ class Sweeps:
         for known in same:
             known.reached[run.direction] = True
         self.visits.append(Visit(run.step, run.direction, kind, label, *end))
+        run.trail[run.step] = same[0]
         run.step += STEP[run.direction]
-        run.tau, run.v, run.last = *end, same[0]
+        run.tau, run.v = end
         if not 0 <= run.step < len(self.known):
             self._runs.remove(run)
 

@@ -139,5 +139,5 @@ def name_of(event: Event) -> str | None:
     for name, curve in CURVES.items():
         if (curve.walls, curve.kind, curve.impact) == (walls, event.kind, event.impact) and curve.belongs(x) is None:
             near += [(abs(float(start[-1]) - event.epsilon), name) for start in curve.starts(event.delta, beta)]
-    distance, name = min(near, default=(np.inf, None))
-    return name if distance < SAME_START * event.epsilon else None
+    nearest = min(near, default=(np.inf, ""))
+    return nearest[1] if nearest[0] < SAME_START * event.epsilon else None

@@ -67,6 +67,7 @@ def diagram_figure(diagram: Diagram, v: Limits = None, tau: Limits = (0.0, 1.0))
         panel.set_ylim(*(limits or _fitting(diagram)))
         panel.tick_params(direction="in", top=True, right=True)
     lower.set_xlabel(axis)
+    lower.locator_params(axis="x", nbins=6)
     _legend(figure)
     figure.draw_without_rendering()  # places are chosen on the page
     for letter, panel, which in (("(a)", upper, "v"), ("(b)", lower, "tau")):
@@ -74,7 +75,10 @@ def diagram_figure(diagram: Diagram, v: Limits = None, tau: Limits = (0.0, 1.0))
         labels.corner(letter)
         for _, parts in curves:
             for curve in parts:
-                labels.avoid(curve.x[curve.admissible], getattr(curve, which)[curve.admissible])
+                for name in sorted(set(curve.name)):
+                    on = curve.admissible & (np.array(curve.name) == name)
+                    number = -1 if which == "v" and name in "AC" else "ABCD".find(name or "-")
+                    labels.avoid(curve.x[on], getattr(curve, which)[on], number=number)
         points = diagram.points
         labels.avoid(offset + scale * points.position[::7], getattr(points, which)[::7], weight=0.05)
         _marks(panel, labels, diagram, which, scale, offset)
@@ -88,10 +92,10 @@ def figure5(delta: float = 0.6, epsilon: tuple[float, float] = (0.05, 0.15), bet
     return diagram_figure(found, (3.7, 4.9), (0.4, 1.0))
 
 
-def figure9(delta: float = 0.762, epsilon: tuple[float, float] = (0.0956, 0.0976), beta: float = 0.6) -> Figure:
+def figure9(delta: float = 0.762, epsilon: tuple[float, float] = (0.0957, 0.0976), beta: float = 0.6) -> Figure:
     """The paper's Figure 9: ε at one damping between COD21 and COD22. Raises ParameterError."""
     found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, 500)
-    return diagram_figure(found, (4.2, 5.4), (0.55, 0.85))
+    return diagram_figure(found, (4.74, 4.94), (0.69, 0.77))
 
 
 def _parameter(diagram: Diagram) -> tuple[str, float, float]:
@@ -123,13 +127,13 @@ def _curves(diagram: Diagram, branch: Branch, scale: float, offset: float) -> It
             for event in branch.events:
                 if event.after == i and i + 1 < len(branch) and event.admissible:
                     at = offset + scale * float(diagram.positions(event))
-                    phases, speeds = _impacts(event)
-                    off = np.abs((phases - tau[i] + 0.5) % 1.0 - 0.5) + np.abs(speeds - v[i])
-                    nearest = int(np.argmin(off))
-                    state = speeds[nearest], phases[nearest]
+                    there = _impacts(event)
+                    off = np.abs((there[0] - tau[i] + 0.5) % 1.0 - 0.5) + np.abs(there[1] - v[i])
+                    state = there[1][np.argmin(off)], there[0][np.argmin(off)]
                     rows.append((at, *state, branch.stable[i + 1], branch.admissible[i + 1], name[i + 1]))
         columns = list(zip(*rows, strict=True))
-        yield _Curve(*(np.array(column) for column in columns[:5]), columns[5])
+        where, v, tau, stable, admissible = (np.array(column) for column in columns[:5])
+        yield _Curve(where, v, tau, stable, admissible, columns[5])
 
 
 def _draw(panel: Axes, curve: _Curve, y: Array, named: bool) -> None:
@@ -143,7 +147,7 @@ def _draw(panel: Axes, curve: _Curve, y: Array, named: bool) -> None:
             last += 1
         kind = kinds[first]
         if kind is not None:
-            width, colour = (1.3, "black") if named else (0.8, "#444444")
+            width, colour = (1.3, "black") if named else (0.8, "#333333") if kind else (0.5, "#777777")
             style = STYLES[kind]
             panel.plot(curve.x[first : last + 1], y[first : last + 1], color=colour, lw=width, ls=style, zorder=3)
         first = last
@@ -165,8 +169,8 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram, which: str, scale: flo
         y = speeds if which == "v" else phases
         x = np.full(y.size, offset + scale * float(diagram.positions(event)))
         name = name_of(event)
-        size, face = (26.0, "black") if name else (9.0, "white")
-        panel.scatter(x, y, s=size, marker=MARKS[event.kind], c=face, ec="black", lw=0.6, zorder=4)
+        size, face = (26.0, "black") if name else (5.0, "white")
+        panel.scatter(x, y, s=size, marker=MARKS[event.kind], c=face, ec="black", lw=0.5, zorder=5 if name else 4)
         if name:
             labels.place(name, float(x[0]), float(y[0]))
 
@@ -180,9 +184,9 @@ def _names(labels: Labels, curves: list[tuple[Branch, list[_Curve]]], which: str
             for name in sorted(set(curve.name) - {""}):
                 on = labels.seen(curve.x, y) & curve.admissible & (np.array(curve.name) == name)
                 if on.any():
-                    at = np.flatnonzero(on)
-                    middle = at[np.argmin(np.abs(curve.x[at] - curve.x[at].mean()))]
-                    places.setdefault(name, (float(curve.x[middle]), float(y[middle])))
+                    number = -1 if which == "v" and name in "AC" else "ABCD".find(name)
+                    at = labels.clearest(curve.x[on], y[on], number)
+                    places.setdefault(name, (float(curve.x[on][at]), float(y[on][at])))
     if which == "v" and {"A", "C"} <= set(places):
         places["A, C"] = places.pop("C")
         del places["A"]

@@ -16,6 +16,7 @@ SIZE = 10.0  # of the letters, in points
 WIDTH, HEIGHT = 0.62, 1.15  # of a letter, of its size
 DISTANCES, DIRECTIONS = (9.0, 14.0, 21.0, 30.0), 12
 BETWEEN = 4.0  # points of the page between two that count
+CLEAR = 40.0  # farther from everything is no better
 COVERED = 50.0  # what another label counts
 
 
@@ -24,17 +25,28 @@ class Labels:
 
     def __init__(self, panel: Axes) -> None:
         self.panel = panel
-        self._points = np.empty((0, 3))
+        self._points = np.empty((0, 4))  # x, y, weight, number of the curve
         self._boxes: list[tuple[float, float, float, float]] = []
 
-    def avoid(self, x: Array, y: Array, weight: float = 1.0) -> None:
-        """Keep off a curve, or off points that count for less."""
+    def avoid(self, x: Array, y: Array, weight: float = 1.0, number: int = -1) -> None:
+        """Keep off a curve, or off points that count for less; curves that are labelled have a number."""
         at = self._page(np.column_stack([x, y])[self.seen(x, y)])
         if len(at) > 1 and weight == 1.0:
             length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(at, axis=0).T))])
             dense = np.arange(0.0, length[-1], BETWEEN)
             at = np.column_stack([np.interp(dense, length, at[:, i]) for i in (0, 1)])
-        self._points = np.vstack([self._points, np.column_stack([at, np.full(len(at), weight)])])
+        self._points = np.vstack(
+            [self._points, np.column_stack([at, np.full(len(at), weight), np.full(len(at), number)])]
+        )
+
+    def clearest(self, x: Array, y: Array, number: int) -> int:
+        """The point of curve `number` that is farthest from all other curves and from the frame."""
+        at = self._page(np.column_stack([x, y]))
+        others = self._points[(self._points[:, 2] == 1.0) & (self._points[:, 3] != number), :2]
+        (left, low), (right, high) = self._page(np.column_stack([self.panel.get_xlim(), self.panel.get_ylim()]))
+        frame = np.min([at[:, 0] - left, right - at[:, 0], at[:, 1] - low, high - at[:, 1]], axis=0)
+        apart = np.hypot(*(at[:, None] - others[None]).T).min(axis=0, initial=CLEAR)
+        return int(np.argmax(np.minimum(np.minimum(apart, frame), CLEAR) - 1e-3 * np.abs(at[:, 0] - at[:, 0].mean())))
 
     def seen(self, x: Array, y: Array) -> NDArray[np.bool_]:
         """Which points are inside the panel."""
@@ -90,7 +102,7 @@ class Labels:
     def _cost(self, box: tuple[float, float, float, float]) -> float:
         """What a box covers: curves and points, other labels, the panel's frame."""
         left, low, right, high = box
-        x, y, weight = self._points.T
+        x, y, weight, _ = self._points.T
         covered = weight[(x > left - 1) & (x < right + 1) & (y > low - 1) & (y < high + 1)].sum()
         others = sum(left < b[2] and b[0] < right and low < b[3] and b[1] < high for b in self._boxes)
         frame = self._page(np.column_stack([self.panel.get_xlim(), self.panel.get_ylim()]))
