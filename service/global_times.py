@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import rattle
@@ -31,17 +32,17 @@ def times() -> Iterator[tuple[str, float, str]]:
         return best_of_two(run)
 
     for method in ("cells", "direct", "refined"):
-        seconds = timed(method, lambda method=method: gear.basins(SIDE, method=method))
+        seconds = timed(method, partial(gear.basins, SIDE, method=method))
         yield f"basins, {method}, {SIDE} × {SIDE} cells", seconds, f"{NANO * seconds / cells:.0f} ns per cell"
     seconds = timed("entropy", lambda: rattle.basin_entropy(found["cells"]))
     yield "basin entropy of these", seconds, f"{found['entropy'].boxes / seconds:.2g} boxes per second"
     seconds = timed("uncertainty", gear.uncertainty)
-    yield "uncertainty exponent", seconds, f"dimension {found['uncertainty'].dimension:.3f}"
+    yield "uncertainty exponent", seconds, f"dimension {2 - found['uncertainty'].exponent:.3f}"
     seconds = timed("gamma", gear.gamma)
     points = sum(piece.tau.size for piece in found["gamma"])
     yield "Γ", seconds, f"{points} points"
     for kind, name in (("stable", "W^s(A)"), ("unstable", "W^u(A)")):
-        seconds = timed(kind, lambda kind=kind: manifold(saddle, kind, 1, ARCLENGTH))
+        seconds = timed(kind, partial(manifold, saddle, kind, 1, ARCLENGTH))
         points = found[kind].tau.size
         yield f"{name} to arclength {ARCLENGTH:g}", seconds, f"{points} points, {points / seconds:.2g} per second"
     seconds = timed("crisis", lambda: boundary_crisis(CRISIS))

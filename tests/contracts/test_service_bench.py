@@ -117,7 +117,7 @@ def test_global(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(global_times, "STEPS", 5)
     monkeypatch.setattr(global_times, "ARCLENGTH", 2.0)
     monkeypatch.setattr(global_times, "best_of_two", lambda run: run() or 1.0)
-    monkeypatch.setattr(global_times, "boundary_crisis", lambda delta: SimpleNamespace(epsilon=0.0974223487))
+    monkeypatch.setattr(global_times, "boundary_crisis", lambda _: SimpleNamespace(epsilon=0.0974223487))
     table = rows(printed(monkeypatch, "global"))
     assert table["basins, direct, 20 × 20 cells"] == ["1.000", f"{1e9 / 400:.0f} ns per cell"]
     assert table["boundary crisis at δ = 0.762"] == ["1.000", "ε = 0.0974223487"]
