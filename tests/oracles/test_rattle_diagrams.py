@@ -150,8 +150,14 @@ def test_the_papers_events_have_their_names_and_values():
         "SN1": pytest.approx(0.0958502413, abs=1e-10),
         "G1": pytest.approx(0.0960576020, abs=1e-10),
     }
-    beyond_cod22 = {name_of(event) for event in along("COD22").events}
-    assert {"SN1"} <= beyond_cod22 or "G2" in beyond_cod22
+
+
+def test_through_cod22_c_grazes_and_then_a():
+    named = {name_of(event): event for event in along("COD22").events}
+    assert set(named) == {"G1", "G2"}
+    for name, event in named.items():
+        assert event.epsilon == pytest.approx(float(rattle.grazing(name, event.delta).epsilon), abs=1e-9)
+    assert named["G1"].delta < 0.770147130934 < named["G2"].delta
 
 
 def test_chaos_between_g1_and_the_crisis():
