@@ -2,7 +2,8 @@
 
 `Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and
 `quiet_limit` work on whole arrays. `periodic_orbit` solves for any periodic motion; `branch`, `doubled`, `beyond` and
-`cascade` follow it in one parameter; `curves` has the bifurcation curves of the (δ, ε) plane.
+`cascade` follow it in one parameter, and `diagram` follows everything along a segment; `curves` has the bifurcation
+curves of the (δ, ε) plane.
 """
 
 from rattle import curves
@@ -13,6 +14,7 @@ from rattle.basin_measures import BasinEntropy, Uncertainty, basin_entropy, diff
 from rattle.basins import Basins
 from rattle.branches import Branch, beyond, branch, cascade, doubled, fate
 from rattle.curves.codimension import robust_chaos_interval
+from rattle.diagrams import Diagram, diagram
 from rattle.errors import ParameterError, RattleError
 from rattle.events import Event
 from rattle.gamma import GammaPiece
@@ -34,6 +36,7 @@ __all__ = [
     "BasinEntropy",
     "Basins",
     "Branch",
+    "Diagram",
     "Event",
     "FirstImpact",
     "GammaPiece",
@@ -56,6 +59,7 @@ __all__ = [
     "cascade",
     "classify_regions",
     "curves",
+    "diagram",
     "differing",
     "disagreement",
     "doubled",
