@@ -1,4 +1,4 @@
-"""Pictures, with matplotlib, which the extra `plot` installs: the figures of the paper, diagrams and the plane of the curves.
+"""Pictures, with matplotlib, which the extra `plot` installs: the paper's figures, diagrams, the plane of the curves.
 
 No picture uses pyplot or other global state of matplotlib: servers draw in threads.
 """
