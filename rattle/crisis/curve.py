@@ -117,7 +117,7 @@ def _up(start: Crisis, end: float) -> tuple[list[Crisis], str]:
             known.append(in_gap(known, gap, end))
         except RattleError as error:
             return known, str(error)
-    return known, "it ends in COD22"
+    return known, "it goes on into COD22, closer than it is followed"
 
 
 def _changes(points: list[Crisis]) -> list[Crisis]:

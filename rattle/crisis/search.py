@@ -108,8 +108,8 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
 
 
 def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """Where the piece of W^u(A) that escapes at SN1 + high and not at SN1 + low touches W^s(A); of the returns to A that
-    its orbit makes, the one that touches at the least ε.
+    """Where the piece of W^u(A) that escapes at SN1 + high and not at SN1 + low touches W^s(A); of the returns to A
+    that its orbit makes, the one that touches at the least ε.
     """
     run = _run(delta, beta, high)
     met, entries = _orbit(delta, beta, high, float(run[run.size // 2]))
@@ -149,9 +149,10 @@ def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
 def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     """The last contact, by rising ε, in which a chaotic attractor ends, to 1e-10.
 
-    W^u(A) is looked at in steps of 4 % of ε − SN1, up to 3 SN1 or the quiet limit, beyond which nothing rests; the piece
-    is the first among those that 40000 points per unit of its ln s show. Raises ParameterError, and RattleError where no
-    chaotic attractor is seen to end in a contact with A, saying why. Source: docs/crisis.md; the paper leaves it open.
+    W^u(A) is looked at in steps of 4 % of ε − SN1, up to 3 SN1 or the quiet limit, beyond which nothing rests; the
+    piece is the first among those that 40000 points per unit of its ln s show. Raises ParameterError, and RattleError
+    where no chaotic attractor is seen to end in a contact with A, saying why. Source: docs/crisis.md; the paper leaves
+    it open.
     """
     delta = require_number("delta", delta, positive=True)
     beta = require_number("beta", beta, positive=True)

@@ -72,8 +72,20 @@ def test_lifetimes_point_to_the_same_crisis():
     assert chi < 5
 
 
+def test_lifetimes_at_a_tangency():
+    """Grebogi, Ott, Yorke (1987): γ = ln λ_s / (2 ln λ_u λ_s)."""
+    crisis = 0.1108867568417
+    found, error, exponent, exponent_error, chi = crisis_of(0.6, crisis + np.geomspace(4e-6, 6e-5, 5), 200, 20_000, 1)
+    assert abs(found - crisis) < 3 * error
+    assert error < 3e-6
+    large, small = np.abs(period_one_saddle("A", 0.6, crisis).multipliers)
+    assert exponent == pytest.approx(np.log(small) / (2 * np.log(large * small)), abs=3 * exponent_error)
+    assert exponent_error < 0.3
+    assert chi < 5
+
+
 def test_the_curve_is_followed_through_the_change_of_contact():
-    """A fresh search, which knows no neighbour, agrees; the contact changes where the square root's coefficient vanishes."""
+    """A fresh search, which knows no neighbour, agrees; the contact changes where the root's coefficient vanishes."""
     curve = crisis_curve(low=0.75, high=0.762, resolution=0.006)
     assert (np.diff(curve.delta) > 0).all()
     assert curve.delta[0] == 0.75
@@ -91,7 +103,7 @@ def test_the_curve_is_followed_through_the_change_of_contact():
 
 
 def test_chaos_ends_at_another_backlash():
-    """At half-backlash 0.45, away from the value that everything was first made for: nothing leaves below, all above."""
+    """Half-backlash 0.45, for which nothing was tuned: no orbit leaves below the crisis, and all do above."""
     found = boundary_crisis(0.518, beta=0.45)
     gap = found.gap
     at = found.epsilon + np.array([-0.01, 0.05]) * gap

@@ -1,0 +1,1 @@
+"""Figures of the library's results, with matplotlib (the extra `plot`)."""
