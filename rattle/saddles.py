@@ -107,12 +107,11 @@ def local_manifold(orbit: PeriodicOrbit, stable: bool) -> Local:
     powers[0], powers[1] = (orbit.tau, orbit.v), eigenvectors(orbit)[1 if stable else 0]
     size = LARGEST
     derivative = np.linalg.matrix_power(tangent(orbit), -twice if stable else twice)
+    rounding = ROUNDING[stable] * max(1.0, orbit.v) * max(1.0, float(np.linalg.norm(derivative)))
     while size > SMALLEST:
         start = Local(orbit, stable, powers, 1.0, multiplier, twice * orbit.label[1], twice * orbit.m)
         found = _solved(start, size, np.asarray(derivative, np.float64))
-        if found is not None and found.residual < max(ROUNDING[stable] * max(1.0, orbit.v), RESIDUAL * size) * max(
-            1.0, multiplier / 10.0
-        ):
+        if found is not None and found.residual < max(rounding, RESIDUAL * size * max(1.0, multiplier / 10.0)):
             return found
         size /= 2.0
     raise RattleError(f"the saddle at tau = {orbit.tau}, v = {orbit.v} is too close to grazing for a local manifold")
