@@ -87,11 +87,6 @@ def eigenvectors(orbit: PeriodicOrbit) -> tuple[Array, Array]:
     return unstable, stable
 
 
-def unstable_coordinate(orbit: PeriodicOrbit) -> Array:
-    """The row (2,) that takes (τ, v) less the saddle to its part along the unstable unit eigenvector."""
-    return np.asarray(np.linalg.inv(np.stack(eigenvectors(orbit), axis=1))[0], np.float64)
-
-
 def local_manifold(orbit: PeriodicOrbit, stable: bool) -> Local:
     """The local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-13.
 

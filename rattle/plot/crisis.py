@@ -54,8 +54,16 @@ def _contact(axes: "Axes", crisis: Crisis) -> None:
         found = manifold(saddle, kind, side, ARCLENGTH[kind])
         for i, j in zip(found.pieces[:-1], found.pieces[1:], strict=True):
             axes.plot(found.tau[i:j], found.v[i:j], color=colour, lw=0.6)
+        if kind == "unstable":
+            box = [(x.min() - 0.2 * np.ptp(x), x.max() + 0.2 * np.ptp(x)) for x in (found.tau, found.v)]
     axes.plot(saddle.tau, saddle.v, "ko", ms=4)
-    axes.set(xlabel="τ", ylabel="v", title=f"W^u(A), W^s(A), δ = {crisis.delta:.4g}: {crisis.contact}")
+    axes.set(
+        xlabel="τ",
+        ylabel="v",
+        xlim=box[0],
+        ylim=box[1],
+        title=f"W^u(A), W^s(A), δ = {crisis.delta:.4g}: {crisis.contact}",
+    )
 
 
 def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> "Figure":

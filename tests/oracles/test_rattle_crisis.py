@@ -5,7 +5,7 @@ import pytest
 from transients import crisis_of
 
 from rattle.crisis import boundary_crisis, crisis_curve
-from rattle.crisis.curve import in_delta
+from rattle.crisis.curve import in_delta, in_gap
 from rattle.curves.codimension import codimension_two
 from rattle.errors import ParameterError, RattleError
 from rattle.images import escapes
@@ -121,16 +121,15 @@ def test_chaos_ends_at_another_backlash():
 
 
 def test_it_passes_beside_cod22():
-    """Close to COD22's damping the crisis is still 4e-5 above SN1: it does not close on SN1 as δ rises to COD22."""
-    end = next(point for point in codimension_two() if point.name == "COD22")
-    known = boundary_crisis(0.762)
-    points = [known]
-    for share in (0.5, 0.7, 0.8, 0.9):
-        points.append(in_delta(points, 0.762 + share * (end.delta - 0.762)))
-    gaps = np.array([point.gap for point in points])
-    assert (np.diff(gaps) < 0).all()
-    rest = np.polyfit([point.delta - end.delta for point in points[-3:]], gaps[-3:], 2)[-1]
-    assert 3e-5 < rest < 1e-4
+    """At COD22's damping the crisis is 4e-5 above SN1; it does not close on SN1 there, but goes on to larger δ."""
+    end = next(point for point in codimension_two() if point.name == "COD22").delta
+    points = [boundary_crisis(0.762)]
+    while points[-1].gap > 3.5e-5:
+        points.append(in_gap(points, 0.75 * points[-1].gap, end))
+    delta, gap = (np.array(x) for x in zip(*((point.delta, point.gap) for point in points), strict=True))
+    assert (np.diff(delta) > 0).all()
+    assert delta[-1] > end + 2e-5
+    assert np.interp(end, delta, gap) == pytest.approx(4.2e-5, abs=5e-6)
 
 
 def test_what_is_refused():
