@@ -156,8 +156,9 @@ class Gear:
 
         method "direct": each cell centre is followed as `attractors` follows its sample. "cells": simple cell mapping
         (Hsu 1987) of Π^impacts; a state that is certain to become quiet goes to a sink, one above v_max is followed
-        until it returns or settles. "refined": cells, then directly wherever basins meet. Only "direct" is sure to see
-        a basin that is thin on the scale of a cell (docs/decisions/0009-basins.md). Raises ParameterError.
+        until it returns or settles. "refined": cells, then directly every eighth cell along τ and v and wherever basins
+        meet, until nothing changes. Only "direct" is sure to see a basin that is thin on the scale of a cell, and
+        "refined" one of eight cells across (docs/decisions/0009-basins.md). Raises ParameterError.
         """
         return basins(self.delta, self.epsilon, self.beta, resolution, v_max, method, impacts)
 
