@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 
 import rattle
-from workers import Axis, Group, SurveyRequest, map_png, run
+from workers import Axis, Group, SurveyRequest, create_store, finish_store, map_png, tiles_of
+from workers.runner import compute_and_write
 
 NAMES = ("basin_entropy", "boundary_basin_entropy", "boundary_distance", "boundary_distance_phase", "crisis_side")
 # quiet alone, another basin, chaos, past its crisis, no quiet motion
@@ -21,7 +22,10 @@ REQUEST = SurveyRequest(
 
 
 def survey_of(request: SurveyRequest, path: Path) -> xr.Dataset:
-    run(request, path, serial=True)
+    create_store(request, path)
+    for tile in tiles_of(request):
+        compute_and_write(request, str(path), tile)
+    finish_store(path)
     return xr.open_zarr(path, chunks=None).load()
 
 
