@@ -26,7 +26,11 @@ SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)  # of one pattern: n
 FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # of v, relative, and of τ in forcing periods
 SHRINK, HOPE = 1.0 / 16.0, 8.0  # of a pattern that found nothing; a start is given up that is so many scales too high
 MOST_PATTERNS = 60
-LEAST_IMPACTS, PATIENCE = 128, 2  # of a state in the second and third step: so many times what the sample needed
+LEAST_IMPACTS, MOST_IMPACTS, PATIENCE = (
+    128,
+    4096,
+    2,
+)  # of a state in the second and third step: so many times what the sample needed
 LOWEST = 1e-6  # speed from which the strip is searched where capture is not certain any higher
 
 Array = NDArray[np.float64]
@@ -59,8 +63,12 @@ class _Cells:
         status = self.survey.status
         self.chaos = np.array([cell in self.survey.chaos for cell in range(delta.size)])
         settled = np.where((status == QUIET) | (status == ORBIT), self.survey.samples.impacts.reshape(status.shape), 0)
-        self.most = np.maximum(LEAST_IMPACTS, PATIENCE * settled.max(axis=1))
+        needed = PATIENCE * settled.max(axis=1)
+        self.most = np.clip(needed, LEAST_IMPACTS, MOST_IMPACTS)
         away = (status == ORBIT) | ((status == LEFT) & self.chaos[:, None])
+        self.chaos &= (
+            needed <= MOST_IMPACTS
+        )  # what is left otherwise, close to the quiet limit, may be on its way to rest
         self.undecided = np.where((status != QUIET) & ~away, v, np.inf).min(axis=1)
         self.tau, self.v = np.full((delta.size, STARTS), np.nan), np.full((delta.size, STARTS), np.inf)
         self.keep(tau, np.where(away, v, np.inf))

@@ -13,7 +13,7 @@ from workers.runner import compute_and_write
 NAMES = ("basin_entropy", "boundary_basin_entropy", "boundary_distance", "boundary_distance_phase", "crisis_side")
 # quiet alone, another basin, chaos, past its crisis, no quiet motion
 REQUEST = SurveyRequest(
-    delta=Axis(start=0.45, stop=0.6, num=2),
+    delta=Axis(start=0.55, stop=0.6, num=2),
     epsilon=Axis(start=0.02, stop=0.22, num=6),
     quantities=(Group.BASINS,),
     initial_conditions={"v_max": 6.0},
