@@ -26,11 +26,8 @@ SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)  # of one pattern: n
 FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # of v, relative, and of τ in forcing periods
 SHRINK, HOPE = 1.0 / 16.0, 8.0  # of a pattern that found nothing; a start is given up that is so many scales too high
 MOST_PATTERNS = 60
-LEAST_IMPACTS, MOST_IMPACTS, PATIENCE = (
-    128,
-    4096,
-    2,
-)  # of a state in the second and third step: so many times what the sample needed
+LEAST_IMPACTS, MOST_IMPACTS = 128, 4096  # of a state in the second and third step, and
+PATIENCE = 2  # so many times what the sample needed
 LOWEST = 1e-6  # speed from which the strip is searched where capture is not certain any higher
 
 Array = NDArray[np.float64]
