@@ -12,7 +12,9 @@ from rattle._version import __version__
 from rattle.attractors import KINDS, Attractor, Attractors, attractors_of
 from rattle.basin_measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
 from rattle.basins import Basins
+from rattle.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.branches import Branch, beyond, branch, cascade, doubled, fate
+from rattle.crisis_side import CRISIS_SIDES, crisis_side
 from rattle.curves.codimension import robust_chaos_interval
 from rattle.diagrams import Diagram, diagram
 from rattle.errors import ParameterError, RattleError
@@ -30,11 +32,13 @@ from rattle.sampling import wilson_interval
 from rattle.warm import warm_up
 
 __all__ = [
+    "CRISIS_SIDES",
     "KINDS",
     "Attractor",
     "Attractors",
     "BasinEntropy",
     "Basins",
+    "BoundaryDistance",
     "Branch",
     "Diagram",
     "Event",
@@ -55,9 +59,11 @@ __all__ = [
     "attractors_of",
     "basin_entropy",
     "beyond",
+    "boundary_distances",
     "branch",
     "cascade",
     "classify_regions",
+    "crisis_side",
     "curves",
     "diagram",
     "differing",
