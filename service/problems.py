@@ -47,11 +47,15 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
 ADVICE = {
     400: "The request could not be read. Send JSON encoded in UTF-8, and a range as bytes=FIRST-LAST.",
     404: "Nothing is here. /docs lists the paths of this service.",
+    401: "Send an API key in the header Authorization: Bearer KEY. `rattle key add` makes one where the service runs.",
     405: "This path does not know that method; the Allow header lists those it knows. See /docs.",
+    408: "The request did not arrive whole in time. Send it at once, or closer to the service.",
     413: "The request body is too large for this service. A survey is described by its axes, not by its cells.",
+    414: "The URL is too long. Nothing that this service knows has a long one.",
     415: "Send the body as JSON, with the header Content-Type: application/json.",
     416: "The file is shorter than the requested range. Ask for bytes below its Content-Length.",
     422: "Some fields of the request are not acceptable; `errors` names each of them.",
+    431: "The request header is too large for this service. Send fewer headers, or shorter ones.",
     500: "An error of the service, not of the request. It has been logged; please report it.",
     503: "The job database cannot answer now. Try again in a few seconds.",
 }

@@ -21,6 +21,11 @@ class Settings(BaseSettings):
     workers: int = Field(default=2, ge=1, le=256, description="processes of the embedded cluster")
 
     max_body_bytes: int = Field(default=64 * 1024, ge=1)
+    max_header_bytes: int = Field(default=16 * 1024, ge=1024, description="request line and headers of one request")
+    max_headers: int = Field(default=100, ge=16, description="header lines of one request")
+    max_connections: int = Field(default=512, ge=1, description="open connections; one more is answered with 503")
+    request_seconds: float = Field(default=20.0, gt=0, description="from the first byte of a request to its last")
+    unread_seconds: float = Field(default=30.0, gt=0, description="longest wait for a client that does not read")
     max_cells: int = Field(default=1_000_000, ge=1, description="cells of one survey")
     max_tiles: int = Field(default=20_000, ge=1, description="tiles of one survey; each is a file per variable")
     max_count: int = Field(default=4096, ge=1, description="initial conditions of one cell")
