@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import sys
+from collections.abc import Callable
 from typing import Any, ClassVar
 
 import h11
@@ -35,9 +36,7 @@ class _BoundedProtocol(H11Protocol):
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self._arriving: asyncio.TimerHandle | None = None
-        self._unread: asyncio.TimerHandle | None = None
-        self._leaving: asyncio.TimerHandle | None = None
+        self._timers: dict[str, asyncio.TimerHandle] = {}
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override] # as uvicorn has it
         super().connection_made(transport)
@@ -47,13 +46,13 @@ class _BoundedProtocol(H11Protocol):
         self._expect_request()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self._stop_timers()
+        self._stop()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
         if self.transport.is_closing():
             return
-        if self._arriving is None:
+        if "arriving" not in self._timers:
             self._expect_request()
         super().data_received(data)
         if self.transport.is_closing():
@@ -62,10 +61,10 @@ class _BoundedProtocol(H11Protocol):
         if state is h11.IDLE and not self.conn.trailing_data[0]:
             self._expect_request()  # between two requests
         elif state not in UNFINISHED:
-            self._arriving = _cancelled(self._arriving)
+            self._stop("arriving")
 
     def handle_websocket_upgrade(self, event: h11.Request) -> None:
-        self._stop_timers()
+        self._stop()
         super().handle_websocket_upgrade(event)
 
     def send_400_response(self, msg: str) -> None:  # noqa: ARG002 - uvicorn's words
@@ -89,16 +88,14 @@ class _BoundedProtocol(H11Protocol):
 
     def pause_writing(self) -> None:
         super().pause_writing()
-        if self._unread is None:
-            self._unread = self.loop.call_later(self.limits.unread_seconds, self._drop)
+        self._start("unread", self.limits.unread_seconds, self._drop)
 
     def resume_writing(self) -> None:
         super().resume_writing()
-        self._unread = _cancelled(self._unread)
+        self._stop("unread")
 
     def _expect_request(self) -> None:
-        _cancelled(self._arriving)
-        self._arriving = self.loop.call_later(self.limits.request_seconds, self._too_late)
+        self._start("arriving", self.limits.request_seconds, self._too_late)
 
     def _too_late(self) -> None:
         self._refuse(408, ADVICE[408])
@@ -129,16 +126,14 @@ class _BoundedProtocol(H11Protocol):
 
     def _leave(self) -> None:
         """A closed connection stays until its answer was read: not longer than this."""
-        self._stop_timers()
-        self._leaving = self.loop.call_later(self.limits.unread_seconds, self.transport.abort)
+        self._stop()
+        self._start("leaving", self.limits.unread_seconds, self.transport.abort)
 
-    def _stop_timers(self) -> None:
-        self._unset_keepalive_if_required()
-        self._arriving = _cancelled(self._arriving)
-        self._unread = _cancelled(self._unread)
-        self._leaving = _cancelled(self._leaving)
+    def _start(self, name: str, seconds: float, act: Callable[[], None]) -> None:
+        self._stop(name)
+        self._timers[name] = self.loop.call_later(seconds, act)
 
-
-def _cancelled(timer: asyncio.TimerHandle | None) -> None:
-    if timer is not None:
-        timer.cancel()
+    def _stop(self, *names: str) -> None:
+        for name in names or tuple(self._timers):
+            if name in self._timers:
+                self._timers.pop(name).cancel()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated, Self
 
-from pydantic import Field
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import Field, field_validator, model_validator
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 
 class Settings(BaseSettings):
@@ -15,8 +16,13 @@ class Settings(BaseSettings):
 
     data: Path = Field(default=Path("data"), description="directory of the job database and the stores")
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; SQLite in the data directory if absent")
-    host: str = "127.0.0.1"
+    host: str = Field(default="127.0.0.1", min_length=1)
     port: int = Field(default=8000, ge=0, le=65535)
+    insecure: bool = Field(default=False, description="let everybody in who reaches the service")
+    require_keys: bool = Field(default=False, description="ask for API keys on loopback too, as behind a proxy")
+    allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
+        default=(), description="further names of this service, after commas; for requests without a key"
+    )
     scheduler: str | None = Field(default=None, description="dask scheduler; an embedded cluster if absent")
     workers: int = Field(default=2, ge=1, le=256, description="processes of the embedded cluster")
 
@@ -40,3 +46,14 @@ class Settings(BaseSettings):
     max_points_waiting: int = Field(default=16, ge=0, description="parameter points waiting for their turn")
     heartbeat_seconds: float = Field(default=15.0, gt=0, description="comment line on silent event streams")
     shutdown_seconds: int = Field(default=10, ge=1, description="open requests may take this long at shutdown")
+
+    @field_validator("allowed_hosts", mode="before")
+    @classmethod
+    def _split(cls, given: object) -> object:
+        return [name.strip() for name in given.split(",") if name.strip()] if isinstance(given, str) else given
+
+    @model_validator(mode="after")
+    def _decided(self) -> Self:
+        if self.insecure and self.require_keys:
+            raise ValueError("insecure and require_keys contradict each other: set one of them")
+        return self
