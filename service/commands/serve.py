@@ -47,7 +47,7 @@ def serve(
     # A plain sentence now, instead of uvicorn's traceback later.
     directory = DataDirectory(settings.data)
     with directory.locked():
-        _require_keys(settings, directory)
+        require_keys(settings, directory)
     server = uvicorn.Server(
         uvicorn.Config(
             create_app(settings),
@@ -67,7 +67,7 @@ def serve(
         raise typer.Exit(1)
 
 
-def _require_keys(settings: Settings, directory: DataDirectory) -> None:
+def require_keys(settings: Settings, directory: DataDirectory) -> None:
     """Raise AccessError where keys are asked and nobody has one."""
     from service.access import asks_keys
     from service.database import Database
