@@ -51,22 +51,34 @@ def wait_until(condition: Callable[[], Any], seconds: float = START_SECONDS) -> 
 
 def start(*arguments: str, **options: Any) -> subprocess.Popen[str]:
     """A command of rattle, in a process group of its own."""
-    return subprocess.Popen(
-        [*RATTLE, *arguments], cwd=ROOT, env=ENVIRONMENT, text=True, start_new_session=True, **options
-    )
+    options.setdefault("env", ENVIRONMENT)
+    return subprocess.Popen([*RATTLE, *arguments], cwd=ROOT, text=True, start_new_session=True, **options)
 
 
-def finish(*arguments: str) -> subprocess.CompletedProcess[str]:
-    """A command of rattle, when it has ended, with what it printed."""
+def environment(settings: dict[str, Any]) -> dict[str, str]:
+    """Of a command with these settings."""
+    return ENVIRONMENT | {f"RATTLE_{name.upper()}": str(value) for name, value in settings.items()}
+
+
+def finish(*arguments: str, **settings: Any) -> subprocess.CompletedProcess[str]:
+    """A command of rattle, when it has ended, with what it printed. Settings go into its environment."""
     return subprocess.run(
-        [*RATTLE, *arguments], cwd=ROOT, env=ENVIRONMENT, text=True, capture_output=True, timeout=START_SECONDS
+        [*RATTLE, *arguments],
+        cwd=ROOT,
+        env=environment(settings),
+        text=True,
+        capture_output=True,
+        timeout=START_SECONDS,
     )
 
 
 @contextmanager
-def server(data: Path, port: int, *arguments: str) -> Iterator[subprocess.Popen[str]]:
-    """A server that answers; stopped by SIGTERM at the end, and it must stop in time and without error."""
-    process = start("serve", "--port", str(port), "--data", str(data), *arguments)
+def server(data: Path, port: int, *arguments: str, **settings: Any) -> Iterator[subprocess.Popen[str]]:
+    """A server that answers; stopped by SIGTERM at the end, and it must stop in time and without error.
+
+    Settings go into its environment.
+    """
+    process = start("serve", "--port", str(port), "--data", str(data), *arguments, env=environment(settings))
     try:
         wait_until(lambda: answers(process, port))
         yield process
