@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import JSON, ForeignKey, Index, text
+from sqlalchemy import JSON, Double, ForeignKey, Index, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 
@@ -25,6 +25,7 @@ class State(StrEnum):
 
 
 ACTIVE = (State.ACCEPTED, State.RUNNING)
+IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
 def now() -> str:
@@ -62,7 +63,11 @@ class JobRow(Table):
     owner: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
 
     # Without autoincrement SQLite hands the number of a deleted last row out again.
-    __table_args__ = (Index("ix_jobs_owner", "owner", "number"), {"sqlite_autoincrement": True})
+    __table_args__ = (
+        Index("ix_jobs_owner", "owner", "number"),
+        Index("ix_jobs_active", "number", sqlite_where=text(IN_ACTIVE), postgresql_where=text(IN_ACTIVE)),
+        {"sqlite_autoincrement": True},
+    )
 
     @property
     def progress(self) -> int:
@@ -83,7 +88,7 @@ class TileRow(Table):
     job: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), primary_key=True)
     index: Mapped[int] = mapped_column(primary_key=True)
     cells: Mapped[int]
-    seconds: Mapped[float]
+    seconds: Mapped[float] = mapped_column(Double)
     failed: Mapped[int]
     failures: Mapped[list[dict[str, Any]]] = mapped_column(JSON)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from sqlalchemy import make_url
+from sqlalchemy import URL, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.database.engine import open_engine, shown
@@ -31,7 +31,9 @@ class Database(Surveys, Keys):
             or to a newer version; it is left as it was.
     """
 
-    def __init__(self, url: str, on_change: Callable[[str], None] = lambda _: None, *, exclusive: bool = True) -> None:
+    def __init__(
+        self, url: str | URL, on_change: Callable[[str], None] = lambda _: None, *, exclusive: bool = True
+    ) -> None:
         self._hold: Hold | None = None
         try:
             super().__init__(open_engine(url), on_change)
@@ -65,7 +67,7 @@ class Database(Surveys, Keys):
             self._hold = None
 
 
-def _shown(url: str) -> str:
+def _shown(url: str | URL) -> str:
     try:
         return shown(make_url(url))
     except SQLAlchemyError:  # not a URL at all: whatever it holds, perhaps a password, is not repeated

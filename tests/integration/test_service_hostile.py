@@ -38,8 +38,13 @@ def token(data: Path) -> str:
 def port(data: Path, token: str) -> Iterator[int]:
     assert token
     port = free_port()
-    limits = {"request_seconds": REQUEST_SECONDS, "unread_seconds": UNREAD_SECONDS, "max_connections": CONNECTIONS}
-    with server(data, port, "--host", "0.0.0.0", *NO_CLUSTER, heartbeat_seconds=0.2, **limits):
+    settings = {
+        "RATTLE_REQUEST_SECONDS": str(REQUEST_SECONDS),
+        "RATTLE_UNREAD_SECONDS": str(UNREAD_SECONDS),
+        "RATTLE_MAX_CONNECTIONS": str(CONNECTIONS),
+        "RATTLE_HEARTBEAT_SECONDS": "0.2",
+    }
+    with server(data, port, "--host", "0.0.0.0", *NO_CLUSTER, settings=settings):
         yield port
 
 
@@ -364,5 +369,5 @@ def test_commands_send_the_key_of_the_environment(port: int, store: str, token: 
     refused = finish("list", "--url", url)
     assert refused.returncode == 2
     assert "API key" in refused.stderr
-    assert store.split("/")[-2] in finish("list", "--url", url, api_key=token).stdout
-    assert "xarray.Dataset" in finish("open", url + store, api_key=token).stdout
+    assert store.split("/")[-2] in finish("list", "--url", url, settings={"RATTLE_API_KEY": token}).stdout
+    assert "xarray.Dataset" in finish("open", url + store, settings={"RATTLE_API_KEY": token}).stdout

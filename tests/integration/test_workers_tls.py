@@ -94,13 +94,10 @@ def reachable(url: str, settings: Settings) -> bool:
             return False
 
 
-def test_a_survey_is_computed_over_tls(
-    scheduler: str, trusted: Settings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name, value in environment(trusted).items():
-        monkeypatch.setitem(ENVIRONMENT, name, value)
+def test_a_survey_is_computed_over_tls(scheduler: str, trusted: Settings, tmp_path: Path) -> None:
     port = free_port()
-    with server(tmp_path, port, "--scheduler", scheduler), Client(f"http://127.0.0.1:{port}") as client:
+    url = f"http://127.0.0.1:{port}"
+    with server(tmp_path, port, "--scheduler", scheduler, settings=environment(trusted)), Client(url) as client:
         job = client.submit(**BODY).wait()
         assert job.document["cells_done"] == 8
         with job.open() as dataset:
