@@ -66,6 +66,7 @@ def embedded_cluster(n_workers: int = 2) -> Iterator[Client]:
                         # dask's health page takes port 8787 otherwise, and complains if somebody has it.
                         scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
                         memory_limit=MEMORY_LIMIT,
+                        security=Security(require_encryption=False),  # on loopback, whatever dask's settings say
                         silence_logs=logging.CRITICAL,
                         env=ONE_THREAD,
                     )

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cloudpickle
+import dask
 import psutil
 import pytest
 import xarray as xr
@@ -45,7 +46,8 @@ TILES = tiles_of(REQUEST)
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Client]:
-    with embedded_cluster(2) as client:
+    # On loopback it starts without certificates, where dask's settings ask for them, too.
+    with dask.config.set({"distributed.comm.require-encryption": True}), embedded_cluster(2) as client:
         yield client
         pids = processes(client)
     eventually(lambda: not any(alive(pid) for pid in pids))
