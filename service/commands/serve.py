@@ -53,6 +53,8 @@ def serve(
         closing(Database(settings.database_url or directory.database_url)) as database,
     ):
         require_keys(settings, database)
+    if settings.insecure:
+        typer.echo(f"Everybody who reaches {settings.host} may use this service: no keys are asked.", err=True)
     server = uvicorn.Server(
         uvicorn.Config(
             create_app(settings),

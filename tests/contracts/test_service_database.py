@@ -201,7 +201,7 @@ def test_a_lock_that_another_service_took_is_not_taken_back(postgres_url: str) -
         first.accept(new(), 9)
     assert second.accept(new(), 9).number == 1
     second.close()
-    time.sleep(2.5)  # the first one looks again, and leaves the database to whoever starts next
+    time.sleep(3)  # the first one looks again, and leaves the database to whoever starts next
     with pytest.raises(UnavailableError, match="Another service"):
         first.accept(new(), 9)
     Database(postgres_url).close()
