@@ -7,7 +7,7 @@ import pytest
 from uvicorn import Config
 from uvicorn.server import ServerState
 
-from service.protocol import protocol_of
+from service.protocol import LEAST_READ, protocol_of
 from service.settings import Settings
 
 PATIENCE = 0.05
@@ -19,10 +19,14 @@ class UnreadTransport(asyncio.Transport):
     def __init__(self) -> None:
         super().__init__({"peername": ("127.0.0.1", 1), "sockname": ("127.0.0.1", 2)})
         self.written = b""
+        self.read = 0
         self.closed = self.aborted = False
 
     def write(self, data: Any) -> None:
         self.written += bytes(data)
+
+    def get_write_buffer_size(self) -> int:
+        return len(self.written) - self.read
 
     def is_closing(self) -> bool:
         return self.closed
@@ -41,6 +45,11 @@ class UnreadTransport(asyncio.Transport):
 async def hello(scope: Any, receive: Any, send: Any) -> None:  # noqa: ARG001 - the signature of ASGI
     await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"2")]})
     await send({"type": "http.response.body", "body": b"ok"})
+
+
+async def wait(scope: Any, receive: Any, send: Any) -> None:  # noqa: ARG001 - the signature of ASGI
+    while (await receive())["type"] != "http.disconnect":
+        pass
 
 
 async def closed(way: str) -> UnreadTransport:
@@ -68,6 +77,45 @@ def test_a_closed_connection_does_not_wait_for_its_reader_for_ever(way: str) -> 
     transport = asyncio.run(closed(way))
     assert transport.aborted
     assert transport.written.startswith(b"HTTP/1.1 " + (b"408" if way == "late" else b"200"))
+
+
+async def reads(size: int, closing: bool) -> bool:
+    """Whether a client that reads this much each time is kept until it has read everything."""
+    transport = UnreadTransport()
+    protocol = protocol_of(Settings(unread_seconds=10 * PATIENCE))(Config(hello, log_config=None), ServerState(), {})
+    protocol.connection_made(transport)
+    transport.written = bytes(40 * LEAST_READ)
+    protocol.pause_writing()
+    if closing:
+        transport.close()
+        protocol._leave()
+        protocol.resume_writing()  # asyncio says so when little is left, which somebody must still read
+    while transport.get_write_buffer_size() > 0 and not transport.aborted:
+        await asyncio.sleep(PATIENCE)
+        transport.read += size
+    protocol.connection_lost(None)
+    return not transport.aborted
+
+
+@pytest.mark.parametrize("closing", [False, True])
+def test_a_slow_reader_is_kept_and_one_that_all_but_stands_still_is_not(closing: bool) -> None:
+    assert asyncio.run(reads(2 * LEAST_READ, closing))
+    assert not asyncio.run(reads(LEAST_READ // 100, closing))
+
+
+def test_a_head_request_gets_no_body_even_when_it_is_late() -> None:
+    async def late() -> bytes:
+        transport = UnreadTransport()
+        config = Config(wait, log_config=None)
+        protocol = protocol_of(Settings(request_seconds=PATIENCE))(config, ServerState(), {})
+        protocol.connection_made(transport)
+        protocol.data_received(b"HEAD / HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\n\r\n")
+        await asyncio.sleep(3 * PATIENCE)
+        return transport.written
+
+    head, _, body = asyncio.run(late()).partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 408 ")
+    assert body == b""
 
 
 def test_a_connection_that_goes_by_itself_leaves_no_timer() -> None:
