@@ -5,14 +5,16 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
-import httpx
 import pytest
-from service_processes import ENVIRONMENT, ROOT, finish, free_port, server
+from service_processes import ENVIRONMENT, ROOT, finish, free_port
 
-NO_CLUSTER = ("--scheduler", "tcp://127.0.0.1:1")
+from service.database import Database
+from service.datadir import DataDirectory
+
+NO_CLUSTER = "tcp://127.0.0.1:1"
 
 # Writes on and on, and says what has been committed.
 WRITER = """
@@ -58,29 +60,25 @@ def assert_refused(data: Path, database_url: str | None, words: str) -> None:
 
 
 def test_a_second_service_is_refused_by_data_directory_and_by_database(tmp_path: Path, database_url: str) -> None:
-    port = free_port()
-    with server(tmp_path / "first", port, *NO_CLUSTER, settings={"RATTLE_DATABASE_URL": database_url}) as process:
-        if database_url.startswith("sqlite"):  # the same on PostgreSQL
-            assert_refused(tmp_path / "first", None, "Another server uses the data directory")
+    with closing(Database(database_url)) as database:  # held by this process, in place of a first service
         assert_refused(tmp_path / "second", database_url, "Another service uses the job database")
-        assert httpx.get(f"http://127.0.0.1:{port}/v1/surveys").json()["count"] == 0
-        process.kill()  # it would look for its cluster first
-        process.wait()
+        assert database.jobs(1) == ([], 0)
+    if database_url.startswith("sqlite"):  # the same on PostgreSQL
+        with DataDirectory(tmp_path / "first").locked():
+            assert_refused(tmp_path / "first", None, "Another server uses the data directory")
 
 
 def test_several_workers_of_uvicorn_are_refused(tmp_path: Path) -> None:
     arguments = ["-m", "uvicorn", "service.app:create_app", "--factory", "--workers", "2", "--port", str(free_port())]
-    environment = ENVIRONMENT | {"RATTLE_DATA": str(tmp_path), "RATTLE_SCHEDULER": NO_CLUSTER[1]}
+    environment = ENVIRONMENT | {"RATTLE_DATA": str(tmp_path), "RATTLE_SCHEDULER": NO_CLUSTER}
     with running(*arguments, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
         said, _ = process.communicate(timeout=100)  # it ends, though one of the workers could have gone on
     assert "Another server uses the data directory" in said
     assert "start uvicorn without --workers" in said
 
 
-@pytest.mark.parametrize("milliseconds", [3, 40, 150])
+@pytest.mark.parametrize("milliseconds", [3, 100])
 def test_what_was_committed_outlives_sigkill_at_any_instant(database_url: str, milliseconds: int) -> None:
-    from service.database import Database
-
     with running("-c", WRITER, database_url, env=ENVIRONMENT, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         lines = [process.stdout.readline()]
