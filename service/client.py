@@ -187,6 +187,11 @@ class Job:
 
         return open_survey(self.store_url)
 
+    def verify(self) -> Self:
+        """Let the service check every tile, and compute again what is damaged or missing; :meth:`wait` for it."""
+        self.document = self._client.call("POST", f"{self.document['links']['self']}/verify").json()
+        return self
+
     def delete(self) -> None:
         """Dismiss the survey if it waits or runs, delete it with its store if it has ended."""
         self._client.call("DELETE", self.document["links"]["self"])

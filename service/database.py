@@ -90,10 +90,7 @@ class Database:
             with self._write() as session:
                 if known := _find_by_key(session, new):
                     return known
-                if _count_active(session) >= max_jobs:
-                    raise QueueFullError(
-                        f"{max_jobs} surveys are waiting or running. Wait for one to end, or DELETE one of them."
-                    )
+                _require_room(session, max_jobs)
                 job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, **vars(new))
                 session.add(job)
                 session.flush()
@@ -144,6 +141,23 @@ class Database:
             _add_state_event(session, job)
         self._on_change(survey_id)
         return True
+
+    def reopen(self, survey_id: str, max_jobs: int) -> JobRow:
+        """Let a survey that was successful or failed wait again; its tiles stay noted.
+
+        Raises:
+            ConflictError: it waits or runs, or was dismissed.
+            QueueFullError: ``max_jobs`` surveys are waiting or running.
+        """
+        with self._write() as session:
+            job = _find(session, survey_id)
+            if job.state not in (State.SUCCESSFUL, State.FAILED):
+                raise ConflictError(f"Survey {survey_id} is {job.state}; only one that was computed can be verified.")
+            _require_room(session, max_jobs)
+            job.state, job.message, job.finished = State.ACCEPTED, "", None
+            _add_state_event(session, job)
+        self._on_change(survey_id)
+        return job
 
     def add_tile(self, survey_id: str, tile: DoneTile) -> None:
         """Note that a tile has been written; nothing if the survey was dismissed or deleted meanwhile."""
@@ -265,6 +279,11 @@ def _find_by_key(session: Session, new: NewJob) -> JobRow | None:
 
 def _count_active(session: Session) -> int:
     return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state.in_(ACTIVE))) or 0
+
+
+def _require_room(session: Session, max_jobs: int) -> None:
+    if _count_active(session) >= max_jobs:
+        raise QueueFullError(f"{max_jobs} surveys are waiting or running. Wait for one to end, or DELETE one of them.")
 
 
 def _counts(job: JobRow) -> dict[str, int]:

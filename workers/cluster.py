@@ -28,6 +28,7 @@ ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_TH
 SILENT_SECONDS = 15
 #: A tile that has killed two workers goes to a process of its own. It need not be guilty: the cells are tried there.
 ALLOWED_DEATHS = 1
+HEARTBEAT_SECONDS = 1.0
 END_SECONDS = 1.0
 
 
@@ -36,9 +37,12 @@ class WarmKernels(WorkerPlugin):
 
     name = "gear-rattle-kernels"
 
-    async def setup(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """Warm the kernels of this process; a first compilation takes longer than a worker may be silent."""
-        await asyncio.to_thread(rattle.warm_up)
+    async def setup(self, worker: Worker) -> None:
+        """Warm the kernels of this process. Its heart does not beat by itself yet, and a first compilation is long."""
+        warming = asyncio.create_task(asyncio.to_thread(rattle.warm_up))
+        while not (await asyncio.wait([warming], timeout=HEARTBEAT_SECONDS))[0]:
+            await worker.heartbeat()
+        await warming
 
 
 @contextmanager
@@ -84,6 +88,7 @@ def embedded_cluster(n_workers: int = 2) -> Iterator[Client]:
                         memory_limit=MEMORY_LIMIT,
                         silence_logs=logging.CRITICAL,
                         env=ONE_THREAD,
+                        preload=__name__,  # imported before the heart has to beat
                     )
                 )
                 client = stack.enter_context(Client(cluster, set_as_default=False))

@@ -5,6 +5,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import zarr
@@ -51,7 +52,7 @@ def examine(path: str | Path) -> Integrity:
     for row in range(rows):
         known = {column for column in range(columns) if finished or status.has(row, column)}
         unread = set(status.unreadable(row, known))
-        computed = {column for column in known - unread if status.all(row, column)}
+        computed = {column for column in known - unread if status.computed(row, column)}
         lost = dict.fromkeys(unread, (STATUS,))
         for array in arrays:
             for column in array.unreadable(row, computed):
@@ -78,7 +79,7 @@ def _template_whole(path: Path, name: str, described: object, member: zarr.Array
     if isinstance(member, zarr.Group) or _per_cell(member) or not member.size:
         return True
     array = _Array(path, member)
-    return array.has(*[0] * member.ndim) and array.readable(...)
+    return (array.has(*[0] * member.ndim) or not array.checked) and array.readable(...)
 
 
 def _per_cell(array: zarr.Array) -> bool:
@@ -102,7 +103,7 @@ class _Array:
     def has(self, *chunk: int) -> bool:
         """Whether a chunk, given by its last indices, has a file; older versions wrote none for fill values."""
         where = (0,) * (self._array.ndim - len(chunk)) + chunk
-        key = self._array.metadata.encode_chunk_key(where)  # type: ignore[union-attr]
+        key = self._array.metadata.encode_chunk_key(where)
         return (self._directory / key).exists()
 
     def unreadable(self, row: int, columns: set[int]) -> Iterator[int]:
@@ -114,14 +115,14 @@ class _Array:
             return  # one read for the whole row
         yield from (column for column in there if not self.readable(self._cells(row, column)))
 
-    def all(self, row: int, column: int) -> bool:
+    def computed(self, row: int, column: int) -> bool:
         """Whether no value of a chunk is 0."""
         return bool(np.all(self._array[self._cells(row, column)]))
 
-    def readable(self, selection: object) -> bool:
+    def readable(self, selection: Any) -> bool:
         """Whether a part of the array decodes, and matches its checksums."""
         try:
-            self._array[selection]  # type: ignore[index]
+            self._array[selection]
         except MemoryError:
             raise
         except OSError as error:
@@ -132,7 +133,7 @@ class _Array:
             return False
         return True
 
-    def _cells(self, row: int, column: int) -> tuple[object, ...]:
+    def _cells(self, row: int, column: int) -> tuple[Any, ...]:
         return (..., self._span(0, row), self._span(1, column))
 
     def _span(self, axis: int, index: int) -> slice:

@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -49,24 +49,24 @@ def wait_until(condition: Callable[[], Any], seconds: float = START_SECONDS) -> 
     return value
 
 
-def start(*arguments: str, **options: Any) -> subprocess.Popen[str]:
+def start(*arguments: str, env: Mapping[str, str] = ENVIRONMENT, **options: Any) -> subprocess.Popen[str]:
     """A command of rattle, in a process group of its own."""
-    return subprocess.Popen(
-        [*RATTLE, *arguments], cwd=ROOT, env=ENVIRONMENT, text=True, start_new_session=True, **options
-    )
+    return subprocess.Popen([*RATTLE, *arguments], cwd=ROOT, env=env, text=True, start_new_session=True, **options)
 
 
-def finish(*arguments: str) -> subprocess.CompletedProcess[str]:
+def finish(*arguments: str, env: Mapping[str, str] = ENVIRONMENT) -> subprocess.CompletedProcess[str]:
     """A command of rattle, when it has ended, with what it printed."""
     return subprocess.run(
-        [*RATTLE, *arguments], cwd=ROOT, env=ENVIRONMENT, text=True, capture_output=True, timeout=START_SECONDS
+        [*RATTLE, *arguments], cwd=ROOT, env=env, text=True, capture_output=True, timeout=START_SECONDS
     )
 
 
 @contextmanager
-def server(data: Path, port: int, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+def server(
+    data: Path, port: int, *arguments: str, env: Mapping[str, str] = ENVIRONMENT
+) -> Iterator[subprocess.Popen[str]]:
     """A server that answers; stopped by SIGTERM at the end, and it must stop in time and without error."""
-    process = start("serve", "--port", str(port), "--data", str(data), *arguments)
+    process = start("serve", "--port", str(port), "--data", str(data), *arguments, env=env)
     try:
         wait_until(lambda: answers(process, port))
         yield process
