@@ -11,6 +11,7 @@ from functools import partial
 from multiprocessing import resource_tracker
 from threading import Thread
 
+import dask
 from distributed import Client, LocalCluster, Security, Worker, WorkerPlugin, comm
 from distributed.utils import silence_logging_cmgr
 
@@ -28,6 +29,7 @@ ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_TH
 SILENT_SECONDS = 15
 #: A tile that has killed two workers goes to a process of its own. It need not be guilty: the cells are tried there.
 ALLOWED_DEATHS = 1
+RETURN_SECONDS = 600
 HEARTBEAT_SECONDS = 1.0
 END_SECONDS = 1.0
 
@@ -69,6 +71,8 @@ def embedded_cluster(n_workers: int = 2) -> Iterator[Client]:
     if n_workers < 1:
         raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
     with ExitStack() as stack:
+        # dask drops a worker for good that is not back after this time, and a busy machine starts one in half a minute.
+        stack.enter_context(dask.config.set({"distributed.deploy.lost-worker-timeout": RETURN_SECONDS}))
         try:
             with _interrupts_blocked():
                 cluster = stack.enter_context(

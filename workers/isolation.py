@@ -68,7 +68,9 @@ def _received(stream: IO[bytes]) -> Iterator[CellOutcome]:
 
 
 def _environment() -> dict[str, str]:
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    """The same modules as here, wherever they were found."""
+    path = [os.environ.get("PYTHONPATH", ""), *sys.path]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path))}
 
 
 def _cause(code: int) -> str:

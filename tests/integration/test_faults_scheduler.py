@@ -41,7 +41,9 @@ def test_killed_and_started_again(tmp_path: Path) -> None:
     def start_cluster(stack: ExitStack) -> subprocess.Popen[bytes]:
         scheduler = ("scheduler", "--host", "127.0.0.1", "--port", str(scheduler_port))
         worker = ("worker", url, "--nthreads", "1", "--no-nanny")
-        return [stack.enter_context(dask(faults, *arguments)) for arguments in (scheduler, worker)][0]
+        process = stack.enter_context(dask(faults, *scheduler))
+        stack.enter_context(dask(faults, *worker))
+        return process
 
     with (
         ExitStack() as stack,
