@@ -13,7 +13,7 @@ from workers.store import require_aligned, write_tile, writing
 from workers.submission import Submission
 from workers.tiles import Tile, TileRecord, compute_tile
 
-POLL_SECONDS = 0.5
+POLL_SECONDS = 0.2
 GRACE_SECONDS = 2.0
 
 
@@ -46,7 +46,7 @@ def run_tiles(
 
     Args:
         on_tile: called in this thread, with each tile that has been written.
-        should_stop: asked at least every half second. After a stop this returns within seconds: tiles that end
+        should_stop: asked several times a second. After a stop this returns within seconds: tiles that end
             meanwhile are reported, the others are left for the next run.
         unwanted: asked after a stop: whether nobody wants the tiles at work, so that their processes are ended at once.
 
