@@ -7,7 +7,7 @@ COPY pyproject.toml constraints.txt README.md ./
 COPY rattle rattle
 COPY workers workers
 COPY service service
-RUN pip install --no-cache-dir --constraint constraints.txt ".[service]"
+RUN pip install --no-cache-dir --constraint constraints.txt ".[service,postgres]"
 
 USER rattle
 VOLUME /data

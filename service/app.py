@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, closing
 from typing import TYPE_CHECKING
 
 from anyio import CapacityLimiter
@@ -18,6 +18,7 @@ from service.broadcast import Broadcast
 from service.database import Database
 from service.datadir import DataDirectory
 from service.jobs import JobManager
+from service.recovery import recover
 from service.routes import ROUTERS
 from service.settings import Settings
 from service.state import Front
@@ -64,8 +65,11 @@ def _lifespan(settings: Settings, cluster: Cluster) -> Callable[[FastAPI], Abstr
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         directory = DataDirectory(settings.data)
         broadcast = Broadcast()
-        with directory.locked():
-            database = Database(settings.database_url or directory.database_url, broadcast.changed)
+        with (
+            directory.locked(),
+            closing(Database(settings.database_url or directory.database_url, broadcast.changed)) as database,
+        ):
+            recover(database, directory)
             manager = JobManager(database, directory, cluster)
             app.state.front = Front(
                 settings=settings,
@@ -81,6 +85,5 @@ def _lifespan(settings: Settings, cluster: Cluster) -> Callable[[FastAPI], Abstr
                 yield
             finally:
                 await run_in_threadpool(manager.stop)
-                database.close()
 
     return lifespan

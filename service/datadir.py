@@ -3,15 +3,45 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
+
+from sqlalchemy import URL
 
 from service.errors import DataDirectoryError
 
 TRASH = ".trash-"
+SURVEY = r"(?P<survey>[0-9a-f]{16})"
+#: A store that is being deleted; one that is being created, beside its place; one in its place.
+DELETION, TEMPORARY, STORE = (
+    re.compile(pattern) for pattern in (rf"\.trash-{SURVEY}", rf"\.{SURVEY}\.zarr\.[0-9a-f]{{32}}", rf"{SURVEY}\.zarr")
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What stands among the stores; ``survey_id`` is empty if its name is none of ours."""
+
+    path: Path
+    survey_id: str
+    deletion: bool
+    temporary: bool
+
+    @classmethod
+    def of(cls, path: Path) -> Entry:
+        for pattern in (DELETION, TEMPORARY, STORE):
+            if match := pattern.fullmatch(path.name):
+                return cls(path, match["survey"], pattern is DELETION, pattern is TEMPORARY)
+        return cls(path, "", deletion=False, temporary=False)
+
+    def remove(self) -> None:
+        shutil.rmtree(self.path, ignore_errors=True)
 
 
 class DataDirectory:
@@ -26,8 +56,8 @@ class DataDirectory:
         self._stores = self.path / "surveys"
 
     @property
-    def database_url(self) -> str:
-        return f"sqlite:///{self.path / 'jobs.sqlite'}"
+    def database_url(self) -> URL:
+        return URL.create("sqlite", database=str(self.path / "jobs.sqlite"))
 
     def store(self, survey_id: str) -> Path:
         """Path of a survey's zarr store, whether it exists or not."""
@@ -50,9 +80,9 @@ class DataDirectory:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
                 raise DataDirectoryError(
-                    f"Another server uses the data directory {self.path}. Stop it, or give this one another directory."
+                    f"Another server uses the data directory {self.path}. Stop it, or give this one another directory. "
+                    "One service is one process: start uvicorn without --workers."
                 ) from error
-            self._sweep()
             yield
 
     def remove_store(self, survey_id: str) -> None:
@@ -64,6 +94,17 @@ class DataDirectory:
             return
         shutil.rmtree(trash, ignore_errors=True)
 
-    def _sweep(self) -> None:
-        for trash in self._stores.glob(f"{TRASH}*"):
-            shutil.rmtree(trash, ignore_errors=True)
+    def entries(self) -> list[Entry]:
+        """Everything that stands among the stores, the stores of surveys included."""
+        return [Entry.of(path) for path in sorted(self._stores.iterdir())]
+
+    def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
+        """Remove the files that killed writers left in a store, if it is that survey's; nobody may be writing to it."""
+        store = self.store(survey_id)
+        try:
+            found = json.loads((store / "zarr.json").read_bytes())["attributes"]["content_hash"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return  # nothing there, or nothing of ours: the job manager says so
+        if found == content_hash:
+            for stray in store.rglob("*.partial"):
+                stray.unlink(missing_ok=True)

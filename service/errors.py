@@ -19,6 +19,13 @@ class UnknownSurveyError(ServiceError):
         super().__init__(f"There is no survey {survey_id!r}. GET /v1/surveys lists the surveys of this service.")
 
 
+class UnknownKeyError(ServiceError):
+    """No API key has this id."""
+
+    def __init__(self, key_id: str) -> None:
+        super().__init__(f"There is no key {key_id!r}.")
+
+
 class MissingError(ServiceError):
     """The survey exists, what was asked of it does not."""
 
@@ -44,7 +51,7 @@ class UnavailableError(ServiceError):
 
 
 class DataDirectoryError(ServiceError):
-    """The data directory cannot be used: it is foreign, not writable, or held by another server."""
+    """The data directory or the job database cannot be used: foreign, not writable, or held by another server."""
 
 
 class ResponseError(ServiceError):

@@ -9,12 +9,13 @@ from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
 from distributed.comm import CommClosedError
+from pydantic import ValidationError
 from sqlalchemy.exc import SQLAlchemyError
 
 from rattle import RattleError
 from service.database import Database, DoneTile
 from service.datadir import DataDirectory
-from service.errors import ConflictError
+from service.errors import ConflictError, ServiceError, UnavailableError
 from service.tables import JobRow, State
 from workers import (
     ClusterLostError,
@@ -163,7 +164,7 @@ class JobManager:
     def _run(self, survey_id: str, client: Client) -> None:
         try:
             self._compute(survey_id, client)
-        except (ClusterLostError, CommClosedError, SQLAlchemyError):
+        except (ClusterLostError, CommClosedError, SQLAlchemyError, UnavailableError):
             raise  # not the survey's fault: it goes on later
         except StorageError as error:
             if self.storage_state == OK:  # told once, not at every try
@@ -182,9 +183,11 @@ class JobManager:
             job.state == State.ACCEPTED and not self._database.set_state(survey_id, State.RUNNING)
         ):
             return  # dismissed since it was found
-        request = SurveyRequest.model_validate(job.request)
+        request = _request_of(job)
         path = self._directory.store(survey_id)
         create_store(request, path)
+        if job.content_hash != request.content_hash():
+            self._database.set_content_hash(survey_id, request.content_hash())
         # A tile counts only if both agree: the database knows its failures, the store holds its numbers.
         done = self._database.tiles_done(survey_id) & tiles_done(request, path)
         self._database.keep_tiles(survey_id, done)
@@ -209,3 +212,14 @@ class JobManager:
         failures = [{"epsilon": i, "delta": j, "message": message} for i, j, message in first]
         failed = len(tile.failed_cells)
         self._database.add_tile(survey_id, DoneTile(tile.index, tile.cells, tile.seconds, failed, failures))
+
+
+def _request_of(job: JobRow) -> SurveyRequest:
+    try:
+        return SurveyRequest.model_validate(job.request)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ServiceError(
+            f"The request is no longer valid in this version ({where}: {first['msg']}). Submit it anew."
+        ) from error

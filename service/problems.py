@@ -33,6 +33,7 @@ log = logging.getLogger(__name__)
 #: The first class that matches wins, so subclasses stand before their bases.
 STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (errors.UnknownSurveyError, 404),
+    (errors.UnknownKeyError, 404),
     (errors.MissingError, 404),
     (errors.ConflictError, 409),
     (errors.LimitError, 422),

@@ -1,4 +1,4 @@
-"""Tables of the job database."""
+"""Tables of the job database. What changes here changes in a new revision of :mod:`service.migrations` too."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy import JSON, ForeignKey
+from sqlalchemy import JSON, Double, ForeignKey, Index, text
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
 
@@ -25,6 +25,7 @@ class State(StrEnum):
 
 
 ACTIVE = (State.ACCEPTED, State.RUNNING)
+IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
 def now() -> str:
@@ -59,9 +60,14 @@ class JobRow(Table):
     created: Mapped[str] = mapped_column(default=now)
     started: Mapped[str | None]
     finished: Mapped[str | None]
+    owner: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
 
-    # Without it SQLite hands the number of a deleted last row out again.
-    __table_args__ = {"sqlite_autoincrement": True}  # noqa: RUF012 - SQLAlchemy's convention
+    # Without autoincrement SQLite hands the number of a deleted last row out again.
+    __table_args__ = (
+        Index("ix_jobs_owner", "owner", "number"),
+        Index("ix_jobs_active", "number", sqlite_where=text(IN_ACTIVE), postgresql_where=text(IN_ACTIVE)),
+        {"sqlite_autoincrement": True},
+    )
 
     @property
     def progress(self) -> int:
@@ -82,9 +88,14 @@ class TileRow(Table):
     job: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), primary_key=True)
     index: Mapped[int] = mapped_column(primary_key=True)
     cells: Mapped[int]
-    seconds: Mapped[float]
+    seconds: Mapped[float] = mapped_column(Double)
     failed: Mapped[int]
     failures: Mapped[list[dict[str, Any]]] = mapped_column(JSON)
+
+    # Few tiles have failures: those are found without reading the others.
+    __table_args__ = (
+        Index("ix_tiles_failed", "job", "index", sqlite_where=text("failed > 0"), postgresql_where=text("failed > 0")),
+    )
 
 
 class EventRow(Table):
@@ -97,3 +108,38 @@ class EventRow(Table):
     kind: Mapped[str]
     data: Mapped[dict[str, Any]] = mapped_column(JSON)
     at: Mapped[str] = mapped_column(default=now)
+
+
+class Scope(StrEnum):
+    """What a key allows."""
+
+    READ = "read"
+    SUBMIT = "submit"
+
+
+class KeyRow(Table):
+    """An API key, known by its hash only. A revoked key stays: surveys name it as their owner."""
+
+    __tablename__ = "keys"
+
+    id: Mapped[str] = mapped_column(primary_key=True)
+    name: Mapped[str]
+    hash: Mapped[str] = mapped_column(unique=True)
+    scopes: Mapped[list[str]] = mapped_column(JSON)
+    max_cells: Mapped[int | None]
+    max_running: Mapped[int | None]
+    created: Mapped[str] = mapped_column(default=now)
+    revoked: Mapped[str | None]
+
+
+class ServiceRow(Table):
+    """The one row that every writer locks first: there is one writer at a time, on every database.
+
+    ``epoch`` grows with each service that takes the database; ``surveys`` is how many there are.
+    """
+
+    __tablename__ = "service"
+
+    id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    epoch: Mapped[int]
+    surveys: Mapped[int]

@@ -30,6 +30,7 @@ def serve(
 
     from service.app import create_app
     from service.commands.signals import stop_requested
+    from service.database import Database
     from service.datadir import DataDirectory
     from service.settings import Settings
 
@@ -40,8 +41,9 @@ def serve(
         first = error.errors()[0]
         raise typer.BadParameter(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
     # A plain sentence now, instead of uvicorn's traceback later.
-    with DataDirectory(settings.data).locked():
-        pass
+    directory = DataDirectory(settings.data)
+    with directory.locked():
+        Database(settings.database_url or directory.database_url).close()
     server = uvicorn.Server(
         uvicorn.Config(
             create_app(settings),

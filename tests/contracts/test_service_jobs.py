@@ -12,13 +12,14 @@ from httpx_sse import EventSource
 from service_support import BODY, assert_problem, front_end, front_of
 
 from service.database import DoneTile
+from service.database.engine import UNPOOLED, open_engine
 from service.errors import DataDirectoryError
 from service.tables import State
 
 
 @pytest.fixture
-def client(tmp_path: Path) -> Iterator[TestClient]:
-    with front_end(tmp_path / "data") as client:
+def client(tmp_path: Path, database_url: str) -> Iterator[TestClient]:
+    with front_end(tmp_path / "data", database_url=database_url) as client:
         yield client
 
 
@@ -139,7 +140,7 @@ def test_delete_dismisses_first_and_deletes_then(client: TestClient) -> None:
     assert_problem(client.delete(path), 404)
 
 
-def test_deleting_a_survey_removes_its_store_and_rows_and_nothing_else(client: TestClient) -> None:
+def test_deleting_a_survey_removes_its_store_and_rows_and_nothing_else(client: TestClient, database_url: str) -> None:
     front = front_of(client)
     kept, gone = submit(client), submit(client)
     for survey_id in (kept, gone):
@@ -147,9 +148,10 @@ def test_deleting_a_survey_removes_its_store_and_rows_and_nothing_else(client: T
         (front.directory.store(survey_id) / "region").mkdir(parents=True)
     assert client.delete(f"/v1/surveys/{gone}").status_code == 204
     assert list(front.directory.store(kept).parent.iterdir()) == [front.directory.store(kept)]
-    with sqlite3.connect(front.directory.path / "jobs.sqlite") as database:
+    with open_engine(database_url, UNPOOLED).connect() as database:
         for table, rows in (("jobs", 1), ("tiles", 4), ("events", 7)):
-            assert database.execute(f"SELECT count(*) FROM {table}").fetchone() == (rows,)
+            assert database.exec_driver_sql(f"SELECT count(*) FROM {table}").scalar_one() == rows
+    assert client.get("/v1/surveys").json()["count"] == 1
 
 
 def test_nothing_happens_to_a_survey_after_its_end(client: TestClient) -> None:
@@ -174,11 +176,11 @@ def test_tiles_whose_chunks_are_lost_are_forgotten(client: TestClient) -> None:
     assert (document["tiles_done"], document["cells_done"], document["cells_failed"]) == (2, 12, 2)
 
 
-def test_surveys_are_found_again_after_a_restart(tmp_path: Path) -> None:
-    with front_end(tmp_path) as client:
+def test_surveys_are_found_again_after_a_restart(tmp_path: Path, database_url: str) -> None:
+    with front_end(tmp_path, database_url=database_url) as client:
         survey_id = submit(client)
         before = client.get(f"/v1/surveys/{survey_id}").json()
-    with front_end(tmp_path) as client:
+    with front_end(tmp_path, database_url=database_url) as client:
         assert client.get(f"/v1/surveys/{survey_id}").json() == before
         assert front_of(client).database.next_job() is not None
 

@@ -105,7 +105,7 @@ def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]
         for instant, patches in INSTANTS.items():
             faults.inject(patches)
             options = ("--port", str(port), "--data", str(data), "--workers", "1")
-            process = start("serve", *options, env=faults.environment)
+            process = start("serve", *options, settings=faults.environment)
             try:
                 if job is None:
                     job = wait_until(lambda: try_to_submit(client))
@@ -115,7 +115,7 @@ def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]
                 process.wait()
             executed[instant] = faults.executions().total()
         faults.inject("")
-        with server(data, port, "--workers", "1", env=faults.environment):
+        with server(data, port, "--workers", "1", settings=faults.environment):
             job.wait()
             assert job.document["tiles_done"] == N_TILES
             assert_bit_identical(job.open(), expected)
@@ -149,7 +149,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def service(data: Path, faults: Faults) -> Iterator[tuple[Client, int]]:
     port = free_port()
-    with server(data, port, env=faults.environment) as process, Client(f"http://127.0.0.1:{port}") as client:
+    with server(data, port, settings=faults.environment) as process, Client(f"http://127.0.0.1:{port}") as client:
         yield client, process.pid
 
 

@@ -48,7 +48,7 @@ def disk(tmp_path: Path) -> Iterator[Path]:
 def test_a_run_on_a_full_disk_is_resumed(disk: Path, tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
     faults, out = Faults(tmp_path), disk / "survey.zarr"
     command = ["run", *OPTIONS, "--out", str(out)]
-    full = finish(*command, env=faults.environment)
+    full = finish(*command, settings=faults.environment)
     assert full.returncode == 2, full.stderr
     assert "No space left on device" in full.stderr
     assert "make room" in full.stderr
@@ -59,14 +59,14 @@ def test_a_run_on_a_full_disk_is_resumed(disk: Path, tmp_path: Path, expected: d
     assert before <= done + 4  # it does not go on against a wall
 
     mount(disk, f"remount,ro,{LARGE}")
-    read_only = finish(*command, env=faults.environment)
+    read_only = finish(*command, settings=faults.environment)
     assert read_only.returncode == 2
     assert "Read-only file system" in read_only.stderr
     assert "Traceback" not in read_only.stderr
     assert faults.executions().total() == before
 
     mount(disk, f"remount,rw,{LARGE}")
-    assert finish(*command, env=faults.environment).returncode == 0
+    assert finish(*command, settings=faults.environment).returncode == 0
     assert_bit_identical(xr.open_zarr(out), expected)
     assert faults.executions().total() == before + 64 - done
     assert not list(out.rglob("*.partial"))
@@ -77,7 +77,7 @@ def test_a_service_waits_for_a_full_disk(disk: Path, tmp_path: Path, expected: d
     data.mkdir()
     (data / "surveys").symlink_to(disk)
     with (
-        server(data, port, env=faults.environment),
+        server(data, port, settings=faults.environment),
         Client(f"http://127.0.0.1:{port}") as client,
     ):
         job = client.submit(REQUEST)
@@ -150,7 +150,7 @@ def test_damaged_and_lost_chunks_are_found_and_computed_again(
     assert "damaged: delta" in told.stdout
 
     faults = Faults(tmp_path)
-    again = finish("run", *OPTIONS, "--out", str(store), env=faults.environment)
+    again = finish("run", *OPTIONS, "--out", str(store), settings=faults.environment)
     assert again.returncode == 0, again.stderr
     assert faults.executions() == dict.fromkeys(damage, 1)
     assert finish("verify", str(store)).returncode == 0

@@ -1,26 +1,31 @@
-"""The job database: the truth about every survey. The cluster is disposable, this is not."""
+"""Surveys, their tiles and their events."""
 
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, delete, event, func, inspect, select
-from sqlalchemy.exc import IntegrityError, SQLAlchemyError
+from sqlalchemy import bindparam, delete, func, select, text
 from sqlalchemy.orm import Session
 
-from service.errors import ConflictError, DataDirectoryError, QueueFullError, UnknownSurveyError
-from service.tables import ACTIVE, EventRow, JobRow, State, Table, TileRow, now
+from service.database.transactions import Transactions
+from service.errors import ConflictError, QueueFullError, UnknownSurveyError
+from service.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, TileRow, now
 
-BUSY_SECONDS = 10
+CHUNK = 500  # values in one IN (…)
+#: Literal, so that every planner sees that the index ix_jobs_active answers it, however many surveys have ended.
+IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal_execute=True))
 
 
 @dataclass(frozen=True)
 class NewJob:
-    """What a survey is when it is accepted; ``body_hash`` tells one body from another under the same key."""
+    """What a survey is when it is accepted; ``body_hash`` tells one body from another under the same key.
+
+    Owners, which are ids of API keys, have idempotency keys of their own.
+    """
 
     name: str
     request: dict[str, Any]
@@ -29,6 +34,7 @@ class NewJob:
     n_cells: int
     n_tiles: int
     idempotency_key: str | None = None
+    owner: str | None = None
 
 
 @dataclass(frozen=True)
@@ -42,64 +48,26 @@ class DoneTile:
     failures: list[dict[str, Any]]
 
 
-class Database:
-    """Surveys, their tiles and their events. Every method is one transaction and may be called from any thread.
-
-    Args:
-        url: SQLAlchemy URL. SQLite runs in WAL mode, with foreign keys and a busy timeout.
-        on_change: called with the id of a survey after each commit that added an event to it.
-
-    Raises:
-        DataDirectoryError: the database cannot be opened.
-    """
-
-    def __init__(self, url: str, on_change: Callable[[str], None]) -> None:
-        self._on_change = on_change
-        try:
-            engine = create_engine(url)
-            if engine.dialect.name == "sqlite":
-                _prepare_sqlite(engine)
-            _refuse_foreign(engine)
-            Table.metadata.create_all(engine)
-        except (SQLAlchemyError, ImportError) as error:
-            raise DataDirectoryError(f"The job database {url} cannot be opened: {error}") from error
-        self._reader = engine
-        self._writer = engine.execution_options(writes=True)
-
-    def close(self) -> None:
-        self._reader.dispose()
-
-    @contextmanager
-    def _read(self) -> Iterator[Session]:
-        with Session(self._reader, expire_on_commit=False) as session:
-            yield session
-
-    @contextmanager
-    def _write(self) -> Iterator[Session]:
-        with Session(self._writer, expire_on_commit=False) as session, session.begin():
-            yield session
+class Surveys(Transactions):
+    """The surveys of a job database."""
 
     def accept(self, new: NewJob, max_jobs: int) -> JobRow:
         """Add a survey, or find the one accepted before under the same idempotency key.
 
         Raises:
             ConflictError: the key was used for another body.
-            QueueFullError: ``max_jobs`` surveys are waiting or running.
+            QueueFullError: ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
         """
-        try:
-            with self._write() as session:
-                if known := _find_by_key(session, new):
-                    return known
-                _require_room(session, max_jobs)
-                job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, **vars(new))
-                session.add(job)
-                session.flush()
-                _add_state_event(session, job)
-        except IntegrityError:  # another database server than SQLite: the same key at the same moment
-            with self._read() as session:
-                if known := _find_by_key(session, new):
-                    return known
-            raise
+        with self._write() as (session, service):
+            if known := _find_by_key(session, new):
+                return known
+            _require_room(session, new.owner, max_jobs)
+            values = vars(new) | {"idempotency_key": _stored_key(new)}
+            job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, **values)
+            session.add(job)
+            service.surveys += 1
+            session.flush()
+            _add_state_event(session, job)
         self._on_change(job.id)
         return job
 
@@ -114,14 +82,34 @@ class Database:
         if before is not None:
             newest_first = newest_first.where(JobRow.number < before)
         with self._read() as session:
-            total = session.scalar(select(func.count()).select_from(JobRow)) or 0
+            total = session.scalars(select(ServiceRow.surveys)).one()
             return session.scalars(newest_first).all(), total
+
+    def known(self, survey_ids: Collection[str]) -> set[str]:
+        """Those of the ids that are surveys."""
+        ids, found = sorted(survey_ids), set[str]()
+        with self._read() as session:
+            for start in range(0, len(ids), CHUNK):
+                found.update(session.scalars(select(JobRow.id).where(JobRow.id.in_(ids[start : start + CHUNK]))))
+        return found
 
     def next_job(self) -> JobRow | None:
         """The oldest survey that is waiting or was interrupted."""
         with self._read() as session:
-            oldest = select(JobRow).where(JobRow.state.in_(ACTIVE)).order_by(JobRow.number).limit(1)
+            oldest = select(JobRow).where(IS_ACTIVE).order_by(JobRow.number).limit(1)
             return session.scalars(oldest).first()
+
+    def running(self) -> list[tuple[str, str]]:
+        """Ids and content hashes of the surveys that run, or ran when the service ended."""
+        with self._read() as session:
+            found = session.execute(select(JobRow.id, JobRow.content_hash).where(JobRow.state == State.RUNNING))
+            return [(survey_id, content_hash) for survey_id, content_hash in found]
+
+    def set_content_hash(self, survey_id: str, content_hash: str) -> None:
+        """Note what a survey computes that began under another version than it was accepted under."""
+        with self._write() as (session, _):
+            if job := _find_active(session, survey_id):
+                job.content_hash = content_hash
 
     def count(self, state: State) -> int:
         with self._read() as session:
@@ -129,11 +117,11 @@ class Database:
 
     def set_state(self, survey_id: str, state: State, message: str = "") -> bool:
         """Move a survey on. False, and no change, if it already is in a final state or gone."""
-        with self._write() as session:
+        with self._write() as (session, _):
             job = _find_active(session, survey_id)
             if job is None:
                 return False
-            job.state, job.message = state, message
+            job.state, job.message = state, _storable(message)
             if state == State.RUNNING and job.started is None:
                 job.started = now()
             if state.final:
@@ -149,11 +137,11 @@ class Database:
             ConflictError: it waits or runs, or was dismissed.
             QueueFullError: ``max_jobs`` surveys are waiting or running.
         """
-        with self._write() as session:
+        with self._write() as (session, _):
             job = _find(session, survey_id)
             if job.state not in (State.SUCCESSFUL, State.FAILED):
                 raise ConflictError(f"Survey {survey_id} is {job.state}; only one that was computed can be verified.")
-            _require_room(session, max_jobs)
+            _require_room(session, job.owner, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None
             _add_state_event(session, job)
         self._on_change(survey_id)
@@ -161,7 +149,7 @@ class Database:
 
     def add_tile(self, survey_id: str, tile: DoneTile) -> None:
         """Note that a tile has been written; nothing if the survey was dismissed or deleted meanwhile."""
-        with self._write() as session:
+        with self._write() as (session, _):
             job = _find_active(session, survey_id)
             if job is None:
                 return
@@ -185,31 +173,33 @@ class Database:
     def tiles_done(self, survey_id: str) -> set[int]:
         """Indices of the tiles that have been noted as written."""
         with self._read() as session:
-            return set(session.scalars(select(TileRow.index).where(TileRow.job == _find(session, survey_id).number)))
+            return set(session.scalars(select(TileRow.index).where(TileRow.job == _number(session, survey_id))))
 
     def keep_tiles(self, survey_id: str, kept: set[int]) -> None:
         """Forget every tile that is not in ``kept``: its chunks have been lost."""
-        with self._write() as session:
+        with self._write() as (session, _):
+            number = _number(session, survey_id)
+            lost = sorted(set(session.scalars(select(TileRow.index).where(TileRow.job == number))) - kept)
+            for start in range(0, len(lost), CHUNK):
+                some = lost[start : start + CHUNK]
+                session.execute(delete(TileRow).where(TileRow.job == number, TileRow.index.in_(some)))
             job = _find(session, survey_id)
-            for tile in session.scalars(select(TileRow).where(TileRow.job == job.number)):
-                if tile.index not in kept:
-                    session.delete(tile)
-            session.flush()
             totals = select(func.count(), func.sum(TileRow.cells), func.sum(TileRow.failed))
-            counts = session.execute(totals.where(TileRow.job == job.number)).one()
+            counts = session.execute(totals.where(TileRow.job == number)).one()
             job.tiles_done, job.cells_done, job.cells_failed = (int(count or 0) for count in counts)
 
     def failures(self, survey_id: str, limit: int) -> list[dict[str, Any]]:
         """The first failed cells of a survey: indices and message."""
         with self._read() as session:
-            failed = select(TileRow.failures).where(TileRow.job == _find(session, survey_id).number, TileRow.failed > 0)
-            tiles = session.scalars(failed.order_by(TileRow.index).limit(limit))
-            return [cell for tile in tiles for cell in tile][:limit]
+            has_failed = text("tiles.failed > 0")  # literal, for the index ix_tiles_failed
+            failed = select(TileRow.failures).where(TileRow.job == _number(session, survey_id), has_failed)
+            tiles = session.scalars(failed.order_by(TileRow.index).limit(limit), execution_options={"yield_per": 10})
+            return list(islice(chain.from_iterable(tiles), limit))
 
     def events(self, survey_id: str, after: int, limit: int = 500) -> Sequence[EventRow]:
         """The events that follow number ``after``; UnknownSurveyError once the survey is deleted."""
         with self._read() as session:
-            number = _find(session, survey_id).number
+            number = _number(session, survey_id)
             later = select(EventRow).where(EventRow.job == number, EventRow.id > after)
             return session.scalars(later.order_by(EventRow.id).limit(limit)).all()
 
@@ -219,56 +209,38 @@ class Database:
         Raises:
             ConflictError: it has not ended.
         """
-        with self._write() as session:
+        with self._write() as (session, service):
             job = _find(session, survey_id)
             if not State(job.state).final:
                 raise ConflictError(f"Survey {survey_id} is {job.state}; dismiss it first.")
             session.execute(delete(JobRow).where(JobRow.number == job.number))
+            service.surveys -= 1
         self._on_change(survey_id)
 
 
-def _prepare_sqlite(engine: Engine) -> None:
-    @event.listens_for(engine, "connect")
-    def set_pragmas(connection: Any, record: object) -> None:  # noqa: ARG001 - SQLAlchemy's signature
-        connection.isolation_level = None  # sqlite3 shall not start transactions behind SQLAlchemy's back
-        for pragma in ("journal_mode=WAL", "synchronous=NORMAL", "foreign_keys=ON", f"busy_timeout={BUSY_SECONDS}000"):
-            connection.execute(f"PRAGMA {pragma}")
-
-    @event.listens_for(engine, "begin")
-    def begin(connection: Connection) -> None:
-        # A transaction that reads before it writes must hold the write lock from its start.
-        writes = connection.get_execution_options().get("writes", False)
-        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
-
-
-def _refuse_foreign(engine: Engine) -> None:
-    present = inspect(engine)
-    for table in Table.metadata.tables.values():
-        if present.has_table(table.name):
-            found = {column["name"] for column in present.get_columns(table.name)}
-            if found != set(table.columns.keys()):
-                raise DataDirectoryError(
-                    f"Table {table.name} of the job database {engine.url} belongs to another program or version. "
-                    "Use another data directory."
-                )
-
-
 def _find(session: Session, survey_id: str) -> JobRow:
-    job = session.scalars(select(JobRow).where(JobRow.id == survey_id)).one_or_none()
+    job = session.scalars(select(JobRow).where(JobRow.id == _storable(survey_id))).one_or_none()
     if job is None:
         raise UnknownSurveyError(survey_id)
     return job
 
 
+def _number(session: Session, survey_id: str) -> int:
+    number = session.scalars(select(JobRow.number).where(JobRow.id == _storable(survey_id))).one_or_none()
+    if number is None:
+        raise UnknownSurveyError(survey_id)
+    return number
+
+
 def _find_active(session: Session, survey_id: str) -> JobRow | None:
-    active = select(JobRow).where(JobRow.id == survey_id, JobRow.state.in_(ACTIVE))
+    active = select(JobRow).where(JobRow.id == survey_id, IS_ACTIVE)
     return session.scalars(active).one_or_none()
 
 
 def _find_by_key(session: Session, new: NewJob) -> JobRow | None:
     if new.idempotency_key is None:
         return None
-    job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.idempotency_key)).one_or_none()
+    job = session.scalars(select(JobRow).where(JobRow.idempotency_key == _stored_key(new))).one_or_none()
     if job is not None and job.body_hash != new.body_hash:
         raise ConflictError(
             f"Idempotency-Key {new.idempotency_key!r} was used for survey {job.id}, which has another body. "
@@ -277,13 +249,28 @@ def _find_by_key(session: Session, new: NewJob) -> JobRow | None:
     return job
 
 
-def _count_active(session: Session) -> int:
-    return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state.in_(ACTIVE))) or 0
+def _stored_key(new: NewJob) -> str | None:
+    if new.owner is None or new.idempotency_key is None:
+        return new.idempotency_key
+    return f"{new.owner} {new.idempotency_key}"  # a header's key holds no space
 
 
-def _require_room(session: Session, max_jobs: int) -> None:
-    if _count_active(session) >= max_jobs:
+def _require_room(session: Session, owner: str | None, max_jobs: int) -> None:
+    active = select(func.count()).select_from(JobRow).where(IS_ACTIVE)
+    if (session.scalar(active) or 0) >= max_jobs:
         raise QueueFullError(f"{max_jobs} surveys are waiting or running. Wait for one to end, or DELETE one of them.")
+    key = session.get(KeyRow, owner) if owner is not None else None
+    if key is None or key.max_running is None:
+        return
+    if (session.scalar(active.where(JobRow.owner == owner)) or 0) >= key.max_running:
+        raise QueueFullError(
+            f"{key.max_running} surveys of your key are waiting or running. Wait for one to end, or DELETE one of them."
+        )
+
+
+def _storable(value: str) -> str:
+    """The text without what PostgreSQL cannot hold: NUL, and surrogates without a partner."""
+    return value.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
 
 
 def _counts(job: JobRow) -> dict[str, int]:

@@ -1,0 +1,74 @@
+"""The job database: the truth about every survey. The cluster is disposable, this is not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from sqlalchemy import URL, make_url
+from sqlalchemy.exc import SQLAlchemyError
+
+from service.database.engine import open_engine, shown
+from service.database.hold import Hold, hold
+from service.database.keys import Keys
+from service.database.schema import is_current, upgrade
+from service.database.surveys import DoneTile, NewJob, Surveys
+from service.errors import DataDirectoryError
+
+__all__ = ["Database", "DoneTile", "NewJob"]
+
+
+class Database(Surveys, Keys):
+    """Surveys, their tiles and events, and API keys. Every method is one transaction, callable from any thread.
+
+    Args:
+        url: SQLAlchemy URL of a SQLite file or of a PostgreSQL database.
+        on_change: called with the id of a survey after each commit that added an event to it.
+        exclusive: hold the database against every other service until it is closed. A short-lived tool beside a
+            running service says False: it holds it only while it has to bring the schema up to date.
+
+    Raises:
+        DataDirectoryError: the database cannot be opened, another service holds it, or it belongs to another program
+            or to a newer version; it is left as it was.
+    """
+
+    def __init__(
+        self, url: str | URL, on_change: Callable[[str], None] = lambda _: None, *, exclusive: bool = True
+    ) -> None:
+        self._hold: Hold | None = None
+        try:
+            super().__init__(open_engine(url), on_change)
+            try:
+                self._open(exclusive)
+            except BaseException:
+                self.close()
+                raise
+        except (SQLAlchemyError, ImportError) as error:
+            raise DataDirectoryError(f"The job database {_shown(url)} cannot be opened: {error}") from error
+
+    def close(self) -> None:
+        """Close every connection, and let others have the database."""
+        self._reader.dispose()
+        if self._hold is not None:
+            self._hold.release()
+            self._hold = None
+
+    def _open(self, exclusive: bool) -> None:
+        current = is_current(self._reader)  # refuses what is not ours before anything is touched
+        if current and not exclusive:
+            return
+        self._hold = hold(self._reader, self._is_ours)
+        upgrade(self._reader)
+        if exclusive:
+            with self._write() as (_, service):
+                service.epoch += 1
+            self._epoch = service.epoch
+        else:
+            self._hold.release()
+            self._hold = None
+
+
+def _shown(url: str | URL) -> str:
+    try:
+        return shown(make_url(url))
+    except SQLAlchemyError:  # not a URL at all: whatever it holds, perhaps a password, is not repeated
+        return "of the settings"

@@ -1,0 +1,77 @@
+"""Opens SQLite or PostgreSQL so that both mean the same by a transaction, and both keep what they have committed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event, make_url
+
+from service.errors import DataDirectoryError
+
+BUSY_SECONDS = 10
+POOL = {"pool_size": 10, "max_overflow": 30, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}
+UNPOOLED = {"poolclass": NullPool}
+
+
+def open_engine(url: str | URL, pool: dict[str, Any] = POOL) -> Engine:
+    """Return the engine of a job database; nothing is read or written yet.
+
+    Args:
+        url: SQLAlchemy URL.
+        pool: how connections are kept; :data:`UNPOOLED` keeps none.
+
+    Raises:
+        DataDirectoryError: neither SQLite in a file nor PostgreSQL.
+    """
+    parsed = make_url(url)
+    kind = parsed.get_backend_name()
+    if kind == "postgresql":
+        return _open_postgresql(parsed, pool)
+    if kind == "sqlite" and ":memory:" not in (parsed.database or ":memory:") and "mode" not in parsed.query:
+        return _open_sqlite(parsed, pool)
+    raise DataDirectoryError(
+        f"The job database {shown(parsed)} would not last: use sqlite:///FILE or postgresql://USER@HOST/DATABASE."
+    )
+
+
+def shown(url: URL) -> str:
+    """The URL for people and logs, without its password."""
+    return url.render_as_string(hide_password=True)
+
+
+def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
+    engine = create_engine(url, **pool)
+
+    @event.listens_for(engine, "connect")
+    def set_pragmas(connection: Any, record: object) -> None:  # noqa: ARG001 - SQLAlchemy's signature
+        connection.isolation_level = None  # sqlite3 shall not start transactions behind SQLAlchemy's back
+        # FULL: in WAL mode, NORMAL takes back the last commits when the power fails, and a client was told of them.
+        for pragma in ("synchronous=FULL", "foreign_keys=ON", f"busy_timeout={BUSY_SECONDS}000"):
+            connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        # A transaction that reads before it writes must hold the write lock from its start.
+        writes = connection.get_execution_options().get("writes", False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    return engine
+
+
+def _open_postgresql(url: URL, pool: dict[str, Any]) -> Engine:
+    if url.drivername == "postgresql":
+        url = url.set(drivername="postgresql+psycopg")
+    # A writer that stands still, or a host that is gone, holds the others up for seconds, not for ever.
+    limits = {"lock_timeout": f"{BUSY_SECONDS}s", "idle_in_transaction_session_timeout": "60s"}
+    alive = {"tcp_keepalives_idle": 10, "tcp_keepalives_interval": 5, "tcp_keepalives_count": 3}
+    given = url.query.get("options", "")
+    options = [given if isinstance(given, str) else " ".join(given)]
+    options += [f"-c {name}={value}" for name, value in (limits | alive).items()]
+    client = {"connect_timeout": 5, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3}
+    arguments = {name: value for name, value in client.items() if name not in url.query}
+    return create_engine(
+        url,
+        connect_args=arguments | {"options": " ".join(options).strip()},
+        isolation_level="READ COMMITTED",  # a writer sees what the one before it committed
+        **pool,
+    )

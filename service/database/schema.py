@@ -1,0 +1,104 @@
+"""The schema of the job database: what may be opened, and how it is brought to the present."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sqlalchemy import Connection, Engine, Inspector, inspect
+
+from service.database.engine import shown
+from service.errors import DataDirectoryError
+from service.tables import Table
+
+if TYPE_CHECKING:
+    from alembic.config import Config
+
+VERSIONS = "alembic_version"
+FIRST = "0001"
+
+#: Tables and columns of the databases that were made before there were migrations.
+_UNVERSIONED = {
+    "jobs": {
+        *("number", "id", "name", "state", "message", "request", "content_hash", "idempotency_key", "body_hash"),
+        *("n_cells", "n_tiles", "cells_done", "tiles_done", "cells_failed", "last_event"),
+        *("created", "started", "finished"),
+    },
+    "tiles": {"job", "index", "cells", "seconds", "failed", "failures"},
+    "events": {"job", "id", "kind", "data", "at"},
+}
+_PRESENT = {name: set(table.columns.keys()) for name, table in Table.metadata.tables.items()}
+
+
+def is_current(engine: Engine) -> bool:
+    """Whether the schema is that of this version. Reads only.
+
+    Raises:
+        DataDirectoryError: the database belongs to another program, or to a newer version.
+    """
+    from alembic.runtime.migration import MigrationContext
+    from alembic.script import ScriptDirectory
+
+    with engine.connect() as connection:
+        _require_utf8(connection)
+        present = inspect(connection)
+        tables = set(present.get_table_names())
+        revision = MigrationContext.configure(connection).get_current_revision() if VERSIONS in tables else None
+        scripts = ScriptDirectory.from_config(_config())
+        head = scripts.get_current_head()
+        if revision is None:
+            if tables - {VERSIONS} and not _has(present, _UNVERSIONED):
+                raise _foreign(engine, "another program")
+        elif revision not in {script.revision for script in scripts.walk_revisions()}:
+            raise _foreign(engine, f"a newer version, or another program (its schema is {revision!r}, known is {head})")
+        elif revision == head and not _has(present, _PRESENT):
+            raise _foreign(engine, "another program, or has been changed by hand")
+        return revision == head
+
+
+def upgrade(engine: Engine) -> None:
+    """Bring the schema to the present, data included, in one transaction. Whoever calls holds the database."""
+    from alembic import command
+
+    if engine.dialect.name == "sqlite":
+        with engine.connect() as connection:  # lasts; after the database is known to be ours
+            connection.exec_driver_sql("COMMIT")
+            connection.exec_driver_sql("PRAGMA journal_mode=WAL")
+            connection.exec_driver_sql("BEGIN")
+    if is_current(engine):
+        return
+    with engine.execution_options(writes=True).begin() as connection:
+        config = _config()
+        config.attributes["connection"] = connection
+        tables = set(inspect(connection).get_table_names())
+        if VERSIONS not in tables and _UNVERSIONED.keys() <= tables:
+            command.stamp(config, FIRST)
+        command.upgrade(config, "head")
+
+
+def _config() -> Config:
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", "service:migrations")
+    return config
+
+
+def _has(present: Inspector, expected: dict[str, set[str]]) -> bool:
+    return all(
+        present.has_table(table) and {column["name"] for column in present.get_columns(table)} == columns
+        for table, columns in expected.items()
+    )
+
+
+def _require_utf8(connection: Connection) -> None:
+    if connection.dialect.name == "postgresql":
+        encoding = connection.exec_driver_sql("SHOW server_encoding").scalar_one()
+        if encoding != "UTF8":
+            raise DataDirectoryError(f"The job database has the encoding {encoding}. Create it with ENCODING 'UTF8'.")
+
+
+def _foreign(engine: Engine, owner: str) -> DataDirectoryError:
+    return DataDirectoryError(
+        f"The job database {shown(engine.url)} belongs to {owner}. "
+        "Use a database of its own, or the version that made it."
+    )

@@ -1,0 +1,52 @@
+"""What every room of the database is built on: reading and writing transactions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from sqlalchemy import Engine, select
+from sqlalchemy.orm import Session
+
+from service.errors import UnavailableError
+from service.tables import ServiceRow
+
+
+class Transactions:
+    """Transactions of one database.
+
+    Args:
+        engine: the open database.
+        on_change: called with the id of a survey after each commit that added an event to it.
+    """
+
+    def __init__(self, engine: Engine, on_change: Callable[[str], None]) -> None:
+        self._on_change = on_change
+        self._reader = engine
+        self._writer = engine.execution_options(writes=True)
+        self._epoch: int | None = None
+
+    @contextmanager
+    def _read(self) -> Iterator[Session]:
+        with Session(self._reader, expire_on_commit=False) as session:
+            yield session
+
+    @contextmanager
+    def _write(self) -> Iterator[tuple[Session, ServiceRow]]:
+        """A transaction that no other writer overlaps, so that it may decide by what it reads.
+
+        Raises:
+            UnavailableError: another service has taken the database since this one did.
+        """
+        with Session(self._writer, expire_on_commit=False) as session, session.begin():
+            service = session.scalars(select(ServiceRow).with_for_update()).one()
+            if self._epoch not in (None, service.epoch):
+                raise UnavailableError(
+                    "Another service has used the job database meanwhile, so this one writes no more. "
+                    "Stop one of them, and start the other again."
+                )
+            yield session, service
+
+    def _is_ours(self) -> bool:
+        with self._read() as session:
+            return session.scalar(select(ServiceRow.epoch)) == self._epoch

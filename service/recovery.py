@@ -1,0 +1,32 @@
+"""What a service does before it begins: it clears away what an earlier one left half done, and nothing else."""
+
+from __future__ import annotations
+
+import logging
+from contextlib import suppress
+
+from service.database import Database
+from service.datadir import DataDirectory
+from service.errors import ConflictError
+
+log = logging.getLogger(__name__)
+
+
+def recover(database: Database, directory: DataDirectory) -> None:
+    """End deletions that were begun, sweep what killed writers left, and name what belongs to nobody.
+
+    Surveys that were running are checked against their stores when the job manager resumes them.
+    """
+    entries = directory.entries()
+    known = database.known({entry.survey_id for entry in entries})
+    for entry in entries:
+        if entry.survey_id not in known:
+            log.warning("%s belongs to no survey of the job database; it is left alone", entry.path)
+        elif entry.deletion:
+            entry.remove()
+            with suppress(ConflictError):  # a database from before the deletion: the survey is computed again
+                database.delete(entry.survey_id)
+        elif entry.temporary:
+            entry.remove()
+    for survey_id, content_hash in database.running():
+        directory.sweep_partial_files(survey_id, content_hash)

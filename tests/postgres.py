@@ -1,0 +1,127 @@
+"""A private PostgreSQL server for tests: in a directory of its own, on a Unix socket only, gone with the tests."""
+
+import os
+import pwd
+import secrets
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import psycopg
+
+START_SECONDS = 60
+
+
+def missing() -> str:
+    """Why no server can be started here; empty if one can."""
+    if _programs() is None:
+        return (
+            "PostgreSQL is not installed (apt-get install postgresql): no initdb in /usr/lib/postgresql/*/bin or PATH"
+        )
+    if os.geteuid() == 0 and (_user() is None or shutil.which("setpriv") is None):
+        return "PostgreSQL does not run as root, and there is no user postgres or nobody, or no setpriv, to run it with"
+    return ""
+
+
+def _programs() -> Path | None:
+    installed = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: float(path.parts[-3]))
+    found = str(installed[-1]) if installed else shutil.which("initdb")
+    return Path(found).resolve().parent if found else None
+
+
+def _user() -> str | None:
+    for name in ("postgres", "nobody"):
+        with suppress(KeyError):
+            return pwd.getpwnam(name).pw_name
+    return None
+
+
+class Postgres:
+    """A running server; :meth:`close` stops it and removes everything."""
+
+    def __init__(self) -> None:
+        programs = _programs()
+        assert programs is not None
+        self._programs = programs
+        # Not under pytest's directories: those are closed to the user that PostgreSQL runs as, and long for a socket.
+        self._directory = Path(tempfile.mkdtemp(prefix="rattle-pg-"))
+        self._process: subprocess.Popen[bytes] | None = None
+        self._as_user: list[str] = []
+        if os.geteuid() == 0:
+            user = pwd.getpwnam(str(_user()))
+            os.chown(self._directory, user.pw_uid, user.pw_gid)
+            self._as_user = [f"--reuid={user.pw_uid}", f"--regid={user.pw_gid}", "--clear-groups"]
+        try:
+            data = str(self._directory / "data")
+            self._run(
+                "initdb", "-D", data, "-U", "rattle", "-A", "trust", "-E", "UTF8", "--locale=C", "--no-sync"
+            ).wait()
+            self.start()
+        except BaseException:
+            self.close()
+            raise
+
+    def start(self) -> None:
+        """Start the server and wait until it answers."""
+        settings = {"listen_addresses": "", "unix_socket_directories": self._directory, "fsync": "off"}
+        options = [part for name, value in settings.items() for part in ("-c", f"{name}={value}")]
+        self._process = self._run("postgres", "-D", str(self._directory / "data"), *options)
+        deadline = time.monotonic() + START_SECONDS
+        while True:
+            try:
+                self._execute("SELECT 1")
+                return
+            except psycopg.OperationalError:
+                assert self._process.poll() is None, self.log
+                assert time.monotonic() < deadline, self.log
+                time.sleep(0.05)
+
+    def stop(self, how: signal.Signals = signal.SIGINT) -> None:
+        """Stop the server: SIGINT is a fast shutdown, SIGQUIT an immediate one, as if it had crashed."""
+        if self._process is not None:
+            self._process.send_signal(how)
+            try:
+                self._process.wait(timeout=30)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+            self._process = None
+
+    def close(self) -> None:
+        self.stop(signal.SIGQUIT)
+        shutil.rmtree(self._directory, ignore_errors=True)
+
+    def create(self) -> str:
+        """Create an empty database; its URL."""
+        name = f"test_{secrets.token_hex(6)}"
+        self._execute(f"CREATE DATABASE {name}")
+        return f"postgresql://rattle@/{name}?host={self._directory}"
+
+    def drop(self, url: str) -> None:
+        """Drop a database that :meth:`create` made, whoever is connected to it."""
+        self._execute(f"DROP DATABASE {url.partition('@/')[2].partition('?')[0]} WITH (FORCE)")
+
+    def _execute(self, statement: str) -> None:
+        with psycopg.connect(f"host={self._directory} user=rattle dbname=postgres", autocommit=True) as connection:
+            connection.execute(statement)
+
+    @property
+    def log(self) -> str:
+        return (self._directory / "log").read_text()
+
+    def _run(self, program: str, *arguments: str) -> subprocess.Popen[bytes]:
+        # A server whose tests were killed stops, too.
+        wrapper = ["setpriv", "--pdeathsig", "QUIT", *self._as_user] if shutil.which("setpriv") else []
+        with (self._directory / "log").open("ab") as log:
+            return subprocess.Popen(
+                [*wrapper, str(self._programs / program), *arguments],
+                cwd="/",
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=log,
+                start_new_session=True,
+            )
