@@ -7,19 +7,21 @@ from contextlib import AbstractAsyncContextManager, AbstractContextManager, asyn
 from typing import TYPE_CHECKING
 
 from anyio import CapacityLimiter
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 
 import rattle
 import workers
 from service import problems
+from service.access import AccessMiddleware, caller_of
 from service.broadcast import Broadcast
 from service.database import Database
 from service.datadir import DataDirectory
 from service.jobs import JobManager
+from service.queries import refuse_unknown
 from service.recovery import recover
-from service.routes import ROUTERS
+from service.routes import ROUTERS, health
 from service.settings import Settings
 from service.state import Front
 
@@ -42,14 +44,18 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
         version=rattle.__version__,
         lifespan=_lifespan(settings, cluster or _cluster_of(settings)),
-        responses=problems.declared(500),
+        responses=problems.declared(403, 500),
         redirect_slashes=False,
     )
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
     app.add_middleware(problems.ProblemMiddleware)
+    app.add_middleware(AccessMiddleware, settings=settings)
     problems.install(app)
+    app.include_router(health.router, dependencies=[Depends(refuse_unknown)])
     for router in ROUTERS:
-        app.include_router(router)
+        app.include_router(
+            router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declared(401)
+        )
     return app
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from service.commands import key
 from service.commands.bench import bench
 from service.commands.curves import curves
 from service.commands.drawing import figure
@@ -35,6 +36,7 @@ app.command()(orbits)
 app.command()(paper)
 app.command()(curves)
 app.command()(bench)
+app.add_typer(key.app, name="key")
 
 
 def main() -> None:

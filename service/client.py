@@ -18,6 +18,7 @@ import httpx
 from httpx_sse import SSEError, connect_sse
 
 from service.errors import ResponseError, ServiceError
+from service.results import key_headers, open_results
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -38,10 +39,15 @@ class Client:
     Args:
         url: where the service is, such as ``http://127.0.0.1:8000``.
         http: an httpx client to use instead of a new one; its base URL wins.
+        key: API key; the environment variable ``RATTLE_API_KEY`` if not given. Whoever runs the service at ``url``,
+            or reads along where it is not https, gets it.
     """
 
-    def __init__(self, url: str = "http://127.0.0.1:8000", http: httpx.Client | None = None) -> None:
+    def __init__(
+        self, url: str = "http://127.0.0.1:8000", http: httpx.Client | None = None, key: str | None = None
+    ) -> None:
         self._http = http or httpx.Client(base_url=url, timeout=httpx.Timeout(10.0, read=READ_SECONDS))
+        self.headers = key_headers(key)
 
     def __enter__(self) -> Self:
         return self
@@ -91,8 +97,9 @@ class Client:
             ResponseError: the service answered with an error; its problem document is attached.
             ServiceError: the service cannot be reached.
         """
+        headers = self.headers | kwargs.pop("headers", {})
         try:
-            answer = self._http.request(method, path, **kwargs)
+            answer = self._http.request(method, path, headers=headers, **kwargs)
         except httpx.HTTPError as error:
             raise ServiceError(f"The service at {self._http.base_url} cannot be reached: {error}") from error
         except ValueError as error:  # httpx cannot encode NaN as JSON
@@ -103,7 +110,7 @@ class Client:
 
     def events(self, path: str, after: int) -> Iterator[tuple[int, Document]]:
         """Id and data of each event that follows ``after``. Ends when the service closes the stream."""
-        with connect_sse(self._http, "GET", path, headers={"Last-Event-ID": str(after)}) as source:
+        with connect_sse(self._http, "GET", path, headers=self.headers | {"Last-Event-ID": str(after)}) as source:
             if source.response.is_error:
                 source.response.read()
                 raise _response_error(source.response)
@@ -183,9 +190,7 @@ class Job:
 
     def open(self) -> xr.Dataset:
         """The results, read over HTTP as they are used."""
-        from workers import open_survey
-
-        return open_survey(self.store_url)
+        return open_results(self.store_url, self._client.headers)
 
     def delete(self) -> None:
         """Dismiss the survey if it waits or runs, delete it with its store if it has ended."""

@@ -26,8 +26,24 @@ class UnknownKeyError(ServiceError):
         super().__init__(f"There is no key {key_id!r}.")
 
 
+class UnauthorizedError(ServiceError):
+    """A key is asked, and there is none, or none that is known."""
+
+
+class ForbiddenError(ServiceError):
+    """Who asks is known or need not be, and still may not."""
+
+
+class QuotaError(ForbiddenError):
+    """The key has used up what it may."""
+
+
 class MissingError(ServiceError):
     """The survey exists, what was asked of it does not."""
+
+
+class AccessError(ServiceError):
+    """The service would be open to everybody, or to nobody."""
 
 
 class ConflictError(ServiceError):

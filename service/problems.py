@@ -26,12 +26,15 @@ from workers import SurveyError
 MEDIA_TYPE = "application/problem+json"
 MAX_FIELD_ERRORS = 50
 RETRY_AFTER = {"Retry-After": "5"}
+HEADERS_OF = {401: {"WWW-Authenticate": 'Bearer realm="gear rattle"'}, 429: RETRY_AFTER, 503: RETRY_AFTER}
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 
 log = logging.getLogger(__name__)
 
 #: The first class that matches wins, so subclasses stand before their bases.
 STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
+    (errors.UnauthorizedError, 401),
+    (errors.ForbiddenError, 403),
     (errors.UnknownSurveyError, 404),
     (errors.UnknownKeyError, 404),
     (errors.MissingError, 404),
@@ -47,12 +50,16 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
 #: What a client can do about errors that carry no sentence of their own.
 ADVICE = {
     400: "The request could not be read. Send JSON encoded in UTF-8, and a range as bytes=FIRST-LAST.",
+    401: "Send an API key in the header Authorization: Bearer KEY. `rattle key add` makes one where the service runs.",
     404: "Nothing is here. /docs lists the paths of this service.",
     405: "This path does not know that method; the Allow header lists those it knows. See /docs.",
+    408: "The request did not arrive whole in time. Send it at once, or closer to the service.",
     413: "The request body is too large for this service. A survey is described by its axes, not by its cells.",
+    414: "The URL is too long. Nothing that this service knows has a long one.",
     415: "Send the body as JSON, with the header Content-Type: application/json.",
     416: "The file is shorter than the requested range. Ask for bytes below its Content-Length.",
     422: "Some fields of the request are not acceptable; `errors` names each of them.",
+    431: "The request header is too large for this service. Send fewer headers, or shorter ones.",
     500: "An error of the service, not of the request. It has been logged; please report it.",
     503: "The job database cannot answer now. Try again in a few seconds.",
 }
@@ -169,7 +176,12 @@ def _on_known_error(request: Request, error: Exception) -> Response:
     # What a database error says is about SQL, which helps nobody outside.
     detail = ADVICE[503] if isinstance(error, SQLAlchemyError) else ADVICE[500] if status == 500 else str(error)
     fields = [FieldError(field=error.field, message=str(error))] if isinstance(error, errors.LimitError) else []
-    return problem_response(status, detail, request.url.path, fields, RETRY_AFTER if status in (429, 503) else None)
+    return problem_response(status, detail, request.url.path, fields, HEADERS_OF.get(status))
+
+
+def answer(request: Request, error: Exception) -> Response:
+    """The problem document of an error that was raised before any route."""
+    return (_on_http_exception if isinstance(error, HTTPException) else _on_known_error)(request, error)
 
 
 def _on_unknown_error(request: Request, error: Exception) -> Response:  # noqa: ARG001 - starlette logs it

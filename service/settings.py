@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated, Self
 
-from pydantic import Field
-from pydantic_settings import BaseSettings, SettingsConfigDict
+from pydantic import Field, field_validator, model_validator
+from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 
 class Settings(BaseSettings):
@@ -15,12 +16,22 @@ class Settings(BaseSettings):
 
     data: Path = Field(default=Path("data"), description="directory of the job database and the stores")
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; SQLite in the data directory if absent")
-    host: str = "127.0.0.1"
+    host: str = Field(default="127.0.0.1", min_length=1)
     port: int = Field(default=8000, ge=0, le=65535)
+    insecure: bool = Field(default=False, description="let everybody in who reaches the service")
+    require_keys: bool = Field(default=False, description="ask for API keys on loopback too, as behind a proxy")
+    allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
+        default=(), description="further names of this service, after commas; for requests without a key"
+    )
     scheduler: str | None = Field(default=None, description="dask scheduler; an embedded cluster if absent")
     workers: int = Field(default=2, ge=1, le=256, description="processes of the embedded cluster")
 
     max_body_bytes: int = Field(default=64 * 1024, ge=1)
+    max_header_bytes: int = Field(default=16 * 1024, ge=1024, description="request line and headers of one request")
+    max_headers: int = Field(default=100, ge=16, description="header lines of one request")
+    max_connections: int = Field(default=512, ge=1, description="open connections; one more is answered with 503")
+    request_seconds: float = Field(default=20.0, gt=0, description="from the first byte of a request to its last")
+    unread_seconds: float = Field(default=30.0, gt=0, description="longest wait for a client that does not read")
     max_cells: int = Field(default=1_000_000, ge=1, description="cells of one survey")
     max_tiles: int = Field(default=20_000, ge=1, description="tiles of one survey; each is a file per variable")
     max_count: int = Field(default=4096, ge=1, description="initial conditions of one cell")
@@ -35,3 +46,14 @@ class Settings(BaseSettings):
     max_points_waiting: int = Field(default=16, ge=0, description="parameter points waiting for their turn")
     heartbeat_seconds: float = Field(default=15.0, gt=0, description="comment line on silent event streams")
     shutdown_seconds: int = Field(default=10, ge=1, description="open requests may take this long at shutdown")
+
+    @field_validator("allowed_hosts", mode="before")
+    @classmethod
+    def _split(cls, given: object) -> object:
+        return [name.strip() for name in given.split(",") if name.strip()] if isinstance(given, str) else given
+
+    @model_validator(mode="after")
+    def _decided(self) -> Self:
+        if self.insecure and self.require_keys:
+            raise ValueError("insecure and require_keys contradict each other: set one of them")
+        return self

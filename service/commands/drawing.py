@@ -11,9 +11,10 @@ import typer
 def draw(store: str | Path, out: Path) -> None:
     """Write the three-panel picture of the survey in ``store`` to ``out``; the suffix is the format."""
     from service.errors import ServiceError
-    from workers import open_survey, survey_figure
+    from service.results import open_results
+    from workers import survey_figure
 
-    with open_survey(store) as dataset:
+    with open_results(store) as dataset:
         picture = survey_figure(dataset)
     try:
         picture.savefig(out)

@@ -24,10 +24,10 @@ def explain(
 
     Cells differ in their region or in their set of attractors. Exits with 1 if a boundary of regions has no curve.
     """
-    from workers import open_survey
+    from service.results import open_results
     from workers.explain import explain as explained
 
-    with open_survey(store) as dataset:
+    with open_results(store) as dataset:
         found = explained(dataset, most_curves)
     _print(found, rows)
     if found.region_explained.sum() < found.pairs.region.sum():

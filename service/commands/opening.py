@@ -9,6 +9,6 @@ import typer
 
 def open_(store: Annotated[str, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")]) -> None:
     """Print the dataset of a survey, as xarray shows it."""
-    from workers import open_survey
+    from service.results import open_results
 
-    typer.echo(repr(open_survey(store)))
+    typer.echo(repr(open_results(store)))

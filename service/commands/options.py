@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
+    from service.settings import Settings
     from workers import SurveyRequest
 
 AXIS = "START:STOP:NUM"
@@ -32,6 +33,21 @@ Scheduler = Annotated[
     str | None,
     typer.Option(envvar="RATTLE_SCHEDULER", metavar="URL", help="An existing dask scheduler, such as tcp://host:8786."),
 ]
+
+
+def settings_of(**given: Any) -> Settings:
+    """Settings of a service, where None leaves them to the environment; typer.BadParameter names what is wrong."""
+    from pydantic import ValidationError
+
+    from service.settings import Settings
+
+    try:
+        return Settings(**{name: value for name, value in given.items() if value is not None})
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        message = first["msg"].removeprefix("Value error, ")
+        raise typer.BadParameter(f"{where}: {message}" if where else message) from error
 
 
 def survey_request(

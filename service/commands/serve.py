@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from service.commands.options import Scheduler
+
+if TYPE_CHECKING:
+    from service.datadir import DataDirectory
+    from service.settings import Settings
 
 
 def serve(
@@ -19,36 +23,42 @@ def serve(
     ] = None,
     scheduler: Scheduler = None,
     workers: Annotated[int | None, typer.Option(help="Processes of the embedded cluster.", show_default="2")] = None,
+    insecure: Annotated[
+        bool, typer.Option("--insecure", help="Ask nobody for an API key, whatever the address.")
+    ] = False,
 ) -> None:
     """Serve surveys over HTTP, until SIGINT or SIGTERM.
 
     Surveys that an earlier server left unfinished in DIR are resumed. Environment variables set the limits, such as
-    RATTLE_MAX_CELLS. Nobody is asked for a password: use other addresses than 127.0.0.1 on trusted networks only.
+    RATTLE_MAX_CELLS. On another address than those of this machine only, every request needs an API key (`rattle key
+    add`). TLS is left to a proxy in front.
     """
     import uvicorn
-    from pydantic import ValidationError
 
     from service.app import create_app
+    from service.commands.options import settings_of
     from service.commands.signals import stop_requested
     from service.database import Database
     from service.datadir import DataDirectory
-    from service.settings import Settings
+    from service.protocol import protocol_of
 
-    given: dict[str, Any] = {"host": host, "port": port, "data": data, "scheduler": scheduler, "workers": workers}
-    try:
-        settings = Settings(**{name: value for name, value in given.items() if value is not None})
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise typer.BadParameter(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+    settings = settings_of(
+        host=host, port=port, data=data, scheduler=scheduler, workers=workers, insecure=insecure or None
+    )
     # A plain sentence now, instead of uvicorn's traceback later.
     directory = DataDirectory(settings.data)
     with directory.locked():
         Database(settings.database_url or directory.database_url).close()
+        require_keys(settings, directory)
     server = uvicorn.Server(
         uvicorn.Config(
             create_app(settings),
             host=settings.host,
             port=settings.port,
+            http=protocol_of(settings),
+            h11_max_incomplete_event_size=settings.max_header_bytes,
+            proxy_headers=False,  # who sends a request is who connects
+            server_header=False,
             log_level="info",
             timeout_graceful_shutdown=settings.shutdown_seconds,
         )
@@ -57,3 +67,26 @@ def serve(
         server.run()
     if not server.started:
         raise typer.Exit(1)
+
+
+def require_keys(settings: Settings, directory: DataDirectory) -> None:
+    """Raise AccessError where keys are asked and nobody has one."""
+    from service.access import asks_keys
+    from service.database import Database
+    from service.errors import AccessError
+    from service.keys import has_live_key
+
+    if not asks_keys(settings):
+        return
+    database = Database(settings.database_url or directory.database_url, exclusive=False)
+    try:
+        if has_live_key(database):
+            return
+    finally:
+        database.close()
+    where = "--database-url URL" if settings.database_url else f"--data {settings.data}"  # a URL may hold a password
+    raise AccessError(
+        f"On {settings.host} every request needs an API key, and there is none. Make one: rattle key add NAME --scope "
+        f"submit {where}; or listen on 127.0.0.1; or, where everybody who reaches the service may use it, add "
+        "--insecure."
+    )

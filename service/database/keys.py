@@ -29,7 +29,7 @@ class Keys(Transactions):
             name: for people; need not be unique.
             key_hash: of the secret, which is stored nowhere.
             scopes: what it allows.
-            max_cells: cells of one survey, None for the limit of the service.
+            max_cells: cells of all surveys of this key that wait, run or are kept; None for any number.
             max_running: surveys of this key that wait or run, None for the limit of the service.
         """
         with self._write() as (session, _):

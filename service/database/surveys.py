@@ -12,7 +12,7 @@ from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from service.database.transactions import Transactions
-from service.errors import ConflictError, QueueFullError, UnknownSurveyError
+from service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
 from service.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, TileRow, now
 
 CHUNK = 500  # values in one IN (…)
@@ -55,11 +55,13 @@ class Surveys(Transactions):
         Raises:
             ConflictError: the key was used for another body.
             QueueFullError: ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
+            QuotaError: with it, the owner's surveys would hold more cells than its key allows.
+            UnauthorizedError: the owner's key was revoked.
         """
         with self._write() as (session, service):
             if known := _find_by_key(session, new):
                 return known
-            _require_room(session, new.owner, max_jobs)
+            _require_room(session, new, max_jobs)
             values = vars(new) | {"idempotency_key": _stored_key(new)}
             job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, **values)
             session.add(job)
@@ -234,16 +236,26 @@ def _stored_key(new: NewJob) -> str | None:
     return f"{new.owner} {new.idempotency_key}"  # a header's key holds no space
 
 
-def _require_room(session: Session, owner: str | None, max_jobs: int) -> None:
+def _require_room(session: Session, new: NewJob, max_jobs: int) -> None:
     active = select(func.count()).select_from(JobRow).where(JobRow.state.in_(ACTIVE))
     if (session.scalar(active) or 0) >= max_jobs:
         raise QueueFullError(f"{max_jobs} surveys are waiting or running. Wait for one to end, or DELETE one of them.")
-    key = session.get(KeyRow, owner) if owner is not None else None
-    if key is None or key.max_running is None:
+    key = session.get(KeyRow, new.owner) if new.owner is not None else None
+    if key is None:
         return
-    if (session.scalar(active.where(JobRow.owner == owner)) or 0) >= key.max_running:
+    if key.revoked is not None:
+        raise UnauthorizedError("This API key was revoked.")
+    running = session.scalar(active.where(JobRow.owner == key.id)) or 0
+    if key.max_running is not None and running >= key.max_running:
         raise QueueFullError(
-            f"{key.max_running} surveys of your key are waiting or running. Wait for one to end, or DELETE one of them."
+            f"{running} surveys of your key are waiting or running, and {key.max_running} is its quota. "
+            "Wait for one to end, or DELETE one of them."
+        )
+    kept = session.scalar(select(func.sum(JobRow.n_cells)).where(JobRow.owner == key.id)) or 0
+    if key.max_cells is not None and kept + new.n_cells > key.max_cells:
+        raise QuotaError(
+            f"{new.n_cells} cells beside the {kept} of your other surveys are more than the quota of your key, "
+            f"{key.max_cells} cells. Ask for less, or DELETE surveys that you no longer need."
         )
 
 

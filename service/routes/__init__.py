@@ -1,8 +1,8 @@
-"""One file per group of routes; :data:`ROUTERS` is all of them."""
+"""One file per group of routes; :data:`ROUTERS` is all that ask for a key."""
 
 from fastapi import APIRouter
 
-from service.routes import curves, events, health, picture, points, store, surveys
+from service.routes import curves, events, picture, points, store, surveys
 
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
@@ -11,5 +11,4 @@ ROUTERS: tuple[APIRouter, ...] = (
     picture.router,
     points.router,
     curves.router,
-    health.router,
 )

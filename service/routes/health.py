@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
 import rattle
 from service.problems import declared
 from service.state import FrontState
-from service.tables import State
+from service.tables import ACTIVE
 
 router = APIRouter(prefix="/v1", tags=["service"])
 
@@ -17,20 +17,18 @@ class Health(BaseModel):
     """State of the service."""
 
     status: str = Field(description="ok, or degraded: surveys are accepted, but wait for the cluster")
-    cluster: str = Field(description="ready, starting, or why it is not there")
     version: str
-    accepted: int = Field(description="surveys that wait")
-    running: int = Field(description="surveys at work")
+    cluster: str | None = Field(description="ready, starting, or why it is not there; null without a key")
+    accepted: int | None = Field(description="surveys that wait; null without a key")
+    running: int | None = Field(description="surveys at work; null without a key")
 
 
 @router.get("/health", summary="State of the service", responses=declared(503))
-def health(front: FrontState) -> Health:
-    """503 if the job database does not answer."""
+def health(front: FrontState, request: Request) -> Health:
+    """Needs no key, and says more with one. 503 if the job database does not answer."""
     cluster = front.manager.cluster_state
-    return Health(
-        status="ok" if cluster == "ready" else "degraded",
-        cluster=cluster,
-        version=rattle.__version__,
-        accepted=front.database.count(State.ACCEPTED),
-        running=front.database.count(State.RUNNING),
-    )
+    accepted, running = (front.database.count(state) for state in ACTIVE)
+    status = "ok" if cluster == "ready" else "degraded"
+    if request.state.caller is None:
+        return Health(status=status, version=rattle.__version__, cluster=None, accepted=None, running=None)
+    return Health(status=status, version=rattle.__version__, cluster=cluster, accepted=accepted, running=running)

@@ -9,8 +9,10 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
 
+from service.access import CallerState
 from service.database import NewJob
 from service.documents import Survey, SurveyDetail, SurveyList, path_of
+from service.errors import ForbiddenError
 from service.limits import check_limits
 from service.problems import ADVICE, declared
 from service.state import FrontState
@@ -52,6 +54,7 @@ def require_json(request: Request) -> None:
 )
 def submit(
     front: FrontState,
+    caller: CallerState,
     response: Response,
     body: Annotated[SurveyRequest, Body(examples=[EXAMPLE])],
     idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")] = None,
@@ -71,6 +74,7 @@ def submit(
             n_cells=body.n_cells,
             n_tiles=body.n_tiles,
             idempotency_key=idempotency_key,
+            owner=caller.owner,
         ),
         front.settings.max_jobs,
     )
@@ -107,7 +111,12 @@ def show(front: FrontState, survey_id: str) -> SurveyDetail:
     response_model=SurveyDetail,
     responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422, 503)},
 )
-def remove(front: FrontState, survey_id: str) -> Response | SurveyDetail:
-    """A dismissed survey keeps what was computed of it until it is deleted by a second DELETE."""
+def remove(front: FrontState, caller: CallerState, survey_id: str) -> Response | SurveyDetail:
+    """A dismissed survey keeps what was computed of it until it is deleted by a second DELETE.
+
+    Every key may read every survey; only the key that submitted one may remove it.
+    """
+    if not caller.owns(front.database.job(survey_id)):
+        raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")
     dismissed = front.manager.dismiss_or_delete(survey_id)
     return Response(status_code=204) if dismissed is None else SurveyDetail.with_failures(dismissed, [])

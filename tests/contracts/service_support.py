@@ -12,6 +12,7 @@ from service.errors import UnavailableError
 from service.settings import Settings
 from service.state import Front
 
+HERE = "http://127.0.0.1:8000"
 BODY: dict[str, Any] = {
     "name": "small",
     "delta": {"start": 0.5, "stop": 0.7, "num": 6},
@@ -32,7 +33,7 @@ def no_cluster() -> Iterator[Any]:
 def front_end(data: Path, **settings: Any) -> Iterator[TestClient]:
     """A client of an application with these settings, without a cluster."""
     app = create_app(Settings(data=data, **settings), no_cluster)
-    with TestClient(app, raise_server_exceptions=False) as client:
+    with TestClient(app, HERE, raise_server_exceptions=False, client=("127.0.0.1", 50000)) as client:
         yield client
 
 

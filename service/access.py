@@ -1,0 +1,138 @@
+"""Who may send a request: asked before any route, so that a new route is closed until it is opened here."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Depends, Request, Security
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from sqlalchemy.exc import SQLAlchemyError
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from rattle import RattleError
+from service import problems
+from service.errors import ForbiddenError, UnauthorizedError
+from service.keys import Caller, find_key
+from service.origins import is_local, is_loopback, require_own_name, require_same_origin
+from service.settings import Settings
+from service.tables import Scope as KeyScope
+
+#: Answered without a key: whether the service lives, and how to use it.
+OPEN = frozenset({"/v1/health", "/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc"})
+SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
+LONGEST_TARGET = 8192
+
+#: A page of another site shall neither take answers for something else, nor embed them, nor frame a page of ours.
+RESPONSE_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Content-Security-Policy": "frame-ancestors 'self'",
+}
+
+BEARER = HTTPBearer(
+    scheme_name="key",
+    bearerFormat="rattle_ID_SECRET",
+    description="An API key, made by `rattle key add`. A service on loopback asks for none.",
+    auto_error=False,  # the middleware has decided before
+)
+
+
+def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
+    """Who sends this request. On a route, it declares in OpenAPI that a key is asked."""
+    caller: Caller = request.state.caller
+    return caller
+
+
+CallerState = Annotated[Caller, Depends(caller_of)]
+
+
+def asks_keys(settings: Settings) -> bool:
+    """Whether a service with these settings asks everybody for a key."""
+    return not settings.insecure and (settings.require_keys or not is_loopback(settings.host))
+
+
+class AccessMiddleware:
+    """Refuses requests that are too large, come from another site's page, or carry no key where one is asked.
+
+    Args:
+        app: what gets the others, with ``state["caller"]``; None there on an open path without a key.
+        settings: of the service.
+    """
+
+    def __init__(self, app: ASGIApp, settings: Settings) -> None:
+        self.app = app
+        self._settings = settings
+        self._asks_all = asks_keys(settings)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] not in ("http", "websocket"):
+            await self.app(scope, receive, send)
+            return
+        try:
+            self._require_moderate(scope)
+            headers, method = Headers(scope=scope), scope.get("method", "POST")  # a websocket writes
+            if method not in SAFE_METHODS:
+                require_same_origin(headers)
+            scope.setdefault("state", {})["caller"] = await self._caller(scope, headers, method)
+        except (RattleError, SQLAlchemyError, HTTPException) as error:
+            if scope["type"] == "websocket":
+                await send({"type": "websocket.close", "code": 1008, "reason": ""})
+            else:
+                await problems.answer(Request(scope), error)(scope, receive, _with_headers(send))
+            return
+        await self.app(scope, receive, _with_headers(send))
+
+    async def _caller(self, scope: Scope, headers: Headers, method: str) -> Caller | None:
+        # Whatever address the settings name: a request from elsewhere is never taken for one of this machine.
+        asks = self._asks_all or not (self._settings.insecure or is_local(scope, headers))
+        if not asks:
+            require_own_name(headers, self._settings.host, self._settings.allowed_hosts)
+            return Caller()
+        try:
+            caller = await run_in_threadpool(self._caller_by_key, scope, headers)
+        except UnauthorizedError:
+            if scope["path"] in OPEN and method in SAFE_METHODS:
+                return None
+            raise
+        wanted = KeyScope.READ if method in SAFE_METHODS else KeyScope.SUBMIT
+        if not caller.may(wanted):
+            raise ForbiddenError(
+                f"This API key may read only, and {method} needs the scope {wanted}. "
+                f"`rattle key add NAME --scope {wanted}` makes a key that has it."
+            )
+        return caller
+
+    def _caller_by_key(self, scope: Scope, headers: Headers) -> Caller:
+        kind, _, token = headers.get("authorization", "").partition(" ")
+        if kind.lower() != "bearer":
+            raise UnauthorizedError(problems.ADVICE[401])
+        key = find_key(scope["app"].state.front.database, token.strip())
+        if key is None:
+            raise UnauthorizedError("This API key is unknown or was revoked. `rattle key add` makes another one.")
+        return Caller(key)
+
+    def _require_moderate(self, scope: Scope) -> None:
+        headers: list[tuple[bytes, bytes]] = scope["headers"]
+        target = len(scope.get("raw_path") or b"") + len(scope.get("query_string", b""))
+        size = target + sum(len(name) + len(value) for name, value in headers)
+        names = [name for name, _ in headers]
+        if target > LONGEST_TARGET:
+            raise HTTPException(414, problems.ADVICE[414])
+        if size > self._settings.max_header_bytes or len(headers) > self._settings.max_headers:
+            raise HTTPException(431, problems.ADVICE[431])
+        if b"transfer-encoding" in names and b"content-length" in names:  # which of them did a proxy believe?
+            raise HTTPException(400, problems.ADVICE[400], {"Connection": "close"})
+
+
+def _with_headers(send: Send) -> Send:
+    async def send_with_headers(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in RESPONSE_HEADERS.items():
+                headers.setdefault(name, value)
+        await send(message)
+
+    return send_with_headers

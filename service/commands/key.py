@@ -1,0 +1,109 @@
+"""``rattle key``: who may use a service. Works beside a running one, which knows of it at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from service.database import Database
+
+LARGEST = 2**31 - 1  # what a column of integers holds
+LONGEST_NAME = 100
+
+app = typer.Typer(help="Add, list and revoke the API keys of a service.", no_args_is_help=True)
+
+Data = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="Data directory of the service; RATTLE_DATA.", show_default="data"),
+]
+DatabaseUrl = Annotated[
+    str | None,
+    typer.Option(
+        metavar="URL", help="Job database of the service; RATTLE_DATABASE_URL.", show_default="in the data directory"
+    ),
+]
+
+
+@app.command()
+def add(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="For people: whose key it is.")],
+    scope: Annotated[
+        Literal["read", "submit"], typer.Option(help="Read results, or submit and remove surveys too.")
+    ] = "read",
+    max_cells: Annotated[
+        int | None,
+        typer.Option(min=1, max=LARGEST, help="Cells of all its surveys, kept ones too.", show_default="no quota"),
+    ] = None,
+    max_running: Annotated[
+        int | None, typer.Option(min=1, max=LARGEST, help="Its surveys that wait or run.", show_default="no quota")
+    ] = None,
+    data: Data = None,
+    database_url: DatabaseUrl = None,
+) -> None:
+    """Make a key and print it. It is shown this once: the service keeps a hash of it."""
+    from service.keys import add_key
+    from service.tables import Scope
+
+    if not (name.isprintable() and 0 < len(name) <= LONGEST_NAME):
+        raise typer.BadParameter(f"NAME has 1 to {LONGEST_NAME} characters that can be printed")
+    with _database(data, database_url, create=True) as database:
+        key, token = add_key(database, name, Scope(scope), max_cells, max_running)
+    typer.echo(f"Key {key.id} for {name}. Keep it in RATTLE_API_KEY; it cannot be shown again:", err=True)
+    typer.echo(token)
+
+
+@app.command("list")
+def list_(data: Data = None, database_url: DatabaseUrl = None) -> None:
+    """List the keys, revoked ones too; never what is secret of them."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    with _database(data, database_url) as database:
+        keys = database.keys()
+    table = Table("id", "scope", "max cells", "max running", "created", "revoked", "name", box=None)
+    for key in keys:
+        quotas = ("" if quota is None else str(quota) for quota in (key.max_cells, key.max_running))
+        table.add_row(
+            key.id, ", ".join(key.scopes), *quotas, key.created[:19], (key.revoked or "")[:19], Text(key.name)
+        )
+    Console(width=140).print(table)
+
+
+@app.command()
+def revoke(
+    key_id: Annotated[str, typer.Argument(metavar="ID", help="As `rattle key list` shows it.")],
+    data: Data = None,
+    database_url: DatabaseUrl = None,
+) -> None:
+    """Revoke a key for good. Its surveys stay and go on."""
+    with _database(data, database_url) as database:
+        key = database.revoke_key(key_id)
+    typer.echo(f"Key {key.id} for {key.name} is revoked.")
+
+
+@contextmanager
+def _database(data: Path | None, database_url: str | None, create: bool = False) -> Iterator[Database]:
+    from service.commands.options import settings_of
+    from service.database import Database
+    from service.datadir import DataDirectory
+    from service.errors import DataDirectoryError
+
+    settings = settings_of(data=data, database_url=database_url)
+    directory = DataDirectory(settings.data)
+    if settings.database_url is None:
+        if create:
+            directory.path.mkdir(parents=True, exist_ok=True)
+        elif not directory.path.is_dir():
+            raise DataDirectoryError(f"There is no data directory {directory.path}: name that of the service (--data).")
+    # Not exclusive, and without the lock of the directory: a service may run.
+    database = Database(settings.database_url or directory.database_url, exclusive=False)
+    try:
+        yield database
+    finally:
+        database.close()

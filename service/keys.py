@@ -1,0 +1,75 @@
+"""API keys: how a secret is made, written and recognised."""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import re
+import secrets
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from service.tables import JobRow, KeyRow, Scope
+
+if TYPE_CHECKING:
+    from service.database import Database
+
+SECRET_BYTES = 32
+TOKEN = re.compile(r"rattle_([0-9a-f]{16})_([A-Za-z0-9_-]{43})", re.ASCII)
+
+#: What a key of this scope may do: who submits may read.
+ALLOWS = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
+
+
+@dataclass(frozen=True)
+class Caller:
+    """Who sends a request: the owner of a key, or whoever reaches the service where no key is asked."""
+
+    key: KeyRow | None = None
+
+    @property
+    def owner(self) -> str | None:
+        """The id that the surveys of this caller carry."""
+        return self.key.id if self.key else None
+
+    def may(self, scope: Scope) -> bool:
+        return self.key is None or scope in self.key.scopes
+
+    def owns(self, job: JobRow) -> bool:
+        return self.key is None or job.owner == self.key.id
+
+
+def add_key(
+    database: Database, name: str, scope: Scope, max_cells: int | None = None, max_running: int | None = None
+) -> tuple[KeyRow, str]:
+    """Add a key. The token in the result is what its owner sends; it is shown here and never again."""
+    secret = secrets.token_urlsafe(SECRET_BYTES)
+    key = database.add_key(name, hash_of(secret), ALLOWS[scope], max_cells, max_running)
+    return key, f"rattle_{key.id}_{secret}"
+
+
+def find_key(database: Database, token: str) -> KeyRow | None:
+    """The live key that this token belongs to. Asks the database each time: a revoked key is refused at once."""
+    parts = TOKEN.fullmatch(token)
+    if parts is None:
+        return None
+    secret_hash = hash_of(parts[2])
+    key = database.key_by_hash(secret_hash)
+    if key is None:
+        return None
+    same = hmac.compare_digest(key.hash, secret_hash) and hmac.compare_digest(key.id, parts[1])
+    return key if same else None
+
+
+def has_live_key(database: Database) -> bool:
+    """Whether anybody could be let in."""
+    return any(key.revoked is None for key in database.keys())  # noqa: SIM118 - no dict
+
+
+def hash_of(secret: str) -> str:
+    """What is kept of a secret.
+
+    One SHA-256 is enough: 256 random bits cannot be guessed however fast a guess is, which is all that the slow hashes
+    for passwords prevent, and each request pays for it.
+    """
+    return hashlib.sha256(secret.encode()).hexdigest()

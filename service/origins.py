@@ -1,0 +1,96 @@
+"""Where a request comes from and what it calls this service: addresses, names and pages of other sites."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Collection
+from ipaddress import IPv4Address, IPv6Address, ip_address
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers
+from starlette.types import Scope
+
+from service.errors import ForbiddenError
+
+FORWARDED = ("forwarded", "x-forwarded-for", "x-real-ip", "via")
+WILDCARDS = ("0.0.0.0", "::")
+
+
+def is_loopback(host: str) -> bool:
+    """Whether every address that this name or address stands for is one of this machine only."""
+    if (address := _address(host)) is not None:
+        return address.is_loopback
+    try:
+        found = [_address(str(info[4][0])) for info in socket.getaddrinfo(host, None)]
+    except (OSError, UnicodeError):
+        return False
+    return bool(found) and all(address is not None and address.is_loopback for address in found)
+
+
+def is_local(scope: Scope, headers: Headers) -> bool:
+    """Whether a request was sent on this machine, and not on behalf of another one by a proxy here."""
+    client = scope.get("client")
+    address = _address(client[0]) if client else None
+    return address is not None and address.is_loopback and not any(name in headers for name in FORWARDED)
+
+
+def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> None:
+    """Refuse requests to names that are not ours.
+
+    Without keys, a page whose name was pointed at this machine (DNS rebinding) would be of our own origin. An address
+    cannot be pointed elsewhere, so any will do where we listen on all of them.
+
+    Raises:
+        ForbiddenError: the Host header names neither loopback, nor ``host``, nor one of ``allowed``.
+    """
+    name = _host_name(headers.get("host", ""))
+    if name == "localhost" or name.endswith(".localhost") or name in {each.lower() for each in (host, *allowed)}:
+        return
+    address = _address(name)
+    if address is not None and (address.is_loopback or host in WILDCARDS):
+        return
+    raise ForbiddenError(
+        f"This service does not know the name {name!r}. Call it 127.0.0.1 or localhost, or start it with its names in "
+        "RATTLE_ALLOWED_HOSTS."
+    )
+
+
+def require_same_origin(headers: Headers) -> None:
+    """Refuse what a browser sends for a page of another site.
+
+    The rule is that of Go's net/http.CrossOriginProtection: Sec-Fetch-Site decides, Origin for older browsers, and what
+    sends neither is no browser.
+
+    Raises:
+        ForbiddenError: another site's page sent it.
+    """
+    site, origin = headers.get("sec-fetch-site"), headers.get("origin")
+    if site is None:
+        same = origin is None or _authority(origin) == headers.get("host", "").lower()
+    else:
+        same = site in ("same-origin", "none")
+    if not same:
+        raise ForbiddenError("A page of another site may not write here. Send this request from a program.")
+
+
+def _address(text: str) -> IPv4Address | IPv6Address | None:
+    try:
+        address = ip_address(text.partition("%")[0])
+    except ValueError:
+        return None
+    return getattr(address, "ipv4_mapped", None) or address
+
+
+def _host_name(host: str) -> str:
+    """The name in a Host header, lower case, without port; empty if it is not one."""
+    try:
+        return (urlsplit(f"//{host}").hostname or "").removesuffix(".")
+    except ValueError:
+        return ""
+
+
+def _authority(origin: str) -> str:
+    try:
+        return urlsplit(origin).netloc.lower()
+    except ValueError:
+        return ""

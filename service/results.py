@@ -1,0 +1,55 @@
+"""Results on disk or of a service, which may ask for a key."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from service.errors import ServiceError
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+KEY_VARIABLE = "RATTLE_API_KEY"
+STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/surveys/[0-9a-f]+/store/?")
+
+
+def key_headers(key: str | None = None) -> dict[str, str]:
+    """The header that carries an API key; by default that of ``RATTLE_API_KEY``, nothing without one.
+
+    Raises:
+        ServiceError: the key holds characters that no key has.
+    """
+    key = (os.environ.get(KEY_VARIABLE, "") if key is None else key).strip()
+    if not key:
+        return {}
+    if not (key.isascii() and key.isprintable()):
+        raise ServiceError(f"The API key holds characters that no key has. Look at {KEY_VARIABLE}.")
+    return {"Authorization": f"Bearer {key}"}
+
+
+def open_results(store: str | Path, headers: Mapping[str, str] | None = None) -> xr.Dataset:
+    """Open a survey from disk or from a service.
+
+    Args:
+        store: path or URL.
+        headers: sent to the service; by default the key of ``RATTLE_API_KEY``, if the URL is that of a survey's store.
+
+    Raises:
+        RattleError: there is no survey, or it cannot be read.
+    """
+    from workers import open_survey
+
+    if headers is None:
+        headers = key_headers() if STORE_URL.fullmatch(str(store)) else {}
+    if not headers:
+        return open_survey(store)
+    import xarray as xr
+
+    try:
+        return xr.open_zarr(str(store), chunks=None, consolidated=True, storage_options={"headers": dict(headers)})
+    except Exception as error:  # what the network or a foreign format raises
+        raise ServiceError(f"No survey can be opened at {store}: {error}") from error
