@@ -18,6 +18,7 @@ from service.access import AccessMiddleware, caller_of
 from service.broadcast import Broadcast
 from service.database import Database
 from service.datadir import DataDirectory
+from service.head import HeadMiddleware
 from service.jobs import JobManager
 from service.queries import refuse_unknown
 from service.recovery import recover
@@ -44,9 +45,10 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
         version=rattle.__version__,
         lifespan=_lifespan(settings, cluster or _cluster_of(settings)),
-        responses=problems.declared(403, 500),
+        responses=problems.declared(*problems.ANYWHERE),
         redirect_slashes=False,
     )
+    app.add_middleware(HeadMiddleware)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
     app.add_middleware(problems.ProblemMiddleware)
     app.add_middleware(AccessMiddleware, settings=settings)

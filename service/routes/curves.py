@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
 from rattle.curves.trace import FARTHEST
+from service.conditional import NOT_MODIFIED, function_of_query
 from service.problems import declared
 from service.routes.points import Multiplier, Positive
 from service.state import FrontState
@@ -81,7 +82,12 @@ class Curves(BaseModel):
     points: list[PointDocument]
 
 
-@router.get("/curves", summary="Bifurcation curves of one half-backlash", responses=declared(422, 503))
+@router.get(
+    "/curves",
+    summary="Bifurcation curves of one half-backlash",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
 async def curves(
     front: FrontState,
     beta: Positive = 0.6,

@@ -8,6 +8,7 @@ from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
 
 import rattle
+from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
 from service.problems import declared
 from service.state import FrontState
@@ -90,7 +91,12 @@ def gear(delta: Positive, epsilon: NotNegative, beta: Positive = 0.6) -> rattle.
 GearQuery = Annotated[rattle.Gear, Depends(gear)]
 
 
-@router.get("/orbits", summary="Period-one orbits of one parameter point", responses=declared(422))
+@router.get(
+    "/orbits",
+    summary="Period-one orbits of one parameter point",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
 def orbits(model: GearQuery) -> Orbits:
     return Orbits(
         **_point(model),
@@ -102,7 +108,12 @@ def orbits(model: GearQuery) -> Orbits:
     )
 
 
-@router.get("/attractors", summary="Attractors of one parameter point", responses=declared(422, 503))
+@router.get(
+    "/attractors",
+    summary="Attractors of one parameter point",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
 async def attractors(
     front: FrontState,
     model: GearQuery,
