@@ -41,6 +41,7 @@ def serve(
     from service.database import Database
     from service.datadir import DataDirectory
     from service.protocol import protocol_of
+    from service.server import Server
 
     settings = settings_of(
         host=host, port=port, data=data, scheduler=scheduler, workers=workers, insecure=insecure or None
@@ -50,9 +51,10 @@ def serve(
     with directory.locked():
         Database(settings.database_url or directory.database_url).close()
         require_keys(settings, directory)
-    server = uvicorn.Server(
+    app = create_app(settings)
+    server = Server(
         uvicorn.Config(
-            create_app(settings),
+            app,
             host=settings.host,
             port=settings.port,
             http=protocol_of(settings),
@@ -61,7 +63,8 @@ def serve(
             server_header=False,
             log_level="info",
             timeout_graceful_shutdown=settings.shutdown_seconds,
-        )
+        ),
+        app,
     )
     with stop_requested():  # uvicorn raises the signal again after a clean shutdown
         server.run()
