@@ -47,6 +47,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         lifespan=_lifespan(settings, cluster or _cluster_of(settings)),
         responses=problems.declared(*problems.ANYWHERE),
         redirect_slashes=False,
+        generate_unique_id_function=lambda route: route.name,
     )
     app.add_middleware(HeadMiddleware)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)

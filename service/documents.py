@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, Field
+from fastapi import Path
+from pydantic import BaseModel, ConfigDict, Field
 
+from service import examples
 from service.tables import JobRow, State
 
 
@@ -45,6 +47,8 @@ class Survey(BaseModel):
 class SurveyDetail(Survey):
     """A survey with its request and the messages of its failed cells."""
 
+    model_config = ConfigDict(json_schema_extra={"examples": [examples.DETAIL]})
+
     request: dict[str, Any]
     failures: list[dict[str, Any]] = Field(description="the first 100 failed cells: indices and message")
 
@@ -56,9 +60,16 @@ class SurveyDetail(Survey):
 class SurveyList(BaseModel):
     """One page of surveys, newest first."""
 
+    model_config = ConfigDict(json_schema_extra={"examples": [examples.LIST]})
+
     surveys: list[Survey]
     count: int = Field(description="surveys in all")
     next: str | None = Field(description="`cursor` of the next page, null on the last")
+
+
+SurveyId = Annotated[
+    str, Path(description="id of a survey, from the answer to its submission", examples=[examples.SURVEY_ID])
+]
 
 
 def path_of(survey_id: str) -> str:

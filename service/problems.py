@@ -11,7 +11,7 @@ from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
@@ -20,7 +20,7 @@ from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rattle import ParameterError, RattleError
-from service import errors
+from service import errors, examples
 from workers import SurveyError
 
 MEDIA_TYPE = "application/problem+json"
@@ -76,6 +76,8 @@ class FieldError(BaseModel):
 
 class Problem(BaseModel):
     """A problem document, RFC 9457."""
+
+    model_config = ConfigDict(json_schema_extra={"examples": [examples.PROBLEM]})
 
     type: str = "about:blank"
     title: str = Field(description="the HTTP status in words")

@@ -6,13 +6,14 @@ import logging
 import os
 import socket
 import threading
+from types import FrameType
 
 import psutil
 import uvicorn
 from fastapi import FastAPI
 
-#: From the signal to the end of the process, at most.
-STOP_SECONDS = 4.0
+#: From the signal to the end of everything that is still at work.
+STOP_SECONDS = 3.5
 
 log = logging.getLogger("uvicorn.error")
 
@@ -24,11 +25,15 @@ class Server(uvicorn.Server):
         super().__init__(config)
         self._app = app
 
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End requests and surveys; what cannot be interrupted, such as a cluster that is starting, is killed."""
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begin to end; what cannot be interrupted, such as a cluster that is starting, is killed in time."""
         deadline = threading.Timer(STOP_SECONDS, _end_now)
         deadline.daemon = True
         deadline.start()
+        super().handle_exit(sig, frame)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End requests and surveys at the same time."""
         if front := getattr(self._app.state, "front", None):
             front.manager.ask_to_stop()
         await super().shutdown(sockets)

@@ -11,7 +11,7 @@ from pydantic import BaseModel, Field
 from rattle.curves.trace import FARTHEST
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.problems import declared
-from service.routes.points import Multiplier, Positive
+from service.routes.points import Backlash, Multiplier
 from service.state import FrontState
 from service.tracing import curves_document
 from service.turns import in_turn
@@ -90,9 +90,9 @@ class Curves(BaseModel):
 )
 async def curves(
     front: FrontState,
-    beta: Positive = 0.6,
-    delta_min: Damping = 0.3,
-    delta_max: Damping = 1.2,
+    beta: Backlash = 0.6,
+    delta_min: Annotated[Damping, Query(examples=[0.7])] = 0.3,
+    delta_max: Annotated[Damping, Query(examples=[0.8])] = 1.2,
     epsilon_min: Eccentricity = 0.0,
     epsilon_max: Eccentricity = 1.0,
 ) -> Curves:

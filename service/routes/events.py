@@ -11,7 +11,9 @@ from fastapi import APIRouter, Header, Response
 from sse_starlette import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 
+from service import examples
 from service.broadcast import written
+from service.documents import SurveyId
 from service.errors import UnknownSurveyError
 from service.problems import declared
 from service.state import Front, FrontState
@@ -29,15 +31,17 @@ GRACE_SECONDS = 2.0
     summary="Follow a survey",
     response_class=EventSourceResponse,
     responses={
-        200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}},
+        200: {"content": {"text/event-stream": {"schema": {"type": "string"}, "example": examples.EVENTS}}},
         204: {"description": "the survey has ended and every event was seen: no need to connect again"},
         **declared(404, 422),
     },
 )
 async def follow(
     front: FrontState,
-    survey_id: str,
-    last_event_id: Annotated[int, Header(ge=0, le=LARGEST_ID, description="id of the last event seen")] = 0,
+    survey_id: SurveyId,
+    last_event_id: Annotated[
+        int, Header(ge=0, le=LARGEST_ID, description="id of the last event seen", examples=[0])
+    ] = 0,
 ) -> Response:
     """Events `state` and `tile`, numbered from 1; the stream closes after the event of the final state."""
     job = await run_in_threadpool(front.database.job, survey_id)

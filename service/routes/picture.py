@@ -10,6 +10,7 @@ from fastapi import APIRouter, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from service.conditional import FOREVER, NOT_MODIFIED, REVALIDATE, is_known, picture_tag
+from service.documents import SurveyId
 from service.errors import MissingError
 from service.problems import declared
 from service.state import FrontState
@@ -35,7 +36,7 @@ MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
 async def picture(
     request: Request,
     front: FrontState,
-    survey_id: str,
+    survey_id: SurveyId,
     variable: Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})] = "region",
     index: Annotated[int, Query(ge=0, le=64, description="which orbit, or slot of attractors")] = 0,
 ) -> Response:

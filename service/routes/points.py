@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 import rattle
+from service import examples
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
 from service.problems import declared
@@ -17,8 +18,9 @@ from service.turns import in_turn
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
-Positive = Annotated[float, Query(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Query(ge=0, allow_inf_nan=False)]
+Damping = Annotated[float, Query(gt=0, allow_inf_nan=False, description="damping", examples=[0.6])]
+Eccentricity = Annotated[float, Query(ge=0, allow_inf_nan=False, description="eccentricity", examples=[0.1])]
+Backlash = Annotated[float, Query(gt=0, allow_inf_nan=False, description="half-backlash", examples=[0.6])]
 
 
 class Point(BaseModel):
@@ -52,6 +54,8 @@ class OrbitDocument(BaseModel):
 class Orbits(Point):
     """Period-one orbits and analytic limits of one parameter point."""
 
+    model_config = ConfigDict(json_schema_extra={"examples": [examples.ORBITS]})
+
     region: int = Field(ge=0, le=5, description="1…5 = I…V, 0 none of them")
     sn1: float | None = Field(description="epsilon above which A and C exist")
     flip: float | None = Field(description="epsilon above which C is unstable")
@@ -83,7 +87,7 @@ class Attractors(Point):
     attractors: list[AttractorDocument]
 
 
-def gear(delta: Positive, epsilon: NotNegative, beta: Positive = 0.6) -> rattle.Gear:
+def gear(delta: Damping, epsilon: Eccentricity, beta: Backlash = 0.6) -> rattle.Gear:
     """The model at the parameters of the query."""
     return rattle.Gear(delta, epsilon, beta)
 
@@ -117,7 +121,7 @@ def orbits(model: GearQuery) -> Orbits:
 async def attractors(
     front: FrontState,
     model: GearQuery,
-    count: Annotated[int, Query(ge=1, description="initial conditions")] = 256,
+    count: Annotated[int, Query(ge=1, description="initial conditions", examples=[16])] = 256,
     v_max: Annotated[float, Query(gt=0, allow_inf_nan=False, description="largest initial speed")] = 7.0,
     seed: Annotated[int, Query(ge=0, lt=2**32)] = 0,
 ) -> Attractors:

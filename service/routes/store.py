@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from typing import Annotated
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Path, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from service.conditional import FOREVER, NOT_MODIFIED, REVALIDATE
+from service.documents import SurveyId
 from service.errors import MissingError
 from service.problems import declared
 from service.state import FrontState
@@ -27,13 +29,26 @@ KEY = re.compile(rf"{NAME}(/{NAME})*")
     summary="Read the zarr store, also of a running survey",
     response_class=Response,
     responses={
-        200: {"content": {"application/octet-stream": {}, "application/json": {}}},
-        206: {"description": "the requested range"},
+        200: {
+            "content": {
+                "application/octet-stream": {"schema": {"type": "string", "format": "binary"}},
+                "application/json": {"schema": {"type": "object"}},
+            }
+        },
+        206: {
+            "description": "the requested range",
+            "content": {"application/octet-stream": {}, "application/json": {}, "multipart/byteranges": {}},
+        },
         **NOT_MODIFIED,
         **declared(404, 416, 422),
     },
 )
-async def read(front: FrontState, survey_id: str, key: str, request: Request) -> Response:
+async def read(
+    front: FrontState,
+    survey_id: SurveyId,
+    key: Annotated[str, Path(description="of the zarr store", examples=["zarr.json", "region/c/0/0"])],
+    request: Request,
+) -> Response:
     """A chunk that holds fill values only has no file: 404, which is how zarr knows."""
     job = await run_in_threadpool(front.database.job, survey_id)
     if not KEY.fullmatch(key) or key.endswith(".partial"):

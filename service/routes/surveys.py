@@ -9,10 +9,11 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
 
+from service import examples
 from service.access import CallerState
 from service.conditional import NOT_MODIFIED, json_answer
 from service.database import NewJob
-from service.documents import Survey, SurveyDetail, SurveyList, path_of
+from service.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of
 from service.errors import ForbiddenError
 from service.limits import check_limits
 from service.problems import ADVICE, declared
@@ -26,15 +27,7 @@ LARGEST_NUMBER = 2**53
 MAX_FAILURES = 100
 RETRY_SECONDS = "1"
 
-EXAMPLE = {
-    "name": "figure 7",
-    "beta": 0.6,
-    "delta": {"start": 0.4, "stop": 1.0, "num": 61},
-    "epsilon": {"start": 0.005, "stop": 0.3, "num": 60},
-    "initial_conditions": {"count": 64, "v_max": 7.0},
-    "tile": {"delta": 16, "epsilon": 16},
-    "seed": 0,
-}
+EVERYTHING = examples.links("show", "remove", "follow", "read", "picture")
 
 
 def require_json(request: Request) -> None:
@@ -61,7 +54,7 @@ def submit(
     front: FrontState,
     caller: CallerState,
     response: Response,
-    body: Annotated[SurveyRequest, Body(examples=[EXAMPLE])],
+    body: Annotated[SurveyRequest, Body(examples=[examples.REQUEST])],
     idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")] = None,
     force: Annotated[bool, Query(description="compute it although an identical survey is there")] = False,
 ) -> SurveyDetail:
@@ -126,7 +119,7 @@ def list_surveys(
     response_model=SurveyDetail,
     responses={**NOT_MODIFIED, **declared(404, 422)},
 )
-def show(request: Request, front: FrontState, survey_id: str) -> Response:
+def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     job = front.database.job(survey_id)
     return json_answer(request, _detail(front, job), job.finished)
 
@@ -137,7 +130,7 @@ def show(request: Request, front: FrontState, survey_id: str) -> Response:
     response_model=SurveyDetail,
     responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
 )
-def remove(front: FrontState, caller: CallerState, survey_id: str) -> Response | SurveyDetail:
+def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Response | SurveyDetail:
     """A dismissed survey keeps what was computed of it until it is deleted by a second DELETE.
 
     Every key may read every survey; only the key that submitted one may remove it.
