@@ -40,7 +40,7 @@ def written(rows: Sequence[EventRow]) -> list[Written]:
     return [
         Written(
             row.id,
-            ServerSentEvent(json.dumps(row.data), event=row.kind, id=str(row.id)).encode(),
+            ServerSentEvent(json.dumps(row.data | {"at": row.at}), event=row.kind, id=str(row.id)).encode(),
             row.kind == "state" and State(row.data["state"]).final,
         )
         for row in rows

@@ -40,11 +40,14 @@ DETAIL: dict[str, Any] = SURVEY | {
 }
 LIST: dict[str, Any] = {"surveys": [SURVEY], "count": 1, "next": None}
 
-EVENTS = (
-    "id: 1\r\nevent: state\r\n"
-    'data: {"state": "accepted", "message": "", "progress": 0, "tiles_done": 0, "tiles": 16, "cells_done": 0, '
-    '"cells": 3660}\r\n\r\n'
-)
+EVENTS = [
+    {
+        "id": "1",
+        "event": "state",
+        "data": '{"state": "accepted", "message": "", "progress": 0, "tiles_done": 0, "tiles": 16, "cells_done": 0, '
+        '"cells": 3660, "at": "2026-11-21T12:00:00.000+00:00"}',
+    }
+]
 ORBITS: dict[str, Any] = {
     "delta": 0.6,
     "epsilon": 0.1,
@@ -63,6 +66,62 @@ ORBITS: dict[str, Any] = {
             "v": 3.7699111843077517,
             "multipliers": [{"re": 2.602048728522564, "im": 0.0}, {"re": 0.21091520311598472, "im": 0.0}],
             "stable": False,
+        }
+    ],
+}
+ATTRACTORS: dict[str, Any] = {
+    "delta": 0.6,
+    "epsilon": 0.1,
+    "beta": 0.6,
+    "count": 16,
+    "v_max": 7.0,
+    "seed": 0,
+    "attractors": [
+        {
+            "kind": "quiet",
+            "m": 0,
+            "n_plus": 0,
+            "n_minus": 0,
+            "fraction": 0.875,
+            "fraction_interval": [0.639771727342413, 0.9650225122567595],
+            "lyapunov": [None, None],
+            "lyapunov_error": None,
+            "tau": 0.6639133779317351,
+            "v": 0.6851756850681798,
+        }
+    ],
+}
+CURVES: dict[str, Any] = {
+    "beta": 0.6,
+    "window": {"delta": [0.7, 0.8], "epsilon": [0.0, 1.0]},
+    "curves": [
+        {
+            "name": "SN1",
+            "meaning": "saddle-node at which A and C, P(1,1,0), are born as ε grows; ends at COD22 (Mason "
+            "and Piiroinen (2009), equation (4.1))",
+            "delta": [0.7, 0.7005151168449189],
+            "epsilon": [0.08100740908824863, 0.08112571577206706],
+            "tau": [0.75, 0.75],
+            "v": [4.39822971502571, 4.401466289617188],
+            "multipliers": [[{"re": 0.9999999999999998, "im": 0.0}, {"re": 0.49658530379140964, "im": 0.0}]],
+            "arclength": [0.0, 0.0005285279891881895],
+            "piece": [0, 0],
+            "folds": [],
+            "ends": [
+                {"index": 0, "reason": "window: delta = 0.7"},
+                {"index": 46, "reason": "COD22: the flight after impact 0 on Σ⁺ touches Σ⁻ on its way"},
+            ],
+            "missing": None,
+        }
+    ],
+    "points": [
+        {
+            "name": "COD20",
+            "meaning": "C flips as it grazes: a multiplier is −1",
+            "delta": 0.5417703613794973,
+            "epsilon": 0.18323363959183087,
+            "curves": ["PDC", "G1"],
+            "tangency": [{"curves": ["PDC", "G1"], "order": 1.0001741238437267}],
         }
     ],
 }

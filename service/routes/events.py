@@ -24,6 +24,16 @@ router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 LARGEST_ID = 2**53
 SEND_SECONDS = 30
 GRACE_SECONDS = 2.0
+#: What each event of the stream is.
+EVENT = {
+    "type": "object",
+    "properties": {
+        "id": {"type": "string", "pattern": "^[1-9][0-9]*$"},
+        "event": {"enum": ["state", "tile"]},
+        "data": {"type": "string", "contentMediaType": "application/json"},
+    },
+    "required": ["id", "event", "data"],
+}
 
 
 @router.get(
@@ -31,7 +41,7 @@ GRACE_SECONDS = 2.0
     summary="Follow a survey",
     response_class=EventSourceResponse,
     responses={
-        200: {"content": {"text/event-stream": {"schema": {"type": "string"}, "example": examples.EVENTS}}},
+        200: {"content": {"text/event-stream": {"schema": EVENT, "example": examples.EVENTS[0]}}},
         204: {"description": "the survey has ended and every event was seen: no need to connect again"},
         **declared(404, 422),
     },

@@ -81,6 +81,8 @@ class AttractorDocument(BaseModel):
 class Attractors(Point):
     """Attractors of one parameter point, by falling fraction."""
 
+    model_config = ConfigDict(json_schema_extra={"examples": [examples.ATTRACTORS]})
+
     count: int
     v_max: float
     seed: int
