@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from fastapi import Path
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from service import examples
 from service.tables import JobRow, State
@@ -47,8 +47,6 @@ class Survey(BaseModel):
 class SurveyDetail(Survey):
     """A survey with its request and the messages of its failed cells."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": [examples.DETAIL]})
-
     request: dict[str, Any]
     failures: list[dict[str, Any]] = Field(description="the first 100 failed cells: indices and message")
 
@@ -59,8 +57,6 @@ class SurveyDetail(Survey):
 
 class SurveyList(BaseModel):
     """One page of surveys, newest first."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": [examples.LIST]})
 
     surveys: list[Survey]
     count: int = Field(description="surveys in all")

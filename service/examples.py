@@ -135,6 +135,17 @@ PROBLEM: dict[str, Any] = {
     "errors": [{"field": "body.delta.num", "message": "Input should be greater than or equal to 2"}],
 }
 
+#: By the names of the models.
+ANSWERS = {
+    "SurveyDetail": DETAIL,
+    "SurveyList": LIST,
+    "Orbits": ORBITS,
+    "Attractors": ATTRACTORS,
+    "Curves": CURVES,
+    "Health": HEALTH,
+    "Problem": PROBLEM,
+}
+
 
 def links(*names: str) -> dict[str, Any]:
     """OpenAPI links from an answer that holds a survey to what belongs to it, by operation."""

@@ -11,7 +11,7 @@ from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
@@ -20,7 +20,8 @@ from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rattle import ParameterError, RattleError
-from service import errors, examples
+from service import errors
+from service.examples import ANSWERS
 from workers import SurveyError
 
 MEDIA_TYPE = "application/problem+json"
@@ -77,8 +78,6 @@ class FieldError(BaseModel):
 class Problem(BaseModel):
     """A problem document, RFC 9457."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": [examples.PROBLEM]})
-
     type: str = "about:blank"
     title: str = Field(description="the HTTP status in words")
     status: int
@@ -134,6 +133,10 @@ def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, A
     if Problem.__name__ not in schemas:
         schema = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
         schemas |= schema.pop("$defs") | {Problem.__name__: schema}
+    # Here, because FastAPI leaves every null out of its document.
+    for name, example in ANSWERS.items():
+        if name in schemas:
+            schemas[name]["examples"] = [example]
     return document
 
 

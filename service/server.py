@@ -13,7 +13,7 @@ import uvicorn
 from fastapi import FastAPI
 
 #: From the signal to the end of everything that is still at work.
-STOP_SECONDS = 3.5
+STOP_SECONDS = 3.0
 
 log = logging.getLogger("uvicorn.error")
 
@@ -35,7 +35,7 @@ class Server(uvicorn.Server):
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """End requests and surveys at the same time."""
         if front := getattr(self._app.state, "front", None):
-            front.manager.ask_to_stop()
+            front.end()
         await super().shutdown(sockets)
 
 

@@ -6,10 +6,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from rattle.curves.trace import FARTHEST
-from service import examples
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.problems import declared
 from service.routes.points import Backlash, Multiplier
@@ -76,8 +75,6 @@ class PointDocument(BaseModel):
 
 class Curves(BaseModel):
     """The bifurcation curves inside a window, and all codimension-two points of the half-backlash."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": [examples.CURVES]})
 
     beta: float
     window: Rectangle

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from fastapi import APIRouter, Request
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 import rattle
-from service import examples
 from service.state import FrontState
 from service.tables import ACTIVE
 
@@ -15,8 +14,6 @@ router = APIRouter(prefix="/v1", tags=["service"])
 
 class Health(BaseModel):
     """State of the service."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": [examples.HEALTH]})
 
     status: str = Field(description="ok, or degraded: surveys are accepted, but wait for the cluster")
     version: str

@@ -51,7 +51,10 @@ async def picture(
     }
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
-    png = await anyio.to_thread.run_sync(_draw, path, variable, index, limiter=front.pictures)
+    with front.interruptible():
+        png = await anyio.to_thread.run_sync(
+            _draw, path, variable, index, limiter=front.pictures, abandon_on_cancel=True
+        )
     return Response(png, media_type=PNG, headers=headers)
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 import rattle
-from service import examples
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
 from service.problems import declared
@@ -54,8 +53,6 @@ class OrbitDocument(BaseModel):
 class Orbits(Point):
     """Period-one orbits and analytic limits of one parameter point."""
 
-    model_config = ConfigDict(json_schema_extra={"examples": [examples.ORBITS]})
-
     region: int = Field(ge=0, le=5, description="1…5 = I…V, 0 none of them")
     sn1: float | None = Field(description="epsilon above which A and C exist")
     flip: float | None = Field(description="epsilon above which C is unstable")
@@ -80,8 +77,6 @@ class AttractorDocument(BaseModel):
 
 class Attractors(Point):
     """Attractors of one parameter point, by falling fraction."""
-
-    model_config = ConfigDict(json_schema_extra={"examples": [examples.ATTRACTORS]})
 
     count: int
     v_max: float
