@@ -29,6 +29,8 @@ from service.state import Front
 if TYPE_CHECKING:
     from distributed import Client
 
+WORKERS_NICE = 10  # answers come before tiles
+
 Cluster = Callable[[], AbstractContextManager["Client"]]
 
 
@@ -66,7 +68,7 @@ def _cluster_of(settings: Settings) -> Cluster:
     if settings.scheduler:
         url = settings.scheduler
         return lambda: workers.connect(url)
-    return lambda: workers.embedded_cluster(settings.workers)
+    return lambda: workers.embedded_cluster(settings.workers, WORKERS_NICE)
 
 
 def _lifespan(settings: Settings, cluster: Cluster) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
