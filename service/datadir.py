@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import re
 import shutil
@@ -97,7 +98,13 @@ class DataDirectory:
         """Everything that stands among the stores, the stores of surveys included."""
         return [Entry.of(path) for path in sorted(self._stores.iterdir())]
 
-    def sweep_partial_files(self, survey_id: str) -> None:
-        """Remove the files that killed writers left in a store; nobody may be writing to it."""
-        for stray in self.store(survey_id).rglob("*.partial"):
-            stray.unlink(missing_ok=True)
+    def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
+        """Remove the files that killed writers left in a store, if it is that survey's; nobody may be writing to it."""
+        store = self.store(survey_id)
+        try:
+            found = json.loads((store / "zarr.json").read_bytes())["attributes"]["content_hash"]
+        except (OSError, ValueError, KeyError, TypeError):
+            return  # nothing there, or nothing of ours: the job manager says so
+        if found == content_hash:
+            for stray in store.rglob("*.partial"):
+                stray.unlink(missing_ok=True)

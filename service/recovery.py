@@ -28,5 +28,5 @@ def recover(database: Database, directory: DataDirectory) -> None:
                 database.delete(entry.survey_id)
         elif entry.temporary:
             entry.remove()
-    for survey_id in database.running():
-        directory.sweep_partial_files(survey_id)
+    for survey_id, content_hash in database.running():
+        directory.sweep_partial_files(survey_id, content_hash)

@@ -25,6 +25,7 @@ class State(StrEnum):
 
 
 ACTIVE = (State.ACCEPTED, State.RUNNING)
+IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
 def now() -> str:
@@ -65,6 +66,7 @@ class JobRow(Table):
     __table_args__ = (
         Index("ix_jobs_owner", "owner", "number"),
         Index("ix_jobs_content", "content_hash", "number"),
+        Index("ix_jobs_active", "number", sqlite_where=text(IN_ACTIVE), postgresql_where=text(IN_ACTIVE)),
         {"sqlite_autoincrement": True},
     )
 

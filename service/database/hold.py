@@ -17,7 +17,7 @@ from service.database.engine import UNPOOLED, open_engine, shown
 from service.errors import DataDirectoryError
 
 LOCK = 0x6765_6172_7261_7474  # "gearratt", the number of the advisory lock
-LOOK_SECONDS = 2.0
+LOOK_SECONDS, AGAIN_SECONDS = 2.0, 0.5
 
 log = logging.getLogger(__name__)
 
@@ -107,7 +107,9 @@ class SessionHold:
                 connection.close()
 
     def _look_after(self) -> None:
-        while not self._released.wait(LOOK_SECONDS):
+        pause = LOOK_SECONDS
+        while not self._released.wait(pause):
+            pause = LOOK_SECONDS
             try:
                 if self._connection is not None:
                     self._connection.exec_driver_sql("SELECT 1")
@@ -120,5 +122,7 @@ class SessionHold:
                     self._drop()
                     return
             except SQLAlchemyError as error:
-                log.warning("the lock of the job database %s is lost: %s", self._shown, error)
+                if self._connection is not None:
+                    log.warning("the lock of the job database %s is lost: %s", self._shown, error)
                 self._drop()
+                pause = AGAIN_SECONDS

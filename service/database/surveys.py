@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Any
 
-from sqlalchemy import delete, func, select
+from sqlalchemy import bindparam, delete, func, select, text
 from sqlalchemy.orm import Session
 
 from service.database.identity import NewJob, find_by_key, find_identical
@@ -17,6 +17,8 @@ from service.errors import ConflictError, QueueFullError, QuotaError, Unauthoriz
 from service.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, TileRow, now
 
 CHUNK = 500  # values in one IN (…)
+#: Literal, so that every planner sees that the index ix_jobs_active answers it, however many surveys have ended.
+IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal_execute=True))
 
 
 @dataclass(frozen=True)
@@ -85,13 +87,14 @@ class Surveys(Transactions):
     def next_job(self) -> JobRow | None:
         """The oldest survey that is waiting or was interrupted."""
         with self._read() as session:
-            oldest = select(JobRow).where(JobRow.state.in_(ACTIVE)).order_by(JobRow.number).limit(1)
+            oldest = select(JobRow).where(IS_ACTIVE).order_by(JobRow.number).limit(1)
             return session.scalars(oldest).first()
 
-    def running(self) -> Sequence[str]:
-        """Ids of the surveys that run, or ran when the service ended."""
+    def running(self) -> list[tuple[str, str]]:
+        """Ids and content hashes of the surveys that run, or ran when the service ended."""
         with self._read() as session:
-            return session.scalars(select(JobRow.id).where(JobRow.state == State.RUNNING)).all()
+            found = session.execute(select(JobRow.id, JobRow.content_hash).where(JobRow.state == State.RUNNING))
+            return [(survey_id, content_hash) for survey_id, content_hash in found]
 
     def set_content_hash(self, survey_id: str, content_hash: str) -> None:
         """Note what a survey computes that began under another version than it was accepted under."""
@@ -162,7 +165,8 @@ class Surveys(Transactions):
     def failures(self, survey_id: str, limit: int) -> list[dict[str, Any]]:
         """The first failed cells of a survey: indices and message."""
         with self._read() as session:
-            failed = select(TileRow.failures).where(TileRow.job == _number(session, survey_id), TileRow.failed > 0)
+            has_failed = text("tiles.failed > 0")  # literal, for the index ix_tiles_failed
+            failed = select(TileRow.failures).where(TileRow.job == _number(session, survey_id), has_failed)
             tiles = session.scalars(failed.order_by(TileRow.index).limit(limit), execution_options={"yield_per": 10})
             return list(islice(chain.from_iterable(tiles), limit))
 
@@ -203,12 +207,12 @@ def _number(session: Session, survey_id: str) -> int:
 
 
 def _find_active(session: Session, survey_id: str) -> JobRow | None:
-    active = select(JobRow).where(JobRow.id == survey_id, JobRow.state.in_(ACTIVE))
+    active = select(JobRow).where(JobRow.id == survey_id, IS_ACTIVE)
     return session.scalars(active).one_or_none()
 
 
 def _require_room(session: Session, new: NewJob, max_jobs: int) -> None:
-    active = select(func.count()).select_from(JobRow).where(JobRow.state.in_(ACTIVE))
+    active = select(func.count()).select_from(JobRow).where(IS_ACTIVE)
     if (session.scalar(active) or 0) >= max_jobs:
         raise QueueFullError(f"{max_jobs} surveys are waiting or running. Wait for one to end, or DELETE one of them.")
     key = session.get(KeyRow, new.owner) if new.owner is not None else None
@@ -230,9 +234,9 @@ def _require_room(session: Session, new: NewJob, max_jobs: int) -> None:
         )
 
 
-def _storable(text: str) -> str:
+def _storable(value: str) -> str:
     """The text without what PostgreSQL cannot hold: NUL, and surrogates without a partner."""
-    return text.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
+    return value.replace("\0", "\ufffd").encode("utf-8", "replace").decode()
 
 
 def _counts(job: JobRow) -> dict[str, int]:

@@ -4,6 +4,7 @@ import signal
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -132,6 +133,14 @@ def test_a_second_service_is_refused_until_the_first_is_gone(database_url: str) 
     second.close()
 
 
+def test_one_sqlite_file_by_two_names_is_one_database(tmp_path: Path) -> None:
+    database = Database(f"sqlite:///{tmp_path}/jobs.sqlite")
+    (tmp_path / "link").symlink_to("jobs.sqlite")
+    with pytest.raises(DataDirectoryError, match="Another service uses the job database"):
+        Database(f"sqlite:///{tmp_path}/link")
+    database.close()
+
+
 def test_a_service_whose_database_was_taken_writes_no_more(database_url: str) -> None:
     database = Database(database_url)
     survey_id = database.accept(new(), 1).id
@@ -192,7 +201,7 @@ def test_a_lock_that_another_service_took_is_not_taken_back(postgres_url: str) -
         first.accept(new(), 9)
     assert second.accept(new(), 9).number == 1
     second.close()
-    time.sleep(2.5)  # the first one looks again, and leaves the database to whoever starts next
+    time.sleep(3)  # the first one looks again, and leaves the database to whoever starts next
     with pytest.raises(UnavailableError, match="Another service"):
         first.accept(new(), 9)
     Database(postgres_url).close()

@@ -6,7 +6,7 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[2]
 RATTLE = [sys.executable, "-c", "from service.cli import main; main()"]
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
 START_SECONDS = 120
+NO_SETTINGS: Mapping[str, str] = {}
 
 #: 144 cells in 36 tiles, which take seconds on two processes.
 FIELDS: dict[str, Any] = {
@@ -49,24 +50,28 @@ def wait_until(condition: Callable[[], Any], seconds: float = START_SECONDS) -> 
     return value
 
 
-def start(*arguments: str, **options: Any) -> subprocess.Popen[str]:
+def start(*arguments: str, settings: Mapping[str, str] = NO_SETTINGS, **options: Any) -> subprocess.Popen[str]:
     """A command of rattle, in a process group of its own."""
+    environment = ENVIRONMENT | settings
     return subprocess.Popen(
-        [*RATTLE, *arguments], cwd=ROOT, env=ENVIRONMENT, text=True, start_new_session=True, **options
+        [*RATTLE, *arguments], cwd=ROOT, env=environment, text=True, start_new_session=True, **options
     )
 
 
-def finish(*arguments: str) -> subprocess.CompletedProcess[str]:
+def finish(*arguments: str, settings: Mapping[str, str] = NO_SETTINGS) -> subprocess.CompletedProcess[str]:
     """A command of rattle, when it has ended, with what it printed."""
+    environment = ENVIRONMENT | settings
     return subprocess.run(
-        [*RATTLE, *arguments], cwd=ROOT, env=ENVIRONMENT, text=True, capture_output=True, timeout=START_SECONDS
+        [*RATTLE, *arguments], cwd=ROOT, env=environment, text=True, capture_output=True, timeout=START_SECONDS
     )
 
 
 @contextmanager
-def server(data: Path, port: int, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+def server(
+    data: Path, port: int, *arguments: str, settings: Mapping[str, str] = NO_SETTINGS
+) -> Iterator[subprocess.Popen[str]]:
     """A server that answers; stopped by SIGTERM at the end, and it must stop in time and without error."""
-    process = start("serve", "--port", str(port), "--data", str(data), *arguments)
+    process = start("serve", "--port", str(port), "--data", str(data), *arguments, settings=settings)
     try:
         wait_until(lambda: answers(process, port))
         yield process

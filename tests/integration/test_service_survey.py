@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from postgres import Postgres
 from service_processes import (
     FIELDS,
     OPTIONS,
@@ -125,6 +126,36 @@ def test_a_survey_outlives_the_kill_of_its_server_and_a_row_that_lies(
         with server(tmp_path, port):
             assert job.wait().document["tiles_done"] == 36
             assert_bit_identical(job.open(), expected)
+
+
+def test_a_survey_outlives_a_crash_of_its_database_server(
+    tmp_path: Path, postgres: Postgres, postgres_url: str, expected: dict[str, np.ndarray]
+) -> None:
+    port = free_port()
+    settings = {"RATTLE_DATABASE_URL": postgres_url}
+    with server(tmp_path, port, settings=settings), Client(f"http://127.0.0.1:{port}") as client:
+        job = client.submit(REQUEST)
+        tiles = (event for _, event in client.events(job.document["links"]["events"], 0) if "tile" in event)
+        list(islice(tiles, 5))
+        postgres.stop(signal.SIGQUIT)  # what pg_ctl stop -m immediate sends
+        try:
+            for method, path in (
+                ("GET", "/v1/surveys"),
+                ("GET", f"/v1/surveys/{job.id}"),
+                ("DELETE", f"/v1/surveys/{job.id}"),
+            ):
+                with pytest.raises(ResponseError, match="database cannot answer") as refused:
+                    client.call(method, path)
+                assert refused.value.status == 503
+                assert refused.value.problem["title"] == "Service Unavailable"
+        finally:
+            postgres.start()
+        with Client(client.url) as again:
+            found = wait_until(lambda: next(iter(again.surveys()), None))
+            assert found.wait().document["tiles_done"] == 36
+            assert_bit_identical(found.open(), expected)
+            every = [number for number, _ in again.events(job.document["links"]["events"], 0)]
+            assert every == list(range(1, len(every) + 1))
 
 
 def test_an_interrupted_run_is_resumed_by_the_same_command(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:

@@ -25,6 +25,8 @@ def upgrade() -> None:
     # Inline, because SQLite adds no constraint to a table that is there, and copying it would delete what refers to it.
     op.add_column("jobs", sa.Column("owner", sa.String(), sa.ForeignKey("keys.id")), inline_references=True)
     op.create_index("ix_jobs_owner", "jobs", ["owner", "number"])
+    active = sa.text("state IN ('accepted', 'running')")
+    op.create_index("ix_jobs_active", "jobs", ["number"], sqlite_where=active, postgresql_where=active)
     op.create_index(
         "ix_tiles_failed",
         "tiles",

@@ -1,0 +1,116 @@
+"""What a service finds when it starts: what is its own is cleared away or ended, the rest is left alone and named."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zarr
+from fastapi.testclient import TestClient
+from service_support import BODY, front_end
+
+from service.app import create_app
+from service.database import Database, DoneTile, NewJob
+from service.settings import Settings
+from service.tables import State
+from workers import SurveyRequest
+from workers.version import code_version
+
+HEX = "0123456789abcdef" * 2
+
+
+@pytest.fixture
+def stores(tmp_path: Path) -> Path:
+    (tmp_path / "data" / "surveys").mkdir(parents=True)
+    return tmp_path / "data" / "surveys"
+
+
+@pytest.fixture
+def database(stores: Path) -> Iterator[Database]:
+    """What an earlier service left; close it before the next one starts."""
+    database = Database(f"sqlite:///{stores.parent / 'jobs.sqlite'}")
+    yield database
+    database.close()
+
+
+def accept(database: Database, request: dict[str, Any] = BODY, state: State = State.RUNNING) -> str:
+    survey_id = database.accept(NewJob("", request, "c", "b", 24, 4), 100).id
+    database.set_state(survey_id, state)
+    return survey_id
+
+
+def fill(path: Path) -> Path:
+    (path / "region" / "c").mkdir(parents=True)
+    (path / "region" / "c" / "0").write_text("chunk")
+    (path / "region" / "c" / "0.abc.partial").write_text("chu")
+    return path
+
+
+def files(path: Path) -> list[str]:
+    return sorted(str(found.relative_to(path)) for found in path.rglob("*") if found.is_file())
+
+
+def test_only_what_the_database_owns_is_swept(
+    stores: Path, database: Database, caplog: pytest.LogCaptureFixture
+) -> None:
+    running, ended = accept(database), accept(database, state=State.SUCCESSFUL)
+    deleted, unknown = accept(database, state=State.FAILED), "f" * 16
+    for name in (
+        *(f"{running}.zarr", f".{running}.zarr.{HEX}", f"{ended}.zarr", f".trash-{deleted}"),
+        *(f"{unknown}.zarr", f".{unknown}.zarr.{HEX}", f".trash-{unknown}"),
+        *("mine", f"{running}.zarr.backup", f".{running}.zarr.old"),
+    ):
+        fill(stores / name)
+    zarr.create_group(stores / f"{running}.zarr", attributes={"content_hash": "c"})
+    database.close()
+    before = {path.name: files(path) for path in stores.iterdir()}
+    with front_end(stores.parent) as client:
+        assert {item["id"] for item in client.get("/v1/surveys").json()["surveys"]} == {running, ended}
+    after = {path.name: files(path) for path in stores.iterdir()}
+    gone = {f".{running}.zarr.{HEX}", f".trash-{deleted}"}
+    assert after == {name: found for name, found in before.items() if name not in gone} | {
+        f"{running}.zarr": ["region/c/0", "zarr.json"]
+    }
+    named = "\n".join(record.getMessage() for record in caplog.records if "left alone" in record.getMessage())
+    for name in before.keys() - gone - {f"{running}.zarr", f"{ended}.zarr"}:
+        assert f"/{name} belongs to no survey" in named, name
+    assert str(stores / f"{ended}.zarr belongs") not in named
+
+
+@contextmanager
+def idle_cluster() -> Iterator[Any]:
+    """Enough of a cluster for surveys that never get to it."""
+    yield None
+
+
+def end_of(client: TestClient, survey_id: str) -> dict[str, Any]:
+    deadline = time.monotonic() + 20
+    while (document := client.get(f"/v1/surveys/{survey_id}").json())["state"] in ("accepted", "running"):
+        assert time.monotonic() < deadline, document
+        time.sleep(0.02)
+    return dict(document)
+
+
+def test_a_survey_that_cannot_go_on_is_ended_and_says_why(stores: Path, database: Database) -> None:
+    invalid = accept(database, BODY | {"delta": {"start": 1.0, "stop": 0.4, "num": 5}})
+    foreign, older, other = (accept(database) for _ in range(3))
+    fill(stores / f"{foreign}.zarr")
+    database.add_tile(older, DoneTile(0, 6, 0.1, 0, []))
+    zarr.create_group(stores / f"{older}.zarr", attributes={"content_hash": "x", "code_version": "0.0+old"})
+    same_code = SurveyRequest(**BODY | {"seed": 1})
+    attributes = {"content_hash": same_code.content_hash(), "code_version": code_version()}
+    zarr.create_group(stores / f"{other}.zarr", attributes=attributes)
+    database.close()
+    before = {path.name: files(path) for path in stores.iterdir()}
+    with TestClient(create_app(Settings(data=stores.parent), idle_cluster)) as client:
+        messages = {survey_id: end_of(client, survey_id) for survey_id in (invalid, foreign, older, other)}
+    assert {document["state"] for document in messages.values()} == {"failed"}
+    assert "no longer valid in this version (delta: " in messages[invalid]["message"]
+    assert "\n" not in messages[invalid]["message"]
+    assert "not a survey" in messages[foreign]["message"]
+    assert "0.0+old" in messages[older]["message"]
+    assert messages[older]["tiles_done"] == 1
+    assert "another survey" in messages[other]["message"]
+    assert {path.name: files(path) for path in stores.iterdir()} == before
