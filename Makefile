@@ -4,10 +4,13 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
-.PHONY: survey test lint bench clean
+.PHONY: survey figures test lint bench clean
 
 survey: $(INSTALLED)
 	$(BIN)/rattle run --delta 0.4:1.0:61 --epsilon 0.005:0.3:60 --count 64 --out survey.zarr --figure survey.png
+
+figures: $(INSTALLED)
+	$(BIN)/rattle figure all --out figures
 
 test: $(INSTALLED)
 	$(BIN)/python -m pytest
@@ -27,4 +30,4 @@ $(INSTALLED): pyproject.toml constraints.txt
 	touch $@
 
 clean:
-	rm -rf $(VENV) survey.zarr survey.png
+	rm -rf $(VENV) survey.zarr survey.png figures

@@ -15,6 +15,10 @@ class ParameterError(RattleError, ValueError):
     """A parameter or an initial condition outside the model's domain; the message says which and why."""
 
 
+class MissingExtraError(RattleError, ImportError):
+    """An optional dependency that is not installed; the message names the extra that brings it."""
+
+
 def require(ok: bool, message: str) -> None:
     """Raise ParameterError with this message unless ok."""
     if not ok:

@@ -125,6 +125,8 @@ class AccessMiddleware:
             raise HTTPException(431, problems.ADVICE[431])
         if b"transfer-encoding" in names and b"content-length" in names:  # which of them did a proxy believe?
             raise HTTPException(400, problems.ADVICE[400], {"Connection": "close"})
+        if not scope["path"].isprintable():  # the router would overlook a line break at the end
+            raise HTTPException(404, problems.ADVICE[404])
 
 
 def _with_headers(send: Send) -> Send:

@@ -7,8 +7,8 @@ import typer
 from service.commands import key
 from service.commands.bench import bench
 from service.commands.curves import curves
-from service.commands.drawing import figure
 from service.commands.explain import explain
+from service.commands.figure import figure
 from service.commands.opening import open_
 from service.commands.orbits import orbits
 from service.commands.paper import paper

@@ -16,6 +16,7 @@ from service.settings import Settings
 
 UNFINISHED = (h11.IDLE, h11.SEND_BODY)
 CAN_ANSWER = (h11.IDLE, h11.SEND_RESPONSE)
+LEAST_READ = 16 * 1024  # of an answer that waits, in unread_seconds
 
 log = logging.getLogger(__name__)
 
@@ -28,8 +29,8 @@ def protocol_of(settings: Settings) -> type[H11Protocol]:
 class _BoundedProtocol(H11Protocol):
     """One connection. A request must arrive whole in time, an answer must be read in time.
 
-    Three timers: from the first byte of a request to its last; while the client reads so slowly that the answer
-    waits; and after the connection was closed with something still unread.
+    Two timers: from the first byte of a request to its last; and while an answer waits for its reader, also after the
+    connection was closed.
     """
 
     limits: ClassVar[Settings]
@@ -88,11 +89,12 @@ class _BoundedProtocol(H11Protocol):
 
     def pause_writing(self) -> None:
         super().pause_writing()
-        self._start("unread", self.limits.unread_seconds, self._drop)
+        self._await_reader()
 
     def resume_writing(self) -> None:
         super().resume_writing()
-        self._stop("unread")
+        if not self.transport.is_closing():
+            self._stop("unread")
 
     def _expect_request(self) -> None:
         self._start("arriving", self.limits.request_seconds, self._too_late)
@@ -100,7 +102,14 @@ class _BoundedProtocol(H11Protocol):
     def _too_late(self) -> None:
         self._refuse(408, ADVICE[408])
 
-    def _drop(self) -> None:
+    def _await_reader(self) -> None:
+        unread = self.transport.get_write_buffer_size()
+        self._start("unread", self.limits.unread_seconds, lambda: self._check_reader(unread))
+
+    def _check_reader(self, before: int) -> None:
+        if self.transport.get_write_buffer_size() <= before - LEAST_READ:
+            self._await_reader()
+            return
         log.info("%s does not read what it asked for: connection dropped", self.client)
         self.transport.abort()
 
@@ -109,11 +118,13 @@ class _BoundedProtocol(H11Protocol):
         if self.transport.is_closing():
             return
         if self.conn.our_state in CAN_ANSWER:
-            path = self.scope["path"] if self.scope is not None and self.conn.our_state is h11.SEND_RESPONSE else ""
+            scope = self.scope if self.conn.our_state is h11.SEND_RESPONSE else None
+            path = scope["path"] if scope else ""
             answer = problem_response(status, detail, path, headers=RETRY_AFTER if status == 503 else None)
+            body = b"" if scope and scope["method"] == "HEAD" else bytes(answer.body)
             events = (
                 h11.Response(status_code=status, headers=[*answer.raw_headers, (b"connection", b"close")]),
-                h11.Data(data=bytes(answer.body)),
+                h11.Data(data=body),
                 h11.EndOfMessage(),
             )
             for event in events:
@@ -125,9 +136,9 @@ class _BoundedProtocol(H11Protocol):
         self._leave()
 
     def _leave(self) -> None:
-        """A closed connection stays until its answer was read: not longer than this."""
+        """A closed connection stays until its answer was read, or is no longer being read."""
         self._stop()
-        self._start("leaving", self.limits.unread_seconds, self.transport.abort)
+        self._await_reader()
 
     def _start(self, name: str, seconds: float, act: Callable[[], None]) -> None:
         self._stop(name)

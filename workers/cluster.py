@@ -84,6 +84,7 @@ def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
                         # dask's health page takes port 8787 otherwise, and complains if somebody has it.
                         scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
                         memory_limit=MEMORY_LIMIT,
+                        security=Security(require_encryption=False),  # on loopback, whatever dask's settings say
                         silence_logs=logging.CRITICAL,
                         env=ONE_THREAD,
                     )
@@ -101,7 +102,8 @@ def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
 def connect(url: str) -> Iterator[Client]:
     """Use an existing dask scheduler, such as `tcp://host:8786`, which is left running.
 
-    Its workers need this package in the same version, and the file system of the store.
+    Its workers need this package in the same version, and the file system of the store. At `tls://host:8786`, dask's
+    own settings `distributed.comm.tls` name the certificates.
 
     Raises:
         ClusterLostError: nothing answers at the address, or it has no workers.
@@ -114,7 +116,7 @@ def connect(url: str) -> Iterator[Client]:
             _probe(url)
             client = stack.enter_context(Client(url, timeout=CONNECT_SECONDS, set_as_default=False))
             client.wait_for_workers(1, timeout=CONNECT_SECONDS)
-        except (OSError, ValueError, TypeError) as error:
+        except (OSError, ValueError, TypeError, RuntimeError) as error:  # the last two: dask's settings of TLS
             raise ClusterLostError(
                 f"no dask scheduler with workers answers at {url} ({error}): start them, or correct it"
             ) from error

@@ -6,16 +6,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.ndimage import distance_transform_edt
 
+from rattle.plot.drawing import HALO, new_figure
+from rattle.plot.plane import REGIONS
 from workers.errors import SurveyError
-from workers.maps import draw_legend, draw_map, new_figure
-from workers.overlay import CURVES_ON, HALO, draw_curves, draw_points
+from workers.maps import draw_legend, draw_map
+from workers.overlay import CURVES_ON, draw_curves, draw_points
 
 PANELS = {
     "region": "Regions",
     "quiet_fraction": "Quiet fraction of the sample",
     "lyapunov_max": "Largest Lyapunov exponent",
 }
-ROMAN = ("", "I", "II", "III", "IV", "V")
 
 
 def survey_figure(dataset: xr.Dataset) -> Figure:
@@ -47,7 +48,7 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
 def _name_regions(axes: Axes, dataset: xr.Dataset) -> None:
     """Write each region's number where the region is widest."""
     region = np.asarray(dataset["region"])
-    for label, name in enumerate(ROMAN):
+    for label, name in enumerate(REGIONS):
         inside = region == label
         if label and inside.any():
             # A margin of cells outside keeps the number off the frame.

@@ -7,11 +7,10 @@ import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
-from matplotlib.figure import Figure
 
+from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError
 from workers.evaluate import FAILED
 from workers.overlay import CURVES_ON, draw_curves, draw_points
@@ -20,7 +19,6 @@ from workers.schema import CELL
 NOT_COMPUTED, FAILURE, NOTHING = "0.78", "#3b0a0a", "#eee3bd"
 REGION_COLOURS = ("#e8e8e8", "#f4efe3", "#bfdcec", "#8fc79a", "#f2c879", "#dd8f7d")
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
-DPI = 150
 
 
 def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
@@ -71,13 +69,6 @@ def _title(plane: xr.DataArray) -> str:
         name = f"|{name}|"
     chosen = ", ".join(f"{dim} {value.item()}" for dim, value in plane.coords.items() if not value.dims)
     return f"{name} ({chosen})" if chosen else name
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of this size in inches, with a canvas of its own."""
-    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str = "none") -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
@@ -34,13 +33,3 @@ def require_writable(out: Path) -> None:
         raise ServiceError(f"The picture {out} has no format: end its name in one of .{', .'.join(sorted(known))}")
     if not out.parent.is_dir():
         raise ServiceError(f"The picture {out} cannot be written: {out.parent} is not a directory")
-
-
-def figure(
-    store: Annotated[str, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The picture to write; .png, .pdf or .svg.")] = Path(
-        "survey.png"
-    ),
-) -> None:
-    """Draw a survey: regions with the bifurcation curves, quiet fraction, largest Lyapunov exponent."""
-    draw(store, out)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -102,8 +102,5 @@ def _database(data: Path | None, database_url: str | None, create: bool = False)
         elif not directory.path.is_dir():
             raise DataDirectoryError(f"There is no data directory {directory.path}: name that of the service (--data).")
     # Not exclusive, and without the lock of the directory: a service may run.
-    database = Database(settings.database_url or directory.database_url, exclusive=False)
-    try:
+    with closing(Database(settings.database_url or directory.database_url, exclusive=False)) as database:
         yield database
-    finally:
-        database.close()

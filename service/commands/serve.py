@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,7 @@ import typer
 from service.commands.options import Scheduler
 
 if TYPE_CHECKING:
-    from service.datadir import DataDirectory
+    from service.database import Database
     from service.settings import Settings
 
 
@@ -48,9 +49,13 @@ def serve(
     )
     # A plain sentence now, instead of uvicorn's traceback later.
     directory = DataDirectory(settings.data)
-    with directory.locked():
-        Database(settings.database_url or directory.database_url).close()
-        require_keys(settings, directory)
+    with (
+        directory.locked(),
+        closing(Database(settings.database_url or directory.database_url)) as database,
+    ):
+        require_keys(settings, database)
+    if settings.insecure:
+        typer.echo(f"Everybody who reaches {settings.host} may use this service: no keys are asked.", err=True)
     app = create_app(settings)
     server = Server(
         uvicorn.Config(
@@ -72,21 +77,14 @@ def serve(
         raise typer.Exit(1)
 
 
-def require_keys(settings: Settings, directory: DataDirectory) -> None:
+def require_keys(settings: Settings, database: Database) -> None:
     """Raise AccessError where keys are asked and nobody has one."""
     from service.access import asks_keys
-    from service.database import Database
     from service.errors import AccessError
     from service.keys import has_live_key
 
-    if not asks_keys(settings):
+    if not asks_keys(settings) or has_live_key(database):
         return
-    database = Database(settings.database_url or directory.database_url, exclusive=False)
-    try:
-        if has_live_key(database):
-            return
-    finally:
-        database.close()
     where = "--database-url URL" if settings.database_url else f"--data {settings.data}"  # a URL may hold a password
     raise AccessError(
         f"On {settings.host} every request needs an API key, and there is none. Make one: rattle key add NAME --scope "

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from fastapi import FastAPI
 from fastapi.testclient import TestClient
 
 from service.app import create_app
@@ -32,9 +33,13 @@ def no_cluster() -> Iterator[Any]:
 @contextmanager
 def front_end(data: Path, **settings: Any) -> Iterator[TestClient]:
     """A client of an application with these settings, without a cluster."""
-    app = create_app(Settings(data=data, **settings), no_cluster)
-    with TestClient(app, HERE, raise_server_exceptions=False, client=("127.0.0.1", 50000)) as client:
+    with local_client(create_app(Settings(data=data, **settings), no_cluster)) as client:
         yield client
+
+
+def local_client(app: FastAPI) -> TestClient:
+    """A client on this machine, of whom no key is asked."""
+    return TestClient(app, HERE, raise_server_exceptions=False, client=("127.0.0.1", 50000))
 
 
 def front_of(client: TestClient) -> Front:

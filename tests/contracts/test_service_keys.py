@@ -1,6 +1,7 @@
 """The command ``rattle key``, beside a running service, and a service that refuses to start open."""
 
 import re
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 from service import cli
 from service.client import Client
 from service.commands.serve import require_keys
-from service.datadir import DataDirectory
+from service.database import Database
 from service.errors import ServiceError
 from service.results import key_headers
 from service.settings import Settings
@@ -115,9 +116,9 @@ def test_a_service_starts_on_loopback_with_a_key_or_when_told(
 
 
 def test_a_password_in_the_url_of_the_database_is_not_repeated(tmp_path: Path) -> None:
-    settings = Settings(host="0.0.0.0", data=tmp_path, database_url=f"sqlite:///{tmp_path}/jobs.sqlite?timeout=7")
-    with pytest.raises(ServiceError) as refused:
-        require_keys(settings, DataDirectory(settings.data))
+    url = f"sqlite:///{tmp_path}/jobs.sqlite?timeout=7"
+    with closing(Database(url)) as database, pytest.raises(ServiceError) as refused:
+        require_keys(Settings(host="0.0.0.0", data=tmp_path, database_url=url), database)
     assert "timeout=7" not in str(refused.value)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import zarr
 from fastapi.testclient import TestClient
-from service_support import BODY, front_end
+from service_support import BODY, front_end, local_client
 
 from service.app import create_app
 from service.database import Database, DoneTile, NewJob
@@ -104,7 +104,7 @@ def test_a_survey_that_cannot_go_on_is_ended_and_says_why(stores: Path, database
     zarr.create_group(stores / f"{other}.zarr", attributes=attributes)
     database.close()
     before = {path.name: files(path) for path in stores.iterdir()}
-    with TestClient(create_app(Settings(data=stores.parent), idle_cluster)) as client:
+    with local_client(create_app(Settings(data=stores.parent), idle_cluster)) as client:
         messages = {survey_id: end_of(client, survey_id) for survey_id in (invalid, foreign, older, other)}
     assert {document["state"] for document in messages.values()} == {"failed"}
     assert "no longer valid in this version (delta: " in messages[invalid]["message"]

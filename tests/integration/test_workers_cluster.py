@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import cloudpickle
+import dask
+import psutil
 import pytest
 import xarray as xr
 from distributed import Client, Worker, WorkerPlugin
@@ -44,7 +46,8 @@ TILES = tiles_of(REQUEST)
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Client]:
-    with embedded_cluster(2) as client:
+    # On loopback it starts without certificates, where dask's settings ask for them, too.
+    with dask.config.set({"distributed.comm.require-encryption": True}), embedded_cluster(2) as client:
         yield client
         pids = processes(client)
     eventually(lambda: not any(alive(pid) for pid in pids))
@@ -116,6 +119,11 @@ def test_two_processes_of_one_thread_on_loopback(cluster: Client) -> None:
     assert set(cluster.nthreads().values()) == {1}
     assert set(cluster.run(lambda: os.environ["NUMBA_NUM_THREADS"]).values()) == {"1"}
     assert all(address.startswith("tcp://127.0.0.1:") for address in [*cluster.nthreads(), cluster.scheduler.address])
+    here = psutil.Process()
+    sockets = [each for process in (here, *here.children(recursive=True)) for each in process.net_connections("tcp")]
+    listening = [each.laddr for each in sockets if each.status == psutil.CONN_LISTEN]
+    assert len(listening) >= 3  # a scheduler and two workers at least
+    assert {address.ip for address in listening} == {"127.0.0.1"}
 
 
 def test_the_same_bits_as_a_serial_run(cluster: Client, store: Path, serial: xr.Dataset) -> None:

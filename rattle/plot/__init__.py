@@ -1,0 +1,17 @@
+"""Pictures, with matplotlib, which the extra `plot` installs: the figures of the paper and the plane of the curves.
+
+No picture uses pyplot or other global state of matplotlib: servers draw in threads.
+"""
+
+from rattle.errors import MissingExtraError
+
+try:
+    import matplotlib  # noqa: F401
+except ImportError as error:
+    raise MissingExtraError("pictures need matplotlib: pip install 'gear-rattle[plot]'") from error
+
+from rattle.plot.colours import colour, name_of
+from rattle.plot.drawing import Drawing, save
+from rattle.plot.paper_figures import FIGURES, PaperFigure, draw
+
+__all__ = ["FIGURES", "Drawing", "PaperFigure", "colour", "draw", "name_of", "save"]

@@ -1,0 +1,242 @@
+"""Basins of attraction in the (τ, v) plane, v downwards as in the paper. Figures 4 and 6 of the paper."""
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from rattle.attractors import Attractor
+from rattle.basins import Basins
+from rattle.errors import RattleError, require
+from rattle.gear import Gear
+from rattle.manifolds import manifold
+from rattle.orbits import Orbit
+from rattle.plot.colours import colour, name_of, order
+from rattle.plot.drawing import Drawing, new_figure, outlined
+from rattle.plot.labels import ROOM, Labels
+from rattle.plot.paper_ranges import BETA
+from rattle.saddles import period_one_saddle
+
+Array = NDArray[np.float64]
+
+V_MAX = 7.0
+RESOLUTION = 1000  # cells a side, as in the paper
+MOST_PANELS = 9
+SPACING = 0.005  # of points of Γ and of manifolds
+ARCLENGTH = 200.0  # of each side of a manifold: at the paper's ε = 0.1 no edge of a basin is without one then
+MANIFOLDS = {"A": "#ff4df0", "B": "#12c040"}  # magenta and green
+CROSSES = {"A": "x", "B": "x", "C": "+", "D": "x"}
+AROUND = np.array([[0.0, 0.0], [0.01, 0.08], [-0.01, 0.08], [-0.01, -0.08], [0.01, -0.08]])  # of a cross, in (τ, v)
+SAME_ORBIT = 1e-6
+DIM = "0.25"  # edge of what is white
+
+
+def folded(tau: Array, v: Array, v_max: float = V_MAX) -> Array:
+    """A line of the (τ, v) plane (k, 2) with its phases folded into [0, 1], NaN where it leaves a side, and without
+    what is beyond v_max. It ends on the very side that it leaves.
+    """
+    turn = np.floor(tau)
+    points = [np.column_stack([tau - turn, v])]
+    at = []
+    for i in np.flatnonzero(np.diff(turn)):
+        edge = max(turn[i], turn[i + 1])  # neighbours are far closer than a period
+        share = (edge - tau[i]) / (tau[i + 1] - tau[i])
+        height = v[i] + share * (v[i + 1] - v[i])
+        points.append(np.array([[edge - turn[i], height], [np.nan, np.nan], [edge - turn[i + 1], height]]))
+        at += [i + 0.3, i + 0.5, i + 0.7]
+    line = np.concatenate(points)[np.argsort(np.concatenate([np.arange(tau.size), at]), kind="stable")]
+    beyond = line[:, 1] > v_max
+    hidden = beyond & np.append(True, beyond[:-1]) & np.append(beyond[1:], True)
+    line[hidden] = np.nan
+    doubled = np.isnan(line[:, 0]) & np.roll(np.isnan(line[:, 0]), 1)
+    return np.asarray(line[~doubled], np.float64)
+
+
+def draw_basins(axes: Axes, basins: Basins, v_max: float = V_MAX) -> None:
+    """Draw basins as pixels, one a cell."""
+    colours = np.array([to_rgb(colour(each)) for each in basins.attractors])
+    pixels = np.round(255 * colours).astype(np.uint8)[basins.labels]
+    axes.imshow(pixels, extent=(0.0, 1.0, v_max, 0.0), aspect="auto", interpolation="none", origin="upper")
+    axes.set(xlim=(0.0, 1.0), ylim=(v_max, 0.0))
+
+
+def draw_gamma(axes: Axes, gear: Gear, width: float, v_max: float = V_MAX) -> Array:
+    """Draw Γ in white; returns the line (k, 2), empty if there is none."""
+    pieces = [folded(piece.tau, piece.v, v_max) for piece in gear.gamma(SPACING)]
+    line = _joined(pieces)
+    if len(line):
+        outlined(axes.plot(*line.T, color="white", linewidth=width, zorder=2)[0], DIM, 0.3)
+    return line
+
+
+def _joined(lines: Sequence[Array]) -> Array:
+    gap = np.full((1, 2), np.nan)
+    return np.concatenate([np.empty((0, 2)), *(part for line in lines for part in (line, gap))])
+
+
+def _legend(figure: Figure, attractors: Iterable[Attractor], lines: Sequence[Line2D], columns: int) -> None:
+    """Name each type of motion once, and the lines."""
+    types = {name_of(each): each for each in attractors}
+    patches = [
+        Patch(facecolor=colour(each), edgecolor="0.3", linewidth=0.5, label=label)
+        for label, each in sorted(types.items(), key=lambda item: order(item[1]))
+    ]
+    figure.legend(
+        handles=[*patches, *lines],
+        loc="outside lower center",
+        ncols=min(columns, len(patches) + len(lines)),
+        fontsize=8,
+        frameon=False,
+        handlelength=1.6,
+        columnspacing=1.4,
+    )
+
+
+def _white_line(width: float) -> Line2D:
+    return outlined(Line2D([], [], color="white", linewidth=width, label="grazing curve Γ"), DIM, 0.6)
+
+
+def panels(delta: float, epsilon: Sequence[float], beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
+    """Figure 4: a panel of basins for each ε, each cell followed on its own, with Γ; one legend of types for all.
+
+    resolution: cells a side. Raises ParameterError.
+    """
+    require(1 <= len(epsilon) <= MOST_PANELS, f"epsilon must be 1 to {MOST_PANELS} numbers, got {len(epsilon)}")
+    gears = [Gear(delta, each, beta) for each in epsilon]
+    columns = next(n for n in (1, 2, 3) if n * n >= len(gears))
+    rows = -(-len(gears) // columns)
+    figure = new_figure(0.6 + 2.25 * columns, 1.0 + 2.3 * rows)
+    found: list[Attractor] = []
+    for i, gear in enumerate(gears):
+        axes = figure.add_subplot(rows, columns, i + 1)
+        basins = gear.basins(resolution, V_MAX, "direct")
+        found += basins.attractors
+        draw_basins(axes, basins)
+        draw_gamma(axes, gear, 0.7)
+        axes.set_title(f"({'abcdefghi'[i]}) ε = {gear.epsilon:g}", fontsize=9, pad=4)
+        _few_ticks(axes, first=i % columns == 0, last=i >= len(gears) - columns)
+    if beta != BETA:
+        figure.suptitle(f"half-backlash β = {beta:g}", fontsize=10)
+    _legend(figure, found, [_white_line(1.2)], 5)
+    return Drawing(figure)
+
+
+def _few_ticks(axes: Axes, first: bool, last: bool) -> None:
+    """Numbers and names at the first panel of a row and the last of a column only."""
+    axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"] if last else [""] * 3)
+    axes.set_yticks([0, V_MAX], ["0", f"{V_MAX:g}"] if first else ["", ""])
+    axes.set_yticks(range(1, int(V_MAX)), minor=True)
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("τ" if last else "", fontsize=10, labelpad=0)
+    axes.set_ylabel("v" if first else "", fontsize=10, labelpad=0, rotation=0)
+
+
+def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
+    """Figure 6: basins at one point, with A to D, the stable manifolds of the saddles A and B, and Γ.
+
+    What does not exist there is left out, which a note says. resolution: cells a side. Raises ParameterError.
+    """
+    gear = Gear(delta, epsilon, beta)
+    basins = gear.basins(resolution, V_MAX, "direct")
+    orbits = {orbit.name: orbit for orbit in gear.orbits()}
+    figure = new_figure(6.4, 6.2)
+    axes = figure.add_subplot()
+    draw_basins(axes, basins)
+    notes, drawn = [], {}
+    for name in MANIFOLDS:
+        line, why = stable_manifold(gear, orbits.get(name), name)
+        if why:
+            notes.append(why)
+        if len(line):
+            drawn[name] = line
+            axes.plot(*line.T, color=MANIFOLDS[name], linewidth=1.1, zorder=1.5)
+    gamma = draw_gamma(axes, gear, 1.6)
+    if not len(gamma):
+        notes.append(f"Γ is left out: no flight with v below {V_MAX:g} grazes Σ⁻")
+    shown = {name: orbit for name, orbit in orbits.items() if orbit.v < V_MAX}
+    missing = [name for name in CROSSES if name not in shown]
+    if missing:
+        notes.append(f"left out, as there is no such orbit with v below {V_MAX:g} there: {', '.join(missing)}")
+    for name, orbit in shown.items():
+        (mark,) = axes.plot(orbit.tau, orbit.v, CROSSES[name], color="white", markersize=9, zorder=4)
+        mark.set_markeredgewidth(1.6)
+        outlined(mark, "black", 0.9)
+    axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "0.25", "0.5", "0.75", "1"])
+    axes.set_yticks(range(8))
+    axes.set_xlabel("impact phase τ", fontsize=11)
+    axes.set_ylabel("initial velocity v", fontsize=11)
+    title = f"δ = {gear.delta:g}, ε = {gear.epsilon:g}" + ("" if beta == BETA else f", β = {beta:g}")
+    axes.set_title(title, fontsize=10)
+    lines = [Line2D([], [], color=MANIFOLDS[name], label=_stable(name)) for name in drawn]
+    _legend(figure, basins.attractors, [*lines, *([_white_line(1.6)] if len(gamma) else [])], 6)
+    _write_labels(axes, basins, shown, drawn, gamma)
+    figure.set_layout_engine("none")  # labels lie where they were put
+    return Drawing(figure, tuple(notes))
+
+
+def stable_manifold(gear: Gear, orbit: Orbit | None, name: str) -> tuple[Array, str | None]:
+    """Both sides of W^s of A or B, folded (k, 2), and why any of it is missing."""
+    if orbit is None:
+        return np.empty((0, 2)), None  # what orbits are missing is said anyway
+    if orbit.stable:
+        return np.empty((0, 2)), f"{name} is stable there: it has no stable manifold to draw"
+    sides, why = [], None
+    for side in (1, -1):
+        try:
+            saddle = period_one_saddle(name, gear.delta, gear.epsilon, gear.beta)
+            grown = manifold(saddle, "stable", side, ARCLENGTH, SPACING)
+        except RattleError as error:
+            why = f"a side of the stable manifold of {name} is left out: {error}"
+            continue
+        for start, end in _connected(grown.pieces, grown.gap):
+            sides.append(folded(grown.tau[start:end], grown.v[start:end]))
+    return _joined(sides), why
+
+
+def _connected(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, int]]:
+    """Ranges of points without a gap in them."""
+    cuts = [0, *pieces[1:-1][gap > 0].tolist(), int(pieces[-1])]
+    return list(pairwise(cuts))
+
+
+def _stable(name: str) -> str:
+    return f"$W^s({name})$"
+
+
+def _write_labels(
+    axes: Axes, basins: Basins, orbits: dict[str, Orbit], manifolds: dict[str, Array], gamma: Array
+) -> None:
+    """Name the orbits, the basins where they are thick, and the lines."""
+    marks = [np.array([orbit.tau, orbit.v]) + AROUND for orbit in orbits.values()]
+    labels = Labels(axes, [*manifolds.values(), gamma, *marks])
+    for name, orbit in orbits.items():
+        labels.add(name, (orbit.tau, orbit.v), size=12, edged=True)
+    for i, attractor in enumerate(basins.attractors):
+        symbol = _basin(attractor, orbits)
+        if symbol and not labels.within(symbol, basins.labels[::-1] == i, size=13):
+            place, room = labels.widest(basins.labels[::-1] == i)
+            if room > 2.0:
+                labels.add(symbol, place, size=13, edged=True)
+    for name, line in (*((_stable(name), line) for name, line in manifolds.items()), ("Γ", gamma)):
+        inside = line[~np.isnan(line[:, 0]) & (line[:, 1] < V_MAX)]
+        if len(inside):
+            chosen = inside[:: max(1, len(inside) // 60)]
+            labels.add(name, *((float(tau), float(v)) for tau, v in chosen), size=12, room=3 * ROOM, edged=True)
+
+
+def _basin(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:
+    """The paper's symbol of a basin, if it has one."""
+    if attractor.kind == "quiet":
+        return r"$\Delta_L$"
+    if attractor.kind == "chaotic":
+        return r"$\Delta_{Ch}$"
+    for name, orbit in orbits.items():
+        if abs(orbit.v - attractor.v) < SAME_ORBIT and abs((orbit.tau - attractor.tau + 0.5) % 1 - 0.5) < SAME_ORBIT:
+            return rf"$\Delta_{name}$"
+    return None

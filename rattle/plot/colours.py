@@ -1,0 +1,88 @@
+"""A colour for each type of motion, the same in every picture.
+
+Types are those of the paper's itineraries, P(m, n₊, n₋). Its words for Figures 4 to 6 are followed where they tell
+types apart: it calls both P(2,2,2) and P(8,8,6) dark orange, and here the second is the darker one.
+"""
+
+import colorsys
+
+from rattle.attractors import KINDS, Attractor
+from rattle.errors import require, require_integer
+
+Label = tuple[int, int, int]
+
+KIND_COLOURS = {"quiet": "#17386e", "chaotic": "#d7191c", "undecided": "#9a9a9a"}
+NAMED: dict[Label, str] = {
+    (1, 1, 0): "#8ec7ea",  # light blue
+    (1, 1, 1): "#fdb866",  # light orange
+    (2, 2, 2): "#e8771c",  # dark orange
+    (4, 4, 2): "#f7e34a",  # yellow
+    (8, 8, 6): "#9c4a10",
+}
+#: Hues in degrees that no named colour has: green to teal, and purple to pink.
+HUES = ((100.0, 175.0), (265.0, 335.0))
+SATURATION, LIGHTNESS = 0.65, (0.25, 0.75)
+# Steps of hue and lightness for one more of m, n₊, n₋: colours are a lattice, which is one of those that keep the types
+# of a picture farthest apart, found by trial on Figure 4 and on 500 random points of the plane.
+HUE_STEPS, LIGHTNESS_STEPS = (0.753, 0.439, 0.588), (0.127, 0.726, 0.28)
+MOST = 10**9
+
+Motion = Attractor | Label | str
+
+
+def _label(motion: Motion) -> str | Label:
+    """quiet, chaotic or undecided, or (m, n₊, n₋). Raises ParameterError."""
+    if isinstance(motion, Attractor):
+        motion = (motion.m, motion.n_plus, motion.n_minus) if motion.kind == "periodic" else motion.kind
+    if isinstance(motion, str):
+        known = ", ".join(kind for kind in KINDS if kind in KIND_COLOURS)
+        require(motion in KIND_COLOURS, f"a motion is one of {known} or (m, n_plus, n_minus), got {motion!r}")
+        return motion
+    require(
+        isinstance(motion, tuple) and len(motion) == 3,
+        f"a motion is an Attractor, a kind or (m, n_plus, n_minus), got {motion!r}",
+    )
+    m, n_plus, n_minus = motion
+    return (
+        require_integer("m", m, 1, MOST),
+        require_integer("n_plus", n_plus, 1, MOST),
+        require_integer("n_minus", n_minus, 0, MOST),
+    )
+
+
+def name_of(motion: Motion) -> str:
+    """What a legend calls a motion: P(m,n₊,n₋) in plain digits, or its kind. Raises ParameterError."""
+    label = _label(motion)
+    return label if isinstance(label, str) else f"P({','.join(map(str, label))})"
+
+
+def order(motion: Motion) -> tuple[int, tuple[int, ...]]:
+    """Where a legend puts a motion: quiet, periodic ones by m, n₊, n₋, chaotic, undecided."""
+    label = _label(motion)
+    return (KINDS.index(label), ()) if isinstance(label, str) else (KINDS.index("periodic"), label)
+
+
+def colour(motion: Motion) -> str:
+    """The colour (#rrggbb) of a type of motion: an `Attractor`, (m, n_plus, n_minus), or quiet, chaotic, undecided.
+
+    It depends on the type alone. Raises ParameterError.
+    """
+    label = _label(motion)
+    if isinstance(label, str):
+        return KIND_COLOURS[label]
+    return NAMED.get(label) or _by_rule(label)
+
+
+def _by_rule(label: Label) -> str:
+    hue = _turned(label, HUE_STEPS) * sum(high - low for low, high in HUES)
+    for low, high in HUES:
+        if hue < high - low:
+            break
+        hue -= high - low
+    dark, light = LIGHTNESS
+    rgb = colorsys.hls_to_rgb((low + hue) / 360, dark + _turned(label, LIGHTNESS_STEPS) * (light - dark), SATURATION)
+    return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)
+
+
+def _turned(label: Label, steps: tuple[float, ...]) -> float:
+    return sum(n * step for n, step in zip(label, steps, strict=True)) % 1.0

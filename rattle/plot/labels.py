@@ -1,0 +1,238 @@
+"""Labels that keep clear of the lines of a picture, and of each other."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.text import Annotation, Text
+from matplotlib.transforms import Bbox
+from numpy.typing import NDArray
+
+from rattle.plot.drawing import HALO, lay_out
+
+Array = NDArray[np.float64]
+Point = tuple[float, float]
+
+DISTANCES = (20, 30, 42, 56, 72, 90)  # of a label from its point, in points
+DIRECTIONS = np.arange(24) / 24 * 2 * np.pi
+ROOM = 3.0  # around a label, in pixels
+ANCHORS = 24  # points of a line that a label may be tied to
+CANDIDATES = 400  # cells that a label within a part may be centred on
+CLEAR = 45.0  # from other lines, in pixels: then it is plain which one a label along a line names
+WRONG, OUTSIDE = 1000.0, 1e5  # cost of covering a label, of leaving the frame
+
+
+class Labels:
+    """Labels of one picture, each put where it covers least.
+
+    The layout is made first: where a label is clear of a line depends on the shape of the axes.
+    """
+
+    def __init__(self, axes: Axes, lines: Sequence[Array]) -> None:
+        """Keep clear of lines (k, 2) in data coordinates, NaN between pieces, and of the texts that are there."""
+        figure = axes.get_figure(root=True)
+        assert figure is not None
+        self.axes, self.renderer = axes, lay_out(figure).get_renderer()
+        self.frame = axes.get_window_extent(self.renderer)
+        self.covered = np.concatenate([np.empty((0, 2)), *(_dense(axes.transData.transform(line)) for line in lines)])
+        self.boxes = [text.get_window_extent(self.renderer) for text in axes.texts]
+        self.leaders: list[Array] = []
+
+    def add(
+        self,
+        name: str,
+        *points: Point,
+        size: float = 8,
+        colour: str = "black",
+        room: float = ROOM,
+        edged: bool = False,
+    ) -> Annotation:
+        """Write a name next to one of these points, with a line to it; edged: the line has a white edge as the name."""
+        text = self.axes.annotate(
+            name,
+            points[0],
+            (0, 0),
+            textcoords="offset points",
+            ha="center",
+            va="center",
+            fontsize=size,
+            color=colour,
+            arrowprops={
+                "arrowstyle": "-",
+                "linewidth": 0.8,
+                "shrinkA": 0,
+                "shrinkB": 3,
+                "color": colour,
+                "path_effects": HALO if edged else None,
+            },
+            path_effects=HALO,
+            zorder=5,
+        )
+        half = np.array(Annotation.get_window_extent(text, self.renderer).size) / 2 + room
+        pixels = self.renderer.points_to_pixels(1.0)
+        offsets = [
+            distance * np.array([np.cos(angle), np.sin(angle)]) for distance in DISTANCES for angle in DIRECTIONS
+        ]
+        places = [(self.axes.transData.transform(point), point, offset) for point in points for offset in offsets]
+        origin, point, best = min(places, key=lambda place: self._cost(place[0], place[0] + pixels * place[2], half))
+        text.xy = point
+        text.set_position(tuple(best))
+        centre = origin + pixels * best
+        self.boxes.append(_box(centre, half))
+        self.leaders.append(np.array([origin, centre]))
+        return text
+
+    def along(self, name: str, line: Array, size: float = 9, colour: str = "black") -> Text:
+        """Write a name along a line (k, 2) in data coordinates, beside it; next to it if there is no room for that."""
+        text = self.axes.text(0, 0, name, fontsize=size, color=colour, path_effects=HALO, zorder=5)
+        text.set(ha="center", va="center", rotation_mode="anchor")
+        half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM
+        fine = _dense(self.axes.transData.transform(line))
+        others = self.covered[_distances(self.covered, fine[:: max(1, len(fine) // 2000)]) > 6.0]
+        stretch = max(2, int(2 * half[0] / 4))
+        places = [
+            (self._cost_along(centre, angle, bend, half, others), centre, angle)
+            for start in range(0, max(len(fine) - stretch, 0), max(1, stretch // 6))
+            for centre, angle, bend in _beside(fine[start : start + stretch], half[1])
+        ]
+        cost, centre, angle = min(places, key=lambda place: place[0], default=(OUTSIDE, np.zeros(2), 0.0))
+        if cost >= WRONG:
+            text.remove()
+            inside = line[~np.isnan(line[:, 0])]
+            chosen = inside[:: max(1, len(inside) // ANCHORS)]
+            return self.add(name, *((float(x), float(y)) for x, y in chosen), size=size, colour=colour)
+        self._move(text, centre)
+        text.set_rotation(np.degrees(angle))
+        self.boxes.append(_turned_box(centre, half, angle))
+        return text
+
+    def within(self, name: str, inside: NDArray[np.bool_], size: float = 13) -> bool:
+        """Write a name where a part of the axes is widest, smaller if need be; whether there is room for it.
+
+        inside (rows, columns): whether the cells of an even grid over the axes, from their lower left, are of the part.
+        """
+        text = self.axes.text(0, 0, name, ha="center", va="center", weight="bold", path_effects=HALO, zorder=5)
+        cells, room = self._rooms(inside)
+        roomiest = np.argsort(-room, kind="stable")[:CANDIDATES]
+        for smaller in (1.0, 0.75):
+            text.set_fontsize(smaller * size)
+            half = np.array(Text.get_window_extent(text, self.renderer).size) / 2 + ROOM
+            for centre in cells[roomiest]:
+                box = _box(centre, half)
+                if not (self._misplaced(box) or self._hidden(centre, half)):
+                    self._move(text, centre)
+                    self.boxes.append(box)
+                    return True
+        text.remove()
+        return False
+
+    def widest(self, inside: NDArray[np.bool_]) -> tuple[Point, float]:
+        """The cell's centre, in data coordinates, that is farthest from lines, labels and the frame; how far, in
+        pixels.
+        """
+        cells, room = self._rooms(inside)
+        best = int(np.argmax(room))
+        x, y = self.axes.transData.inverted().transform(cells[best])
+        return (float(x), float(y)), float(room[best])
+
+    def _rooms(self, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Centres of the cells (n, 2) in pixels, and how far they are from what is drawn, written, and the frame."""
+        rows, columns = inside.shape
+        i, j = np.nonzero(inside)
+        share = np.column_stack([(j + 0.5) / columns, (i + 0.5) / rows])
+        cells = np.array(self.frame.min) + share * np.array(self.frame.size)
+        edge = np.minimum(cells - self.frame.min, np.array(self.frame.max) - cells).min(axis=1)
+        room = np.minimum(edge, _distances(cells, self.covered))
+        for box in self.boxes:
+            away = np.maximum(np.maximum(box.min - cells, cells - box.max), 0.0)
+            room = np.minimum(room, np.hypot(*away.T))
+        return cells, room
+
+    def _move(self, text: Text, centre: Array) -> None:
+        x, y = self.axes.transData.inverted().transform(centre)
+        text.set_position((float(x), float(y)))
+
+    def _hidden(self, centre: Array, half: Array) -> int:
+        return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
+
+    def _cost(self, origin: Array, centre: Array, half: Array) -> float:
+        box = _box(centre, half)
+        leader = np.array([origin, centre])
+        hidden = self._hidden(centre, half)
+        crossed = sum(_cross(leader, other) for other in self.leaders) + sum(
+            other.count_contains(_dense(leader)) > 0 for other in self.boxes
+        )
+        return float(np.hypot(*(centre - origin)) + 20 * hidden + WRONG * crossed) + self._misplaced(box)
+
+    def _cost_along(self, centre: Array, angle: float, bend: float, half: Array, others: Array) -> float:
+        turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        hidden = np.all(np.abs((self.covered - centre) @ turn) < half, axis=1).sum()
+        near = float(_distances(centre[None], others)[0]) if len(others) else CLEAR
+        cost = WRONG * (hidden > 0) + 4 * max(0.0, CLEAR - near) + 10 * bend + 20 * abs(np.sin(angle))
+        # of equal places, the one nearest the middle of the picture
+        middle = float(np.abs((centre - self.frame.min) / self.frame.size - 0.5).max())
+        return float(cost + 30 * middle) + self._misplaced(_turned_box(centre, half, angle))
+
+    def _misplaced(self, box: Bbox) -> float:
+        outside = not (self.frame.contains(*box.min) and self.frame.contains(*box.max))
+        return WRONG * sum(box.overlaps(other) for other in self.boxes) + OUTSIDE * outside
+
+
+def _beside(stretch: Array, height: float) -> list[tuple[Array, float, float]]:
+    """Where a label of this half height fits along a stretch of a line (n, 2): centre, angle, and how bent it is."""
+    if np.isnan(stretch).any():
+        return []
+    chord = stretch[-1] - stretch[0]
+    angle = float(np.arctan2(chord[1], chord[0]))
+    angle = (angle + np.pi / 2) % np.pi - np.pi / 2  # never upside down
+    normal = np.array([-np.sin(angle), np.cos(angle)])
+    off = (stretch - stretch[0]) @ normal
+    bend = float(np.ptp(off))
+    middle = 0.5 * (stretch[0] + stretch[-1])
+    return [
+        (middle + normal * (extreme + side * height), angle, bend)
+        for side, extreme in ((1, float(off.max())), (-1, float(off.min())))
+    ]
+
+
+def _distances(points: Array, others: Array) -> Array:
+    """From each point (n, 2) to the nearest of the others, which may be NaN (between pieces) or none."""
+    from scipy.spatial import cKDTree  # a tenth of a second to load
+
+    others = others[~np.isnan(others).any(axis=1)]
+    if not len(others):
+        return np.full(len(points), np.inf)
+    found: Array = np.full(len(points), np.inf)
+    real = ~np.isnan(points).any(axis=1)
+    found[real] = cKDTree(others).query(points[real])[0]
+    return found
+
+
+def _box(centre: Array, half: Array) -> Bbox:
+    return Bbox([centre - half, centre + half])
+
+
+def _turned_box(centre: Array, half: Array, angle: float) -> Bbox:
+    """What encloses a turned box."""
+    cosine, sine = abs(np.cos(angle)), abs(np.sin(angle))
+    return _box(centre, np.array([cosine * half[0] + sine * half[1], sine * half[0] + cosine * half[1]]))
+
+
+def _dense(line: Array) -> Array:
+    """Points of a line in pixels, at most some pixels apart."""
+    steps = np.nan_to_num(np.hypot(*np.diff(line, axis=0).T))
+    number = np.arange(len(line))
+    along = np.concatenate([[0.0], np.cumsum(np.minimum(steps, 1e4) / 4 + 1e-9)])
+    fine = np.interp(np.arange(0.0, along[-1] + 1.0), along, number)
+    return np.column_stack([np.interp(fine, number, column) for column in line.T])
+
+
+def _cross(one: Array, other: Array) -> bool:
+    """Whether two segments cross."""
+    (a, b), (c, d) = one, other
+    return _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0
+
+
+def _side(a: Array, b: Array, c: Array) -> float:
+    """On which side of the line from a to b the point c is."""
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

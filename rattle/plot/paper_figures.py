@@ -1,0 +1,143 @@
+"""The registry of the paper's figures, and what δ, ε and β mean for each of them. To add one, add an entry to FIGURES.
+
+A figure takes δ and ε each as one number, as some numbers, or as a range (low, high); β is always one number. As text,
+numbers are given one by one, and a range is LOW:HIGH.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, NamedTuple
+
+from rattle.errors import require, require_number, require_pair
+from rattle.plot import basins, plane
+from rattle.plot import paper_ranges as ranges
+from rattle.plot.drawing import Drawing
+
+Given = float | Sequence[float]
+
+
+class Range(NamedTuple):
+    """What was written LOW:HIGH: never two numbers."""
+
+    low: float
+    high: float
+
+
+class Takes(Enum):
+    """What a figure takes for δ or ε; the value says how it is written."""
+
+    NUMBER = "a number"
+    NUMBERS = "one number or more"
+    RANGE = "LOW:HIGH"
+
+
+@dataclass(frozen=True)
+class PaperFigure:
+    """A figure of the paper: what it shows, what it takes for δ and ε, the paper's values, and how it is drawn.
+
+    draw: called with δ, ε and β, of the kinds that delta_takes and epsilon_takes say: float, tuple of floats, or (low,
+    high).
+    """
+
+    shows: str
+    delta_takes: Takes
+    epsilon_takes: Takes
+    delta: Any
+    epsilon: Any
+    draw: Callable[[Any, Any, float], Drawing]
+
+
+NUMBER, NUMBERS, RANGE = Takes
+
+FIGURES: dict[int, PaperFigure] = {
+    4: PaperFigure(
+        "basins of attraction at one δ, a panel for each ε", NUMBER, NUMBERS, *ranges.FIGURE_4, basins.panels
+    ),
+    6: PaperFigure(
+        "basins of attraction at one point, with A to D, W^s(A), W^s(B) and Γ",
+        NUMBER,
+        NUMBER,
+        *ranges.FIGURE_6,
+        basins.blow_up,
+    ),
+    7: PaperFigure("bifurcation curves in the (δ, ε) plane", RANGE, RANGE, *ranges.FIGURE_7, plane.plane),
+    8: PaperFigure("the same curves around COD21 and COD22", RANGE, RANGE, *ranges.FIGURE_8, plane.plane),
+}
+
+
+@dataclass(frozen=True)
+class Request:
+    """A figure with its parameters, checked and ready to be drawn."""
+
+    number: int
+    delta: Any
+    epsilon: Any
+    beta: float
+
+    def draw(self) -> Drawing:
+        """Compute and draw. Raises RattleError."""
+        return FIGURES[self.number].draw(self.delta, self.epsilon, self.beta)
+
+
+def request(
+    number: int, delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA
+) -> Request:
+    """Figure `number` with other δ, ε or β than the paper's. Raises ParameterError, before anything is computed."""
+    known = ", ".join(map(str, sorted(FIGURES)))
+    require(number in FIGURES, f"there is no Figure {number} to draw: there are {known}")
+    figure = FIGURES[number]
+    return Request(
+        number,
+        figure.delta if delta is None else _checked(number, "delta", figure.delta_takes, delta, positive=True),
+        figure.epsilon if epsilon is None else _checked(number, "epsilon", figure.epsilon_takes, epsilon),
+        require_number("beta", beta, positive=True),
+    )
+
+
+def draw(number: int, delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> Drawing:
+    """Draw figure `number` of the paper from computed data, at other δ, ε or β than the paper's if they are given.
+
+    What δ and ε are for a figure, FIGURES says. Raises ParameterError.
+    """
+    return request(number, delta, epsilon, beta).draw()
+
+
+def parse(option: str, texts: Sequence[str]) -> Given | None:
+    """The numbers that the texts of an option are, or the range that a single LOW:HIGH is; None if there are none.
+
+    Raises ParameterError.
+    """
+    numbers = []
+    for text in texts:
+        try:
+            parts = [float(part) for part in text.split(":")]
+        except ValueError:
+            parts = []
+        require(len(parts) in (1, 2), f"{option} must be a number or LOW:HIGH, such as 0.1 or 0.05:0.15, got {text!r}")
+        if len(parts) == 2:
+            require(len(texts) == 1, f"{option} takes one LOW:HIGH, or numbers, got {' and '.join(texts)}")
+            return Range(*parts)
+        numbers += parts
+    return tuple(numbers) or None
+
+
+def _checked(number: int, name: str, takes: Takes, given: Given, *, positive: bool = False) -> Any:
+    """The number, numbers or range that a figure takes."""
+    values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
+    fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[takes]
+    fits = fits and (takes is RANGE or not isinstance(given, Range))
+    require(fits, f"Figure {number} takes {takes.value} for {name}, got {_written(given)}")
+    checked = tuple(require_number(name, value, positive=positive) for value in values)
+    if takes is RANGE:
+        low, high = require_pair(name, checked)
+        require(low < high, f"{name} must be LOW:HIGH with LOW below HIGH, got {_written(given)}")
+        return low, high
+    return checked[0] if takes is NUMBER else checked
+
+
+def _written(given: Given) -> str:
+    """As it would be written on the command line."""
+    if not isinstance(given, Sequence) or isinstance(given, str):
+        return repr(given)
+    return (":" if isinstance(given, Range) else ", ").join(map(str, given))

@@ -1,0 +1,124 @@
+"""``rattle figure``: figures of the paper from computed data, or the picture of a survey."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryFile
+from time import perf_counter
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from service.commands.drawing import draw
+
+if TYPE_CHECKING:
+    from rattle.plot.paper_figures import Request
+
+ALL = "all"
+SURVEY_PICTURE = "survey.png"
+
+
+def figure(
+    what: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="NUMBER...|all | STORE [OUT]", help="Figures of the paper, or a survey and its picture."
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where the figures go; made if need be.", show_default=".")
+    ] = None,
+    delta: Annotated[
+        list[str] | None,
+        typer.Option(metavar="VALUE", help="Damping: a number, or LOW:HIGH.", show_default="the paper's"),
+    ] = None,
+    epsilon: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="VALUE",
+            help="Eccentricity: a number, several times for Figure 4, or LOW:HIGH.",
+            show_default="the paper's",
+        ),
+    ] = None,
+    beta: Annotated[float | None, typer.Option(help="Half-backlash.", show_default="0.6")] = None,
+    format_: Annotated[
+        list[str] | None,
+        typer.Option("--format", metavar="pdf|svg|png", help="Repeatable: one file each.", show_default="pdf"),
+    ] = None,
+) -> None:
+    """Draw figures of the paper from computed data, or a survey.
+
+    rattle figure 4 7 --out DIR writes DIR/figure4.pdf and DIR/figure7.pdf.
+    They have the paper's parameters, or those of --delta, --epsilon and --beta:
+
+    Figure 4, basins: one --delta, and an --epsilon for each panel.
+
+    Figure 6, basins and manifolds: one --delta, one --epsilon.
+
+    Figures 7 and 8, bifurcation curves: --delta LOW:HIGH, --epsilon LOW:HIGH.
+
+    rattle figure STORE [OUT] draws a survey: regions with the bifurcation
+    curves, quiet fraction, largest Lyapunov exponent. OUT ends in .png, .pdf or
+    .svg. A store that has a number for a name is ./4.
+    """
+    options = {"--out": out, "--delta": delta, "--epsilon": epsilon, "--beta": beta, "--format": format_}
+    if what[0] == ALL or what[0].isdecimal():
+        requests = _requests(what, delta or [], epsilon or [], beta)
+        _draw_figures(requests, out or Path(), format_ or ["pdf"])
+        return
+    for option, given in options.items():
+        if given is not None:
+            raise typer.BadParameter(
+                f"{option} is for figures of the paper, and {what[0]!r} is none", param_hint="STORE"
+            )
+    if len(what) > 2:
+        raise typer.BadParameter("give a survey and one picture, or numbers of figures", param_hint="STORE")
+    draw(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE))
+
+
+def _requests(what: list[str], delta: list[str], epsilon: list[str], beta: float | None) -> list[Request]:
+    """The figures that are asked for, all checked before the first is computed."""
+    from rattle.plot.paper_figures import FIGURES, parse, request
+    from rattle.plot.paper_ranges import BETA
+
+    numbers: list[int] = []
+    for each in what:
+        if each != ALL and not each.isdecimal():
+            raise typer.BadParameter(f"{each!r} is no number of a figure", param_hint="NUMBER")
+        numbers += sorted(FIGURES) if each == ALL else [int(each)]
+    values = parse("--delta", delta), parse("--epsilon", epsilon)
+    return [request(number, *values, BETA if beta is None else beta) for number in dict.fromkeys(numbers)]
+
+
+def _draw_figures(requests: list[Request], directory: Path, formats: list[str]) -> None:
+    from rattle.plot.drawing import FORMATS, save
+    from service.errors import ServiceError
+
+    for each in formats:
+        if each not in FORMATS:
+            raise typer.BadParameter(f"{each!r} is none of {', '.join(FORMATS)}", param_hint="--format")
+    _require_directory(directory)
+    for request in requests:
+        start = perf_counter()
+        picture = request.draw()
+        for suffix in dict.fromkeys(formats):
+            path = directory / f"figure{request.number}.{suffix}"
+            try:
+                save(picture.figure, path)
+            except OSError as error:
+                raise ServiceError(f"The figure {path} cannot be written: {error}") from error
+            typer.echo(f"{path} ({perf_counter() - start:.1f} s)")
+        for note in picture.notes:
+            typer.echo(f"  {note}")
+
+
+def _require_directory(directory: Path) -> None:
+    """Refuse a place that cannot be written to before the minutes that a figure takes."""
+    from service.errors import ServiceError
+
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=directory):
+            pass
+    except OSError as error:
+        raise ServiceError(f"The directory {directory} cannot be written to: {error}") from error

@@ -1,0 +1,143 @@
+"""A scheduler, a worker and the service over TLS with certificates of one authority; nobody else gets in."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import dask
+import pytest
+from service_processes import ENVIRONMENT, ROOT, free_port, server, wait_until
+
+from service.client import Client
+from workers import ClusterLostError, connect
+
+BODY = {
+    "delta": (0.5, 0.7, 4),
+    "epsilon": (0.05, 0.15, 2),
+    "initial_conditions": {"count": 4},
+    "tile": {"delta": 2, "epsilon": 2},
+}
+Settings = dict[str, str]
+
+
+def openssl(*arguments: str) -> None:
+    subprocess.run(["openssl", *arguments], check=True, capture_output=True, timeout=60)
+
+
+def authority(directory: Path) -> Settings:
+    """dask's settings of one certificate, by an authority of its own, for every part."""
+    directory.mkdir()
+    ca, ca_key, node, node_key, request = (
+        str(directory / name) for name in ("ca.pem", "ca.key", "node.pem", "node.key", "node.csr")
+    )
+    new_key = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-noenc"]
+    openssl("req", "-x509", *new_key, "-keyout", ca_key, "-out", ca, "-days", "2", "-subj", "/CN=gear rattle test")
+    openssl("req", "-new", *new_key, "-keyout", node_key, "-out", request, "-subj", "/CN=node")
+    openssl("x509", "-req", "-in", request, "-CA", ca, "-CAkey", ca_key, "-CAcreateserial", "-out", node, "-days", "2")
+    settings = {"ca-file": ca}
+    for part in ("scheduler", "worker", "client"):
+        settings |= {f"{part}.cert": node, f"{part}.key": node_key}
+    return {f"distributed.comm.tls.{name}": value for name, value in settings.items()}
+
+
+def environment(settings: Settings) -> dict[str, str]:
+    """dask's settings as it reads them from the environment."""
+    return {f"DASK_{name.replace('.', '__').replace('-', '_').upper()}": value for name, value in settings.items()}
+
+
+@contextmanager
+def dask_part(settings: Settings, *arguments: str) -> Iterator[None]:
+    process = subprocess.Popen(
+        [sys.executable, "-m", "dask", *arguments],
+        cwd=ROOT,
+        env=ENVIRONMENT | environment(settings),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        yield
+        assert process.poll() is None, arguments
+    finally:
+        process.terminate()
+        process.wait(timeout=30)
+
+
+@pytest.fixture(scope="module")
+def trusted(tmp_path_factory: pytest.TempPathFactory) -> Settings:
+    return authority(tmp_path_factory.mktemp("trusted") / "ca") | {"distributed.comm.require-encryption": "true"}
+
+
+@pytest.fixture(scope="module")
+def scheduler(trusted: Settings, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of a scheduler with one worker."""
+    port = free_port()
+    url = f"tls://127.0.0.1:{port}"
+    local = str(tmp_path_factory.mktemp("local"))
+    with ExitStack() as stack:
+        address = ["--protocol", "tls", "--host", "127.0.0.1", "--port", str(port), "--no-dashboard"]
+        stack.enter_context(dask_part(trusted, "scheduler", *address))
+        one = ["--nworkers", "1", "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1"]
+        stack.enter_context(dask_part(trusted, "worker", url, *one, "--local-directory", local))
+        wait_until(lambda: reachable(url, trusted))
+        yield url
+
+
+def reachable(url: str, settings: Settings) -> bool:
+    with dask.config.set(settings):
+        try:
+            with connect(url) as client:
+                return bool(client.nthreads())
+        except ClusterLostError:
+            return False
+
+
+def test_a_survey_is_computed_over_tls(scheduler: str, trusted: Settings, tmp_path: Path) -> None:
+    port = free_port()
+    url = f"http://127.0.0.1:{port}"
+    with server(tmp_path, port, "--scheduler", scheduler, settings=environment(trusted)), Client(url) as client:
+        job = client.submit(**BODY).wait()
+        assert job.document["cells_done"] == 8
+        with job.open() as dataset:
+            assert set(dataset["status"].values.flat) <= {1, 2}
+
+
+def test_every_port_speaks_tls(scheduler: str, trusted: Settings) -> None:
+    with dask.config.set(trusted), connect(scheduler) as client:
+        (worker,) = client.nthreads()
+        assert worker.startswith("tls://127.0.0.1:")
+        assert client.submit(os.getpid).result(timeout=30) != os.getpid()
+
+
+def test_a_client_without_tls_is_refused(scheduler: str) -> None:
+    with pytest.raises(ClusterLostError, match="tcp://"), connect(scheduler.replace("tls://", "tcp://")):
+        pass
+
+
+def test_a_client_without_a_certificate_is_told_so(scheduler: str) -> None:
+    with pytest.raises(ClusterLostError, match="TLS"), connect(scheduler):
+        pass
+
+
+def test_a_certificate_of_another_authority_is_refused(scheduler: str, tmp_path: Path) -> None:
+    stranger = authority(tmp_path / "stranger")
+    with dask.config.set(stranger), pytest.raises(ClusterLostError, match=scheduler), connect(scheduler):
+        pass
+
+
+def test_who_trusts_any_scheduler_still_needs_a_certificate_of_the_authority(
+    scheduler: str, trusted: Settings, tmp_path: Path
+) -> None:
+    stranger = authority(tmp_path / "stranger") | {
+        "distributed.comm.tls.ca-file": trusted["distributed.comm.tls.ca-file"]
+    }
+    with dask.config.set(stranger), pytest.raises(ClusterLostError, match=scheduler), connect(scheduler):
+        pass
+
+
+def test_with_encryption_required_nothing_is_sent_in_the_clear(scheduler: str, trusted: Settings) -> None:
+    tcp = scheduler.replace("tls://", "tcp://")
+    with dask.config.set(trusted), pytest.raises(ClusterLostError, match="encryption"), connect(tcp):
+        pass
