@@ -2,7 +2,8 @@
 
 `Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and
 `quiet_limit` work on whole arrays. `periodic_orbit` solves for any periodic motion; `branch`, `doubled`, `beyond` and
-`cascade` follow it in one parameter; `curves` has the bifurcation curves of the (δ, ε) plane.
+`cascade` follow it in one parameter, and `diagram` follows everything along a segment; `curves` has the bifurcation
+curves of the (δ, ε) plane.
 """
 
 from rattle import curves
@@ -11,8 +12,11 @@ from rattle._version import __version__
 from rattle.attractors import KINDS, Attractor, Attractors, attractors_of
 from rattle.basin_measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
 from rattle.basins import Basins
+from rattle.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.branches import Branch, beyond, branch, cascade, doubled, fate
+from rattle.crisis_side import CRISIS_SIDES, crisis_side
 from rattle.curves.codimension import robust_chaos_interval
+from rattle.diagrams import Diagram, diagram
 from rattle.errors import ParameterError, RattleError
 from rattle.events import Event
 from rattle.gamma import GammaPiece
@@ -28,12 +32,15 @@ from rattle.sampling import wilson_interval
 from rattle.warm import warm_up
 
 __all__ = [
+    "CRISIS_SIDES",
     "KINDS",
     "Attractor",
     "Attractors",
     "BasinEntropy",
     "Basins",
+    "BoundaryDistance",
     "Branch",
+    "Diagram",
     "Event",
     "FirstImpact",
     "GammaPiece",
@@ -52,10 +59,13 @@ __all__ = [
     "attractors_of",
     "basin_entropy",
     "beyond",
+    "boundary_distances",
     "branch",
     "cascade",
     "classify_regions",
+    "crisis_side",
     "curves",
+    "diagram",
     "differing",
     "disagreement",
     "doubled",

@@ -227,7 +227,10 @@ def located(
     from scipy.optimize import brentq  # a quarter of a second to load
 
     try:
+        ends = value(0.0), value(1.0)
+        if ends[0] * ends[1] >= 0.0:  # an end is the place, and rounding turned its sign
+            return b if abs(ends[1]) < abs(ends[0]) else a
         share = brentq(value, 0.0, 1.0, xtol=tolerance, rtol=4 * np.finfo(float).eps)
-    except (ArithmeticError, ValueError):  # lost between, or no change of sign after all
+    except ArithmeticError:  # lost between
         return None
     return between(problem, a, b, float(share))

@@ -3,7 +3,8 @@
 Whatever the method, attractors are told apart by the classifier of `rattle.attractors` alone. Cell mapping replaces the
 map of states by a map of cells, Π^k of each centre, and finds its periodic groups in one pass; then one member of each
 group is followed exactly, together with the sample of `Gear.attractors`. So a group that only the grid has made gets
-the label of the attractor that it is in fact on the way to.
+the label of the attractor that it is in fact on the way to. Refinement follows more cells exactly, and what these tell
+spreads over the grid in two ways: to neighbours, and to all cells that the map of cells sends there.
 """
 
 from dataclasses import dataclass
@@ -11,9 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors import CHAOTIC, UNDECIDED, Attractor, Attractors, listed, tabulated
+from rattle.attractors import CHAOTIC, QUIET, UNDECIDED, Attractor, Attractors, listed, tabulated
 from rattle.cell_map import groups_of_map, locate
+from rattle.discover import SAME_POINT
 from rattle.errors import require, require_integer, require_number
+from rattle.flight import wrapped
 from rattle.iterate import iterate
 from rattle.quiet import capture_invariant
 from rattle.sampling import initial_conditions
@@ -22,6 +25,7 @@ from rattle.survey import followed
 METHODS = ("cells", "direct", "refined")
 FINEST = 4096  # cells a side: 16 million trajectories, some gigabytes
 SAMPLE = 256  # initial conditions that look for the attractors besides the cells
+LATTICE = 8  # refined: every so many cells along τ and v one is followed whatever the map of cells says
 RETURNS = 8  # steps of the cell map that a state above v_max may take to come back before it is followed exactly
 MOST_IMPACTS = 1000
 
@@ -98,6 +102,41 @@ def _images(
     return image
 
 
+class States:
+    """States of one parameter point that are followed in several calls, with one table of their attractors."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        n, x = np.zeros(0, np.int64), np.zeros(0)
+        self.table = Attractors(n, n, n, n, n, n, x, x, x, x, x, n)
+        self.tau, self.v = x, x  # a state that goes to each: followed again, it tells which one that is in a new call
+
+    def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """As `classified`, but rows of the common table, in which what is known keeps its row."""
+        known, tau, v = self.tau.size, np.append(self.tau, tau), np.append(self.v, v)
+        table, rows, impacts = classified(self.parameters, tau, v)
+        row_of = self._known(table, rows[:known])
+        fresh = np.flatnonzero(row_of < 0)
+        row_of[fresh] = known + np.arange(fresh.size)
+        self.table = Attractors._make(np.append(x, y[fresh]) for x, y in zip(self.table, table, strict=True))
+        one = np.array([np.argmax(rows == row) for row in fresh], np.int64)
+        self.tau, self.v = np.append(self.tau, tau[one]), np.append(self.v, v[one])
+        return row_of[rows[known:]], impacts[known:]
+
+    def _known(self, table: Attractors, reached: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Row here of each row of another table, −1 if it is new; reached: rows there of the states kept here."""
+        here, there = self.table, Attractors._make(x[:, None] for x in table)
+        same = (np.abs(wrapped(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < SAME_POINT)
+        same[reached, np.arange(reached.size)] = True
+        same |= (here.kind == QUIET) | (here.kind == UNDECIDED)
+        for x, y in zip(there[1:5], here[1:5], strict=True):  # kind, m, n₊, n₋
+            same &= x == y
+        row = np.full(table.kind.size, -1)
+        one, other = np.nonzero(same)
+        row[one[::-1]] = other[::-1]
+        return row
+
+
 def _by_cells(
     parameters: Parameters,
     tau: NDArray[np.float64],
@@ -107,24 +146,35 @@ def _by_cells(
     impacts: int,
     refine: bool,
 ) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
-    """As `classified` for the centres of all cells, by simple cell mapping; if refine, boundary cells by their own."""
+    """As `classified` for the centres of all cells, by simple cell mapping; if refine, a lattice of cells by their own
+    trajectories, and every cell with another label among its neighbours, until there is none left.
+    """
     image = _images(parameters, tau, v, n, v_max, impacts)
     group, steps, members = groups_of_map(image)
-    on_sink = np.flatnonzero(image[:-1] == tau.size)[:1]
+    sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
     chosen = np.concatenate([members[:-1], on_sink])  # the sink's group is the last, and may be empty
+    if refine:
+        each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
+        chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])
     delta, epsilon, beta = (np.array([x]) for x in parameters)
     first, second = initial_conditions(delta, epsilon, beta, SAMPLE, v_max, 0)
-    states = np.concatenate([first[0], tau[chosen]]), np.concatenate([second[0], v[chosen]])
-    table, found, made = classified(parameters, *states)
-    edge, member = np.zeros(0, np.int64), SAMPLE + group[:-1]
-    if refine:
-        edge = np.flatnonzero(boundary(found[member].reshape(n, n)))
-        states = np.concatenate([states[0], tau[edge]]), np.concatenate([states[1], v[edge]])
-        table, found, made = classified(parameters, *states)
-    made[SAMPLE + members.size - 1 : SAMPLE + chosen.size] = 0  # nothing is left to do in the sink
-    rows, steps = found[member], steps[:-1] * impacts + made[member]
-    rows[edge], steps[edge] = found[states[0].size - edge.size :], made[states[0].size - edge.size :]
-    return table, rows, _without_chaos(steps, table, rows)
+    states = States(parameters)
+    found, made = states.follow(np.append(first[0], tau[chosen]), np.append(second[0], v[chosen]))
+    # what is known of a cell that has been followed, and of the sink: its row, and impacts until it is certain
+    row, needed, known = np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.bool_)
+    row[chosen], needed[chosen], known[chosen] = found[SAMPLE:], made[SAMPLE:], True
+    row[sink] = row[on_sink[0]] if on_sink.size else 0
+    while refine:
+        image[known] = np.flatnonzero(known)
+        group, steps, members = groups_of_map(image)
+        edge = np.flatnonzero(boundary(row[members][group[:-1]].reshape(n, n)).ravel() & ~known[:-1])
+        if not edge.size:
+            break
+        row[edge], needed[edge] = states.follow(tau[edge], v[edge])
+        known[edge] = True
+    rows = row[members][group[:-1]]
+    steps = steps[:-1] * impacts + needed[members][group[:-1]]
+    return states.table, rows, _without_chaos(steps, states.table, rows)
 
 
 def basins(

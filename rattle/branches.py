@@ -91,12 +91,14 @@ def branch(
     return _both_ways(orbit.itinerary, line, solved[0])
 
 
-def doubled(event: Event, parameter: Parameter = "epsilon", span: Span = None) -> Branch:
+def doubled(
+    event: Event, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
+) -> Branch:
     """The branch of period-doubled motions that leaves a flip (PD), from there; arguments and errors as `branch`."""
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.kind is not Kind.FLIP:
         raise RattleError(f"the period doubles at a flip (PD), not at {event.kind}")
-    line = _line(event.delta, event.epsilon, parameter, span)
+    line = _line(event.delta, event.epsilon, parameter, span, resolution)
     times = event.unknowns[:-2]
     mode = np.linalg.svd(event.itinerary.jacobian(event.unknowns, -1.0))[2][-1]
     start = np.concatenate([times, times + event.itinerary.m, [0.0]])
@@ -120,6 +122,12 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
         _both_ways(event.itinerary.without(event.impact), line, np.append(misses, 0.0)),
         _both_ways(event.itinerary, line, np.append(touches, 0.0)),
     )
+
+
+def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, resolution: int) -> Branch:
+    """The branch through a solution x (n + 2,) of the impact equations; other arguments and errors as `branch`."""
+    line = _line(float(x[-2]), float(x[-1]), parameter, span, resolution)
+    return _both_ways(itinerary, line, np.append(x[:-2], 0.0))
 
 
 def cascade(

@@ -92,7 +92,7 @@ def find_events(itinerary: Itinerary, line: Line, problem: Problem, points: Arra
     for k in range(len(points) - 1):
         a, b = points[k], points[k + 1]
         found = []
-        for j in np.flatnonzero(values[k] * values[k + 1] < 0):
+        for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
             y = located(problem, a, b, partial(test, b - a), FOUND)
             if y is None and kind is Kind.SADDLE_NODE:  # two branches cross: no step between them converges

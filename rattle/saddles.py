@@ -22,9 +22,8 @@ from rattle.periodic import PeriodicOrbit, periodic_orbit
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25
 LARGEST, SMALLEST = 0.1, 1e-9  # sizes of s that are tried
-RESIDUAL = 1e-13  # of F(W(s)) − W(λs) in (τ, v); a large λ or one close to 1 multiplies rounding
-MOST_ITERATIONS = 3000  # near λ = 1 the series settles slowly, as λ^−i
-SETTLED = 36.0  # −ln of what is left
+RESIDUAL, ROUNDING = 1e-12, (4e-15, 8e-15)  # of F(W(s)) − W(λs): of the size; at least, of v, forwards and back
+MOST_ITERATIONS = 60
 
 
 @dataclass(frozen=True)
@@ -88,11 +87,6 @@ def eigenvectors(orbit: PeriodicOrbit) -> tuple[Array, Array]:
     return unstable, stable
 
 
-def unstable_coordinate(orbit: PeriodicOrbit) -> Array:
-    """The row (2,) that takes (τ, v) less the saddle to its part along the unstable unit eigenvector."""
-    return np.asarray(np.linalg.inv(np.stack(eigenvectors(orbit), axis=1))[0], np.float64)
-
-
 def local_manifold(orbit: PeriodicOrbit, stable: bool) -> Local:
     """The local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-13.
 
@@ -107,35 +101,43 @@ def local_manifold(orbit: PeriodicOrbit, stable: bool) -> Local:
     powers = np.zeros((DEGREE + 1, 2))
     powers[0], powers[1] = (orbit.tau, orbit.v), eigenvectors(orbit)[1 if stable else 0]
     size = LARGEST
-    allowed = RESIDUAL * max(1.0, multiplier / 10.0, 1.0 / (multiplier - 1.0))
+    derivative = np.linalg.matrix_power(tangent(orbit), -twice if stable else twice)
+    rounding = ROUNDING[stable] * max(1.0, orbit.v) * max(1.0, float(np.linalg.norm(derivative)))
     while size > SMALLEST:
         start = Local(orbit, stable, powers, 1.0, multiplier, twice * orbit.label[1], twice * orbit.m)
-        found = _solved(start, size)
-        if found is not None and found.residual < allowed:
+        found = _solved(start, size, np.asarray(derivative, np.float64))
+        if found is not None and found.residual < max(rounding, RESIDUAL * size * max(1.0, multiplier / 10.0)):
             return found
         size /= 2.0
     raise RattleError(f"the saddle at tau = {orbit.tau}, v = {orbit.v} is too close to grazing for a local manifold")
 
 
-def _solved(start: Local, size: float) -> Local | None:
-    """Fixed point of W(s) → F(W(s/λ)) on |s| ≤ size with both lowest powers held; None if Γ is in the way."""
+def _solved(start: Local, size: float, derivative: Array) -> Local | None:
+    """The series on |s| ≤ size with both lowest powers held; None if Γ is in the way.
+
+    Order by order W_k changes by (λ^k − DF)⁻¹ of the residual's power k, which is Newton's step but for the bend of F.
+    """
     x = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     solve = np.linalg.pinv(np.vander(x, DEGREE + 1, increasing=True)[:, 2:])
+    rates = start.multiplier ** np.arange(2, DEGREE + 1)
+    inverse = np.linalg.inv(rates[:, None, None] * np.eye(2) - derivative)
     powers = start.powers * np.array([1.0, size] + [0.0] * (DEGREE - 1))[:, None]
-    local = replace(start, powers=powers, size=size)
-    for _ in range(min(MOST_ITERATIONS, 5 + int(SETTLED / np.log(start.multiplier)))):
+    local, last = replace(start, powers=powers, size=size), np.inf
+    for _ in range(MOST_ITERATIONS):
         before = local.at(size * x / local.multiplier)
         if not (before[1] > 0).all():
             return None
         ok, states, word, _ = local.map(before, 1)
         if not (ok.all() and (word == word[0]).all()):
             return None
-        new = powers.copy()
-        new[2:] = solve @ (states.T - powers[0] - x[:, None] * powers[1])
+        off = states - local.at(size * x)
+        local = replace(local, residual=float(np.abs(off).max()))
+        new = local.powers.copy()  # off is of F(W(s/λ)) − W(s), so its power k is that of F(W(s)) − W(λs) over λ^k
+        new[2:] += np.einsum("kij,kj->ki", inverse * rates[:, None, None], solve @ off.T)
         change = float(np.abs(new - local.powers).max())
-        local = replace(local, powers=new, residual=float(np.abs(states - local.at(size * x)).max()))
-        if change < 1e-15:
+        if change < 1e-16 or (local.residual < ROUNDING[start.backwards] * start.orbit.v and change >= last):
             break
         if not change < 1.0:
             return None
+        local, last = replace(local, powers=new), change
     return local

@@ -13,7 +13,7 @@ Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 
 @lru_cache(maxsize=8)
-def _sobol(count: int) -> NDArray[np.float64]:
+def sobol(count: int) -> NDArray[np.float64]:
     """The first points of the unscrambled Sobol sequence in the unit square, drawn as a full power of two."""
     from scipy.stats import qmc  # half a second to load, and only needed here
 
@@ -53,7 +53,7 @@ def initial_conditions(
     Sobol points, shifted modulo 1 by an amount that depends on the seed and the cell's parameters alone. So a cell's
     sample depends on nothing but the request and the cell, and cells have independent sampling errors.
     """
-    points = (_sobol(count) + _shifts(seed, delta, epsilon, beta)[:, None, :]) % 1.0
+    points = (sobol(count) + _shifts(seed, delta, epsilon, beta)[:, None, :]) % 1.0
     return np.ascontiguousarray(points[..., 0]), np.maximum(v_max * points[..., 1], math.ulp(v_max))
 
 

@@ -85,6 +85,19 @@ class Survey:
             pending = pending[~decided]
             self.extend(pending)
 
+    def settled(
+        self, cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], most: NDArray[np.int64]
+    ) -> NDArray[np.int64]:
+        """Status (k,) of other states of these cells after so many impacts at most, all (k,): one that reaches no
+        attractor by then is LEFT, and judged no further. What orbits they find, the survey knows from then on.
+        """
+        sample = self.samples
+        impacts, *others = (np.zeros(cell.size, np.int64) for _ in range(5))
+        self.samples = Samples(cell, tau.copy(), v.copy(), impacts, most.copy(), *others)
+        self.settle(np.arange(cell.size))
+        status, self.samples = self.samples.status, sample
+        return status
+
     @property
     def status(self) -> NDArray[np.int64]:
         """Status of the samples, (n_cells, count)."""

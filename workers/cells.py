@@ -8,6 +8,7 @@ import numpy as np
 import rattle
 
 GRAZING_CURVES = ("G1", "G2")
+BASIN_RESOLUTION = 100  # cells a side of the (τ, v) plane, in boxes of 5 × 5 for the entropy
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +49,27 @@ class Cells:
     def attractors(self) -> rattle.Attractors:
         """The attractors of all cells, row by row: each cell's are those of `Gear.attractors`, to the bit."""
         return rattle.attractors_of(self.delta, self.epsilon[:, None], self.beta, self.count, self.v_max, self.seed)
+
+    @cached_property
+    def boundary_distance(self) -> rattle.BoundaryDistance:
+        """Least speeds from which quiet motion is lost, with phases, shapes (n_epsilon, n_delta)."""
+        return rattle.boundary_distances(self.delta, self.epsilon[:, None], self.beta, self.v_max)
+
+    @cached_property
+    def basin_entropy(self) -> np.ndarray:
+        """Entropy per box of all boxes and of those at boundaries, shape (2, n_epsilon, n_delta)."""
+        found = np.empty((2, *self.shape))
+        for i, epsilon in enumerate(self.epsilon):
+            for j, delta in enumerate(self.delta):
+                gear = rattle.Gear(float(delta), float(epsilon), self.beta)
+                basins = gear.basins(BASIN_RESOLUTION, self.v_max, "refined")
+                found[:, i, j] = rattle.basin_entropy(basins)[:2]
+        return found
+
+    @cached_property
+    def crisis_side(self) -> np.ndarray:
+        """Indices of `rattle.CRISIS_SIDES`, shape (n_epsilon, n_delta)."""
+        return rattle.crisis_side(self.delta, self.epsilon[:, None], self.beta)
 
     @cached_property
     def grazing(self) -> tuple[rattle.Grazing, ...]:

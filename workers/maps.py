@@ -16,7 +16,7 @@ from workers.evaluate import FAILED
 from workers.overlay import CURVES_ON, draw_curves, draw_points
 from workers.schema import CELL
 
-NOT_COMPUTED, FAILURE, NOTHING = "0.78", "#3b0a0a", "#eee3bd"
+NOT_COMPUTED, FAILURE, NOTHING, INFINITE = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9"
 REGION_COLOURS = ("#e8e8e8", "#f4efe3", "#bfdcec", "#8fc79a", "#f2c879", "#dd8f7d")
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
@@ -83,6 +83,7 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
         "not computed": (status == 0, NOT_COMPUTED),
         "failed": (status == FAILED, FAILURE),
         nothing: ((status > 0) & (status != FAILED) & np.isnan(values), NOTHING),
+        "infinite": (np.isinf(values), INFINITE),
     }
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
     for mask, colour in layers.values():

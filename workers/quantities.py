@@ -5,6 +5,7 @@ To add a variable, add one `Quantity` to `QUANTITIES`. A new dimension needs one
 
 from collections.abc import Iterable
 
+import rattle
 from workers import evaluate
 from workers.cells import GRAZING_CURVES
 from workers.schema import CELL, Coordinate, Group, Quantity
@@ -28,6 +29,7 @@ _ORBITS = f"{_PAPER} section 3.3"
 _BASINS = f"{_PAPER} section 5.1, Figure 4"
 _PLANE = f"{_PAPER} section 5.2, Figure 7"
 _WILSON = "E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212"
+_ENTROPY = "A. Daza et al., Scientific Reports 6 (2016) 31416"
 _SUM_RULE = f"tangent map of {_MAP}"
 
 _ORBIT = ("orbit", *CELL)
@@ -267,6 +269,52 @@ QUANTITIES: tuple[Quantity, ...] = (
         "whether δ lies inside the robust-chaos interval",
         _PLANE,
         lambda cells: cells.robust_chaos,
+    ),
+    Quantity(
+        "basin_entropy",
+        Group.BASINS,
+        CELL,
+        "float64",
+        "basin entropy in nats, 100 x 100 cells in boxes of 5 x 5",
+        _ENTROPY,
+        lambda cells: cells.basin_entropy[0],
+    ),
+    Quantity(
+        "boundary_basin_entropy",
+        Group.BASINS,
+        CELL,
+        "float64",
+        "basin entropy in nats of the boxes at basin boundaries",
+        _ENTROPY,
+        lambda cells: cells.basin_entropy[1],
+    ),
+    Quantity(
+        "boundary_distance",
+        Group.BASINS,
+        CELL,
+        "float64",
+        "least impact speed that loses quiet motion; inf: none found, 0: no quiet motion",
+        _QUIET,
+        lambda cells: cells.boundary_distance.v,
+    ),
+    Quantity(
+        "boundary_distance_phase",
+        Group.BASINS,
+        CELL,
+        "float64",
+        "phase τ of the least impact that loses quiet motion, in forcing periods",
+        _QUIET,
+        lambda cells: cells.boundary_distance.tau,
+    ),
+    Quantity(
+        "crisis_side",
+        Group.BASINS,
+        CELL,
+        "int8",
+        "whether the unstable manifold of A, on the attractor's side, goes to rest in part",
+        _ORBITS,
+        lambda cells: cells.crisis_side,
+        rattle.CRISIS_SIDES,
     ),
     Quantity("status", None, CELL, "int8", "what became of the cell", "this survey", evaluate.status, evaluate.STATUS),
 )

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from workers.errors import SurveyError
-from workers.schema import SAMPLED, Group
+from workers.schema import DEFAULT, SAMPLED, Group
 from workers.version import code_version
 
 #: Strict: neither True nor "0.6" is a number here.
@@ -19,6 +19,8 @@ Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
 LEAST_TILES = 64  # by default, so that the workers end together and progress is seen
 DEFAULT_SAMPLES = 65_536  # of a default tile: some seconds where all is chaotic, so that a stop is soon obeyed
+BASIN_SIDE = 8  # cells along a side of a default tile with basins: a second or two
+BASIN_SAMPLES = 512  # states at a time of each such cell
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
 MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
@@ -80,7 +82,7 @@ class SurveyRequest(_Strict):
     beta: Annotated[Real, Field(gt=0)] = 0.6
     delta: Axis
     epsilon: Axis
-    quantities: tuple[Group, ...] = tuple(Group)
+    quantities: tuple[Group, ...] = DEFAULT
     initial_conditions: InitialConditions = InitialConditions()
     tile: TileShape = TileShape()
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
@@ -124,6 +126,8 @@ class SurveyRequest(_Strict):
         if self.tile_shape[0] * self.tile_shape[1] > MAX_TILE_CELLS:
             raise ValueError(f"a tile may hold {MAX_TILE_CELLS} cells: use a smaller tile")
         samples = self.initial_conditions.count if SAMPLED.intersection(self.quantities) else 0
+        if Group.BASINS in self.quantities:
+            samples = max(samples, BASIN_SAMPLES)
         if self.tile_shape[0] * self.tile_shape[1] * samples > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold {MAX_TILE_SAMPLES} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:
@@ -146,6 +150,8 @@ class SurveyRequest(_Strict):
         side = min(DEFAULT_TILE, math.isqrt(self.n_cells // LEAST_TILES))
         if SAMPLED.intersection(self.quantities):
             side = min(side, math.isqrt(DEFAULT_SAMPLES // self.initial_conditions.count))
+        if Group.BASINS in self.quantities:
+            side = min(side, BASIN_SIDE)
         return max(side, SMALLEST_DEFAULT)
 
     @property

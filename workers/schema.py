@@ -19,10 +19,14 @@ class Group(StrEnum):
     ATTRACTORS = "attractors"
     LYAPUNOV = "lyapunov"
     GRAZING = "grazing"
+    BASINS = "basins"
 
 
 #: The groups that need every cell sampled.
 SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV})
+#: The groups that a request gets only by name: they cost several times what all others do.
+OPTIONAL = frozenset({Group.BASINS})
+DEFAULT = tuple(group for group in Group if group not in OPTIONAL)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from rattle.curves.codimension import CodimensionTwo, codimension_two
 from rattle.curves.curve import Curve, End
-from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, describe
+from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, describe, name_of
 from rattle.curves.trace import bifurcation_curve, trace
 
 __all__ = [
@@ -15,5 +15,6 @@ __all__ = [
     "bifurcation_curve",
     "codimension_two",
     "describe",
+    "name_of",
     "trace",
 ]

@@ -12,8 +12,10 @@ import numpy as np
 from rattle.bifurcations import Kind
 from rattle.curves import starts
 from rattle.errors import require
+from rattle.events import Event
 from rattle.impact_equations import Array, Itinerary
 
+SAME_START = 0.01  # of ε: a curve starts nearer than this to its point at the same damping
 PAPER = "Mason and Piiroinen (2009)"
 
 
@@ -128,3 +130,14 @@ def describe(name: str) -> str:
     if name == QUIET_LIMIT:
         return f"{QUIET_MEANING} ({PAPER}, section 3.1, has no formula)"
     return f"{CURVES[name].meaning} ({CURVES[name].source})"
+
+
+def name_of(event: Event) -> str | None:
+    """The curve of the registry that an event of a branch is on; None if it is on none of them."""
+    walls, x, beta = event.itinerary.walls, event.unknowns, event.itinerary.beta
+    near: list[tuple[float, str]] = []
+    for name, curve in CURVES.items():
+        if (curve.walls, curve.kind, curve.impact) == (walls, event.kind, event.impact) and curve.belongs(x) is None:
+            near += [(abs(float(start[-1]) - event.epsilon), name) for start in curve.starts(event.delta, beta)]
+    nearest = min(near, default=(np.inf, ""))
+    return nearest[1] if nearest[0] < SAME_START * event.epsilon else None

@@ -1,4 +1,4 @@
-"""Pictures, with matplotlib, which the extra `plot` installs: the figures of the paper and the plane of the curves.
+"""Pictures, with matplotlib, which the extra `plot` installs: the paper's figures, diagrams, the plane of the curves.
 
 No picture uses pyplot or other global state of matplotlib: servers draw in threads.
 """
@@ -11,7 +11,8 @@ except ImportError as error:
     raise MissingExtraError("pictures need matplotlib: pip install 'gear-rattle[plot]'") from error
 
 from rattle.plot.colours import colour, name_of
+from rattle.plot.diagram import diagram_figure
 from rattle.plot.drawing import Drawing, save
 from rattle.plot.paper_figures import FIGURES, PaperFigure, draw
 
-__all__ = ["FIGURES", "Drawing", "PaperFigure", "colour", "draw", "name_of", "save"]
+__all__ = ["FIGURES", "Drawing", "PaperFigure", "colour", "diagram_figure", "draw", "name_of", "save"]

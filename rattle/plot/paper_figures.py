@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from rattle.errors import require, require_number, require_pair
-from rattle.plot import basins, plane
+from rattle.plot import basins, diagram, plane
 from rattle.plot import paper_ranges as ranges
 from rattle.plot.drawing import Drawing
 
@@ -54,6 +54,7 @@ FIGURES: dict[int, PaperFigure] = {
     4: PaperFigure(
         "basins of attraction at one δ, a panel for each ε", NUMBER, NUMBERS, *ranges.FIGURE_4, basins.panels
     ),
+    5: PaperFigure("one-parameter diagram along ε at one δ", NUMBER, RANGE, *ranges.FIGURE_5, diagram.along_epsilon),
     6: PaperFigure(
         "basins of attraction at one point, with A to D, W^s(A), W^s(B) and Γ",
         NUMBER,
@@ -63,6 +64,9 @@ FIGURES: dict[int, PaperFigure] = {
     ),
     7: PaperFigure("bifurcation curves in the (δ, ε) plane", RANGE, RANGE, *ranges.FIGURE_7, plane.plane),
     8: PaperFigure("the same curves around COD21 and COD22", RANGE, RANGE, *ranges.FIGURE_8, plane.plane),
+    9: PaperFigure(
+        "one-parameter diagram between COD21 and COD22", NUMBER, RANGE, *ranges.FIGURE_9, diagram.along_epsilon
+    ),
 }
 
 

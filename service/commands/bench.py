@@ -22,6 +22,7 @@ class Part(StrEnum):
     CELL = "cell"
     SURVEY = "survey"
     CURVES = "curves"
+    GLOBAL = "global"
     PEERS = "peers"
     START = "start"
 
@@ -46,6 +47,8 @@ def bench(
 
     curves: seconds to trace Figures 7 and 8, for branches of motions and for a period-doubling cascade.
 
+    global: basins and their boundaries, manifolds, a boundary crisis, the diagram of Figure 5.
+
     peers: other people's integrators on the same trajectories.
 
     start: seconds to the first result of a new process.
@@ -58,6 +61,7 @@ def bench(
         Part.CELL: lambda: _cell(count, row, sample),
         Part.SURVEY: lambda: _survey(side, count, workers, tile),
         Part.CURVES: _curves,
+        Part.GLOBAL: _global,
         Part.PEERS: _peers,
         Part.START: _start,
     }
@@ -144,6 +148,17 @@ def _curves() -> Iterable[Table]:
     table = Table("what", "seconds", "points", title="curves: one core, kernels compiled")
     for name, seconds, points in bifurcations():
         table.add_row(name, f"{seconds:.2f}", str(points))
+    yield table
+
+
+def _global() -> Iterable[Table]:
+    from rich.table import Table
+
+    from service import global_times
+
+    table = Table("what", "seconds", "", title="global: δ = 0.6, ε = 0.1; one core, kernels compiled")
+    for name, seconds, makes in global_times.times():
+        table.add_row(name, f"{seconds:.3f}", makes)
     yield table
 
 

@@ -55,6 +55,8 @@ def figure(
 
     Figure 6, basins and manifolds: one --delta, one --epsilon.
 
+    Figures 5 and 9, diagrams along ε: --delta NUMBER, --epsilon LOW:HIGH.
+
     Figures 7 and 8, bifurcation curves: --delta LOW:HIGH, --epsilon LOW:HIGH.
 
     rattle figure STORE [OUT] draws a survey: regions with the bifurcation

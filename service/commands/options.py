@@ -26,7 +26,11 @@ Tile = Annotated[
 ]
 Quantity = Annotated[
     list[str] | None,
-    typer.Option(metavar="NAME", help="What to compute, such as region or attractors; repeatable.", show_default="all"),
+    typer.Option(
+        metavar="NAME",
+        help="What to compute, such as region or attractors; repeatable. Costly and only by name: basins.",
+        show_default="all others",
+    ),
 ]
 Url = Annotated[str, typer.Option(envvar="RATTLE_URL", help="Where the service is.")]
 Scheduler = Annotated[

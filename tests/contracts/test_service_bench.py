@@ -4,13 +4,14 @@ import io
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 
 import pytest
 from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
 import workers
-from service import measure, peers
+from service import global_times, measure, peers
 from service.cli import app
 from service.commands.bench import Part
 
@@ -109,6 +110,19 @@ def test_curves(monkeypatch: pytest.MonkeyPatch) -> None:
     assert int(table["Figures 7 and 8"][1]) > 300
     assert int(table["six period doublings of D"][1]) == 6
     assert all(float(cells[0]) > 0 for cells in table.values())
+
+
+def test_global(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(global_times, "SIDE", 20)
+    monkeypatch.setattr(global_times, "STEPS", 5)
+    monkeypatch.setattr(global_times, "ARCLENGTH", 2.0)
+    monkeypatch.setattr(global_times, "best_of_two", lambda run: run() or 1.0)
+    monkeypatch.setattr(global_times, "boundary_crisis", lambda _: SimpleNamespace(epsilon=0.0974223487))
+    table = rows(printed(monkeypatch, "global"))
+    assert table["basins, direct, 20 × 20 cells"] == ["1.000", f"{1e9 / 400:.0f} ns per cell"]
+    assert table["boundary crisis at δ = 0.762"] == ["1.000", "ε = 0.0974223487"]
+    assert len(table) == 10
+    assert all(float(cells[0]) > 0 and cells[1] for cells in table.values())
 
 
 def test_peers(monkeypatch: pytest.MonkeyPatch) -> None:

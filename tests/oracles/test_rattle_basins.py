@@ -6,7 +6,7 @@ from figure4 import KNOWN, label
 
 import rattle
 from rattle.basin_measures import power_law
-from rattle.basins import Basins, boundary, classified
+from rattle.basins import Basins, States, boundary, classified
 from rattle.cell_map import groups_of_map
 
 
@@ -64,6 +64,39 @@ def test_the_interleaved_basins_of_four_orbits():
     assert by_impacts[0] < 0.15
     assert by_impacts[2] < 0.05  # 0.033; 0.008 on 1000 × 1000 cells
     assert by_impacts == sorted(by_impacts, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("point", "share"), [((0.6, 0.089), 1e-4), ((0.1, 0.02), 5e-4), ((0.4, 0.1), 4e-3), ((0.762, 0.0972), 1e-5)]
+)
+def test_refinement_goes_on_until_nothing_changes(point, share):
+    """Of the cells that one round of refinement left wrong, many touch cells that this round had just followed."""
+    gear = rattle.Gear(*point)
+    refined, direct = gear.basins(400, method="refined"), gear.basins(400, method="direct")
+    assert rattle.disagreement(refined, direct) < share
+    assert {label(a) for a in refined.attractors} == {label(a) for a in direct.attractors}
+    wrong = rattle.differing(refined, direct)  # alone among cells of one label: all others were followed
+    assert not (wrong & boundary(refined.labels)).any()
+
+
+def test_a_lattice_finds_a_basin_that_cell_mapping_misses():
+    """P(4,5,1) wins 0.33 % of the plane in pieces that are no larger than a cell."""
+    gear = rattle.Gear(0.6, 0.18)
+    found = {method: fractions(gear.basins(400, method=method).attractors) for method in ("cells", "refined")}
+    assert (4, 5, 1) not in found["cells"]
+    assert found["refined"][4, 5, 1] > 0
+
+
+@pytest.mark.parametrize("point", [(0.6, 0.089), (0.6, 0.1), (0.1, 0.02)])
+def test_states_followed_in_several_calls_keep_their_attractors(point):
+    gear = rattle.Gear(*point)
+    tau, v = np.random.default_rng(3).random((2, 1200))
+    v = 7 * v + 1e-3
+    parts, at_once = States((*point, 0.6)), States((*point, 0.6))
+    rows = np.concatenate([parts.follow(t, w)[0] for t, w in zip(np.split(tau, 6), np.split(v, 6), strict=True)])
+    whole, _impacts = at_once.follow(tau, v)
+    pairs = np.unique(np.stack([rows, whole]), axis=1)
+    assert len(pairs.T) == rows.max() + 1 == whole.max() + 1 == parts.table.kind.size > 2, gear
 
 
 def test_finer_cells_are_better_cells():

@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import distance_transform_edt
 
 import rattle
+from rattle.basins import boundary
 from rattle.errors import ParameterError, RattleError
 from rattle.images import images
 from rattle.manifolds import manifold
@@ -93,6 +95,32 @@ def test_stable_manifolds_bound_basins(name, kinds):
     assert kinds <= set(fates[0][apart]) | set(fates[1][apart])
     for one, other in zip(fates[0][apart], fates[1][apart], strict=True):
         assert kinds & {one, other}
+
+
+def cells_of(found, n, v_max):
+    """The cells (row of v, column of τ) that a manifold passes through below v_max, by steps shorter than a cell."""
+    cells = [np.zeros((2, 0), int)]
+    for first, end in zip(found.pieces[:-1], found.pieces[1:], strict=True):
+        tau, v = n * found.tau[first:end], n / v_max * found.v[first:end]
+        walked = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(tau), np.diff(v)))])
+        at = np.arange(0.0, walked[-1], 0.7)
+        row, column = np.interp(at, walked, v).astype(int), np.interp(at, walked, tau)
+        cells.append(np.stack([row, np.floor(column).astype(int) % n])[:, row < n])
+    return np.concatenate(cells, axis=1)
+
+
+def test_the_stable_manifolds_of_a_and_b_bound_the_basins():
+    """Of a million cells fewer than 0.1 % of those at a boundary are further than two cells from them."""
+    n = 1000
+    edge = boundary(GEAR.basins(n, method="refined").labels)
+    on = np.zeros((n, n), bool)
+    for name in "AB":
+        for side in (1, -1):
+            on[tuple(cells_of(manifold(saddle(name), "stable", side, 200.0, spacing=0.05, angle=1.0), n, 7.0))] = True
+    apart = distance_transform_edt(~np.tile(on, 3))[:, n : 2 * n]
+    assert edge.sum() > 30_000
+    assert np.mean(apart[edge] > 2) < 0.001
+    assert np.mean(apart <= 2) < 0.07  # they are thin themselves: few cells could be near them by chance
 
 
 def test_what_is_refused():

@@ -1,0 +1,150 @@
+"""How far quiet motion is from the basin of another attractor: the least speed after an impact that leads there.
+
+Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of the states that do not go to rest. It
+is sought in three steps: a sample of the whole strip by the classifier of `rattle.attractors`; further samples of the
+strip below the least speed so far; then a pattern search from the lowest states found, each step an exact trajectory.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.attractors import MOST_SAMPLES
+from rattle.errors import require, require_number
+from rattle.iterate import fold
+from rattle.limits import quiet_limit
+from rattle.orbits import parameters
+from rattle.quiet import capture_invariants
+from rattle.sampling import sobol
+from rattle.settle import LEFT, ORBIT, QUIET
+from rattle.survey import followed
+
+SAMPLED, ROUNDS = 512, 8  # states of the strip; again so many below the least so far, at most so many times
+STARTS, APART = 4, 1.0 / 32.0  # pattern searches, and the phase between their first states
+SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)  # of one pattern: near a smooth least place it is flat
+FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # of v, relative, and of τ in forcing periods
+SHRINK, HOPE = 1.0 / 16.0, 8.0  # of a pattern that found nothing; a start is given up that is so many scales too high
+MOST_PATTERNS = 60
+LEAST_IMPACTS, MOST_IMPACTS = 128, 4096  # of a state in the second and third step, and
+PATIENCE = 2  # so many times what the sample needed
+LOWEST = 1e-6  # speed from which the strip is searched where capture is not certain any higher
+
+Array = NDArray[np.float64]
+
+
+class BoundaryDistance(NamedTuple):
+    """The least impact speed after which quiet motion is lost: arrays of the broadcast shape, or floats of one gear.
+
+    v: the speed; inf if no state up to v_max goes to another attractor, 0 where there is no quiet motion to lose, NaN
+    if undecided states only are left of those that do not go to rest. tau: the phase of the impact, NaN unless v is
+    positive and finite. undecided: the least speed of a sampled state that no attractor could be told for, inf if there
+    is none; below v, it says that the true distance may be smaller.
+    """
+
+    v: Any
+    tau: Any
+    undecided: Any
+
+
+class _Cells:
+    """Cells with a quiet motion, and the lowest states of each that are known to leave it."""
+
+    def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: float) -> None:
+        invariant = capture_invariants(delta, epsilon, beta)
+        smallest = 4 * np.pi * delta - 2 * np.pi * epsilon * np.hypot(2 * np.pi, delta)
+        self.floor = np.clip(np.cbrt(invariant * smallest), LOWEST, 0.5 * v_max)  # all below become quiet
+        self.v_max = v_max
+        tau, v = self.strip(np.full(delta.size, v_max), 0)
+        self.survey = followed(delta, epsilon, beta, tau.copy(), v.copy())
+        status = self.survey.status
+        self.chaos = np.array([cell in self.survey.chaos for cell in range(delta.size)])
+        settled = np.where((status == QUIET) | (status == ORBIT), self.survey.samples.impacts.reshape(status.shape), 0)
+        needed = PATIENCE * settled.max(axis=1)
+        self.most = np.clip(needed, LEAST_IMPACTS, MOST_IMPACTS)
+        away = (status == ORBIT) | ((status == LEFT) & self.chaos[:, None])
+        self.chaos &= (
+            needed <= MOST_IMPACTS
+        )  # what is left otherwise, close to the quiet limit, may be on its way to rest
+        self.undecided = np.where((status != QUIET) & ~away, v, np.inf).min(axis=1)
+        self.tau, self.v = np.full((delta.size, STARTS), np.nan), np.full((delta.size, STARTS), np.inf)
+        self.keep(tau, np.where(away, v, np.inf))
+
+    def strip(self, below: Array, i: int) -> tuple[Array, Array]:
+        """Low-discrepancy states (n, SAMPLED) number i, uniform in τ and ln v, from the floor to each cell's speed."""
+        x, y = sobol((i + 1) * SAMPLED)[i * SAMPLED :].T
+        low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
+        return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
+
+    def away(self, cell: NDArray[np.int64], tau: Array, v: Array) -> NDArray[np.bool_]:
+        """Whether states (k,) of these cells go to another attractor; chaotic is what is left in a cell with chaos."""
+        status = self.survey.settled(cell, tau, v, self.most[cell])
+        return (status == ORBIT) | ((status == LEFT) & self.chaos[cell])
+
+    def keep(self, tau: Array, v: Array) -> None:
+        """The lowest of these states and of those kept, apart in phase: v inf where a state does not count."""
+        tau, v = np.append(self.tau, tau, axis=1), np.append(self.v, v, axis=1)
+        for i in range(STARTS):
+            each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
+            self.tau[:, i], self.v[:, i] = tau[each, one], v[each, one]
+            off = tau - self.tau[:, i, None]
+            v = np.where(np.abs(off - np.rint(off)) < APART, np.inf, v)
+
+    def sample_below(self) -> None:
+        """More samples below the least so far, as long as they find a lower one."""
+        pending = np.arange(len(self.v))
+        for i in range(1, ROUNDS + 1):
+            if not pending.size:
+                break
+            before = self.v[:, 0].copy()
+            tau, v = self.strip(np.minimum(before, self.v_max), i)
+            away = np.zeros(v.shape, np.bool_)
+            cell = np.repeat(pending, SAMPLED)
+            away[pending] = self.away(cell, tau[pending].ravel(), v[pending].ravel()).reshape(-1, SAMPLED)
+            self.keep(tau, np.where(away, v, np.inf))
+            pending = pending[self.v[pending, 0] < before[pending]]
+
+    def descend(self) -> None:
+        """Pattern search: from each state to the lowest of those around it, with finer patterns where none is lower."""
+        offset = np.concatenate([-SIDEWAYS, [0.0], SIDEWAYS[::-1]])
+        sideways, down = (x.ravel() for x in np.meshgrid(offset, DOWN))
+        cell = np.repeat(np.arange(len(self.v)), STARTS)
+        best_tau, best, scale = self.tau.ravel(), self.v.ravel(), np.full(cell.size, FIRST_SCALE)
+        for _ in range(MOST_PATTERNS):
+            least = np.fmin.reduce(best.reshape(-1, STARTS), axis=1)[cell]
+            hopeful = np.flatnonzero((scale > LAST_SCALE) & (best * (1.0 - HOPE * scale) < least))
+            if not hopeful.size:
+                break
+            tau = fold(best_tau[hopeful, None] + scale[hopeful, None] * sideways)
+            v = best[hopeful, None] * (1.0 - scale[hopeful, None] * down)
+            away = self.away(np.repeat(cell[hopeful], down.size), tau.ravel(), v.ravel()).reshape(v.shape)
+            v = np.where(away, v, np.inf)
+            each, one = np.arange(hopeful.size), np.argmin(v, axis=1)
+            lower = np.isfinite(v[each, one])
+            best[hopeful[lower]], best_tau[hopeful[lower]] = v[each, one][lower], tau[each, one][lower]
+            scale[hopeful] *= np.where(lower, 1.0, SHRINK)
+        self.tau, self.v = best_tau.reshape(-1, STARTS), best.reshape(-1, STARTS)
+
+
+def boundary_distances(
+    delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, v_max: float = 7.0
+) -> BoundaryDistance:
+    """`Gear.boundary_distance` of all cells at once; delta, epsilon and beta broadcast. A cell's values do not depend
+    on the other cells. Raises ParameterError.
+    """
+    v_max = require_number("v_max", v_max, positive=True)
+    broadcast = parameters(delta, epsilon, beta)
+    d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
+    require(d.size * SAMPLED <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: use tiles")
+    found = BoundaryDistance(np.zeros(d.size), np.full(d.size, np.nan), np.full(d.size, np.inf))
+    quiet = np.flatnonzero(e < quiet_limit(d))
+    if quiet.size:
+        cells = _Cells(d[quiet], e[quiet], b[quiet], v_max)
+        cells.sample_below()
+        cells.descend()
+        one = np.argmin(cells.v, axis=1)[:, None]
+        v = np.take_along_axis(cells.v, one, 1)[:, 0]
+        found.v[quiet] = np.where(np.isfinite(v) | np.isinf(cells.undecided), v, np.nan)
+        found.tau[quiet] = np.where(np.isfinite(v), np.take_along_axis(cells.tau, one, 1)[:, 0], np.nan)
+        found.undecided[quiet] = cells.undecided
+    return BoundaryDistance(*(x.reshape(np.shape(broadcast[0])) for x in found))

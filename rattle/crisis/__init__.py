@@ -1,0 +1,10 @@
+"""The boundary crisis of the chaotic attractor: the ε at which W^u(A), on the side of the attractor, meets W^s(A).
+
+`boundary_crisis` finds it at one damping, `crisis_curve` follows it over a range. docs/crisis.md.
+"""
+
+from rattle.crisis.contact import Crisis
+from rattle.crisis.curve import CrisisCurve, crisis_curve
+from rattle.crisis.search import boundary_crisis
+
+__all__ = ["Crisis", "CrisisCurve", "boundary_crisis", "crisis_curve"]

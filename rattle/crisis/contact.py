@@ -1,0 +1,207 @@
+"""Where one piece of W^u(A) touches W^s(A): one scalar equation for ε, solved from a guess.
+
+Let h(s, ε) be the signed distance of F^n(W(s)) from the local series of W^s(A), n its return to A: positive on the side
+of the attractor. The piece touches where the least of h along it vanishes, in a corner or in a smooth bend.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.polynomial.polynomial import polyder, polyval
+from numpy.typing import NDArray
+
+from rattle.errors import RattleError
+from rattle.limits import sn1
+from rattle.saddles import Array, Local, eigenvectors, local_manifold, period_one_saddle
+
+GRID, ZOOMS = 41, 13  # a minimum along s: this many points, then between the neighbours of the least
+SAME = 1e-9  # of s: how close to the contact its two sides are compared
+LONG, NODES = 30, 16  # steps from the series beyond which W^u is interpolated, and from how many points
+NEWTON = 4
+MOST_ROUNDS = 40
+
+
+@dataclass(frozen=True)
+class Crisis:
+    """A boundary crisis with A at (delta, epsilon, beta), all dimensionless.
+
+    contact: "corner" or "tangency". piece: impacts on Σ⁻ between successive impacts on Σ⁺ along the orbit of the
+    contact, from the first to the last that is not 0 (at a corner on its side with more of them). parameter: s of the
+    contact on W^u(A), arclength at A, followed to the last point before the orbit meets Σ⁻ and one step back. steps:
+    the impacts on Σ⁺ from there to its return to W^s(A) near A. chaotic: whether what attracts W^u(A) just below was
+    seen to be chaotic; in a window of periodic motion it is not, and the contact ends chaotic transients alone.
+    """
+
+    delta: float
+    epsilon: float
+    beta: float
+    contact: str
+    piece: tuple[int, ...]
+    parameter: float
+    steps: int
+    chaotic: bool = True
+
+    @property
+    def gap(self) -> float:
+        """ε above SN1."""
+        return self.epsilon - float(sn1(self.delta))
+
+
+class Frame:
+    """W^u(A) and W^s(A) at one parameter point."""
+
+    def __init__(self, delta: float, epsilon: float, beta: float) -> None:
+        self.saddle = period_one_saddle("A", delta, epsilon, beta)
+        self.unstable: Local = local_manifold(self.saddle, stable=False)
+        self.at = np.array([[self.saddle.tau], [self.saddle.v]])
+
+    @cached_property
+    def stable(self) -> Local:
+        """W^s(A) close by."""
+        return local_manifold(self.saddle, stable=True)
+
+    @cached_property
+    def rows(self) -> Array:
+        """Rows that take (τ, v) less A to its parts along the unstable and the stable eigenvector."""
+        return np.asarray(np.linalg.inv(np.stack(eigenvectors(self.saddle), axis=1)), np.float64)
+
+    def heights(self, states: Array) -> tuple[Array, Array]:
+        """Signed distance of states (2, n) from W^s(A), along the unstable eigenvector, and the place t on W^s(A)
+        (|t| at A's arclength) beside them; infinite where the series does not reach.
+        """
+        along, across = self.rows[1] @ (states - self.at), self.rows[0] @ (states - self.at)
+        series = (self.stable.powers - self.stable.powers[0] * (np.arange(self.stable.powers.shape[0]) == 0)[:, None]).T
+        unstable, stable = self.rows @ series
+        t = along / self.stable.size
+        with np.errstate(all="ignore"):
+            for _ in range(NEWTON):
+                t = t - (polyval(t, stable) - along) / polyval(t, polyder(stable))
+            inside = np.abs(t) <= 1.0
+            return np.where(inside, across - polyval(t, unstable), np.inf), np.where(inside, t, np.inf)
+
+    def points(self, s: Array) -> Array:
+        """W(s) (2, n) before W^u(A) first meets Σ⁻."""
+        local = self.unstable
+        low, high = float(s.min()), float(s.max())
+        if np.log(high / local.size) < LONG * np.log(local.multiplier) or not high > low:
+            return local.image(s, 0)[1]
+        states = local.image(0.5 * (low + high) + 0.5 * (high - low) * chebyshev.chebpts1(NODES), 0)[1]
+        powers = chebyshev.chebfit(chebyshev.chebpts1(NODES), (states - self.at).T, NODES - 1)
+        return np.asarray(chebyshev.chebval((2.0 * s - low - high) / (high - low), powers) + self.at, np.float64)
+
+    def returns(self, s: Array, n: int) -> tuple[Array, NDArray[np.int64]]:
+        """Heights of F^n(W(s)) (m,) and their words."""
+        ok, states, word, _ = self.unstable.map(self.points(s), n)
+        return np.where(ok, self.heights(states)[0], np.inf), word
+
+    def least(self, window: tuple[float, float], n: int) -> tuple[float, float]:
+        """The least height of F^n(W(s)) in a window of s, and its s, by finer and finer grids."""
+        low, high = window
+        for _ in range(ZOOMS):
+            s = np.linspace(low, high, GRID)
+            values = self.returns(s, n)[0]
+            i = int(np.argmin(values))
+            low, high = s[max(i - 1, 0)], s[min(i + 1, GRID - 1)]
+        return float(values[i]), float(s[i])
+
+    def letters(self, s: float, n: int) -> tuple[int, ...]:
+        """Impacts on Σ⁻ in each of the n steps from W(s), from the first to the last that is not 0."""
+        start = self.points(np.array([s]))
+        counts = np.array([int(self.unstable.map(start, j)[3][0]) for j in range(n + 1)])
+        letters = np.diff(counts)
+        some = np.flatnonzero(letters)
+        return tuple(int(x) for x in letters[some[0] : some[-1] + 1]) if some.size else ()
+
+
+@lru_cache(maxsize=256)
+def frame(delta: float, epsilon: float, beta: float) -> Frame:
+    """`Frame`, remembered."""
+    return Frame(delta, epsilon, beta)
+
+
+def solve(delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float) -> Crisis:
+    """The contact at delta near epsilon = SN1 + gap of the piece of W^u(A) in a window of s with its return n.
+
+    bracket: how far off, relative to gap, it may be at first. Raises RattleError if there is none.
+    """
+    floor = float(sn1(delta))
+
+    def m(x: float) -> float:
+        return frame(delta, floor + x, beta).least(window, n)[0]
+
+    return _labelled(delta, floor + _root(m, gap, bracket * gap, 0.2), beta, window, n)
+
+
+def solve_delta(
+    delta: float, beta: float, gap: float, window: tuple[float, float], n: int, bracket: float, most: float
+) -> Crisis:
+    """The contact at SN1 + gap near delta, which is off by about bracket and moves by `most` at once; as `solve`."""
+
+    def m(x: float) -> float:
+        return frame(x, float(sn1(x)) + gap, beta).least(window, n)[0]
+
+    found = _root(m, delta, bracket, most / delta)
+    return _labelled(found, float(sn1(found)) + gap, beta, window, n)
+
+
+def _root(m: Callable[[float], float], x: float, half: float, most: float) -> float:
+    """A root of m near x, from an interval of this half-width that moves and grows, by `most` of x at once."""
+    from scipy.optimize import brentq  # a quarter of a second to load
+
+    low, high = x - half, x + half
+    at_low, at_high = m(low), m(high)
+    for _ in range(MOST_ROUNDS):
+        if at_low * at_high <= 0.0 or not np.isfinite(at_low - at_high):
+            break
+        step = min(2.0 * (high - low), most * low)
+        if abs(at_low) < abs(at_high):
+            low, high, at_high = low - step, low, at_low
+            at_low = m(low)
+        else:
+            low, high, at_low = high, high + step, at_high
+            at_high = m(high)
+    if not at_low * at_high <= 0.0:
+        raise RattleError(f"no contact of this piece of W^u(A) with W^s(A) near {x}")
+    return float(brentq(m, low, high, xtol=1e-17, rtol=4 * np.finfo(float).eps))
+
+
+def _labelled(delta: float, epsilon: float, beta: float, window: tuple[float, float], n: int) -> Crisis:
+    here = frame(delta, epsilon, beta)
+    s = here.least(window, n)[1]
+    if min(s - window[0], window[1] - s) < 1e-3 * (window[1] - window[0]):
+        raise RattleError(f"the contact of W^u(A) with W^s(A) near epsilon = {epsilon} is not isolated")
+    sides = [here.letters(s * (1.0 + side * SAME), n) for side in (-1, 1)]
+    contact = "tangency" if sides[0] == sides[1] else "corner"
+    return Crisis(delta, epsilon, beta, contact, max(sides, key=sum), s, n)
+
+
+def reach(crisis: Crisis) -> float:
+    """Where on the series of W^s(A) the contact lies, relative to its end."""
+    here = frame(crisis.delta, crisis.epsilon, crisis.beta)
+    start = here.points(np.array([crisis.parameter]))
+    return abs(float(here.heights(here.unstable.map(start, crisis.steps)[1])[1][0]))
+
+
+def root_slope(crisis: Crisis) -> float:
+    """The coefficient b of h = b √x + c x + … on the side of the corner next to this contact where the square root is,
+    x the distance along W^u(A) relative to s. Positive: the corner touches; negative: the bend beside it.
+    """
+    here, s, n = frame(crisis.delta, crisis.epsilon, crisis.beta), crisis.parameter, crisis.steps
+    around = s * (1.0 + np.concatenate([-np.geomspace(0.05, 1e-12, 60), np.geomspace(1e-12, 0.05, 60)]))
+    word = here.returns(around, n)[1]
+    edges = np.flatnonzero(word[1:] != word[:-1])
+    if not edges.size:
+        raise RattleError(f"there is no corner next to the contact at delta = {crisis.delta}")
+    i = int(edges[np.argmin(np.abs(around[edges] - s))])
+    low, high, first = around[i], around[i + 1], word[i]
+    while low < (middle := 0.5 * (low + high)) < high:
+        same = here.returns(np.array([middle]), n)[1][0] == first
+        low, high = (middle, high) if same else (low, middle)
+    more = 1 if sum(here.letters(high, n)) > sum(here.letters(low, n)) else -1
+    root = np.linspace(0.2, 1.0, 12) * 1e-2
+    heights = here.returns((high if more > 0 else low) + more * s * root**2, n)[0]
+    corner = float(here.returns(np.array([low if more > 0 else high]), n)[0][0])
+    return float(np.polyfit(root, (heights - corner) / root, 4)[-1])

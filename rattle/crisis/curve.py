@@ -1,0 +1,167 @@
+"""The crisis followed in the (δ, ε) plane, each contact the guess of the next: in δ, and towards COD22 in ε − SN1."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from rattle.crisis.contact import Crisis, frame, reach, root_slope, solve, solve_delta
+from rattle.crisis.search import boundary_crisis, end_of_curve, touched
+from rattle.crisis.survival import is_chaotic
+from rattle.errors import RattleError, require, require_number
+from rattle.saddles import Array
+
+START = 0.98  # of COD22's δ: where a curve is begun
+CLOSEST = 1e-5  # ε − SN1 to which it is followed towards COD22, relative to SN1
+RATIO = 0.75  # of successive ε − SN1 there
+WINDOW, BRACKET = 0.05, 0.01  # of s and of the unknown, about the guess
+DOMAIN = 0.3  # widest window of s, of a fundamental domain
+MARGIN, CHECKED = 1e-3, 4000  # no other piece touches so far below, relative; samples per unit of ln s
+SMALLEST = 1e-4  # step in δ, relative to COD22's, at which following is given up
+WIDEST = 0.05  # window of periodic motion that is crossed, of COD22's δ
+INSIDE = 0.6  # of the series of W^s(A): beyond, the next return is taken
+
+
+@dataclass(frozen=True)
+class CrisisCurve:
+    """The crisis of one half-backlash, points (n) along it: from its end at small damping towards COD22.
+
+    changes: the contacts, solved for, at which the corner gives way to the bend beside it. low_end, high_end: why the
+    points end there.
+    """
+
+    beta: float
+    points: tuple[Crisis, ...]
+    changes: tuple[Crisis, ...]
+    low_end: str
+    high_end: str
+
+    @property
+    def delta(self) -> Array:
+        """δ (n,)."""
+        return np.array([point.delta for point in self.points])
+
+    @property
+    def epsilon(self) -> Array:
+        """ε (n,)."""
+        return np.array([point.epsilon for point in self.points])
+
+
+def _guess(known: list[Crisis], x: Array, y: Array, at: float) -> Array:
+    """Columns of y (n, k), known at x (n,), continued to `at` from the last three."""
+    near = slice(-3, None) if len(known) > 2 else slice(-len(known), None)
+    powers = np.polyfit(x[near] - x[-1], y[near], min(2, len(known) - 1))
+    return np.asarray([np.polyval(column, at - x[-1]) for column in powers.T], np.float64)
+
+
+def _window(known: list[Crisis], s: float) -> tuple[float, float]:
+    last = known[-1]
+    rate = np.log(frame(last.delta, last.epsilon, last.beta).unstable.multiplier)
+    width = float(min(WINDOW * (4.0 if len(known) == 1 else 1.0), DOMAIN * rate))
+    return s * (1.0 - width), s * (1.0 + width)
+
+
+def _steps(last: Crisis) -> int:
+    return last.steps + (1 if reach(last) > INSIDE else 0)
+
+
+def in_delta(known: list[Crisis], delta: float) -> Crisis:
+    """The contact at delta that continues those known, the last of which is the nearest. Raises RattleError."""
+    y = np.log([[point.gap, point.parameter] for point in known])
+    gap, s = np.exp(_guess(known, np.array([point.delta for point in known]), y, delta))
+    return solve(delta, known[-1].beta, float(gap), _window(known, float(s)), _steps(known[-1]), BRACKET)
+
+
+def in_gap(known: list[Crisis], gap: float, end: float) -> Crisis:
+    """The contact at SN1 + gap that continues those known; near COD22, where δ − δ(COD22) goes with √gap."""
+    last = known[-1]
+    root = np.sqrt([point.gap for point in known])
+    y = np.array([[point.delta - end, point.parameter] for point in known]) / root[:, None]
+    offset, s = _guess(known, root, y, float(np.sqrt(gap))) * np.sqrt(gap)
+    bracket = BRACKET * max(abs(float(offset)), float(np.sqrt(gap)) * 0.01)
+    return solve_delta(
+        end + float(offset), last.beta, gap, _window(known, float(s)), _steps(last), bracket, abs(last.delta - end)
+    )
+
+
+def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list[Crisis], str]:
+    """Contacts from start down to δ = to, through windows of periodic motion, and why they stop."""
+    known, step, chaotic = [start], resolution, 0  # chaotic: the last that is
+    while known[-1].delta > to:
+        step = min(step, resolution)
+        delta = max(to, known[-1].delta - step)
+        try:
+            found = in_delta(known, delta)
+            if touched(delta, found.beta, found.gap * (1.0 - MARGIN), CHECKED):
+                raise RattleError("another piece of W^u(A) touches W^s(A) first")
+        except RattleError as error:
+            step /= 4.0
+            if step < SMALLEST * end:
+                return known[: chaotic + 1], f"below delta = {known[-1].delta:.5f}: {error}"
+            continue
+        known.append(replace(found, chaotic=is_chaotic(found)))
+        step *= 2.0
+        if known[-1].chaotic:
+            chaotic = len(known) - 1
+        elif known[chaotic].delta - delta > WIDEST * end:
+            return known[: chaotic + 1], f"below delta = {known[chaotic].delta:.5f} what attracts W^u(A) is not chaotic"
+    return known, "as asked"
+
+
+def _up(start: Crisis, end: float) -> tuple[list[Crisis], str]:
+    """Contacts from start towards COD22, and why they stop."""
+    known, last = [start], CLOSEST * start.epsilon
+    while known[-1].gap > last:
+        gap = max(known[-1].gap * RATIO, 0.999 * last)
+        try:
+            known.append(in_gap(known, gap, end))
+        except RattleError as error:
+            return known, str(error)
+    return known, "it goes on into COD22, closer than it is followed"
+
+
+def _changes(points: list[Crisis]) -> list[Crisis]:
+    """Where the coefficient of the square root next to the corner vanishes, between points of different contact."""
+    from scipy.optimize import brentq
+
+    found = []
+    for one, other in pairwise(points):
+        if one.contact == other.contact:
+            continue
+
+        def slope(delta: float, one: Crisis = one, other: Crisis = other) -> float:
+            near = min(one, other, key=lambda point: abs(point.delta - delta))
+            return root_slope(near if near.delta == delta else in_delta([near], delta))
+
+        delta = float(brentq(slope, one.delta, other.delta, xtol=1e-10))
+        near = min(one, other, key=lambda point: abs(point.delta - delta))
+        found.append(in_delta([near], delta))
+    return found
+
+
+def crisis_curve(
+    low: float | None = None, high: float | None = None, beta: float = 0.6, resolution: float = 0.01
+) -> CrisisCurve:
+    """The boundary crisis from δ = low, by default as far down as it exists, to δ = high, by default to COD22.
+
+    At most resolution apart in δ; towards COD22, by steps of ε − SN1, to 1e-5 of SN1. ε as accurate as
+    `boundary_crisis`, which begins it. Raises ParameterError, and RattleError if there is no crisis where it begins.
+    """
+    beta = require_number("beta", beta, positive=True)
+    resolution = require_number("resolution", resolution, positive=True)
+    end = end_of_curve(beta)
+    bottom = 0.0 if low is None else require_number("low", low, positive=True)
+    top = np.inf if high is None else require_number("high", high, positive=True)
+    require(bottom < top, f"low must be below high, got {bottom} and {top}")
+    start = boundary_crisis(min(max(START * end, bottom), top), beta)
+    falling, low_end = _down(start, bottom, resolution, end)
+    rising, high_end = [start], "as asked"
+    if top > start.delta:
+        rising, high_end = _up(start, end)
+        if high is not None:
+            inside = [i for i, point in enumerate(rising) if point.delta > top]
+            if inside:
+                rising, high_end = rising[: inside[0]], "as asked"
+                rising.append(in_delta(rising, top))
+    points = [*falling[:0:-1], *rising]
+    return CrisisCurve(beta, tuple(points), tuple(_changes(points)), low_end, high_end)

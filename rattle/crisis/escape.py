@@ -1,0 +1,45 @@
+"""Which part of W^u(A) goes to rest, seen by following samples of it, many ε at once."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.flight import DRIFT, contact_force
+from rattle.iterate import fold, iterate
+from rattle.quiet import capture_invariants
+from rattle.saddles import Array, eigenvectors, period_one_saddle
+
+Flags = NDArray[np.bool_]
+NEAR = 1e-4  # of λ − 1: where W^u(A) is left to be straight
+RETURNS = 60  # impacts of the excursions that are followed
+AT_REST = 150  # impacts from A down to certain rest
+SPARSE = 400  # samples of a fundamental domain, at least
+
+
+def at_rest(delta: float, epsilon: Array, beta: float, tau: Array, v: Array) -> Flags:
+    """Whether states (…, n), at epsilon (…, 1), are certain to come to rest."""
+    invariants = capture_invariants(
+        np.full(epsilon.size, delta), np.ascontiguousarray(epsilon.ravel()), np.full(epsilon.size, beta)
+    ).reshape(epsilon.shape)
+    force = contact_force(np.sin(2 * np.pi * tau), np.cos(2 * np.pi * tau), delta, epsilon, DRIFT)
+    return np.asarray(v**3 < invariants * force)
+
+
+def fundamental(delta: float, epsilon: Array, beta: float, samples: int) -> tuple[Array, Array, NDArray[np.int64]]:
+    """States (n, samples) of one fundamental domain of W^u(A), on the attractor's side, at each epsilon (n,), and the
+    impacts (n,) in which they return to A and come to rest.
+    """
+    tau, v, impacts = np.empty((epsilon.size, samples)), np.empty((epsilon.size, samples)), np.empty(epsilon.size, int)
+    for i, x in enumerate(epsilon):
+        saddle = period_one_saddle("A", delta, float(x), beta)
+        rate, (direction, _) = np.log(np.real(saddle.multipliers[0])), eigenvectors(saddle)
+        s = NEAR * np.expm1(rate) * np.exp(rate * np.linspace(-1.0, 0.0, samples))
+        tau[i], v[i] = saddle.tau + s * direction[0], saddle.v + s * direction[1]
+        impacts[i] = int(2 * np.log(1.0 / s[0]) / rate) + RETURNS + AT_REST
+    return fold(tau), v, impacts
+
+
+def escapes(delta: float, epsilon: Array, beta: float, samples: int = SPARSE) -> Flags:
+    """Which samples (n, samples) of W^u(A) go to rest at each epsilon (n,) on their first excursions."""
+    tau, v, impacts = fundamental(delta, epsilon, beta, samples)
+    end = iterate(delta, epsilon[:, None], tau, v, impacts[:, None], beta)
+    return at_rest(delta, epsilon[:, None], beta, end.tau, end.v)

@@ -1,0 +1,182 @@
+"""The boundary crisis at one damping: where in ε W^u(A) escapes, the contacts there, and whether chaos ends."""
+
+import numpy as np
+
+from rattle.crisis.contact import Crisis, frame, solve
+from rattle.crisis.escape import AT_REST, RETURNS, SPARSE, at_rest, escapes
+from rattle.crisis.survival import is_chaotic, outlived
+from rattle.curves.codimension import codimension_two
+from rattle.errors import RattleError, require_number
+from rattle.iterate import fold, iterate
+from rattle.limits import quiet_limit, sn1
+from rattle.orbits import period_one
+from rattle.saddles import Array
+
+STEP = 0.04  # of ε − SN1, between two that are tried
+LOWEST, SMALLEST, HIGHEST = (
+    0.5,
+    2e-5,
+    2.0,
+)  # where they begin, relative to the square of the distance from COD22; where they end, to SN1
+HALVINGS = 6
+DENSE, CHECKED = 2000, 40000  # samples per unit of ln s on W^u(A), for the bracket, and once more below the crisis
+MARGIN = 1e-4  # how far below the crisis, relative to ε − SN1, no other piece may touch
+MOST_PIECES = 6
+MOST_STEPS = 400  # of an orbit that escapes
+NEAR, GONE = 0.3, 0.5  # a return, relative to the farthest; a speed below which an orbit is on its way to rest
+WIDER = 12
+
+
+def end_of_curve(beta: float) -> float:
+    """δ of COD22, in which the crisis begins."""
+    for point in codimension_two(beta):
+        if point.name == "COD22":
+            return point.delta
+    raise RattleError(f"there is no COD22 at beta = {beta}")
+
+
+def _gaps(delta: float, beta: float) -> Array:
+    """ε − SN1 that are tried: those at which A exists, up to the quiet limit."""
+    floor, top = float(sn1(delta)), float(quiet_limit(delta))
+    first = LOWEST * floor * min(0.02, max(SMALLEST, (1.0 - delta / end_of_curve(beta)) ** 2))
+    last = min(HIGHEST * floor, top * (1.0 - 1e-9) - floor)
+    if last <= first:
+        raise RattleError(
+            f"at delta = {delta} there is no rest to escape to where A is born: SN1 is at the quiet limit"
+        )
+    gaps = first * np.exp(STEP * np.arange(int(np.log(last / first) / STEP) + 1))
+    return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
+
+
+def _rate(delta: float, epsilon: float, beta: float) -> float:
+    return float(np.log(frame(delta, epsilon, beta).unstable.multiplier))
+
+
+def samples_for(delta: float, epsilon: float, beta: float, density: int) -> int:
+    """So many samples per unit of ln s of one fundamental domain."""
+    return int(SPARSE + density * _rate(delta, epsilon, beta))
+
+
+def touched(delta: float, beta: float, gap: float, density: int) -> bool:
+    """Whether W^u(A) escapes at SN1 + gap."""
+    epsilon = float(sn1(delta)) + gap
+    return bool(escapes(delta, np.array([epsilon]), beta, samples_for(delta, epsilon, beta, density)).any())
+
+
+def _narrowed(delta: float, beta: float, low: float, high: float) -> tuple[float, float]:
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2.0
+        low, high = (low, middle) if touched(delta, beta, middle, DENSE) else (middle, high)
+    return low, high
+
+
+def _run(delta: float, beta: float, gap: float) -> Array:
+    """The longest run of places s of a fundamental domain of W^u(A) that escape, with one more on both sides."""
+    epsilon = float(sn1(delta)) + gap
+    local, rate = frame(delta, epsilon, beta).unstable, _rate(delta, epsilon, beta)
+    s = local.size * np.exp(rate * np.linspace(-1.0, 0.0, samples_for(delta, epsilon, beta, CHECKED)))
+    tau, v = local.at(s)
+    n = int(np.log(1.0 / local.size) / rate) + RETURNS + AT_REST + int(9.0 / rate)
+    end = iterate(delta, epsilon, fold(tau), v, n, beta)
+    gone = at_rest(delta, np.array([epsilon]), beta, end.tau, end.v)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int)))
+    if not edges.size:
+        raise RattleError(f"W^u(A) does not escape at epsilon = {epsilon}")
+    runs = edges.reshape(-1, 2)
+    first, last = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+    return np.asarray(s[max(first - 1, 0) : last + 1], np.float64)
+
+
+def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
+    """Steps after which W(s) first meets Σ⁻, and after which from there it enters the series of W^s(A)."""
+    here = frame(delta, float(sn1(delta)) + gap, beta)
+    states, met, entries, inside, farthest = here.unstable.at(np.array([s])), -1, [], True, 0.0
+    for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable.multiplier))):
+        ok, states, _, bounces = here.unstable.map(states, 1)
+        if not ok.all():
+            break
+        if met < 0 and bounces[0] > 0:
+            met = max(j - 1, 0)  # a corner's other side meets it one step earlier
+        height = float(here.heights(states)[0][0])
+        farthest = max(farthest, float(np.hypot(*(states - here.at))[0]))
+        before, inside = inside, abs(height) < NEAR * farthest
+        if met >= 0 and inside and not before:
+            entries.append(j + 1 - met)
+        if states[1, 0] < GONE * here.saddle.v:
+            break
+    return met, entries
+
+
+def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
+    """Where the piece of W^u(A) that escapes at SN1 + high and not at SN1 + low touches W^s(A); of the returns to A
+    that its orbit makes, the one that touches at the least ε.
+    """
+    run = _run(delta, beta, high)
+    met, entries = _orbit(delta, beta, high, float(run[run.size // 2]))
+    if not entries:
+        raise RattleError(f"the orbit that escapes at epsilon = {sn1(delta) + high} does not return to A")
+    here = frame(delta, float(sn1(delta)) + high, beta)
+    run = run * here.unstable.multiplier**met
+    found, last = [], RattleError("")
+    for n in entries:
+        width = float(run[-1] - run[0])
+        for _ in range(WIDER):  # until a minimum lies inside
+            window = (max(run[0] - width, 0.5 * run[0]), run[-1] + width)
+            s = here.least(window, n)[1]
+            if min(s - window[0], window[1] - s) > 0.1 * (window[1] - window[0]):
+                break
+            width *= 2.0
+        try:
+            found.append(solve(delta, beta, (low + high) / 2.0, window, n, (high - low) / (high + low)))
+        except RattleError as error:
+            last = error
+    if not found:
+        raise last
+    return min(found, key=lambda contact: contact.epsilon)
+
+
+def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
+    """The least ε between SN1 + low and SN1 + high at which W^u(A) touches W^s(A)."""
+    for _ in range(MOST_PIECES):
+        found = contact_near(delta, beta, low, high)
+        below = found.gap * (1.0 - MARGIN)
+        if not touched(delta, beta, below, CHECKED):
+            return found
+        low, high = found.gap * (1.0 - 10.0 * MARGIN), below
+    raise RattleError(f"at delta = {delta} ever earlier pieces of W^u(A) touch W^s(A)")
+
+
+def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
+    """The last contact, by rising ε, in which a chaotic attractor ends, to 1e-10.
+
+    W^u(A) is looked at in steps of 4 % of ε − SN1, up to 3 SN1 or the quiet limit, beyond which nothing rests; the
+    piece is the first among those that 40000 points per unit of its ln s show. Raises ParameterError, and RattleError
+    where no chaotic attractor is seen to end in a contact with A, saying why. Source: docs/crisis.md; the paper leaves
+    it open.
+    """
+    delta = require_number("delta", delta, positive=True)
+    beta = require_number("beta", beta, positive=True)
+    gaps = _gaps(delta, beta)
+    if gaps.size < 2:
+        raise RattleError(f"there is no A below the quiet limit at delta = {delta}, beta = {beta}")
+    gone = np.asarray(escapes(delta, float(sn1(delta)) + gaps, beta).any(axis=1), np.bool_)
+    reasons = []
+    for i in np.flatnonzero(gone[1:] & ~gone[:-1])[::-1]:
+        try:
+            found = first_contact(delta, beta, *_narrowed(delta, beta, gaps[i], gaps[i + 1]))
+        except RattleError as error:
+            reasons.append(str(error))
+            continue
+        if not is_chaotic(found):
+            reason = "what attracts W^u(A) there is not chaotic"
+        elif outlived(found):
+            reason = "the chaotic attractor outlives it"
+        else:
+            return found
+        reasons.append(f"at epsilon = {found.epsilon:.6f} W^u(A) touches W^s(A), but {reason}")
+    if gone[0]:
+        reasons.append("W^u(A) escapes from where A is born")
+    raise RattleError(
+        f"no chaotic attractor ends in a contact with A at delta = {delta}, beta = {beta}: "
+        + ("; ".join(reasons) or f"W^u(A) stays up to epsilon = {sn1(delta) + gaps[-1]:.7f}")
+    )

@@ -1,0 +1,228 @@
+"""Bifurcation diagrams as the paper draws them: impact speed and phase against the parameter (Figures 5 and 9)."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
+from numpy.typing import NDArray
+
+from rattle.attractors import KINDS
+from rattle.bifurcations import Kind
+from rattle.branches import Branch
+from rattle.curves import name_of
+from rattle.diagrams import Diagram, diagram, names
+from rattle.errors import require
+from rattle.events import Event
+from rattle.impact_equations import Array
+from rattle.plot import paper_ranges as ranges
+from rattle.plot.colours import name_of as name_of_type
+from rattle.plot.drawing import Drawing, new_figure
+from rattle.plot.labels import Labels
+
+FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
+MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
+MEANINGS = {Kind.SADDLE_NODE: "SN", Kind.FLIP: "PD", Kind.GRAZING: "G"}
+STYLES = {True: "-", False: (0, (4.0, 2.0))}
+Limits = tuple[float, float] | None
+SIZE, ANCHORS = 10, 40  # of labels, in points; points of a curve that its name may stand at
+STEPS = 500
+#: Steps, and the limits of v and τ, of the paper's figures.
+WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limits]] = {
+    (*ranges.FIGURE_5, ranges.BETA): (1000, (3.7, 4.9), (0.4, 1.0)),
+    (*ranges.FIGURE_9, ranges.BETA): (500, (4.74, 4.94), (0.69, 0.77)),
+}
+
+
+class _Curve(NamedTuple):
+    """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between; of the part that follows each
+    of them: stable, admissible, name of the period-one orbit.
+    """
+
+    x: Array
+    v: Array
+    tau: Array
+    stable: NDArray[np.bool_]
+    admissible: NDArray[np.bool_]
+    name: tuple[str, ...]
+
+
+def diagram_figure(diagram: Diagram, v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
+    """The figure: (a) v and (b) τ against the parameter, limits of the panels given or found.
+
+    Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked, with their
+    names where they are curves of `rattle.curves`. Points: attractors followed forward (light) and backward (on top).
+
+    """
+    require(isinstance(diagram, Diagram), f"diagram must be a Diagram, got {type(diagram).__name__}")
+    figure = new_figure(7.2, 7.6)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    axis, scale, offset = _parameter(diagram)
+    curves = [(branch, list(_curves(diagram, branch, scale, offset))) for branch in diagram.branches]
+    for panel, which, limits, label in ((upper, "v", v, "impact speed $v$"), (lower, "tau", tau, "impact phase $τ$")):
+        _attractors(panel, diagram, which, offset + scale * diagram.points.position)
+        for branch, parts in curves:
+            for curve in parts:
+                _draw(panel, curve, getattr(curve, which), branch.label[:2] == (1, 1))
+        panel.set_ylabel(label)
+        panel.set_xlim(*sorted((offset, offset + scale)))
+        panel.set_ylim(*(limits or _fitting(diagram)))
+        panel.tick_params(direction="in", top=True, right=True)
+    lower.set_xlabel(axis)
+    lower.locator_params(axis="x", nbins=6)
+    _legend(figure)
+    for letter, panel, which in (("(a)", upper, "v"), ("(b)", lower, "tau")):
+        panel.annotate(letter, (0.0, 1.0), (6, -6), "axes fraction", "offset points", va="top", fontsize=10)
+        lines = [line for _, parts in curves for curve in parts for line in _lines(panel, curve, getattr(curve, which))]
+        labels = Labels(panel, lines)
+        _marks(panel, labels, diagram, which, scale, offset)
+        _names(panel, labels, curves, which)
+    figure.set_layout_engine("none")  # labels lie where they were put
+    return figure
+
+
+def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
+    """Figures 5 and 9: the diagram along ε at one damping; at the paper's parameters in the paper's window.
+
+    Raises ParameterError.
+    """
+    steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
+    found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, steps)
+    notes = []
+    if found.left_out:
+        notes.append(f"branches not followed, as too long or too many: {', '.join(map(name_of_type, found.left_out))}")
+    return Drawing(diagram_figure(found, *limits), tuple(notes))
+
+
+def _parameter(diagram: Diagram) -> tuple[str, float, float]:
+    """Label of the axis, and scale and offset that take a position to it."""
+    (delta, epsilon), (last_delta, last_epsilon) = diagram.start, diagram.end
+    if delta == last_delta:
+        return f"eccentricity $ε$ (δ = {delta:g}, β = {diagram.beta:g})", last_epsilon - epsilon, epsilon
+    if epsilon == last_epsilon:
+        return f"damping $δ$ (ε = {epsilon:g}, β = {diagram.beta:g})", last_delta - delta, delta
+    way = f"way from (δ, ε) = ({delta:g}, {epsilon:g}) to ({last_delta:g}, {last_epsilon:g}), β = {diagram.beta:g}"
+    return way, 1.0, 0.0
+
+
+def _impacts(event: Event) -> tuple[Array, Array]:
+    """Phases and speeds (n,) of the impacts on Σ⁺ at an event."""
+    upper = np.array(event.itinerary.walls) > 0
+    speeds = -event.itinerary.flights(event.unknowns).w0
+    return event.unknowns[:-2][upper] % 1.0, speeds[upper]
+
+
+def _curves(diagram: Diagram, branch: Branch, scale: float, offset: float) -> Iterator[_Curve]:
+    """Every impact of a branch on Σ⁺, with the events put in between its points."""
+    x, name = offset + scale * diagram.positions(branch), names(branch)
+    for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
+        tau, v = branch.times[:, impact] % 1.0, branch.speeds[:, impact]
+        rows = []
+        for i in range(len(branch)):
+            rows.append((x[i], v[i], tau[i], branch.stable[i], branch.admissible[i], name[i]))
+            for event in branch.events:
+                if event.after == i and i + 1 < len(branch) and event.admissible:
+                    at = offset + scale * float(diagram.positions(event))
+                    there = _impacts(event)
+                    off = np.abs((there[0] - tau[i] + 0.5) % 1.0 - 0.5) + np.abs(there[1] - v[i])
+                    state = there[1][np.argmin(off)], there[0][np.argmin(off)]
+                    rows.append((at, *state, branch.stable[i + 1], branch.admissible[i + 1], name[i + 1]))
+        columns = list(zip(*rows, strict=True))
+        where, v, tau, stable, admissible = (np.array(column) for column in columns[:5])
+        yield _Curve(where, v, tau, stable, admissible, columns[5])
+
+
+def _draw(panel: Axes, curve: _Curve, y: Array, named: bool) -> None:
+    """The parts that happen, stable or not, each in one stroke; a phase that passes 1 begins anew."""
+    parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
+    kinds = [None if jumps or not happens else bool(stable) for happens, stable, jumps in parts]
+    first = 0
+    while first < len(kinds):
+        last = first
+        while last < len(kinds) and kinds[last] is kinds[first]:
+            last += 1
+        kind = kinds[first]
+        if kind is not None:
+            width, colour = (1.3, "black") if named else (0.8, "#333333") if kind else (0.5, "#777777")
+            style = STYLES[kind]
+            panel.plot(curve.x[first : last + 1], y[first : last + 1], color=colour, lw=width, ls=style, zorder=3)
+        first = last
+
+
+def _attractors(panel: Axes, diagram: Diagram, which: str, x: Array) -> None:
+    """The points of the sweeps, the backward ones smaller on top of the forward ones."""
+    points = diagram.points
+    y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
+    for forward, colour, size in ((True, FORWARD, 2.4), (False, BACKWARD, 1.0)):
+        for on, factor in ((~chaotic, 2.0), (chaotic, 0.35)):
+            at = on & (points.forward == forward)
+            panel.scatter(x[at], y[at], s=size * factor, c=colour, lw=0, rasterized=True, zorder=2)
+
+
+def _marks(panel: Axes, labels: Labels, diagram: Diagram, which: str, scale: float, offset: float) -> None:
+    for event in diagram.events:
+        phases, speeds = _impacts(event)
+        y = speeds if which == "v" else phases
+        x = np.full(y.size, offset + scale * float(diagram.positions(event)))
+        name = name_of(event)
+        size, face = (26.0, "black") if name else (5.0, "white")
+        panel.scatter(x, y, s=size, marker=MARKS[event.kind], c=face, ec="black", lw=0.5, zorder=5 if name else 4)
+        if name:
+            seen = _seen(panel, x, y)
+            if seen.any():
+                labels.add(name, (float(x[seen][0]), float(y[seen][0])), size=SIZE)
+
+
+def _names(panel: Axes, labels: Labels, curves: list[tuple[Branch, list[_Curve]]], which: str) -> None:
+    """A to D beside what is seen of them; in one word where they are one curve, as A and C in v."""
+    places: dict[str, list[tuple[float, float]]] = {}
+    for _, parts in curves:
+        for curve in parts:
+            y = getattr(curve, which)
+            for name in sorted(set(curve.name) - {""}):
+                on = np.flatnonzero(_seen(panel, curve.x, y) & curve.admissible & (np.array(curve.name) == name))
+                on = on[:: max(1, on.size // ANCHORS)]
+                places.setdefault(name, []).extend(zip(curve.x[on].tolist(), y[on].tolist(), strict=True))
+    if which == "v" and {"A", "C"} <= set(places):
+        places["A, C"] = places.pop("C")
+        del places["A"]
+    for name, points in places.items():
+        if points:
+            Text.set(labels.add(name, *points, size=SIZE), style="italic")
+
+
+def _seen(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
+    """Which points are inside the panel."""
+    (left, right), (low, high) = panel.get_xlim(), panel.get_ylim()
+    return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
+
+
+def _lines(panel: Axes, curve: _Curve, y: Array) -> list[Array]:
+    """What is drawn of a curve inside the panel (k, 2), NaN between pieces."""
+    on = _seen(panel, curve.x, y) & curve.admissible
+    return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
+
+
+def _fitting(diagram: Diagram) -> tuple[float, float]:
+    """Limits of v that hold everything."""
+    speeds = [diagram.points.v, *(branch.speeds[branch.admissible].ravel() for branch in diagram.branches)]
+    top = max((float(each.max()) for each in speeds if each.size), default=1.0)
+    return 0.0, 1.05 * top
+
+
+def _legend(figure: Figure) -> None:
+    lines = [
+        Line2D([], [], color="black", lw=1.3, label="stable"),
+        Line2D([], [], color="black", lw=1.3, ls=STYLES[False], label="unstable"),
+    ]
+    marks = [
+        Line2D([], [], ls="", marker=mark, color="black", ms=4.5, label=MEANINGS[kind]) for kind, mark in MARKS.items()
+    ]
+    sweeps = [
+        Line2D([], [], ls="", marker="o", color=colour, ms=size, label=label)
+        for colour, size, label in ((FORWARD, 6, "followed forward"), (BACKWARD, 4, "backward"))
+    ]
+    figure.legend(handles=[*lines, *marks, *sweeps], loc="outside upper center", ncols=7, frameon=False, fontsize=8.5)

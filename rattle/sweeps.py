@@ -1,0 +1,210 @@
+"""Attractors followed step by step along a line in the (δ, ε) plane, forward and backward, as in an experiment.
+
+The state at one step starts the next one. All attractors at both ends of the line are followed into it. A motion that
+is lost, or becomes one that was followed that way before, is followed back from there. What has then been reached
+neither way is followed forward from where a sample first found it, and back; what no sample found, as far as to what is
+known. So all attractors are seen, and where the two directions differ there is hysteresis.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.attractors import PERIODIC, QUIET, UNDECIDED, Attractors, tabulated
+from rattle.iterate import iterate
+from rattle.survey import followed
+
+FORWARD, BACKWARD = 0, 1
+STEP = (1, -1)
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Known:
+    """An attractor at one step: kind (index of KINDS), label, a state on it; the directions in which it was followed,
+    and whether the sample of that step found it.
+    """
+
+    kind: int
+    label: tuple[int, int, int]
+    tau: float
+    v: float
+    sampled: bool
+    reached: list[bool] = field(default_factory=lambda: [False, False])
+
+
+class Visit(NamedTuple):
+    """An attractor that a sweep was on at one step, with its state there."""
+
+    step: int
+    direction: int
+    kind: int
+    label: tuple[int, int, int]
+    tau: float
+    v: float
+
+
+class Points(NamedTuple):
+    """Impacts on Σ⁺ of the attractors that were followed, arrays (n,) in the order of the steps.
+
+    step; position along the line; tau, v; kind (index of KINDS); m, n_plus, n_minus (0 unless periodic); forward: in
+    which direction it was followed. A periodic attractor has n_plus points at a step and direction.
+    """
+
+    step: NDArray[np.int64]
+    position: Array
+    tau: Array
+    v: Array
+    kind: NDArray[np.int64]
+    m: NDArray[np.int64]
+    n_plus: NDArray[np.int64]
+    n_minus: NDArray[np.int64]
+    forward: NDArray[np.bool_]
+
+
+@dataclass
+class _Run:
+    """A motion that is followed in one direction: the step that it is to arrive at, from a state of the one before, or
+    where it begins, from an attractor there. trail: what it was on, by step; back: the trail that it goes back on.
+    shy: it stops where anything was before.
+    """
+
+    direction: int
+    step: int
+    tau: float
+    v: float
+    back: dict[int, Known]
+    shy: bool
+    trail: dict[int, Known] = field(default_factory=dict)
+
+
+class Sweeps:
+    """Sweeps over steps with parameters delta, epsilon, beta (n,); to begin with, a table of what samples find there is
+    known, cell by cell.
+    """
+
+    def __init__(self, delta: Array, epsilon: Array, beta: Array, table: Attractors) -> None:
+        self.parameters = delta, epsilon, beta
+        self.known: list[list[Known]] = [[] for _ in delta]
+        self.visits: list[Visit] = []
+        self._runs: list[_Run] = []
+        for cell, kind, m, n_plus, n_minus, tau, v in zip(
+            table.cell, table.kind, table.m, table.n_plus, table.n_minus, table.tau, table.v, strict=True
+        ):
+            if kind not in (QUIET, UNDECIDED):
+                label = int(m), int(n_plus), int(n_minus)
+                self.known[cell].append(Known(int(kind), label, float(tau), float(v), sampled=True))
+
+    def run(self) -> None:
+        """Follow everything known, one way at least."""
+        for direction, step in ((FORWARD, 0), (BACKWARD, len(self.known) - 1)):
+            for known in self.known[step]:
+                self._begin(known, direction, step)
+        self._finish()
+        for step in range(len(self.known)):
+            while True:
+                left = [known for known in self.known[step] if not any(known.reached)]
+                if not left:
+                    break
+                for known in left:
+                    self._begin(known, FORWARD, step, shy=not known.sampled)
+                self._finish()
+                self.known[step] = [known for known in self.known[step] if any(known.reached) or known not in left]
+
+    def _begin(
+        self, known: Known | None, direction: int, step: int, back: dict[int, Known] | None = None, shy: bool = False
+    ) -> None:
+        if known is not None and not known.reached[direction]:
+            self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, shy))
+
+    def _finish(self) -> None:
+        """Advance all runs to their ends, and those that they lead to; at any time one run only is at a step."""
+        while self._runs:
+            now: dict[int, _Run] = {}
+            for run in self._runs:
+                now.setdefault(run.step, run)
+            self._advance(list(now.values()))
+
+    def _advance(self, runs: list[_Run]) -> None:
+        """Where the states of these runs lead at their steps."""
+        states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
+        count = max(map(len, states))
+        tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
+        steps = [run.step for run in runs]
+        delta, epsilon, beta = (np.ascontiguousarray(x[steps]) for x in self.parameters)
+        survey = followed(delta, epsilon, beta, tau, v)
+        table, rows = tabulated(survey)
+        for i, run in enumerate(runs):
+            first = i * count
+            end = float(survey.samples.tau[first]), float(survey.samples.v[first])
+            self._arrive(run, table, rows[first : first + len(states[i])], end)
+
+    def _arrive(self, run: _Run, table: Attractors, rows: NDArray[np.int64], end: tuple[float, float]) -> None:
+        """Note what was reached, and go on; where that is nothing new, go back from the step before.
+
+        One that is lost on its way back, from a set that it leaves in time, begins again where it came through.
+        """
+        row, here = rows[0], self.known[run.step]
+        kind = int(table.kind[row])
+        same = [known for known, other in zip(here, rows[1:], strict=True) if other == row]
+        before = [any(known.reached) if run.shy else known.reached[run.direction] for known in same]
+        if kind == QUIET or any(before):
+            self._runs.remove(run)
+            last = run.step - STEP[run.direction]
+            self._begin(run.trail.get(last), 1 - run.direction, last, run.trail)
+            again = run.step if run.trail else run.step + STEP[run.direction]
+            if kind == QUIET:
+                self._begin(run.back.get(again), run.direction, again, run.back)
+            return
+        label = int(table.m[row]), int(table.n_plus[row]), int(table.n_minus[row])
+        if kind == PERIODIC:
+            end = float(table.tau[row]), float(table.v[row])
+        if not same:
+            same = [Known(kind, label, *end, sampled=False)]
+            here += same
+        for known in same:
+            known.reached[run.direction] = True
+        self.visits.append(Visit(run.step, run.direction, kind, label, *end))
+        run.trail[run.step] = same[0]
+        run.step += STEP[run.direction]
+        run.tau, run.v = end
+        if not 0 <= run.step < len(self.known):
+            self._runs.remove(run)
+
+    def points(self, position: Array, chaotic: int) -> Points:
+        """All impacts of periodic attractors, and so many of the others, at these positions (steps,)."""
+        visits = sorted(self.visits, key=lambda visit: (visit.step, visit.direction, visit.v))
+        step, direction, kind = (np.array([visit[i] for visit in visits], np.int64) for i in range(3))
+        label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)
+        label[kind != PERIODIC] = 0
+        size = np.where(kind == PERIODIC, label[:, 1], chaotic)
+        owner, tau, v = _impacts(visits, size, *(x[step] for x in self.parameters))
+        m, n_plus, n_minus = label[owner].T
+        at = step[owner]
+        return Points(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
+
+
+def _impacts(
+    visits: Iterable[Visit], size: NDArray[np.int64], delta: Array, epsilon: Array, beta: Array
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """So many states (size,) from each visit's on: number of the visit, τ, v, in the order of the visits."""
+    states = np.array([(visit.tau, visit.v) for visit in visits]).reshape(-1, 2)
+    owner, order, tau, v = [], [], [], []
+    which, (t, speed) = np.arange(size.size), states.T
+    for i in range(int(size.max(initial=0))):
+        on = size[which] > i
+        which, t, speed = which[on], t[on], speed[on]
+        owner.append(which)
+        order.append(np.full(which.size, i))
+        tau.append(t)
+        v.append(speed)
+        moved = iterate(delta[which], epsilon[which], t, speed, 1, beta[which])
+        t, speed = moved.tau, moved.v
+    if not owner:
+        return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+    numbers = np.concatenate(owner)
+    sort = np.lexsort((np.concatenate(order), numbers))
+    return numbers[sort], np.concatenate(tau)[sort], np.concatenate(v)[sort]

@@ -1,0 +1,60 @@
+"""The optional variables of basins: a survey holds what the library says of each cell, however it is cut into tiles."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import rattle
+from workers import Axis, Group, SurveyRequest, create_store, finish_store, map_png, tiles_of
+from workers.runner import compute_and_write
+
+NAMES = ("basin_entropy", "boundary_basin_entropy", "boundary_distance", "boundary_distance_phase", "crisis_side")
+# quiet alone, another basin, chaos, past its crisis, no quiet motion
+REQUEST = SurveyRequest(
+    delta=Axis(start=0.55, stop=0.6, num=2),
+    epsilon=Axis(start=0.02, stop=0.22, num=6),
+    quantities=(Group.BASINS,),
+    initial_conditions={"v_max": 6.0},
+    tile={"delta": 2, "epsilon": 6},
+)
+
+
+def survey_of(request: SurveyRequest, path: Path) -> xr.Dataset:
+    create_store(request, path)
+    for tile in tiles_of(request):
+        compute_and_write(request, str(path), tile)
+    finish_store(path)
+    return xr.open_zarr(path, chunks=None).load()
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
+    return survey_of(REQUEST, tmp_path_factory.mktemp("basins") / "survey.zarr")
+
+
+def test_a_cell_is_what_the_library_says(survey: xr.Dataset) -> None:
+    assert set(survey.data_vars) == {*NAMES, "status"}
+    for i, epsilon in enumerate(survey.epsilon.values):
+        for j, delta in enumerate(survey.delta.values):
+            gear, cell = rattle.Gear(float(delta), float(epsilon)), survey.isel(epsilon=i, delta=j)
+            margin = gear.boundary_distance(v_max=6.0)
+            entropy = rattle.basin_entropy(gear.basins(100, 6.0, "refined"))
+            known = (*entropy[:2], margin.v, margin.tau, int(rattle.crisis_side(delta, epsilon)))
+            assert np.array_equal([float(cell[name]) for name in NAMES], known, equal_nan=True)
+    assert np.isinf(survey.boundary_distance).any()
+    assert (survey.boundary_distance == 0).any()
+    assert set(np.unique(survey.crisis_side)) >= {1, 2, 3}
+
+
+def test_tiles_do_not_show(survey: xr.Dataset, tmp_path: Path) -> None:
+    other = REQUEST.model_copy(update={"tile": REQUEST.tile.model_copy(update={"delta": 1, "epsilon": 4})})
+    again = survey_of(other, tmp_path / "survey.zarr")
+    for name in NAMES:
+        assert survey[name].values.tobytes() == again[name].values.tobytes(), name
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_map_can_be_drawn(survey: xr.Dataset, name: str) -> None:
+    assert map_png(survey, name).startswith(b"\x89PNG")

@@ -1,0 +1,91 @@
+"""The distance of quiet motion from other basins: against W^s of a saddle, dense grids, and long simulation."""
+
+import numpy as np
+import pytest
+
+import rattle
+from rattle.basins import classified
+from rattle.manifolds import manifold
+from rattle.saddles import period_one_saddle
+
+
+def lowest(point):
+    """The least v on W^s(A), where a parabola through its lowest points has it."""
+    found = manifold(period_one_saddle("A", *point), "stable", -1, 6.0, spacing=0.002)
+    i = int(np.argmin(found.v))
+    tau, v = found.tau[i - 1 : i + 2], found.v[i - 1 : i + 2]
+    c, b, a = np.polyfit(tau - tau[1], v, 2)
+    return a - b * b / (4 * c), (tau[1] - b / (2 * c)) % 1.0
+
+
+@pytest.mark.parametrize("point", [(0.6, 0.1, 0.6), (0.6, 0.0615, 0.6), (0.762, 0.097, 0.6), (0.6, 0.1, 1.2)])
+def test_it_is_the_lowest_place_of_the_stable_manifold(point):
+    found = rattle.Gear(*point).boundary_distance()
+    v, tau = lowest(point)
+    assert found.v == pytest.approx(v, rel=1e-5)
+    assert found.v > v * (1 - 1e-9)
+    assert found.tau == pytest.approx(tau, abs=3e-3)  # v rises with the square of what τ is off
+    assert found.undecided == np.inf
+
+
+@pytest.mark.parametrize(
+    "point",
+    [
+        (0.6, 0.089, 0.6),
+        (0.6, 0.125, 0.6),
+        (0.6, 0.15, 0.6),
+        (0.1, 0.01, 0.6),
+        (0.1, 0.02, 0.6),
+        (0.4, 0.1, 0.6),
+        (0.3, 0.06, 0.3),
+        (1.2, 0.3, 1.2),
+    ],
+)
+def test_no_state_of_a_dense_grid_is_lower(point):
+    gear = rattle.Gear(*point)
+    found = gear.boundary_distance()
+    low = max(gear.capture_speed, 0.25 * found.v)
+    tau, v = (x.ravel() for x in np.meshgrid((np.arange(120) + 0.5) / 120, np.geomspace(low, found.v, 80)[:-1]))
+    table, rows, _impacts = classified(point, tau, v)
+    assert set(np.unique(table.kind[rows])) == {rattle.KINDS.index("quiet")}
+
+
+@pytest.mark.parametrize("point", [(0.6, 0.078, 0.6), (0.6, 0.1, 0.6), (0.6, 0.11, 0.6), (0.3, 0.06, 0.3)])
+def test_the_state_leaves_and_those_just_below_do_not(point):
+    gear = rattle.Gear(*point)
+    found = gear.boundary_distance()
+    fastest = max(a.v for a in gear.attractors(64) if a.kind != "quiet")
+    end = gear.iterate(found.tau, found.v, 4000 + np.arange(8))
+    assert end.v.max() > 0.2 * fastest
+    below = gear.iterate((found.tau + np.linspace(-0.05, 0.05, 101)) % 1.0, found.v * (1 - 1e-4), 4000)
+    assert below.v.max() < 0.02 * fastest
+
+
+def test_what_it_says_where_there_is_no_boundary():
+    alone = rattle.Gear(0.6, 0.056)
+    assert [a.kind for a in alone.attractors()] == ["quiet"]
+    v, tau, undecided = alone.boundary_distance()
+    assert (v, undecided) == (np.inf, np.inf)
+    assert np.isnan(tau)
+    gone = rattle.Gear(0.6, 0.2)
+    assert gone.epsilon > gone.quiet_limit
+    v, tau, undecided = gone.boundary_distance()
+    assert v == 0
+    assert np.isnan(tau)
+    assert rattle.Gear(0.6, 0.1).boundary_distance(v_max=2.5).v == np.inf  # its boundary begins at 2.512
+    assert rattle.Gear(0.6, 0.1).boundary_distance(v_max=2.8).v == pytest.approx(2.51241, rel=1e-4)
+
+
+def test_a_cell_does_not_depend_on_the_others():
+    delta, epsilon = np.array([0.3, 0.6, 0.4]), np.array([[0.05], [0.1], [0.3]])
+    whole = rattle.boundary_distances(delta, epsilon, 0.5)
+    for (i, j), v in np.ndenumerate(whole.v):
+        one = rattle.Gear(delta[j], epsilon[i, 0], 0.5).boundary_distance()
+        assert np.array_equal([one.v, one.tau, one.undecided], [v, whole.tau[i, j], whole.undecided[i, j]], True)
+
+
+def test_what_is_refused():
+    with pytest.raises(rattle.ParameterError):
+        rattle.Gear(0.6, 0.1).boundary_distance(v_max=0)
+    with pytest.raises(rattle.ParameterError):
+        rattle.boundary_distances(-0.6, 0.1)
