@@ -70,10 +70,14 @@ class JobManager:
     def start(self) -> None:
         self._thread.start()
 
-    def stop(self) -> None:
-        """End the thread and close the cluster. The survey at work stays resumable."""
+    def ask_to_stop(self) -> None:
+        """Let the thread come to its end. The survey at work stays resumable."""
         self._stopping.set()
         self._wake.set()
+
+    def stop(self) -> None:
+        """End the thread and close the cluster."""
+        self.ask_to_stop()
         self._thread.join()
 
     def wake(self) -> None:

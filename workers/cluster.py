@@ -47,6 +47,19 @@ class WarmKernels(WorkerPlugin):
         await warming
 
 
+class Nice(WorkerPlugin):
+    """Let a worker compute with what others leave of the processors."""
+
+    name = "gear-rattle-nice"
+
+    def __init__(self, nice: int) -> None:
+        self._nice = nice
+
+    def setup(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
+        """Lower the priority of this process."""
+        os.setpriority(os.PRIO_PROCESS, 0, self._nice)
+
+
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
     """Let what is begun here, threads and their processes, never see the Ctrl-C that a terminal sends to all of us.
@@ -62,8 +75,12 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 @contextmanager
-def embedded_cluster(n_workers: int = 2) -> Iterator[Client]:
+def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
     """Start processes of one thread each on this machine, on loopback only, for as long as the context lasts.
+
+    Args:
+        n_workers: processes.
+        nice: how far their priority is below that of others, up to 19.
 
     Raises:
         SurveyError: no processes are asked for, or they do not start.
@@ -98,6 +115,8 @@ def embedded_cluster(n_workers: int = 2) -> Iterator[Client]:
                 )
                 client = stack.enter_context(Client(cluster, set_as_default=False))
             client.register_plugin(WarmKernels())
+            if nice:
+                client.register_plugin(Nice(nice))
         except Exception as error:
             raise SurveyError(f"the embedded cluster of {n_workers} processes does not start: {error}") from error
         yield client

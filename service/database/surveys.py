@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from sqlalchemy import bindparam, delete, func, select, text
 from sqlalchemy.orm import Session
 
+from service.database.identity import NewJob, find_by_key, find_identical
 from service.database.transactions import Transactions
 from service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
 from service.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, TileRow, now
@@ -18,23 +19,6 @@ from service.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, 
 CHUNK = 500  # values in one IN (…)
 #: Literal, so that every planner sees that the index ix_jobs_active answers it, however many surveys have ended.
 IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal_execute=True))
-
-
-@dataclass(frozen=True)
-class NewJob:
-    """What a survey is when it is accepted; ``body_hash`` tells one body from another under the same key.
-
-    Owners, which are ids of API keys, have idempotency keys of their own.
-    """
-
-    name: str
-    request: dict[str, Any]
-    content_hash: str
-    body_hash: str
-    n_cells: int
-    n_tiles: int
-    idempotency_key: str | None = None
-    owner: str | None = None
 
 
 @dataclass(frozen=True)
@@ -51,8 +35,12 @@ class DoneTile:
 class Surveys(Transactions):
     """The surveys of a job database."""
 
-    def accept(self, new: NewJob, max_jobs: int) -> JobRow:
-        """Add a survey, or find the one accepted before under the same idempotency key.
+    def accept(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
+        """Add a survey, or find the one answered with before under the same idempotency key, or one that is the same.
+
+        Args:
+            has_results: whether the store of a successful survey is still there. Without it none is the same: a survey
+                is computed although it was computed before.
 
         Raises:
             ConflictError: the key was used for another body.
@@ -61,10 +49,11 @@ class Surveys(Transactions):
             UnauthorizedError: the owner's key was revoked.
         """
         with self._write() as (session, service):
-            if known := _find_by_key(session, new):
+            known = find_by_key(session, new) or (has_results and find_identical(session, new, has_results))
+            if known:
                 return known
             _require_room(session, new.owner, new.n_cells, max_jobs)
-            values = vars(new) | {"idempotency_key": _stored_key(new)}
+            values = vars(new) | {"idempotency_key": new.stored_key}
             job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, **values)
             session.add(job)
             service.surveys += 1
@@ -237,24 +226,6 @@ def _number(session: Session, survey_id: str) -> int:
 def _find_active(session: Session, survey_id: str) -> JobRow | None:
     active = select(JobRow).where(JobRow.id == survey_id, IS_ACTIVE)
     return session.scalars(active).one_or_none()
-
-
-def _find_by_key(session: Session, new: NewJob) -> JobRow | None:
-    if new.idempotency_key is None:
-        return None
-    job = session.scalars(select(JobRow).where(JobRow.idempotency_key == _stored_key(new))).one_or_none()
-    if job is not None and job.body_hash != new.body_hash:
-        raise ConflictError(
-            f"Idempotency-Key {new.idempotency_key!r} was used for survey {job.id}, which has another body. "
-            "Repeat that body, or send a new key."
-        )
-    return job
-
-
-def _stored_key(new: NewJob) -> str | None:
-    if new.owner is None or new.idempotency_key is None:
-        return new.idempotency_key
-    return f"{new.owner} {new.idempotency_key}"  # a header's key holds no space
 
 
 def _require_room(session: Session, owner: str | None, n_cells: int, max_jobs: int) -> None:
