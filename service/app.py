@@ -18,6 +18,7 @@ from service.access import AccessMiddleware, caller_of
 from service.broadcast import Broadcast
 from service.database import Database
 from service.datadir import DataDirectory
+from service.head import HeadMiddleware
 from service.jobs import JobManager
 from service.queries import refuse_unknown
 from service.recovery import recover
@@ -27,6 +28,8 @@ from service.state import Front
 
 if TYPE_CHECKING:
     from distributed import Client
+
+WORKERS_NICE = 10  # answers come before tiles
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
 
@@ -44,9 +47,11 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
         version=rattle.__version__,
         lifespan=_lifespan(settings, cluster or _cluster_of(settings)),
-        responses=problems.declared(403, 500),
+        responses=problems.declared(*problems.ANYWHERE),
         redirect_slashes=False,
+        generate_unique_id_function=lambda route: route.name,
     )
+    app.add_middleware(HeadMiddleware)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
     app.add_middleware(problems.ProblemMiddleware)
     app.add_middleware(AccessMiddleware, settings=settings)
@@ -63,7 +68,7 @@ def _cluster_of(settings: Settings) -> Cluster:
     if settings.scheduler:
         url = settings.scheduler
         return lambda: workers.connect(url)
-    return lambda: workers.embedded_cluster(settings.workers)
+    return lambda: workers.embedded_cluster(settings.workers, WORKERS_NICE)
 
 
 def _lifespan(settings: Settings, cluster: Cluster) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:

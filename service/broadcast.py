@@ -1,38 +1,138 @@
-"""Wakes event streams: from the thread that runs the surveys to any number of coroutines."""
+"""Events of surveys, from the thread that runs them to any number of streams: read and written down once for all."""
 
 from __future__ import annotations
 
 import asyncio
+import json
+import logging
 import threading
-from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+
+from sqlalchemy.exc import SQLAlchemyError
+from sse_starlette import ServerSentEvent
+from starlette.concurrency import run_in_threadpool
+
+from service.errors import UnknownSurveyError
+from service.tables import EventRow, State
+
+KEPT = 512  # latest events of a survey that is watched; who is further behind reads the database
+PAUSE = 0.05  # between two reads: what happens meanwhile is sent together
+RETRY_SECONDS = 1.0
+
+Read = Callable[[str, int], Sequence[EventRow]]
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """An event as it is sent; nothing follows the last one."""
+
+    id: int
+    text: bytes
+    last: bool
+
+
+def written(rows: Sequence[EventRow]) -> list[Written]:
+    """Events of the database as they are sent."""
+    return [
+        Written(
+            row.id,
+            ServerSentEvent(json.dumps(row.data | {"at": row.at}), event=row.kind, id=str(row.id)).encode(),
+            row.kind == "state" and State(row.data["state"]).final,
+        )
+        for row in rows
+    ]
+
+
+class Feed:
+    """The latest events of a survey that somebody watches. Belongs to one event loop."""
+
+    def __init__(self, survey_id: str, read: Read, last: int) -> None:
+        self._survey_id, self._read, self._last = survey_id, read, last
+        self._recent: list[Written] = []
+        self._stale = asyncio.Event()
+        self._loop = asyncio.get_running_loop()
+        self.listeners: set[asyncio.Event] = set()
+        self.deleted = False
+        self._task = self._loop.create_task(self._keep_up())
+        self._stale.set()  # something may have happened since `last` was read
+
+    def changed(self) -> None:
+        """Look into the database. Called from any thread."""
+        if not self._loop.is_closed():
+            self._loop.call_soon_threadsafe(self._stale.set)
+
+    def after(self, seen: int) -> list[Written] | None:
+        """The events that follow number `seen`, as far as they are known; None if they are no longer kept."""
+        if seen >= self._last:
+            return []
+        first = self._recent[0].id if self._recent else self._last + 1
+        return self._recent[seen + 1 - first :] if seen + 1 >= first else None
+
+    def close(self) -> None:
+        self._task.cancel()
+
+    async def _keep_up(self) -> None:
+        while not self.deleted:
+            await self._stale.wait()
+            self._stale.clear()
+            try:
+                rows = await run_in_threadpool(self._read, self._survey_id, self._last)
+            except UnknownSurveyError:
+                self.deleted = True
+            except SQLAlchemyError as error:
+                log.warning("the events of survey %s cannot be read: %s", self._survey_id, error)
+                self._stale.set()
+                await asyncio.sleep(RETRY_SECONDS)
+                continue
+            else:
+                if rows:
+                    self._stale.set()  # perhaps more than one read gives
+                    self._last = rows[-1].id
+                    self._recent = (self._recent + written(rows))[-KEPT:]
+            if self.deleted or rows:
+                for listener in self.listeners:
+                    listener.set()
+                await asyncio.sleep(PAUSE)
 
 
 class Broadcast:
-    """Tells listeners that a survey changed, not how: they read the database, so a slow one holds nothing back."""
+    """The feeds of all surveys that are watched."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._listeners: defaultdict[str, set[tuple[asyncio.AbstractEventLoop, asyncio.Event]]] = defaultdict(set)
+        self._feeds: dict[str, Feed] = {}
 
     def changed(self, survey_id: str) -> None:
-        """Wake everybody who listens to this survey. Called from any thread."""
+        """Something happened to a survey. Called from any thread."""
         with self._lock:
-            for loop, event in self._listeners.get(survey_id, ()):
-                if not loop.is_closed():
-                    loop.call_soon_threadsafe(event.set)
+            feed = self._feeds.get(survey_id)
+        if feed is not None:
+            feed.changed()
 
     @contextmanager
-    def listen(self, survey_id: str) -> Iterator[asyncio.Event]:
-        """An event of the running loop that each change sets; the listener clears it."""
-        listener = (asyncio.get_running_loop(), asyncio.Event())
+    def listen(self, survey_id: str, read: Read, last: int) -> Iterator[tuple[Feed, asyncio.Event]]:
+        """The feed of a survey, and an event that is set whenever the feed has grown; the listener clears it.
+
+        Args:
+            survey_id: which survey.
+            read: the events of a survey that follow a number, from the database.
+            last: number of an event that has happened.
+        """
+        listener = asyncio.Event()
         with self._lock:
-            self._listeners[survey_id].add(listener)
+            feed = self._feeds.get(survey_id)
+            if feed is None:
+                feed = self._feeds[survey_id] = Feed(survey_id, read, last)
+        feed.listeners.add(listener)
         try:
-            yield listener[1]
+            yield feed, listener
         finally:
+            feed.listeners.discard(listener)
             with self._lock:
-                self._listeners[survey_id].discard(listener)
-                if not self._listeners[survey_id]:
-                    del self._listeners[survey_id]
+                if not feed.listeners and self._feeds.get(survey_id) is feed:
+                    del self._feeds[survey_id]
+                    feed.close()

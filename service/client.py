@@ -65,15 +65,25 @@ class Client:
         request: SurveyRequest | Mapping[str, Any] | None = None,
         *,
         idempotency_key: str | None = None,
+        force: bool = False,
         **fields: Any,
     ) -> Job:
         """Submit a survey, given as a request or field by field; an axis may be a (start, stop, num) triple.
+
+        The service answers with an identical survey if it has one, finished or not.
+
+        Args:
+            request: what to compute.
+            idempotency_key: the same body with the same key is the same survey, however often it is sent.
+            force: compute it anew although an identical survey is there.
+            fields: of the request; they win.
 
         Raises:
             ServiceError: the service refuses it, or cannot be reached.
         """
         headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
-        answer = self.call("POST", "/v1/surveys", json=_body(request, fields), headers=headers)
+        params = {"force": "true"} if force else {}
+        answer = self.call("POST", "/v1/surveys", json=_body(request, fields), headers=headers, params=params)
         return Job(self, answer.json())
 
     def job(self, survey_id: str) -> Job:
@@ -191,6 +201,11 @@ class Job:
     def open(self) -> xr.Dataset:
         """The results, read over HTTP as they are used."""
         return open_results(self.store_url, self._client.headers)
+
+    def verify(self) -> Self:
+        """Let the service check every tile, and compute again what is damaged or missing; :meth:`wait` for it."""
+        self.document = self._client.call("POST", f"{self.document['links']['self']}/verify").json()
+        return self
 
     def delete(self) -> None:
         """Dismiss the survey if it waits or runs, delete it with its store if it has ended."""

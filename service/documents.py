@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
+from fastapi import Path
 from pydantic import BaseModel, Field
 
+from service import examples
 from service.tables import JobRow, State
 
 
@@ -25,7 +27,7 @@ class Survey(BaseModel):
     name: str
     state: State
     progress: int = Field(ge=0, le=100, description="percent of the tiles done")
-    message: str = Field(description="why it failed or was dismissed")
+    message: str = Field(description="why it failed, was dismissed, or waits although it runs")
     created: str
     started: str | None
     finished: str | None
@@ -59,6 +61,11 @@ class SurveyList(BaseModel):
     surveys: list[Survey]
     count: int = Field(description="surveys in all")
     next: str | None = Field(description="`cursor` of the next page, null on the last")
+
+
+SurveyId = Annotated[
+    str, Path(description="id of a survey, from the answer to its submission", examples=[examples.SURVEY_ID])
+]
 
 
 def path_of(survey_id: str) -> str:

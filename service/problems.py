@@ -21,12 +21,15 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rattle import ParameterError, RattleError
 from service import errors
+from service.examples import ANSWERS
 from workers import SurveyError
 
 MEDIA_TYPE = "application/problem+json"
 MAX_FIELD_ERRORS = 50
 RETRY_AFTER = {"Retry-After": "5"}
 HEADERS_OF = {401: {"WWW-Authenticate": 'Bearer realm="gear rattle"'}, 429: RETRY_AFTER, 503: RETRY_AFTER}
+#: What any request may be answered with, before or whatever its route.
+ANYWHERE = (400, 403, 408, 413, 414, 431, 500, 503)
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 
 log = logging.getLogger(__name__)
@@ -130,6 +133,10 @@ def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, A
     if Problem.__name__ not in schemas:
         schema = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
         schemas |= schema.pop("$defs") | {Problem.__name__: schema}
+    # Here, because FastAPI leaves every null out of its document.
+    for name, example in ANSWERS.items():
+        if name in schemas:
+            schemas[name]["examples"] = [example]
     return document
 
 
@@ -152,6 +159,8 @@ def _on_validation_error(request: Request, error: Exception) -> Response:
 
 def _on_http_exception(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
+    if error.status_code == 304:
+        return Response(status_code=304, headers=error.headers)
     own_words = error.detail != HTTPStatus(error.status_code).phrase and error.status_code not in (400, 413)
     detail = error.detail if own_words else ADVICE.get(error.status_code, error.detail)
     headers = dict(error.headers or {})
@@ -161,9 +170,9 @@ def _on_http_exception(request: Request, error: Exception) -> Response:
 
 
 def _allowed_methods(request: Request) -> list[str]:
-    # The router reports the methods of the first route with this path only.
+    # The router reports the methods of the first route with this path only; HEAD is answered by the routes for GET.
     def known(method: str) -> bool:
-        scope = {**request.scope, "method": method}
+        scope = {**request.scope, "method": "GET" if method == "HEAD" else method}
         return any(route.matches(scope)[0] is Match.FULL for route in request.app.routes)
 
     return [method for method in METHODS if known(method)]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Annotated
 
-from anyio import CapacityLimiter
+from anyio import CancelScope, CapacityLimiter
 from fastapi import Depends, Request
 
 from service.broadcast import Broadcast
 from service.database import Database
 from service.datadir import DataDirectory
+from service.errors import UnavailableError
 from service.jobs import JobManager
 from service.settings import Settings
 
@@ -26,6 +29,25 @@ class Front:
     broadcast: Broadcast
     pictures: CapacityLimiter
     points: CapacityLimiter
+    _interruptible: set[CancelScope] = field(default_factory=set)
+
+    @contextmanager
+    def interruptible(self) -> Iterator[None]:
+        """Work of a request that the end of the service cuts short, with UnavailableError."""
+        with CancelScope() as scope:
+            self._interruptible.add(scope)
+            try:
+                yield
+            finally:
+                self._interruptible.discard(scope)
+        if scope.cancelled_caught:
+            raise UnavailableError("The service is ending. Ask again when it is back.")
+
+    def end(self) -> None:
+        """Let everything come to its end that would take long; called in the event loop."""
+        self.manager.ask_to_stop()
+        for scope in tuple(self._interruptible):
+            scope.cancel()
 
 
 def front_of(request: Request) -> Front:

@@ -65,6 +65,7 @@ class JobRow(Table):
     # Without autoincrement SQLite hands the number of a deleted last row out again.
     __table_args__ = (
         Index("ix_jobs_owner", "owner", "number"),
+        Index("ix_jobs_content", "content_hash", "number"),
         Index("ix_jobs_active", "number", sqlite_where=text(IN_ACTIVE), postgresql_where=text(IN_ACTIVE)),
         {"sqlite_autoincrement": True},
     )
@@ -108,6 +109,16 @@ class EventRow(Table):
     kind: Mapped[str]
     data: Mapped[dict[str, Any]] = mapped_column(JSON)
     at: Mapped[str] = mapped_column(default=now)
+
+
+class AnsweredRow(Table):
+    """An idempotency key that was answered with a survey that was there already: that one holds its own key itself."""
+
+    __tablename__ = "answered"
+
+    idempotency_key: Mapped[str] = mapped_column(primary_key=True)
+    body_hash: Mapped[str]
+    job: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), index=True)
 
 
 class Scope(StrEnum):

@@ -30,7 +30,7 @@ async def in_turn(
     if front.points.statistics().tasks_waiting >= limits.max_points_waiting:
         raise UnavailableError("Too many parameter points are being computed. Try again in a few seconds.")
     try:
-        with anyio.fail_after(limits.max_point_seconds):
+        with front.interruptible(), anyio.fail_after(limits.max_point_seconds):
             return await to_process.run_sync(compute, *arguments, cancellable=True, limiter=front.points)
     except TimeoutError as error:
         raise UnavailableError(f"{what} were not found within {limits.max_point_seconds:g} s. {advice}") from error

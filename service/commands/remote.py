@@ -25,9 +25,10 @@ def submit(
     quantity: options.Quantity = None,
     url: Url = DEFAULT_URL,
     key: Annotated[str | None, typer.Option(help="Idempotency key: submitting twice accepts the survey once.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Compute it although an identical survey is there.")] = False,
     watch: Annotated[bool, typer.Option("--watch", help="Wait until it ends.")] = False,
 ) -> None:
-    """Submit a survey to a service and print its id."""
+    """Submit a survey to a service and print its id: that of an identical survey, if the service has one."""
     from service.client import Client
 
     request = options.survey_request(
@@ -42,7 +43,7 @@ def submit(
         quantity=quantity,
     )
     with Client(url) as client:
-        job = client.submit(request, idempotency_key=key)
+        job = client.submit(request, idempotency_key=key, force=force)
         typer.echo(job.id)
         if watch:
             _follow(job)

@@ -42,6 +42,7 @@ def serve(
     from service.database import Database
     from service.datadir import DataDirectory
     from service.protocol import protocol_of
+    from service.server import Server
 
     settings = settings_of(
         host=host, port=port, data=data, scheduler=scheduler, workers=workers, insecure=insecure or None
@@ -55,9 +56,10 @@ def serve(
         require_keys(settings, database)
     if settings.insecure:
         typer.echo(f"Everybody who reaches {settings.host} may use this service: no keys are asked.", err=True)
-    server = uvicorn.Server(
+    app = create_app(settings)
+    server = Server(
         uvicorn.Config(
-            create_app(settings),
+            app,
             host=settings.host,
             port=settings.port,
             http=protocol_of(settings),
@@ -66,7 +68,8 @@ def serve(
             server_header=False,
             log_level="info",
             timeout_graceful_shutdown=settings.shutdown_seconds,
-        )
+        ),
+        app,
     )
     with stop_requested():  # uvicorn raises the signal again after a clean shutdown
         server.run()

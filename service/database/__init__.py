@@ -9,9 +9,10 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service.database.engine import open_engine, shown
 from service.database.hold import Hold, hold
+from service.database.identity import NewJob
 from service.database.keys import Keys
 from service.database.schema import is_current, upgrade
-from service.database.surveys import DoneTile, NewJob, Surveys
+from service.database.surveys import DoneTile, Surveys
 from service.errors import DataDirectoryError
 
 __all__ = ["Database", "DoneTile", "NewJob"]

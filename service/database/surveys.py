@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 from sqlalchemy import bindparam, delete, func, select, text
 from sqlalchemy.orm import Session
 
+from service.database.identity import NewJob, find_by_key, find_identical
 from service.database.transactions import Transactions
 from service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
 from service.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, TileRow, now
@@ -18,23 +19,6 @@ from service.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, 
 CHUNK = 500  # values in one IN (…)
 #: Literal, so that every planner sees that the index ix_jobs_active answers it, however many surveys have ended.
 IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal_execute=True))
-
-
-@dataclass(frozen=True)
-class NewJob:
-    """What a survey is when it is accepted; ``body_hash`` tells one body from another under the same key.
-
-    Owners, which are ids of API keys, have idempotency keys of their own.
-    """
-
-    name: str
-    request: dict[str, Any]
-    content_hash: str
-    body_hash: str
-    n_cells: int
-    n_tiles: int
-    idempotency_key: str | None = None
-    owner: str | None = None
 
 
 @dataclass(frozen=True)
@@ -51,8 +35,12 @@ class DoneTile:
 class Surveys(Transactions):
     """The surveys of a job database."""
 
-    def accept(self, new: NewJob, max_jobs: int) -> JobRow:
-        """Add a survey, or find the one accepted before under the same idempotency key.
+    def accept(self, new: NewJob, max_jobs: int, has_results: Callable[[str], bool] | None = None) -> JobRow:
+        """Add a survey, or find the one answered with before under the same idempotency key, or one that is the same.
+
+        Args:
+            has_results: whether the store of a successful survey is still there. Without it none is the same: a survey
+                is computed although it was computed before.
 
         Raises:
             ConflictError: the key was used for another body.
@@ -61,10 +49,11 @@ class Surveys(Transactions):
             UnauthorizedError: the owner's key was revoked.
         """
         with self._write() as (session, service):
-            if known := _find_by_key(session, new):
+            known = find_by_key(session, new) or (has_results and find_identical(session, new, has_results))
+            if known:
                 return known
-            _require_room(session, new, max_jobs)
-            values = vars(new) | {"idempotency_key": _stored_key(new)}
+            _require_room(session, new.owner, new.n_cells, max_jobs)
+            values = vars(new) | {"idempotency_key": new.stored_key}
             job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, **values)
             session.add(job)
             service.surveys += 1
@@ -131,6 +120,23 @@ class Surveys(Transactions):
             _add_state_event(session, job)
         self._on_change(survey_id)
         return True
+
+    def reopen(self, survey_id: str, max_jobs: int) -> JobRow:
+        """Let a survey that was successful or failed wait again; its tiles stay noted.
+
+        Raises:
+            ConflictError: it waits or runs, or was dismissed.
+            QueueFullError: ``max_jobs`` surveys are waiting or running.
+        """
+        with self._write() as (session, _):
+            job = _find(session, survey_id)
+            if job.state not in (State.SUCCESSFUL, State.FAILED):
+                raise ConflictError(f"Survey {survey_id} is {job.state}; only one that was computed can be verified.")
+            _require_room(session, job.owner, 0, max_jobs)
+            job.state, job.message, job.finished = State.ACCEPTED, "", None
+            _add_state_event(session, job)
+        self._on_change(survey_id)
+        return job
 
     def add_tile(self, survey_id: str, tile: DoneTile) -> None:
         """Note that a tile has been written; nothing if the survey was dismissed or deleted meanwhile."""
@@ -222,29 +228,11 @@ def _find_active(session: Session, survey_id: str) -> JobRow | None:
     return session.scalars(active).one_or_none()
 
 
-def _find_by_key(session: Session, new: NewJob) -> JobRow | None:
-    if new.idempotency_key is None:
-        return None
-    job = session.scalars(select(JobRow).where(JobRow.idempotency_key == _stored_key(new))).one_or_none()
-    if job is not None and job.body_hash != new.body_hash:
-        raise ConflictError(
-            f"Idempotency-Key {new.idempotency_key!r} was used for survey {job.id}, which has another body. "
-            "Repeat that body, or send a new key."
-        )
-    return job
-
-
-def _stored_key(new: NewJob) -> str | None:
-    if new.owner is None or new.idempotency_key is None:
-        return new.idempotency_key
-    return f"{new.owner} {new.idempotency_key}"  # a header's key holds no space
-
-
-def _require_room(session: Session, new: NewJob, max_jobs: int) -> None:
+def _require_room(session: Session, owner: str | None, n_cells: int, max_jobs: int) -> None:
     active = select(func.count()).select_from(JobRow).where(IS_ACTIVE)
     if (session.scalar(active) or 0) >= max_jobs:
         raise QueueFullError(f"{max_jobs} surveys are waiting or running. Wait for one to end, or DELETE one of them.")
-    key = session.get(KeyRow, new.owner) if new.owner is not None else None
+    key = session.get(KeyRow, owner) if owner is not None else None
     if key is None:
         return
     if key.revoked is not None:
@@ -256,9 +244,9 @@ def _require_room(session: Session, new: NewJob, max_jobs: int) -> None:
             "Wait for one to end, or DELETE one of them."
         )
     kept = session.scalar(select(func.sum(JobRow.n_cells)).where(JobRow.owner == key.id)) or 0
-    if key.max_cells is not None and kept + new.n_cells > key.max_cells:
+    if key.max_cells is not None and kept + n_cells > key.max_cells:
         raise QuotaError(
-            f"{new.n_cells} cells beside the {kept} of your other surveys are more than the quota of your key, "
+            f"{n_cells} cells beside the {kept} of your other surveys are more than the quota of your key, "
             f"{key.max_cells} cells. Ask for less, or DELETE surveys that you no longer need."
         )
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from sqlalchemy import Engine, select
 from sqlalchemy.orm import Session
 
+from service.database.engine import BUSY_SECONDS
 from service.errors import UnavailableError
 from service.tables import ServiceRow
 
@@ -25,6 +27,7 @@ class Transactions:
         self._reader = engine
         self._writer = engine.execution_options(writes=True)
         self._epoch: int | None = None
+        self._writing = threading.Lock()
 
     @contextmanager
     def _read(self) -> Iterator[Session]:
@@ -36,9 +39,9 @@ class Transactions:
         """A transaction that no other writer overlaps, so that it may decide by what it reads.
 
         Raises:
-            UnavailableError: another service has taken the database since this one did.
+            UnavailableError: another service has taken the database since this one did, or writers before take long.
         """
-        with Session(self._writer, expire_on_commit=False) as session, session.begin():
+        with self._turn(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             service = session.scalars(select(ServiceRow).with_for_update()).one()
             if self._epoch not in (None, service.epoch):
                 raise UnavailableError(
@@ -46,6 +49,16 @@ class Transactions:
                     "Stop one of them, and start the other again."
                 )
             yield session, service
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        # SQLite lets writers that meet sleep ever longer instead of queueing them: some would wait for seconds.
+        if not self._writing.acquire(timeout=BUSY_SECONDS):
+            raise UnavailableError("The job database has too much to write. Try again in a few seconds.")
+        try:
+            yield
+        finally:
+            self._writing.release()
 
     def _is_ours(self) -> bool:
         with self._read() as session:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
 from rattle.curves.trace import FARTHEST
+from service.conditional import NOT_MODIFIED, function_of_query
 from service.problems import declared
-from service.routes.points import Multiplier, Positive
+from service.routes.points import Backlash, Multiplier
 from service.state import FrontState
 from service.tracing import curves_document
 from service.turns import in_turn
@@ -81,12 +82,17 @@ class Curves(BaseModel):
     points: list[PointDocument]
 
 
-@router.get("/curves", summary="Bifurcation curves of one half-backlash", responses=declared(422, 503))
+@router.get(
+    "/curves",
+    summary="Bifurcation curves of one half-backlash",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
 async def curves(
     front: FrontState,
-    beta: Positive = 0.6,
-    delta_min: Damping = 0.3,
-    delta_max: Damping = 1.2,
+    beta: Backlash = 0.6,
+    delta_min: Annotated[Damping, Query(examples=[0.7])] = 0.3,
+    delta_max: Annotated[Damping, Query(examples=[0.8])] = 1.2,
     epsilon_min: Eccentricity = 0.0,
     epsilon_max: Eccentricity = 1.0,
 ) -> Curves:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import json
-from collections.abc import AsyncIterator, Coroutine
+from collections.abc import AsyncIterator
 from typing import Annotated
 
 import anyio
 from fastapi import APIRouter, Header, Response
-from sse_starlette import EventSourceResponse, ServerSentEvent
+from sse_starlette import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 
+from service import examples
+from service.broadcast import written
+from service.documents import SurveyId
 from service.errors import UnknownSurveyError
 from service.problems import declared
 from service.state import Front, FrontState
@@ -22,6 +24,16 @@ router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 LARGEST_ID = 2**53
 SEND_SECONDS = 30
 GRACE_SECONDS = 2.0
+#: What each event of the stream is.
+EVENT = {
+    "type": "object",
+    "properties": {
+        "id": {"type": "string", "pattern": "^[1-9][0-9]*$"},
+        "event": {"enum": ["state", "tile"]},
+        "data": {"type": "string", "contentMediaType": "application/json"},
+    },
+    "required": ["id", "event", "data"],
+}
 
 
 @router.get(
@@ -29,15 +41,17 @@ GRACE_SECONDS = 2.0
     summary="Follow a survey",
     response_class=EventSourceResponse,
     responses={
-        200: {"content": {"text/event-stream": {"schema": {"type": "string"}}}},
+        200: {"content": {"text/event-stream": {"schema": EVENT, "example": examples.EVENTS[0]}}},
         204: {"description": "the survey has ended and every event was seen: no need to connect again"},
-        **declared(404, 422, 503),
+        **declared(404, 422),
     },
 )
 async def follow(
     front: FrontState,
-    survey_id: str,
-    last_event_id: Annotated[int, Header(ge=0, le=LARGEST_ID, description="id of the last event seen")] = 0,
+    survey_id: SurveyId,
+    last_event_id: Annotated[
+        int, Header(ge=0, le=LARGEST_ID, description="id of the last event seen", examples=[0])
+    ] = 0,
 ) -> Response:
     """Events `state` and `tile`, numbered from 1; the stream closes after the event of the final state."""
     job = await run_in_threadpool(front.database.job, survey_id)
@@ -45,7 +59,7 @@ async def follow(
         return Response(status_code=204)
     closing = anyio.Event()
     return EventSourceResponse(
-        _events(front, survey_id, min(last_event_id, job.last_event), closing),
+        _events(front, survey_id, min(last_event_id, job.last_event), job.last_event, closing),
         shutdown_event=closing,
         shutdown_grace_period=GRACE_SECONDS,
         ping=front.settings.heartbeat_seconds,
@@ -53,28 +67,31 @@ async def follow(
     )
 
 
-async def _events(front: Front, survey_id: str, seen: int, closing: anyio.Event) -> AsyncIterator[ServerSentEvent]:
-    # Listening starts before the first look into the database, so that no change falls between them.
-    with front.broadcast.listen(survey_id) as changed:
-        while not closing.is_set():
-            changed.clear()
-            try:
-                later = await run_in_threadpool(front.database.events, survey_id, seen)
-            except UnknownSurveyError:
-                return  # deleted
-            for event in later:
-                seen = event.id
-                yield ServerSentEvent(json.dumps(event.data), event=event.kind, id=str(event.id))
-                if event.kind == "state" and State(event.data["state"]).final:
+async def _events(front: Front, survey_id: str, seen: int, last: int, closing: anyio.Event) -> AsyncIterator[bytes]:
+    read = front.database.events
+    with front.broadcast.listen(survey_id, read, last) as (feed, grown):
+        waker = asyncio.create_task(_wake_at(closing, grown))
+        try:
+            while not closing.is_set():
+                grown.clear()
+                later = feed.after(seen)
+                if later is None:
+                    later = written(await run_in_threadpool(read, survey_id, seen))
+                if later:
+                    seen = later[-1].id
+                    yield b"".join(event.text for event in later)
+                    if later[-1].last:
+                        return
+                elif feed.deleted:
                     return
-            if not later:
-                await _first(changed.wait(), closing.wait())
+                else:
+                    await grown.wait()
+        except UnknownSurveyError:
+            return  # deleted
+        finally:
+            waker.cancel()
 
 
-async def _first(*waits: Coroutine[object, object, object]) -> None:
-    tasks = [asyncio.ensure_future(wait) for wait in waits]
-    try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for task in tasks:
-            task.cancel()
+async def _wake_at(closing: anyio.Event, grown: asyncio.Event) -> None:
+    await closing.wait()
+    grown.set()

@@ -6,9 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 import anyio
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
+from service.conditional import FOREVER, NOT_MODIFIED, REVALIDATE, is_known, picture_tag
+from service.documents import SurveyId
 from service.errors import MissingError
 from service.problems import declared
 from service.state import FrontState
@@ -25,11 +27,16 @@ MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
     "/{survey_id}/map.png",
     summary="A map over the (delta, epsilon) plane, also of a running survey",
     response_class=Response,
-    responses={200: {"content": {PNG: {}}}, **declared(404, 422, 503)},
+    responses={
+        200: {"content": {PNG: {"schema": {"type": "string", "format": "binary"}}}},
+        **NOT_MODIFIED,
+        **declared(404, 422),
+    },
 )
 async def picture(
+    request: Request,
     front: FrontState,
-    survey_id: str,
+    survey_id: SurveyId,
     variable: Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})] = "region",
     index: Annotated[int, Query(ge=0, le=64, description="which orbit, or slot of attractors")] = 0,
 ) -> Response:
@@ -38,9 +45,17 @@ async def picture(
     path = front.directory.store(survey_id)
     if not path.exists():
         raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
-    png = await anyio.to_thread.run_sync(_draw, path, variable, index, limiter=front.pictures)
-    cache = "max-age=3600" if State(job.state).final else "no-cache"
-    return Response(png, media_type=PNG, headers={"Cache-Control": cache})
+    headers = {
+        "ETag": picture_tag(survey_id, job.last_event, variable, index),
+        "Cache-Control": FOREVER if job.state == State.SUCCESSFUL else REVALIDATE,
+    }
+    if is_known(request, headers):
+        return Response(status_code=304, headers=headers)
+    with front.interruptible():
+        png = await anyio.to_thread.run_sync(
+            _draw, path, variable, index, limiter=front.pictures, abandon_on_cancel=True
+        )
+    return Response(png, media_type=PNG, headers=headers)
 
 
 def _draw(path: Path, variable: str, index: int) -> bytes:

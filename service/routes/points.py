@@ -8,6 +8,7 @@ from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
 
 import rattle
+from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
 from service.problems import declared
 from service.state import FrontState
@@ -16,8 +17,9 @@ from service.turns import in_turn
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
-Positive = Annotated[float, Query(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Query(ge=0, allow_inf_nan=False)]
+Damping = Annotated[float, Query(gt=0, allow_inf_nan=False, description="damping", examples=[0.6])]
+Eccentricity = Annotated[float, Query(ge=0, allow_inf_nan=False, description="eccentricity", examples=[0.1])]
+Backlash = Annotated[float, Query(gt=0, allow_inf_nan=False, description="half-backlash", examples=[0.6])]
 
 
 class Point(BaseModel):
@@ -82,7 +84,7 @@ class Attractors(Point):
     attractors: list[AttractorDocument]
 
 
-def gear(delta: Positive, epsilon: NotNegative, beta: Positive = 0.6) -> rattle.Gear:
+def gear(delta: Damping, epsilon: Eccentricity, beta: Backlash = 0.6) -> rattle.Gear:
     """The model at the parameters of the query."""
     return rattle.Gear(delta, epsilon, beta)
 
@@ -90,7 +92,12 @@ def gear(delta: Positive, epsilon: NotNegative, beta: Positive = 0.6) -> rattle.
 GearQuery = Annotated[rattle.Gear, Depends(gear)]
 
 
-@router.get("/orbits", summary="Period-one orbits of one parameter point", responses=declared(422))
+@router.get(
+    "/orbits",
+    summary="Period-one orbits of one parameter point",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
 def orbits(model: GearQuery) -> Orbits:
     return Orbits(
         **_point(model),
@@ -102,11 +109,16 @@ def orbits(model: GearQuery) -> Orbits:
     )
 
 
-@router.get("/attractors", summary="Attractors of one parameter point", responses=declared(422, 503))
+@router.get(
+    "/attractors",
+    summary="Attractors of one parameter point",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
 async def attractors(
     front: FrontState,
     model: GearQuery,
-    count: Annotated[int, Query(ge=1, description="initial conditions")] = 256,
+    count: Annotated[int, Query(ge=1, description="initial conditions", examples=[16])] = 256,
     v_max: Annotated[float, Query(gt=0, allow_inf_nan=False, description="largest initial speed")] = 7.0,
     seed: Annotated[int, Query(ge=0, lt=2**32)] = 0,
 ) -> Attractors:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+from typing import Annotated
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Path, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.staticfiles import StaticFiles
+from starlette.types import Scope
 
+from service.conditional import FOREVER, NOT_MODIFIED, REVALIDATE
+from service.documents import SurveyId
 from service.errors import MissingError
 from service.problems import declared
 from service.state import FrontState
@@ -20,26 +24,44 @@ NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\-]*"
 KEY = re.compile(rf"{NAME}(/{NAME})*")
 
 
-@router.head("/{survey_id}/store/{key:path}", include_in_schema=False)
 @router.get(
     "/{survey_id}/store/{key:path}",
     summary="Read the zarr store, also of a running survey",
     response_class=Response,
     responses={
-        200: {"content": {"application/octet-stream": {}, "application/json": {}}},
-        206: {"description": "the requested range"},
-        304: {"description": "not modified"},
-        **declared(404, 416, 422, 503),
+        200: {
+            "content": {
+                "application/octet-stream": {"schema": {"type": "string", "format": "binary"}},
+                "application/json": {"schema": {"type": "object"}},
+            }
+        },
+        206: {
+            "description": "the requested range",
+            "content": {"application/octet-stream": {}, "application/json": {}, "multipart/byteranges": {}},
+        },
+        **NOT_MODIFIED,
+        **declared(404, 416, 422),
     },
 )
-async def read(front: FrontState, survey_id: str, key: str, request: Request) -> Response:
-    """A chunk that holds fill values only has no file: 404, which is how zarr knows."""
+async def read(
+    front: FrontState,
+    survey_id: SurveyId,
+    key: Annotated[str, Path(description="of the zarr store", examples=["zarr.json", "region/c/0/0"])],
+    request: Request,
+) -> Response:
+    """A chunk that is not computed yet has no file: 404, which zarr reads as fill values."""
     job = await run_in_threadpool(front.database.job, survey_id)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of survey {survey_id} has no key {key!r}.")
+    unchanging = job.state == State.SUCCESSFUL
     files = StaticFiles(directory=front.directory.store(survey_id), check_dir=False)
-    response = await files.get_response(key, request.scope)
+    response = await files.get_response(key, request.scope if unchanging else _by_tag_only(request.scope))
     if response.status_code == 200 and key.endswith("zarr.json"):
         response.headers["content-type"] = "application/json"
-    response.headers["cache-control"] = "no-cache" if not State(job.state).final else "max-age=3600"
+    response.headers["cache-control"] = FOREVER if unchanging else REVALIDATE
     return response
+
+
+def _by_tag_only(scope: Scope) -> Scope:
+    """Without If-Modified-Since, which counts in seconds: what is still written may change twice within one."""
+    return {**scope, "headers": [each for each in scope["headers"] if each[0] != b"if-modified-since"]}

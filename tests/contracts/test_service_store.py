@@ -104,6 +104,6 @@ def test_other_surveys_have_no_store(client: TestClient, store: tuple[str, Path]
 
 
 def test_a_survey_that_waits_has_no_store_and_no_picture(client: TestClient) -> None:
-    survey_id = client.post("/v1/surveys", json=BODY).json()["id"]
+    survey_id = client.post("/v1/surveys?force=true", json=BODY).json()["id"]
     assert_problem(client.get(f"/v1/surveys/{survey_id}/store/zarr.json"), 404)
     assert_problem(client.get(f"/v1/surveys/{survey_id}/map.png"), 404, "accepted")

@@ -1,0 +1,193 @@
+"""A service under load: submissions, readers and watchers while a survey runs, and a survey of a million cells.
+
+    python benchmarks/load_test.py [--seconds 20] [--watchers 200] [--rate 50]
+
+Starts a server on loopback with two workers, and prints latencies in milliseconds, memory and processor time of the
+front end, and the load of the machine, without which the figures mean little.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import httpx
+import psutil
+
+BUSY = {  # chaotic everywhere: several tiles a second for longer than the test
+    "delta": {"start": 0.4, "stop": 1.0, "num": 400},
+    "epsilon": {"start": 0.2, "stop": 0.3, "num": 400},
+    "tile": {"delta": 8, "epsilon": 8},
+}
+MILLION = {  # 20,000 tiles of 50 cells
+    "delta": {"start": 0.4, "stop": 1.0, "num": 1000},
+    "epsilon": {"start": 0.005, "stop": 0.06, "num": 1000},
+    "initial_conditions": {"count": 1},
+    "tile": {"delta": 10, "epsilon": 5},
+}
+SMALL = {
+    "delta": {"start": 0.5, "stop": 0.7, "num": 6},
+    "epsilon": {"start": 0.05, "stop": 0.15, "num": 4},
+    "initial_conditions": {"count": 4},
+}
+
+
+class Latencies(list[float]):
+    """Milliseconds."""
+
+    async def of(self, call: Awaitable[httpx.Response], *statuses: int) -> httpx.Response:
+        """Wait for an answer, which must have one of these statuses."""
+        began = time.perf_counter()
+        answer = await call
+        self.append((time.perf_counter() - began) * 1000)
+        assert answer.status_code in statuses, answer.text
+        return answer
+
+    def __str__(self) -> str:
+        if not self:
+            return "none"
+        ordered = sorted(self)
+        shares = (ordered[min(int(share * len(ordered)), len(ordered) - 1)] for share in (0.5, 0.95, 0.99, 1.0))
+        return " | ".join(f"{value:.1f}" for value in shares) + f" | {len(self)}"
+
+
+@contextmanager
+def server(data: Path) -> Iterator[tuple[str, psutil.Process]]:
+    """URL and process of a service that has its cluster."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-c", "from service.cli import main; main()", "serve", "--port", str(port)]
+    environment = os.environ | {"RATTLE_MAX_JOBS": "1000000", "PYTHONPATH": str(Path(__file__).parents[1])}
+    process = subprocess.Popen(
+        [*command, "--data", str(data)], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+    url = f"http://127.0.0.1:{port}"
+    try:
+        while process.poll() is None:
+            try:
+                if httpx.get(f"{url}/v1/health", timeout=30).json()["cluster"] == "ready":
+                    break
+            except httpx.TransportError:
+                pass
+            time.sleep(0.2)
+        yield url, psutil.Process(process.pid)
+    finally:
+        began = time.perf_counter()
+        process.terminate()
+        process.wait(30)
+        print(f"\nended {time.perf_counter() - began:.1f} s after SIGTERM, status {process.returncode}")
+
+
+async def watch(
+    client: httpx.AsyncClient, path: str, delays: Latencies, counts: list[int], stop: asyncio.Event
+) -> None:
+    """Follow a survey: milliseconds from the commit of an event to its arrival, which the file of the service tells."""
+    async with client.stream("GET", f"{path}/events", headers={"Last-Event-ID": str(2**50)}) as stream:
+        async for line in stream.aiter_lines():
+            if line.startswith("data:"):
+                counts[0] += 1
+                at = json.loads(line[5:]).get("at")
+                if at:
+                    delays.append((datetime.now(UTC) - datetime.fromisoformat(at)).total_seconds() * 1000)
+            if stop.is_set():
+                return
+
+
+async def regularly(rate: float, stop: asyncio.Event, act: Callable[[int], Awaitable[Any]]) -> None:
+    """Call at a fixed rate, whether earlier calls have ended or not."""
+    tasks, began, number = set[asyncio.Task[Any]](), time.perf_counter(), 0
+    while not stop.is_set():
+        tasks.add(asyncio.create_task(act(number)))  # type: ignore[arg-type]
+        number += 1
+        await asyncio.sleep(max(0.0, began + number / rate - time.perf_counter()))
+    await asyncio.gather(*tasks)
+
+
+async def load(url: str, front: psutil.Process, seconds: float, watchers: int, rate: float) -> None:
+    """Submissions, documents, lists and watchers at once while a survey runs."""
+    limits = httpx.Limits(max_connections=None, max_keepalive_connections=100)
+    submitted, shown, listed, delays, counts = Latencies(), Latencies(), Latencies(), Latencies(), [0]
+    async with httpx.AsyncClient(base_url=url, timeout=60, limits=limits) as client:
+        path = (await client.post("/v1/surveys", json=BUSY)).headers["location"]
+        while (await client.get(path)).json()["tiles_done"] < 2:
+            await asyncio.sleep(0.5)
+        stop = asyncio.Event()
+        streams = [asyncio.create_task(watch(client, path, delays, counts, stop)) for _ in range(watchers)]
+        await asyncio.sleep(2)
+        before, used, done = front.memory_info().rss, front.cpu_times(), (await client.get(path)).json()["tiles_done"]
+        received = counts[0]
+
+        async def submit(number: int) -> None:
+            await submitted.of(client.post("/v1/surveys", json=SMALL | {"seed": number}), 202)
+
+        async def read(number: int) -> None:
+            await shown.of(client.get(path), 200)
+            if number % 5 == 0:
+                await listed.of(client.get("/v1/surveys"), 200)
+
+        work = asyncio.gather(regularly(rate, stop, submit), regularly(20, stop, read))
+        await asyncio.sleep(seconds)
+        stop.set()
+        await work
+        after, spent = front.memory_info().rss, front.cpu_times()
+        tiles = (await client.get(path)).json()["tiles_done"] - done
+        for stream in streams:
+            stream.cancel()
+    cpu = spent.user + spent.system - used.user - used.system
+    load_average = ", ".join(f"{value:.1f}" for value in os.getloadavg())
+    print(f"{watchers} watchers, {rate:g} submissions/s for {seconds:g} s; load average {load_average}")
+    print("| ms | p50 | p95 | p99 | largest | number |\n|---|---|---|---|---|---|")
+    for name, latencies in (("submit", submitted), ("document", shown), ("list", listed), ("event", delays)):
+        print(f"| {name} | {latencies} |")
+    print(f"{tiles} tiles done meanwhile, {counts[0] - received} events received")
+    print(f"front end: {before >> 20} MiB before, {after >> 20} MiB after, {cpu / seconds:.0%} of a core")
+
+
+async def million(url: str, front: psutil.Process, seconds: float) -> None:
+    """A survey of 10⁶ cells: the memory of the front end while it is run, listed, watched and served."""
+    async with httpx.AsyncClient(base_url=url, timeout=120) as client:
+        path = (await client.post("/v1/surveys", json=MILLION)).headers["location"]
+        counts, stop, memory = [0], asyncio.Event(), []
+        streams = [asyncio.create_task(watch(client, path, Latencies(), counts, stop)) for _ in range(10)]
+        began = time.perf_counter()
+        while time.perf_counter() - began < seconds:
+            document = (await client.get(path)).json()
+            await client.get("/v1/surveys")
+            await client.get(f"{path}/store/zarr.json")
+            memory.append((document["tiles_done"], front.memory_info().rss >> 20))
+            await asyncio.sleep(seconds / 10)
+        for stream in streams:
+            stream.cancel()
+    print("\n10^6 cells, 20,000 tiles; tiles done: MiB of the front end")
+    print(", ".join(f"{tiles}: {size}" for tiles, size in memory), f"; {counts[0]} events received by 10 watchers")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=20)
+    parser.add_argument("--watchers", type=int, default=200)
+    parser.add_argument("--rate", type=float, default=50, help="submissions per second")
+    parser.add_argument("--million", type=float, default=60, help="seconds for the survey of a million cells; 0: none")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as data, server(Path(data)) as (url, front):
+        asyncio.run(load(url, front, given.seconds, given.watchers, given.rate))
+    if given.million:
+        with tempfile.TemporaryDirectory() as data, server(Path(data)) as (url, front):
+            asyncio.run(million(url, front, given.million))
+
+
+if __name__ == "__main__":
+    main()

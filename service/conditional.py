@@ -1,0 +1,83 @@
+"""Conditional requests (RFC 9110): what a client has already is not sent again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import datetime
+from email.utils import format_datetime, parsedate_to_datetime
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+from fastapi import Request, Response
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+
+from workers.version import code_version
+
+#: Asked again each time, and answered with 304 if nothing changed.
+REVALIDATE = "no-cache"
+#: A successful survey never changes and its id is never given again.
+FOREVER = "max-age=31536000, immutable"
+#: What depends on the query and the code alone: another version of the code may answer otherwise.
+HOUR = "max-age=3600"
+
+NOT_MODIFIED: dict[int | str, dict[str, Any]] = {
+    304: {"description": "what the client has, by If-None-Match, is still the answer"}
+}
+
+
+def json_answer(request: Request, document: BaseModel, modified: str | None = None) -> Response:
+    """A document with the hash of its bytes as ETag, or 304.
+
+    Args:
+        modified: ISO 8601, since when it has been as it is; None if it may change more than once a second.
+    """
+    body = document.model_dump_json().encode()
+    headers = {"ETag": f'"{_digest(body)}"', "Cache-Control": REVALIDATE}
+    if modified is not None:
+        headers["Last-Modified"] = format_datetime(datetime.fromisoformat(modified), usegmt=True)
+    if is_known(request, headers):
+        return Response(status_code=304, headers=headers)
+    return Response(body, media_type="application/json", headers=headers)
+
+
+def function_of_query(request: Request, response: Response) -> None:
+    """For routes whose answer depends on the query and the code alone. Raises HTTPException 304 before computing it."""
+    query = str(sorted(request.query_params.multi_items()))
+    headers = {"ETag": f'"{_digest(_answer_version().encode(), query.encode())}"', "Cache-Control": HOUR}
+    if is_known(request, headers):
+        raise HTTPException(304, headers=headers)
+    response.headers.update(headers)
+
+
+def picture_tag(*parts: object) -> str:
+    """A weak ETag: pictures with it show the same, though perhaps with a tile more."""
+    return f'W/"{_digest(_answer_version().encode(), repr(parts).encode())}"'
+
+
+def is_known(request: Request, headers: Mapping[str, str]) -> bool:
+    """Whether the client says that it has the representation with these headers."""
+    if (tags := request.headers.get("if-none-match")) is not None:
+        return _opaque(headers["ETag"]) in {_opaque(tag) for tag in tags.split(",")}
+    try:
+        since = parsedate_to_datetime(request.headers["if-modified-since"])
+        return parsedate_to_datetime(headers["Last-Modified"]) <= since
+    except (KeyError, ValueError, TypeError):  # not asked, not known, no date, or one without a zone
+        return False
+
+
+def _opaque(tag: str) -> str:
+    return tag.strip().removeprefix("W/")
+
+
+def _digest(*parts: bytes) -> str:
+    return sha256(b"\0".join(parts)).hexdigest()[:32]
+
+
+@cache
+def _answer_version() -> str:
+    """Changes with the code that computes, and with the code here that writes it down."""
+    sources = sorted(Path(__file__).parent.rglob("*.py"))
+    return _digest(code_version().encode(), *(path.read_bytes() for path in sources))

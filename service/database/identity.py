@@ -1,0 +1,69 @@
+"""Which survey a submission already is: by its idempotency key, or by what it computes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.errors import ConflictError
+from service.tables import ACTIVE, AnsweredRow, JobRow, State
+
+
+@dataclass(frozen=True)
+class NewJob:
+    """What a survey is when it is accepted; ``body_hash`` tells one body from another under the same key.
+
+    Owners, which are ids of API keys, have idempotency keys of their own.
+    """
+
+    name: str
+    request: dict[str, Any]
+    content_hash: str
+    body_hash: str
+    n_cells: int
+    n_tiles: int
+    idempotency_key: str | None = None
+    owner: str | None = None
+
+    @property
+    def stored_key(self) -> str | None:
+        """The idempotency key as the database holds it, the owner's own."""
+        if self.owner is None or self.idempotency_key is None:
+            return self.idempotency_key
+        return f"{self.owner} {self.idempotency_key}"  # a header's key holds no space
+
+
+def find_by_key(session: Session, new: NewJob) -> JobRow | None:
+    """The survey that was answered with under the same idempotency key; ConflictError if it had another body."""
+    if new.stored_key is None:
+        return None
+    job = session.scalars(select(JobRow).where(JobRow.idempotency_key == new.stored_key)).one_or_none()
+    body_hash = job.body_hash if job else ""
+    if job is None and (answered := session.get(AnsweredRow, new.stored_key)):
+        job, body_hash = session.get_one(JobRow, answered.job), answered.body_hash
+    if job is not None and body_hash != new.body_hash:
+        raise ConflictError(
+            f"Idempotency-Key {new.idempotency_key!r} was used for survey {job.id}, which has another body. "
+            "Repeat that body, or send a new key."
+        )
+    return job
+
+
+def find_identical(session: Session, new: NewJob, has_results: Callable[[str], bool]) -> JobRow | None:
+    """A survey that computes the same: a successful one of anybody, or one of the same owner that waits or runs.
+
+    One that waits or runs can be dismissed by its owner, and nobody else shall lose a survey by that.
+    """
+    own = JobRow.owner.is_(None) if new.owner is None else JobRow.owner == new.owner
+    same = select(JobRow).where(JobRow.content_hash == new.content_hash).order_by(JobRow.number.desc())
+    successful = session.scalars(same.where(JobRow.state == State.SUCCESSFUL), execution_options={"yield_per": 10})
+    job = next((job for job in successful if has_results(job.id)), None)
+    if job is None:
+        job = session.scalars(same.where(JobRow.state.in_(ACTIVE), own).limit(1)).first()
+    if job is not None and new.stored_key is not None:
+        session.add(AnsweredRow(idempotency_key=new.stored_key, body_hash=new.body_hash, job=job.number))
+    return job

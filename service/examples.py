@@ -1,0 +1,154 @@
+"""Examples of the OpenAPI document. Tests execute the requests and hold the answers against what is answered."""
+
+from __future__ import annotations
+
+from typing import Any
+
+SURVEY_ID = "4f1c0d9a7be25836"
+HERE = f"/v1/surveys/{SURVEY_ID}"
+
+REQUEST: dict[str, Any] = {
+    "name": "figure 7",
+    "beta": 0.6,
+    "delta": {"start": 0.4, "stop": 1.0, "num": 61},
+    "epsilon": {"start": 0.005, "stop": 0.3, "num": 60},
+    "initial_conditions": {"count": 64, "v_max": 7.0},
+    "tile": {"delta": 16, "epsilon": 16},
+    "seed": 0,
+}
+
+SURVEY: dict[str, Any] = {
+    "id": SURVEY_ID,
+    "name": "figure 7",
+    "state": "accepted",
+    "progress": 0,
+    "message": "",
+    "created": "2026-11-21T12:00:00.000+00:00",
+    "started": None,
+    "finished": None,
+    "content_hash": "0b6d7b7b1c6e9b8f3f4a1f1d5c3e2a998877665544332211ffeeddccbbaa0099",
+    "tiles_done": 0,
+    "tiles": 16,
+    "cells_done": 0,
+    "cells": 3660,
+    "cells_failed": 0,
+    "links": {"self": HERE, "events": f"{HERE}/events", "store": f"{HERE}/store", "map": f"{HERE}/map.png"},
+}
+DETAIL: dict[str, Any] = SURVEY | {
+    "request": REQUEST | {"quantities": ["region", "orbits", "attractors", "lyapunov", "grazing"]},
+    "failures": [],
+}
+LIST: dict[str, Any] = {"surveys": [SURVEY], "count": 1, "next": None}
+
+EVENTS = [
+    {
+        "id": "1",
+        "event": "state",
+        "data": '{"state": "accepted", "message": "", "progress": 0, "tiles_done": 0, "tiles": 16, "cells_done": 0, '
+        '"cells": 3660, "at": "2026-11-21T12:00:00.000+00:00"}',
+    }
+]
+ORBITS: dict[str, Any] = {
+    "delta": 0.6,
+    "epsilon": 0.1,
+    "beta": 0.6,
+    "region": 4,
+    "sn1": 0.05964305819304494,
+    "flip": 0.20552585488857852,
+    "quiet_limit": 0.19012105088161357,
+    "orbits": [
+        {
+            "name": "A",
+            "m": 1,
+            "n_plus": 1,
+            "n_minus": 0,
+            "tau": 0.6017074510258662,
+            "v": 3.7699111843077517,
+            "multipliers": [{"re": 2.602048728522564, "im": 0.0}, {"re": 0.21091520311598472, "im": 0.0}],
+            "stable": False,
+        }
+    ],
+}
+ATTRACTORS: dict[str, Any] = {
+    "delta": 0.6,
+    "epsilon": 0.1,
+    "beta": 0.6,
+    "count": 16,
+    "v_max": 7.0,
+    "seed": 0,
+    "attractors": [
+        {
+            "kind": "quiet",
+            "m": 0,
+            "n_plus": 0,
+            "n_minus": 0,
+            "fraction": 0.875,
+            "fraction_interval": [0.639771727342413, 0.9650225122567595],
+            "lyapunov": [None, None],
+            "lyapunov_error": None,
+            "tau": 0.6639133779317351,
+            "v": 0.6851756850681798,
+        }
+    ],
+}
+CURVES: dict[str, Any] = {
+    "beta": 0.6,
+    "window": {"delta": [0.7, 0.8], "epsilon": [0.0, 1.0]},
+    "curves": [
+        {
+            "name": "SN1",
+            "meaning": "saddle-node at which A and C, P(1,1,0), are born as ε grows; ends at COD22 (Mason "
+            "and Piiroinen (2009), equation (4.1))",
+            "delta": [0.7, 0.7005151168449189],
+            "epsilon": [0.08100740908824863, 0.08112571577206706],
+            "tau": [0.75, 0.75],
+            "v": [4.39822971502571, 4.401466289617188],
+            "multipliers": [[{"re": 0.9999999999999998, "im": 0.0}, {"re": 0.49658530379140964, "im": 0.0}]],
+            "arclength": [0.0, 0.0005285279891881895],
+            "piece": [0, 0],
+            "folds": [],
+            "ends": [
+                {"index": 0, "reason": "window: delta = 0.7"},
+                {"index": 46, "reason": "COD22: the flight after impact 0 on Σ⁺ touches Σ⁻ on its way"},
+            ],
+            "missing": None,
+        }
+    ],
+    "points": [
+        {
+            "name": "COD20",
+            "meaning": "C flips as it grazes: a multiplier is −1",
+            "delta": 0.5417703613794973,
+            "epsilon": 0.18323363959183087,
+            "curves": ["PDC", "G1"],
+            "tangency": [{"curves": ["PDC", "G1"], "order": 1.0001741238437267}],
+        }
+    ],
+}
+HEALTH: dict[str, Any] = {"status": "ok", "version": "0.1.0", "cluster": "ready", "accepted": 2, "running": 1}
+PROBLEM: dict[str, Any] = {
+    "type": "about:blank",
+    "title": "Unprocessable Content",
+    "status": 422,
+    "detail": "body.delta.num: Input should be greater than or equal to 2",
+    "instance": "/v1/surveys",
+    "errors": [{"field": "body.delta.num", "message": "Input should be greater than or equal to 2"}],
+}
+
+#: By the names of the models.
+ANSWERS = {
+    "SurveyDetail": DETAIL,
+    "SurveyList": LIST,
+    "Orbits": ORBITS,
+    "Attractors": ATTRACTORS,
+    "Curves": CURVES,
+    "Health": HEALTH,
+    "Problem": PROBLEM,
+}
+
+
+def links(*names: str) -> dict[str, Any]:
+    """OpenAPI links from an answer that holds a survey to what belongs to it, by operation."""
+    known = {"survey_id": "$response.body#/id"}
+    further = {"read": {"key": "zarr.json"}}
+    return {name: {"operationId": name, "parameters": known | further.get(name, {})} for name in names}

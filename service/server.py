@@ -1,0 +1,47 @@
+"""The process of a service: it ends within seconds of SIGTERM, whatever is at work."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import threading
+from types import FrameType
+
+import psutil
+import uvicorn
+from fastapi import FastAPI
+
+#: From the signal to the end of everything that is still at work.
+STOP_SECONDS = 3.0
+
+log = logging.getLogger("uvicorn.error")
+
+
+class Server(uvicorn.Server):
+    """uvicorn's server, whose surveys stop while open requests end, not after them."""
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
+        super().__init__(config)
+        self._app = app
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Begin to end; what cannot be interrupted, such as a cluster that is starting, is killed in time."""
+        deadline = threading.Timer(STOP_SECONDS, _end_now)
+        deadline.daemon = True
+        deadline.start()
+        super().handle_exit(sig, frame)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End requests and surveys at the same time."""
+        if front := getattr(self._app.state, "front", None):
+            front.end()
+        await super().shutdown(sockets)
+
+
+def _end_now() -> None:
+    """Nothing is lost by it: tiles are files that appear whole, and the job database keeps what it has committed."""
+    log.warning("still busy after %g s: ending now", STOP_SECONDS)
+    for child in psutil.Process().children(recursive=True):
+        child.kill()
+    os._exit(0)

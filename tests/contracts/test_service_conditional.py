@@ -1,0 +1,153 @@
+"""Nothing is sent twice to who has it, and nothing old is ever taken for new."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from fastapi.testclient import TestClient
+from service_support import BODY, front_end, front_of
+
+from service import conditional
+from service.database import DoneTile
+from service.routes import points
+from service.tables import State
+from workers import SurveyRequest, compute_tile, create_store, finish_store, tiles_of
+from workers.store import write_tile
+
+IMMUTABLE = "max-age=31536000, immutable"
+POINT = "/v1/orbits?delta=0.6&epsilon=0.1"
+
+
+@pytest.fixture
+def client(tmp_path: Path) -> Iterator[TestClient]:
+    with front_end(tmp_path) as client:
+        yield client
+
+
+@pytest.fixture
+def running(client: TestClient) -> str:
+    """Path of a survey at work, one of whose four tiles is done."""
+    request = SurveyRequest(**BODY)
+    survey_id = client.post("/v1/surveys", json=BODY).json()["id"]
+    create_store(request, front_of(client).directory.store(survey_id))
+    front_of(client).database.set_state(survey_id, State.RUNNING)
+    add_tile(client, survey_id, 0)
+    return f"/v1/surveys/{survey_id}"
+
+
+def add_tile(client: TestClient, survey_id: str, index: int) -> None:
+    request, front = SurveyRequest(**BODY), front_of(client)
+    tile = tiles_of(request)[index]
+    write_tile(request, str(front.directory.store(survey_id)), tile, compute_tile(request, tile)[0])
+    front.database.add_tile(survey_id, DoneTile(index, tile.n_cells, 0.1, 0, []))
+
+
+def finish(client: TestClient, path: str) -> None:
+    survey_id = path.rsplit("/", 1)[1]
+    for index in range(1, 4):
+        add_tile(client, survey_id, index)
+    finish_store(front_of(client).directory.store(survey_id))
+    front_of(client).database.set_state(survey_id, State.SUCCESSFUL)
+
+
+def fresh(client: TestClient, url: str) -> str:
+    """The ETag of an answer; with it, and with HEAD, the answer has no body and the same header."""
+    full = client.get(url)
+    assert full.status_code == 200, full.text
+    head = client.head(url)
+    assert (head.status_code, head.content) == (200, b"")
+    tag = full.headers["etag"]
+    for known in (tag, f'"other", {tag}', tag.removeprefix("W/"), f"W/{tag.removeprefix('W/')}"):
+        same = client.get(url, headers={"If-None-Match": known})
+        assert (same.status_code, same.content) == (304, b""), known
+        assert "content-type" not in same.headers
+        for answer in (same, head):
+            for name in ("etag", "cache-control"):
+                assert answer.headers[name] == full.headers[name]
+    for other in ('"other"', tag[:-2] + '"', ""):
+        assert client.get(url, headers={"If-None-Match": other}).content == full.content
+    assert head.headers["content-length"] == str(len(full.content))
+    return str(tag)
+
+
+def test_documents_change_their_tag_with_every_tile(client: TestClient, running: str) -> None:
+    urls = [running, "/v1/surveys", "/v1/surveys?limit=1", f"{running}/map.png", f"{running}/map.png?variable=status"]
+    before = [fresh(client, url) for url in urls]
+    assert len(set(before)) >= 4
+    add_tile(client, running.rsplit("/", 1)[1], 1)
+    after = [fresh(client, url) for url in urls]
+    assert all(old != new for old, new in zip(before, after, strict=True))
+    assert {client.get(url).headers["cache-control"] for url in urls} == {"no-cache"}
+
+
+def test_a_finished_survey_is_cached_for_good_a_running_one_never(client: TestClient, running: str) -> None:
+    fixed = [f"{running}/store/zarr.json", f"{running}/store/status/c/0/0", f"{running}/map.png"]
+    before = [fresh(client, url) for url in fixed]
+    assert {client.get(url).headers["cache-control"] for url in fixed} == {"no-cache"}
+    finish(client, running)
+    assert fresh(client, fixed[0]) != before[0]  # dated when it was finished
+    assert {client.get(url).headers["cache-control"] for url in fixed} == {IMMUTABLE}
+    assert client.get(running).headers["cache-control"] == "no-cache"  # it may be deleted
+    missing = client.get(f"{running}/store/status/c/9/9")
+    assert missing.status_code == 404
+    assert "cache-control" not in missing.headers
+
+
+def test_dates_count_only_once_nothing_changes(client: TestClient, running: str) -> None:
+    later = {"If-Modified-Since": "Fri, 31 Dec 2100 23:59:59 GMT"}
+    urls = [running, f"{running}/store/zarr.json"]
+    assert [client.get(url, headers=later).status_code for url in urls] == [200, 200]
+    finish(client, running)
+    for url in urls:
+        date = client.get(url).headers["last-modified"]
+        assert client.get(url, headers={"If-Modified-Since": date}).status_code == 304
+        assert client.get(url, headers={"If-Modified-Since": "Fri, 01 Jan 2021 00:00:00 GMT"}).status_code == 200
+        assert client.get(url, headers={"If-Modified-Since": date, "If-None-Match": '"other"'}).status_code == 200
+    for nonsense in ("yesterday", "Fri, 31 Dec 2100 23:59:59", "\x00"):
+        assert client.get(running, headers={"If-Modified-Since": nonsense}).status_code == 200
+
+
+def test_ranges_of_what_has_changed_are_sent_whole(client: TestClient, running: str) -> None:
+    url = f"{running}/store/zarr.json"
+    whole = client.get(url)
+    part = {"Range": "bytes=0-3"}
+    assert client.get(url, headers=part | {"If-Range": whole.headers["etag"]}).content == whole.content[:4]
+    finish(client, running)
+    changed = client.get(url, headers=part | {"If-Range": whole.headers["etag"]})
+    assert changed.status_code == 200
+    assert changed.content != whole.content
+
+
+def test_a_point_is_not_computed_for_who_has_it(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    urls = [POINT, "/v1/attractors?delta=0.6&epsilon=0.1&count=4", "/v1/curves?delta_min=0.6&delta_max=0.61"]
+    tags = [fresh(client, url) for url in urls]
+    assert len(set(tags)) == 3
+    assert not any(tag.startswith("W/") for tag in tags)
+    assert fresh(client, f"{POINT}&beta=0.5") != tags[0]
+
+    def compute(*_: object) -> None:
+        raise AssertionError("computed again")
+
+    monkeypatch.setattr(points, "_orbit", compute)
+    assert client.get(POINT, headers={"If-None-Match": tags[0]}).status_code == 304
+    assert client.get(POINT).status_code == 500
+    conditional._answer_version.cache_clear()
+    monkeypatch.setattr(conditional, "code_version", lambda: "of tomorrow")
+    assert client.get(POINT, headers={"If-None-Match": tags[0]}).status_code == 500
+    conditional._answer_version.cache_clear()
+
+
+def test_refusals_carry_no_tag(client: TestClient) -> None:
+    for url in ("/v1/orbits?delta=-1&epsilon=0.1", "/v1/surveys/x", "/v1/attractors?delta=1&epsilon=1&count=999999"):
+        refused = client.get(url)
+        assert refused.status_code in (404, 422)
+        assert "etag" not in refused.headers
+
+
+def test_head_of_an_event_stream_ends(client: TestClient, running: str) -> None:
+    began = time.monotonic()
+    head = client.head(f"{running}/events")
+    assert (head.status_code, head.content) == (200, b"")
+    assert head.headers["content-type"].startswith("text/event-stream")
+    assert time.monotonic() - began < 10

@@ -1,0 +1,232 @@
+"""schemathesis over the whole OpenAPI document, and every example of it executed."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import httpx
+import jsonschema_rs
+import pytest
+import uvicorn
+from fastapi import FastAPI
+from service_support import BODY
+from typer.testing import CliRunner
+
+from service import examples, jobs
+from service.app import create_app
+from service.cli import app as cli
+from service.client import Client
+from service.keys import add_key
+from service.settings import Settings
+from service.tables import JobRow, Scope, State
+from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, tiles_of
+from workers.store import write_tile
+
+EXAMPLES = 10
+README = (Path(__file__).parents[2] / "README.md").read_text()
+#: Answers that are never 200 for data that fit the schema: what does not exist is not found, what is too large for the
+#: service's settings, or inconsistent in itself (an axis that falls), is refused.
+CONFIG = """
+[checks]
+# 503 is declared: a point at extreme parameters takes longer than a request may.
+not_a_server_error.expected-statuses = ["2xx", "3xx", "4xx", "503"]
+positive_data_acceptance.expected-statuses = ["2xx", "304", "404", "409", "416", "422", "429", "503"]
+"""
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The store of a survey, whole."""
+    path = tmp_path_factory.mktemp("finished") / "survey.zarr"
+    request = SurveyRequest(**BODY)
+    create_store(request, path)
+    for tile in tiles_of(request):
+        write_tile(request, str(path), tile, compute_tile(request, tile)[0])
+    finish_store(path)
+    return path
+
+
+@contextmanager
+def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, FastAPI]]:
+    """URL and application of a server in this process.
+
+    Its surveys are successful at once, with the numbers of another one; one seed in five fails.
+    """
+
+    def compute(manager: Any, job: JobRow, _: Any) -> None:
+        if not manager._database.set_state(job.id, State.RUNNING):
+            return
+        if job.request["seed"] % 5 == 1:
+            raise SurveyError("no luck")
+        shutil.copytree(finished, manager._directory.store(job.id), copy_function=os.link)
+        manager._database.set_state(job.id, State.SUCCESSFUL)
+
+    settings = Settings(data=data, max_jobs=10**6, max_point_count=64, max_point_seconds=5, **changes)
+    app = create_app(settings, nullcontext)
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error"))
+    thread = threading.Thread(target=server.run)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jobs.JobManager, "_compute", compute)
+        thread.start()
+        try:
+            while not server.started:
+                assert thread.is_alive()
+                thread.join(0.05)
+            yield f"http://127.0.0.1:{server.servers[0].sockets[0].getsockname()[1]}", app
+        finally:
+            server.should_exit = True
+            thread.join(30)
+
+
+@pytest.fixture(scope="module")
+def url(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with serving(finished, tmp_path_factory.mktemp("data")) as (url, _):
+        yield url
+
+
+@pytest.fixture(scope="module")
+def document(url: str) -> dict[str, Any]:
+    found: dict[str, Any] = httpx.get(f"{url}/openapi.json").json()
+    return found
+
+
+def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path) -> None:
+    (tmp_path / "schemathesis.toml").write_text(CONFIG)
+    command = [sys.executable, "-m", "schemathesis.cli", "--config-file", str(tmp_path / "schemathesis.toml")]
+    options = ["--checks", "all", "--max-examples", str(EXAMPLES), "--no-color", "--no-shrink", "--warnings", "off"]
+    options += ["--generation-deterministic", "--continue-on-failure", "--request-timeout", "20"]
+    with serving(finished, tmp_path / "data", require_keys=True) as (url, app):
+        token = add_key(app.state.front.database, "schemathesis", Scope.SUBMIT)[1]
+        options += ["--header", f"Authorization: Bearer {token}"]
+        run = subprocess.run(
+            [*command, "run", f"{url}/openapi.json", *options],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=280,
+        )
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert re.search(r"Selected: (\d+)/\1\n\s*Tested: \1\n", run.stdout), run.stdout
+    assert "Stateful" in run.stdout
+
+
+def operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    for path, methods in document["paths"].items():
+        for method, operation in methods.items():
+            yield path, method, operation
+
+
+def test_every_example_of_a_request_is_executed(url: str, document: dict[str, Any]) -> None:
+    survey_id = httpx.post(f"{url}/v1/surveys?force=true", json=BODY).json()["id"]
+    executed = set()
+    for path, method, operation in sorted(operations(document), key=lambda each: each[1] == "delete"):
+        examples: dict[str, dict[str, Any]] = {"path": {}, "query": {}, "header": {}}
+        for parameter in operation.get("parameters", ()):
+            if values := parameter["schema"].get("examples"):
+                examples[parameter["in"]][parameter["name"]] = values[0]
+            assert values or not parameter["required"], (path, parameter["name"])
+        where = path.format(**examples["path"] | ({"survey_id": survey_id} if "survey_id" in path else {}))
+        headers = {name: str(value) for name, value in examples["header"].items()}
+        content = operation.get("requestBody", {}).get("content", {}).get("application/json", {})
+        for body in content["schema"]["examples"] if "examples" in content.get("schema", {}) else [None]:
+            answer = httpx.request(
+                method, url + where, params=examples["query"], headers=headers, json=body, timeout=60
+            )
+            assert answer.status_code < 400, (method, where, answer.text)
+            assert str(answer.status_code) in operation["responses"]
+            executed.add((method, path))
+    assert len(executed) == len(list(operations(document)))
+
+
+def test_every_example_of_an_answer_fits_its_schema_and_is_true(url: str, document: dict[str, Any]) -> None:
+    shown = {name: model for name, model in document["components"]["schemas"].items() if name in examples.ANSWERS}
+    assert set(shown) == set(examples.ANSWERS)
+    for name, model in shown.items():
+        schema = {"$ref": f"#/components/schemas/{name}", "components": document["components"]}
+        for example in model["examples"]:
+            jsonschema_rs.validate(schema, example)
+            assert set(model["required"]) <= set(example), name
+    accepted = httpx.post(f"{url}/v1/surveys?force=true", json=examples.REQUEST).json()
+    changing = {"id", "created", "content_hash", "links", "state", "started", "finished", "progress", "message"}
+    for name in set(accepted) - changing:
+        assert accepted[name] == examples.DETAIL[name], name
+    for name, query, example in POINTS:
+        answer = httpx.get(f"{url}/v1/{name}", params=query, timeout=60).json()
+        assert_close(first_of_each(answer), example)
+
+
+POINTS = [
+    ("orbits", {"delta": 0.6, "epsilon": 0.1}, examples.ORBITS),
+    ("attractors", {"delta": 0.6, "epsilon": 0.1, "count": 16}, examples.ATTRACTORS),
+    ("curves", {"delta_min": 0.7, "delta_max": 0.8}, examples.CURVES),
+]
+
+
+def assert_close(found: Any, expected: Any) -> None:
+    """Equal, but for the last digits of numbers, which processors may round differently."""
+    if isinstance(expected, dict | list):
+        assert type(found) is type(expected)
+        assert len(found) == len(expected)
+        keys = expected if isinstance(expected, dict) else range(len(expected))
+        for key in keys:
+            assert_close(found[key], expected[key])
+    else:
+        assert found == (pytest.approx(expected, rel=1e-6) if isinstance(expected, float) else expected)
+
+
+def first_of_each(value: Any) -> Any:
+    """Lists of documents cut to their first one, lists of numbers to their first two: what the examples show."""
+    if isinstance(value, dict):
+        return {name: first_of_each(item) for name, item in value.items()}
+    if isinstance(value, list):
+        keep = 1 if value and isinstance(value[0], dict | list) and len(value) > 2 else 2
+        return [first_of_each(item) for item in value[:keep]]
+    return value
+
+
+def test_the_lines_of_the_readme_are_executed(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if shutil.which("curl") is None:
+        pytest.skip("curl is not installed")
+    section = README.split("## Ask the service\n")[1].split("\n## ")[0].replace("http://localhost:8000", url)
+    shell, python = (re.findall(rf"```{kind}\n(.*?)```", section, re.DOTALL)[0] for kind in ("sh", "python"))
+    survey_id = httpx.post(f"{url}/v1/surveys?force=true", json=BODY).json()["id"]
+    Client(url).job(survey_id).wait()
+    (tmp_path / ".curlrc").write_text("fail\nsilent\nshow-error\n")
+    (tmp_path / "python").symlink_to(sys.executable)
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    script = shell.replace("localhost:8000", url.removeprefix("http://")).replace("/ID", f"/{survey_id}")
+    run = subprocess.run(
+        ["bash", "-euxc", script],
+        cwd=tmp_path,
+        env=os.environ | {"CURL_HOME": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+    assert "event: state" in run.stdout
+    assert httpx.get(f"{url}/v1/surveys/{survey_id}").status_code == 404
+    names: dict[str, Any] = {}
+    exec(python, names)
+    assert "region" in names["survey"]
+
+
+def test_the_commands_use_what_is_there_unless_forced(url: str) -> None:
+    options = ["--delta", "0.5:0.7:6", "--epsilon", "0.05:0.15:4", "--count", "8", "--url", url]
+
+    def rattle(*arguments: str) -> str:
+        result = CliRunner().invoke(cli, arguments)
+        assert result.exit_code == 0, result.output
+        return result.output
+
+    first, again, forced = (rattle("submit", *options, *more).strip() for more in ((), (), ("--force",)))
+    assert first == again != forced
+    assert first in rattle("list", "--url", url)
