@@ -13,7 +13,7 @@ figures: $(INSTALLED)
 	$(BIN)/rattle figure all --out figures
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
