@@ -92,7 +92,7 @@ class JobManager:
 
         Raises:
             UnknownSurveyError: there is no such survey.
-            ConflictError: it was dismissed, but tiles of it are still being computed.
+            ConflictError: it was dismissed, but tiles of it are still being computed; or it runs again meanwhile.
         """
         self._database.job(survey_id)
         if self._database.set_state(survey_id, State.DISMISSED, "dismissed by request"):
@@ -103,20 +103,28 @@ class JobManager:
             return self._database.job(survey_id)
         with self._lock:
             if self._current == survey_id:
-                raise ConflictError(f"Survey {survey_id} is dismissed, but its last tiles still run. Try again soon.")
+                raise ConflictError(f"Survey {survey_id} has ended, but its last tiles still run. Try again soon.")
+            if not State((job := self._database.job(survey_id)).state).final:
+                raise ConflictError(f"Survey {survey_id} is {job.state} again; dismiss it first.")
             self._directory.remove_store(survey_id)
             self._database.delete(survey_id)
         return None
 
-    def verify(self, survey_id: str, max_jobs: int) -> JobRow:
+    def verify(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
         """Let a survey that has ended run again over the tiles that are damaged or missing.
 
         Raises:
             UnknownSurveyError: there is no such survey.
-            ConflictError: it waits or runs, or was dismissed.
-            QueueFullError: ``max_jobs`` surveys are waiting or running.
+            ConflictError: it waits or runs, was dismissed, or is a successful one of another version.
+            QueueFullError: ``max_jobs`` surveys are waiting or running, or as many as the key of ``owner`` allows.
         """
-        job = self._database.reopen(survey_id, max_jobs)
+        job = self._database.job(survey_id)
+        if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # running it would only make it fail
+            raise ConflictError(
+                f"Survey {survey_id} was computed by another version, and only that one can verify it. Submit it anew."
+            )
+        with self._lock:  # not between a deletion's look at the state and its removal of the store
+            job = self._database.reopen(survey_id, owner, max_jobs)
         self.wake()
         return job
 
@@ -140,10 +148,13 @@ class JobManager:
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
             self._wake.clear()
+            if self._stopping.is_set():  # since the loop asked: that call to wake up has just been cleared
+                return
             try:
-                if not self._run_next(client):
-                    self._wake.wait()
+                found = self._run_next(client)
                 self.storage_state = OK
+                if not found:
+                    self._wake.wait()
             except (StorageError, SQLAlchemyError) as error:  # a full disk shows in either
                 pause = FIRST_PAUSE if self.storage_state == OK else min(2 * pause, LONGEST_PAUSE)
                 log.warning("nothing can be stored, next try in %.0f s: %s", pause, error)
@@ -196,12 +207,15 @@ class JobManager:
         done = self._database.tiles_done(survey_id) & tiles_done(request, path)
         self._database.keep_tiles(survey_id, done)
         missing = [tile for tile in tiles_of(request) if tile.index not in done]
+        says_that_it_waits = bool(job.message)  # perhaps since before a restart
 
         def on_tile(tile: TileRecord) -> None:
+            nonlocal says_that_it_waits
             self._record(survey_id, tile)
-            if self.storage_state != OK:
+            if says_that_it_waits:
                 self._database.set_state(survey_id, State.RUNNING)  # without the message
-                self.storage_state = OK
+                says_that_it_waits = False
+            self.storage_state = OK
 
         run_tiles(request, path, missing, client, on_tile, self._interrupted, self._dismissed.is_set)
         if not self._interrupted():
@@ -216,6 +230,13 @@ class JobManager:
         failures = [{"epsilon": i, "delta": j, "message": message} for i, j, message in first]
         failed = len(tile.failed_cells)
         self._database.add_tile(survey_id, DoneTile(tile.index, tile.cells, tile.seconds, failed, failures))
+
+
+def _is_of_this_version(job: JobRow) -> bool:
+    try:
+        return _request_of(job).content_hash() == job.content_hash
+    except ServiceError:
+        return False
 
 
 def _request_of(job: JobRow) -> SurveyRequest:

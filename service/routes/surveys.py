@@ -15,6 +15,7 @@ from service.conditional import NOT_MODIFIED, json_answer
 from service.database import NewJob
 from service.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of
 from service.errors import ForbiddenError
+from service.keys import Caller
 from service.limits import check_limits
 from service.problems import ADVICE, declared
 from service.state import Front, FrontState
@@ -130,12 +131,14 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     summary="Check every tile of a survey, and compute again what is damaged or missing",
     responses=declared(404, 409, 422, 429),
 )
-def verify(front: FrontState, response: Response, survey_id: SurveyId) -> SurveyDetail:
+def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
     """A survey that was successful, or failed and may succeed now, waits and runs again.
 
-    Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile.
+    Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile. Only the key
+    that submitted a survey may ask for this.
     """
-    job = front.manager.verify(survey_id, front.settings.max_jobs)
+    _require_owner(front, caller, survey_id)
+    job = front.manager.verify(survey_id, caller.owner, front.settings.max_jobs)
     response.headers["Location"] = path_of(job.id)
     response.headers["Retry-After"] = RETRY_SECONDS
     return _detail(front, job)
@@ -152,10 +155,14 @@ def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Respo
 
     Every key may read every survey; only the key that submitted one may remove it.
     """
-    if not caller.owns(front.database.job(survey_id)):
-        raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")
+    _require_owner(front, caller, survey_id)
     dismissed = front.manager.dismiss_or_delete(survey_id)
     return Response(status_code=204) if dismissed is None else _detail(front, dismissed)
+
+
+def _require_owner(front: Front, caller: Caller, survey_id: str) -> None:
+    if not caller.owns(front.database.job(survey_id)):
+        raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")
 
 
 def _detail(front: Front, job: JobRow) -> SurveyDetail:

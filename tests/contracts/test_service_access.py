@@ -410,3 +410,23 @@ def test_websockets_are_refused_like_writes(local: TestClient, client: TestClien
 def test_an_unknown_parameter_is_named_with_those_that_there_are(local: TestClient, path: str, known: str) -> None:
     problem = assert_problem(local.get(path), 422, known)
     assert problem["errors"][0]["field"].startswith("query.")
+
+
+def test_only_the_owner_lets_a_survey_run_again(client: TestClient) -> None:
+    owner, other = key(client, max_running=1), key(client)
+    survey_id = submit(client, owner)
+    front_of(client).database.set_state(survey_id, State.FAILED, "no permission")
+    path = f"/v1/surveys/{survey_id}/verify"
+    assert_problem(client.post(path, headers=other), 403, "was not submitted with this API key")
+    assert client.get(f"/v1/surveys/{survey_id}", headers=owner).json()["state"] == "failed"
+    assert client.post(path, headers=owner).status_code == 202
+
+
+def test_without_a_key_the_survey_of_a_revoked_one_is_verified(local: TestClient) -> None:
+    database = front_of(local).database
+    row, token = keys.add_key(database, "gone", Scope.SUBMIT)
+    with peer(local, NOBODY) as remote:
+        survey_id = submit(remote, {"Authorization": f"Bearer {token}"})
+    database.set_state(survey_id, State.FAILED, "no permission")
+    database.revoke_key(row.id)
+    assert local.post(f"/v1/surveys/{survey_id}/verify").status_code == 202

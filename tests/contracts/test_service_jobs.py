@@ -252,3 +252,31 @@ def test_verifying_is_work_that_must_have_room(tmp_path: Path) -> None:
         finish(client, survey_id)
         submit(client)
         assert_problem(client.post(f"/v1/surveys/{survey_id}/verify"), 429, "DELETE one")
+
+
+def test_what_another_version_computed_stays_successful(client: TestClient) -> None:
+    survey_id = submit(client)
+    finish(client, survey_id)
+    with open_engine(front_of(client).database._reader.url, UNPOOLED).begin() as database:
+        database.exec_driver_sql("UPDATE jobs SET content_hash = 'of another version'")
+    assert_problem(client.post(f"/v1/surveys/{survey_id}/verify"), 409, "another version")
+    assert client.get(f"/v1/surveys/{survey_id}").json()["state"] == "successful"
+
+
+def test_a_survey_that_is_let_run_again_keeps_its_store(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its deletion was asked for at the same time, and came second."""
+    front = front_of(client)
+    survey_id = submit(client)
+    finish(client, survey_id)
+    store = front.directory.store(survey_id)
+    store.mkdir(parents=True)
+    set_state = front.database.set_state
+
+    def set_state_then_verify(*arguments: Any) -> bool:
+        changed = set_state(*arguments)
+        front.manager.verify(survey_id, None, 32)
+        return changed
+
+    monkeypatch.setattr(front.database, "set_state", set_state_then_verify)
+    assert_problem(client.delete(f"/v1/surveys/{survey_id}"), 409, "accepted")
+    assert store.exists()

@@ -1,0 +1,84 @@
+"""The thread that runs surveys: when it waits, what it says meanwhile, and that it ends."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from service_support import BODY, front_of, idle_cluster, local_client
+
+from service import jobs
+from service.app import create_app
+from service.settings import Settings
+from service.tables import State
+from workers import StorageError, TileRecord
+
+
+@contextmanager
+def service(data: Path) -> Iterator[TestClient]:
+    with local_client(create_app(Settings(data=data), idle_cluster)) as client:
+        yield client
+
+
+def wait_until(true: Callable[[], bool]) -> None:
+    end = time.monotonic() + 10
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def full_disk(*_: Any) -> None:
+    raise StorageError("the disk is full")
+
+
+def test_a_storage_that_nobody_waits_for_is_not_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jobs, "create_store", full_disk)
+    with service(tmp_path) as client:
+        survey_id = client.post("/v1/surveys", json=BODY).json()["id"]
+        wait_until(lambda: "full" in client.get("/v1/health").json()["storage"])
+        assert client.delete(f"/v1/surveys/{survey_id}").json()["state"] == "dismissed"
+        wait_until(lambda: client.get("/v1/health").json()["status"] == "ok")
+
+
+def test_a_survey_that_goes_on_after_a_restart_no_longer_says_that_it_waits(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(jobs, "create_store", full_disk)
+    with service(tmp_path) as client:
+        path = client.post("/v1/surveys", json=BODY).headers["location"]
+        wait_until(lambda: "waits for its store" in client.get(path).json()["message"])
+    seen = []
+
+    def run_one_tile(*arguments: Any) -> None:
+        arguments[4](TileRecord(0, 6, (), 0, 0.5))
+        seen.append(client.get(path).json())
+        raise RuntimeError("enough")
+
+    monkeypatch.setattr(jobs, "create_store", lambda *_: None)
+    monkeypatch.setattr(jobs, "tiles_done", lambda *_: set())
+    monkeypatch.setattr(jobs, "run_tiles", run_one_tile)
+    with service(tmp_path) as client:
+        wait_until(lambda: bool(seen))
+    assert (seen[0]["state"], seen[0]["message"]) == (State.RUNNING, "")
+
+
+def test_a_stop_is_never_overlooked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also one that comes as the thread turns to the next survey."""
+    with service(tmp_path) as client:
+        manager = front_of(client).manager
+        wait_until(lambda: manager.cluster_state == "ready")
+        clear = manager._wake.clear
+
+        def stop_and_clear() -> None:
+            manager.ask_to_stop()
+            clear()
+
+        monkeypatch.setattr(manager._wake, "clear", stop_and_clear)
+        manager.wake()
+        manager._thread.join(5)
+        alive = manager._thread.is_alive()
+        manager._wake.set()
+    assert not alive
