@@ -18,9 +18,8 @@ from workers.version import code_version
 
 #: Asked again each time, and answered with 304 if nothing changed.
 REVALIDATE = "no-cache"
-#: A successful survey never changes and its id is never given again.
-FOREVER = "max-age=31536000, immutable"
-#: What depends on the query and the code alone: another version of the code may answer otherwise.
+#: What changes rarely: answers that depend on the query and the code alone with another version of the code, and the
+#: store of a successful survey when damage is repaired. For ever would keep the damage for ever.
 HOUR = "max-age=3600"
 
 NOT_MODIFIED: dict[int | str, dict[str, Any]] = {

@@ -9,12 +9,11 @@ import anyio
 from fastapi import APIRouter, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from service.conditional import FOREVER, NOT_MODIFIED, REVALIDATE, is_known, picture_tag
+from service.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
 from service.documents import SurveyId
 from service.errors import MissingError
 from service.problems import declared
 from service.state import FrontState
-from service.tables import State
 from workers import QUANTITIES, map_png, open_survey
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
@@ -47,7 +46,7 @@ async def picture(
         raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
     headers = {
         "ETag": picture_tag(survey_id, job.last_event, variable, index),
-        "Cache-Control": FOREVER if job.state == State.SUCCESSFUL else REVALIDATE,
+        "Cache-Control": REVALIDATE,  # another version may draw otherwise, and what was lost may have been repaired
     }
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)

@@ -10,7 +10,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from service.conditional import FOREVER, NOT_MODIFIED, REVALIDATE
+from service.conditional import HOUR, NOT_MODIFIED, REVALIDATE
 from service.documents import SurveyId
 from service.errors import MissingError
 from service.problems import declared
@@ -58,7 +58,7 @@ async def read(
     response = await files.get_response(key, request.scope if unchanging else _by_tag_only(request.scope))
     if response.status_code == 200 and key.endswith("zarr.json"):
         response.headers["content-type"] = "application/json"
-    response.headers["cache-control"] = FOREVER if unchanging else REVALIDATE
+    response.headers["cache-control"] = HOUR if unchanging else REVALIDATE
     return response
 
 

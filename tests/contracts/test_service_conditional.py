@@ -15,7 +15,7 @@ from service.tables import State
 from workers import SurveyRequest, compute_tile, create_store, finish_store, tiles_of
 from workers.store import write_tile
 
-IMMUTABLE = "max-age=31536000, immutable"
+HOUR = "max-age=3600"
 POINT = "/v1/orbits?delta=0.6&epsilon=0.1"
 
 
@@ -81,17 +81,38 @@ def test_documents_change_their_tag_with_every_tile(client: TestClient, running:
     assert {client.get(url).headers["cache-control"] for url in urls} == {"no-cache"}
 
 
-def test_a_finished_survey_is_cached_for_good_a_running_one_never(client: TestClient, running: str) -> None:
+def test_a_finished_survey_is_cached_for_an_hour_a_running_one_never(client: TestClient, running: str) -> None:
     fixed = [f"{running}/store/zarr.json", f"{running}/store/status/c/0/0", f"{running}/map.png"]
     before = [fresh(client, url) for url in fixed]
     assert {client.get(url).headers["cache-control"] for url in fixed} == {"no-cache"}
     finish(client, running)
     assert fresh(client, fixed[0]) != before[0]  # dated when it was finished
-    assert {client.get(url).headers["cache-control"] for url in fixed} == {IMMUTABLE}
+    assert [client.get(url).headers["cache-control"] for url in fixed] == [HOUR, HOUR, "no-cache"]
     assert client.get(running).headers["cache-control"] == "no-cache"  # it may be deleted
     missing = client.get(f"{running}/store/status/c/9/9")
     assert missing.status_code == 404
     assert "cache-control" not in missing.headers
+
+
+def test_what_was_damaged_is_not_kept_after_its_repair(client: TestClient, running: str) -> None:
+    finish(client, running)
+    chunk, picture = f"{running}/store/region/c/0/0", f"{running}/map.png"
+    survey_id = running.rsplit("/", 1)[1]
+    file = front_of(client).directory.store(survey_id) / "region" / "c" / "0" / "0"
+    content = file.read_bytes()
+    whole = client.get(picture).content
+    file.write_bytes(content[::-1])
+    damaged = client.get(chunk)
+    file.unlink()  # a picture shows nothing there
+    lost = client.get(picture)
+    assert lost.content != whole
+    assert "immutable" not in damaged.headers["cache-control"]
+    assert lost.headers["cache-control"] == "no-cache"
+    assert client.post(f"{running}/verify").status_code == 202
+    file.write_bytes(content)
+    again = client.get(chunk, headers={"If-None-Match": damaged.headers["etag"]})
+    assert (again.status_code, again.content) == (200, content)
+    assert client.get(picture, headers={"If-None-Match": lost.headers["etag"]}).content == whole
 
 
 def test_dates_count_only_once_nothing_changes(client: TestClient, running: str) -> None:
