@@ -12,7 +12,8 @@ from starlette.types import Scope
 
 from service.errors import ForbiddenError
 
-FORWARDED = ("forwarded", "x-forwarded-for", "x-real-ip", "via")
+#: What proxies add, beside everything that begins with x-forwarded.
+FORWARDED = frozenset({"forwarded", "x-real-ip", "x-client-ip", "true-client-ip", "cf-connecting-ip", "via"})
 WILDCARDS = ("0.0.0.0", "::")
 
 
@@ -31,7 +32,8 @@ def is_local(scope: Scope, headers: Headers) -> bool:
     """Whether a request was sent on this machine, and not on behalf of another one by a proxy here."""
     client = scope.get("client")
     address = _address(client[0]) if client else None
-    return address is not None and address.is_loopback and not any(name in headers for name in FORWARDED)
+    forwarded = any(name in FORWARDED or name.startswith("x-forwarded") for name in headers)
+    return address is not None and address.is_loopback and not forwarded
 
 
 def require_own_name(headers: Headers, host: str, allowed: Collection[str]) -> None:

@@ -303,7 +303,9 @@ def test_on_loopback_no_key_is_asked_but_of_those_who_are_not_there(local: TestC
         assert here.get("/v1/surveys").status_code == 200
 
 
-@pytest.mark.parametrize("header", ["X-Forwarded-For", "Forwarded", "Via", "X-Real-IP"])
+@pytest.mark.parametrize(
+    "header", ["X-Forwarded-For", "X-Forwarded-Proto", "Forwarded", "Via", "X-Real-IP", "CF-Connecting-IP"]
+)
 def test_a_proxy_on_loopback_does_not_open_the_door(local: TestClient, header: str) -> None:
     assert_problem(local.get("/v1/surveys", headers={header: "127.0.0.1"}), 401)
 
