@@ -63,9 +63,16 @@ def examine(path: str | Path) -> Integrity:
 
 
 def damaged_template(path: Path) -> tuple[str, ...]:
-    """Return the arrays and groups of a survey that cannot be read, but for what tiles write."""
-    described = json.loads((path / "zarr.json").read_bytes())["consolidated_metadata"]["metadata"]
-    members = dict(zarr.open_group(path, mode="r", zarr_format=3).members(max_depth=None))
+    """Return the arrays and groups of a survey that cannot be read, but for what tiles write.
+
+    Raises:
+        SurveyError: the metadata of the store itself is damaged.
+    """
+    try:
+        described = json.loads((path / "zarr.json").read_bytes())["consolidated_metadata"]["metadata"]
+        members = dict(zarr.open_group(path, mode="r", zarr_format=3).members(max_depth=None))
+    except (ValueError, KeyError, TypeError) as error:
+        raise SurveyError(f"{path / 'zarr.json'} is damaged ({error!r}): take it from a copy of the survey") from error
     return tuple(name for name in described if not _template_whole(path, name, described[name], members[name]))
 
 

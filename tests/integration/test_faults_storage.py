@@ -1,8 +1,10 @@
 """A disk that fills, a store that becomes read-only, chunks that are damaged or lost: nothing wrong, nothing lost."""
 
+import json
 import os
 import subprocess
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -171,6 +173,14 @@ def test_every_byte_of_a_chunk_is_under_its_checksum(store: Path) -> None:
                 _ = array[..., 4:6, 8:10]
         chunk.write_bytes(content)
         _ = array[..., 4:6, 8:10]
+
+
+def test_a_store_without_consolidated_metadata_is_said_to_be_damaged(store: Path) -> None:
+    root = store / "zarr.json"
+    root.write_text(json.dumps(json.loads(root.read_bytes()) | {"consolidated_metadata": None}))
+    for look in (examine, partial(create_store, REQUEST)):
+        with pytest.raises(SurveyError, match=r"zarr\.json is damaged"):
+            look(store)
 
 
 def test_what_is_not_a_survey_cannot_be_verified(tmp_path: Path) -> None:
