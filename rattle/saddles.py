@@ -88,7 +88,7 @@ def eigenvectors(orbit: PeriodicOrbit) -> tuple[Array, Array]:
 
 
 def local_manifold(orbit: PeriodicOrbit, stable: bool) -> Local:
-    """The local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-13.
+    """The local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-12 of its size.
 
     Raises ParameterError if the orbit is no saddle, RattleError if it is too close to grazing.
     """
