@@ -16,8 +16,8 @@ import workers
 from service import problems
 from service.access import AccessMiddleware, caller_of
 from service.broadcast import Broadcast
+from service.bucketdir import open_directory
 from service.database import Database
-from service.datadir import DataDirectory
 from service.head import HeadMiddleware
 from service.jobs import JobManager
 from service.queries import refuse_unknown
@@ -74,7 +74,7 @@ def _cluster_of(settings: Settings) -> Cluster:
 def _lifespan(settings: Settings, cluster: Cluster) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        directory = DataDirectory(settings.data)
+        directory = open_directory(settings.data, settings.store)
         broadcast = Broadcast()
         with (
             directory.locked(),

@@ -16,6 +16,9 @@ class Settings(BaseSettings):
 
     data: Path = Field(default=Path("data"), description="directory of the job database and the stores")
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; SQLite in the data directory if absent")
+    store: str | None = Field(
+        default=None, description="s3://BUCKET/PREFIX of the stores; the data directory if absent"
+    )
     host: str = Field(default="127.0.0.1", min_length=1)
     port: int = Field(default=8000, ge=0, le=65535)
     insecure: bool = Field(default=False, description="let everybody in who reaches the service")
