@@ -44,6 +44,7 @@ def serve(
     from service.commands.options import settings_of
     from service.commands.signals import stop_requested
     from service.database import Database
+    from service.logs import log_config
     from service.protocol import protocol_of
     from service.server import Server
 
@@ -69,7 +70,8 @@ def serve(
             h11_max_incomplete_event_size=settings.max_header_bytes,
             proxy_headers=False,  # who sends a request is who connects
             server_header=False,
-            log_level="info",
+            log_config=log_config(settings.log_format),
+            access_log=False,  # RequestLogMiddleware says more
             timeout_graceful_shutdown=settings.shutdown_seconds,
         ),
         app,
