@@ -52,8 +52,8 @@ def _require_same(request: SurveyRequest, place: Place) -> None:
         return
     if attributes.get("code_version") != code_version():
         raise SurveyError(
-            f"{place} holds a survey of version {attributes.get('code_version')}, and this is {code_version()}:"
-            " choose another path, or finish it with that version"
+            f"{place} holds a survey computed by version {attributes.get('code_version')}, and this is {code_version()}"
+            ": choose another path, or finish it with that version"
         )
     raise SurveyError(f"{place} holds another survey: choose another path, or delete that one first")
 
