@@ -15,6 +15,7 @@ from service.commands.paper import paper
 from service.commands.remote import list_, submit, watch
 from service.commands.run import run
 from service.commands.serve import serve
+from service.commands.verify import verify
 
 REFUSED = 2
 
@@ -30,6 +31,7 @@ app.command()(submit)
 app.command("list")(list_)
 app.command()(watch)
 app.command("open")(open_)
+app.command()(verify)
 app.command()(figure)
 app.command()(explain)
 app.command()(orbits)

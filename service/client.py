@@ -202,6 +202,11 @@ class Job:
         """The results, read over HTTP as they are used."""
         return open_results(self.store_url, self._client.headers)
 
+    def verify(self) -> Self:
+        """Let the service check every tile, and compute again what is damaged or missing; :meth:`wait` for it."""
+        self.document = self._client.call("POST", f"{self.document['links']['self']}/verify").json()
+        return self
+
     def delete(self) -> None:
         """Dismiss the survey if it waits or runs, delete it with its store if it has ended."""
         self._client.call("DELETE", self.document["links"]["self"])

@@ -27,7 +27,7 @@ class Survey(BaseModel):
     name: str
     state: State
     progress: int = Field(ge=0, le=100, description="percent of the tiles done")
-    message: str = Field(description="why it failed or was dismissed")
+    message: str = Field(description="why it failed, was dismissed, or waits although it runs")
     created: str
     started: str | None
     finished: str | None

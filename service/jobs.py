@@ -17,7 +17,16 @@ from service.database import Database, DoneTile
 from service.datadir import DataDirectory
 from service.errors import ConflictError, ServiceError, UnavailableError
 from service.tables import JobRow, State
-from workers import ClusterLostError, SurveyRequest, create_store, finish_store, run_tiles, tiles_done, tiles_of
+from workers import (
+    ClusterLostError,
+    StorageError,
+    SurveyRequest,
+    create_store,
+    finish_store,
+    run_tiles,
+    tiles_done,
+    tiles_of,
+)
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -25,6 +34,7 @@ if TYPE_CHECKING:
     from workers import TileRecord
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
+OK = "ok"
 MAX_FAILURES = 100  # messages kept of one tile
 
 log = logging.getLogger(__name__)
@@ -55,6 +65,7 @@ class JobManager:
         self._lock = threading.Lock()
         self._thread = threading.Thread(target=self._main, name="job-manager", daemon=True)
         self.cluster_state = "starting"
+        self.storage_state = OK
 
     def start(self) -> None:
         self._thread.start()
@@ -88,6 +99,7 @@ class JobManager:
             with self._lock:
                 if self._current == survey_id:
                     self._dismissed.set()
+            self.wake()
             return self._database.job(survey_id)
         with self._lock:
             if self._current == survey_id:
@@ -95,6 +107,18 @@ class JobManager:
             self._directory.remove_store(survey_id)
             self._database.delete(survey_id)
         return None
+
+    def verify(self, survey_id: str, max_jobs: int) -> JobRow:
+        """Let a survey that has ended run again over the tiles that are damaged or missing.
+
+        Raises:
+            UnknownSurveyError: there is no such survey.
+            ConflictError: it waits or runs, or was dismissed.
+            QueueFullError: ``max_jobs`` surveys are waiting or running.
+        """
+        job = self._database.reopen(survey_id, max_jobs)
+        self.wake()
+        return job
 
     def _main(self) -> None:
         pause = FIRST_PAUSE
@@ -112,49 +136,77 @@ class JobManager:
                 pause = min(2 * pause, LONGEST_PAUSE)
 
     def _run_all(self, client: Client) -> None:
-        """Run surveys until the end of the service, or until one is dismissed while it runs."""
-        while not self._interrupted():
+        """Run surveys until the end of the service, or until the cluster is lost."""
+        pause = FIRST_PAUSE
+        while not self._stopping.is_set():
             self._wake.clear()
-            job = self._database.next_job()
-            if job is None:
-                self._wake.wait()
-                continue
-            with self._lock:
-                self._current = job.id
             try:
-                self._run(job, client)
-            finally:
-                with self._lock:
-                    self._current = None
-        # Tiles that have begun cannot be interrupted: a new cluster starts without those of a dismissed survey.
-        self._dismissed.clear()
+                if not self._run_next(client):
+                    self._wake.wait()
+                self.storage_state = OK
+            except (StorageError, SQLAlchemyError) as error:  # a full disk shows in either
+                pause = FIRST_PAUSE if self.storage_state == OK else min(2 * pause, LONGEST_PAUSE)
+                log.warning("nothing can be stored, next try in %.0f s: %s", pause, error)
+                self.storage_state = f"unavailable: {error}"
+                self._wake.wait(pause)
 
-    def _run(self, job: JobRow, client: Client) -> None:
+    def _run_next(self, client: Client) -> bool:
+        """Run the oldest survey that waits. False if there is none."""
+        job = self._database.next_job()
+        if job is None:
+            return False
+        with self._lock:
+            self._current = job.id
+            self._dismissed.clear()
         try:
-            self._compute(job, client)
+            self._run(job.id, client)
+        finally:
+            with self._lock:
+                self._current = None
+        return True
+
+    def _run(self, survey_id: str, client: Client) -> None:
+        try:
+            self._compute(survey_id, client)
         except (ClusterLostError, CommClosedError, SQLAlchemyError, UnavailableError):
             raise  # not the survey's fault: it goes on later
+        except StorageError as error:
+            if self.storage_state == OK:  # told once, not at every try
+                self._database.set_state(survey_id, State.RUNNING, f"waits for its store: {error}")
+            raise
         except Exception as error:
+            if client.status != "running":  # whatever a lost connection looks like
+                raise
             unexpected = None if isinstance(error, RattleError) else error
-            log.warning("survey %s failed: %s", job.id, error, exc_info=unexpected)
-            self._database.set_state(job.id, State.FAILED, str(error) or type(error).__name__)
+            log.warning("survey %s failed: %s", survey_id, error, exc_info=unexpected)
+            self._database.set_state(survey_id, State.FAILED, str(error) or type(error).__name__)
 
-    def _compute(self, job: JobRow, client: Client) -> None:
-        if not self._database.set_state(job.id, State.RUNNING):
-            return  # dismissed since it was read
+    def _compute(self, survey_id: str, client: Client) -> None:
+        job = self._database.job(survey_id)
+        if State(job.state).final or (
+            job.state == State.ACCEPTED and not self._database.set_state(survey_id, State.RUNNING)
+        ):
+            return  # dismissed since it was found
         request = _request_of(job)
-        path = self._directory.store(job.id)
+        path = self._directory.store(survey_id)
         create_store(request, path)
         if job.content_hash != request.content_hash():
-            self._database.set_content_hash(job.id, request.content_hash())
+            self._database.set_content_hash(survey_id, request.content_hash())
         # A tile counts only if both agree: the database knows its failures, the store holds its numbers.
-        done = self._database.tiles_done(job.id) & tiles_done(request, path)
-        self._database.keep_tiles(job.id, done)
+        done = self._database.tiles_done(survey_id) & tiles_done(request, path)
+        self._database.keep_tiles(survey_id, done)
         missing = [tile for tile in tiles_of(request) if tile.index not in done]
-        run_tiles(request, path, missing, client, lambda tile: self._record(job.id, tile), self._interrupted)
+
+        def on_tile(tile: TileRecord) -> None:
+            self._record(survey_id, tile)
+            if self.storage_state != OK:
+                self._database.set_state(survey_id, State.RUNNING)  # without the message
+                self.storage_state = OK
+
+        run_tiles(request, path, missing, client, on_tile, self._interrupted, self._dismissed.is_set)
         if not self._interrupted():
             finish_store(path)
-            self._database.set_state(job.id, State.SUCCESSFUL)
+            self._database.set_state(survey_id, State.SUCCESSFUL)
 
     def _interrupted(self) -> bool:
         return self._stopping.is_set() or self._dismissed.is_set()

@@ -1,8 +1,9 @@
 """A survey of the (δ, ε) plane: its request, its tiles, its zarr store, and the dask cluster that fills it."""
 
 from workers.cluster import connect, embedded_cluster
-from workers.errors import ClusterLostError, SurveyError
+from workers.errors import ClusterLostError, StorageError, SurveyError
 from workers.figure import survey_figure
+from workers.integrity import Integrity, examine
 from workers.maps import map_png
 from workers.quantities import QUANTITIES
 from workers.request import Axis, InitialConditions, SurveyRequest, TileShape
@@ -17,7 +18,9 @@ __all__ = [
     "ClusterLostError",
     "Group",
     "InitialConditions",
+    "Integrity",
     "Quantity",
+    "StorageError",
     "SurveyError",
     "SurveyRequest",
     "Tile",
@@ -27,6 +30,7 @@ __all__ = [
     "connect",
     "create_store",
     "embedded_cluster",
+    "examine",
     "finish_store",
     "map_png",
     "open_survey",

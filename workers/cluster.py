@@ -7,8 +7,11 @@ import signal
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from multiprocessing import resource_tracker
+from threading import Thread
 
+import dask
 from distributed import Client, LocalCluster, Security, Worker, WorkerPlugin, comm
 from distributed.utils import silence_logging_cmgr
 
@@ -21,14 +24,27 @@ CONNECT_SECONDS = 10
 ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
+#: A worker that is silent for so long is taken for frozen, ended and replaced, by dask within twice this time and 4 s.
+#: Kernels let the heart beat twice a second; dask's own default is 5 minutes.
+SILENT_SECONDS = 15
+#: A tile that has killed two workers goes to a process of its own. It need not be guilty: the cells are tried there.
+ALLOWED_DEATHS = 1
+RETURN_SECONDS = 600
+HEARTBEAT_SECONDS = 1.0
+END_SECONDS = 1.0
+
+
 class WarmKernels(WorkerPlugin):
     """Compile or load the kernels before the first tile, also on a worker that was restarted."""
 
     name = "gear-rattle-kernels"
 
-    def setup(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """Warm the kernels of this process."""
-        rattle.warm_up()
+    async def setup(self, worker: Worker) -> None:
+        """Warm the kernels of this process. Its heart does not beat by itself yet, and a first compilation is long."""
+        warming = asyncio.create_task(asyncio.to_thread(rattle.warm_up))
+        while not (await asyncio.wait([warming], timeout=HEARTBEAT_SECONDS))[0]:
+            await worker.heartbeat()
+        await warming
 
 
 class Nice(WorkerPlugin):
@@ -72,6 +88,8 @@ def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
     if n_workers < 1:
         raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
     with ExitStack() as stack:
+        # dask drops a worker for good that is not back after this time, and a busy machine starts one in half a minute.
+        stack.enter_context(dask.config.set({"distributed.deploy.lost-worker-timeout": RETURN_SECONDS}))
         try:
             with _interrupts_blocked():
                 cluster = stack.enter_context(
@@ -82,11 +100,17 @@ def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
                         host="127.0.0.1",
                         dashboard_address=None,
                         # dask's health page takes port 8787 otherwise, and complains if somebody has it.
-                        scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+                        scheduler_kwargs={
+                            "dashboard": False,
+                            "dashboard_address": "127.0.0.1:0",
+                            "worker_ttl": SILENT_SECONDS,
+                            "allowed_failures": ALLOWED_DEATHS,
+                        },
                         memory_limit=MEMORY_LIMIT,
                         security=Security(require_encryption=False),  # on loopback, whatever dask's settings say
                         silence_logs=logging.CRITICAL,
                         env=ONE_THREAD,
+                        preload=__name__,  # imported before the heart has to beat
                     )
                 )
                 client = stack.enter_context(Client(cluster, set_as_default=False))
@@ -125,6 +149,21 @@ def connect(url: str) -> Iterator[Client]:
         except Exception as error:
             raise SurveyError(f"the workers at {url} cannot run the kernels: {error}") from error
         yield client
+
+
+def end_processes(client: Client, addresses: list[str]) -> None:
+    """End workers at once, in the middle of their tasks; those of a nanny only, which starts them again."""
+    if addresses:
+        # One that is frozen does not answer: it computes nothing, and is not waited for.
+        ending = partial(client.run, _end_process, workers=addresses, wait=False, on_error="ignore")
+        thread = Thread(target=ending, name="end-processes", daemon=True)
+        thread.start()
+        thread.join(END_SECONDS)
+
+
+async def _end_process(dask_worker: Worker) -> None:
+    if dask_worker.nanny:
+        os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _probe(url: str) -> None:

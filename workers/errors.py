@@ -1,5 +1,7 @@
 """What can go wrong with a survey, under one exception."""
 
+import errno
+
 from rattle import RattleError
 
 
@@ -9,3 +11,20 @@ class SurveyError(RattleError):
 
 class ClusterLostError(SurveyError):
     """The cluster went away during a run. The survey is whole: another cluster resumes it."""
+
+
+class StorageError(SurveyError):
+    """The disk is full, read-only or away. The survey is whole: it goes on once the store can be written again."""
+
+
+#: What may pass without anybody touching the survey itself.
+_PASSING = {
+    errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.ESTALE, errno.ENOMEM, errno.EMFILE, errno.ENFILE,
+}  # fmt: skip
+
+
+def storage_error(what: str, error: OSError) -> SurveyError:
+    """Return the exception for a write that the system refused: a StorageError if that may pass."""
+    if error.errno in _PASSING:
+        return StorageError(f"{what} ({error}): make room or make it writable, and the same survey goes on")
+    return SurveyError(f"{what} ({error}): make it writable, or choose a path that is")

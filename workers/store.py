@@ -3,7 +3,7 @@
 import fcntl
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
@@ -14,11 +14,12 @@ import numpy as np
 import xarray as xr
 import zarr
 
-from workers.errors import SurveyError
+from workers.errors import SurveyError, storage_error
+from workers.integrity import damaged_template, examine
 from workers.quantities import stored
 from workers.request import SurveyRequest
 from workers.template import consolidate, now, write_template
-from workers.tiles import Tile, tiles_of
+from workers.tiles import Tile
 from workers.version import code_version
 
 
@@ -26,35 +27,55 @@ def create_store(request: SurveyRequest, path: str | Path) -> None:
     """Create the empty store of a survey, or accept the one that an earlier run of the same survey left.
 
     Whatever else is at the path is left as it is. The store appears at once and whole: it is built beside the path
-    and renamed.
+    and renamed. Of a survey's own store, what tiles do not write to is mended if it is damaged.
 
     Raises:
+        StorageError: it cannot be written now.
         SurveyError: the path holds something else, or cannot be written.
     """
     path = Path(path).resolve()
     try:
         if not _occupied(path):
             _build(request, path)
+        _require_same(request, path)
+        if damaged := damaged_template(path):
+            _mend(request, path, damaged)
     except OSError as error:
-        raise SurveyError(f"{path} cannot be created ({error}): choose a path that can be written") from error
-    _require_same(request, path)
+        raise storage_error(f"{path} cannot be created", error) from error
 
 
 def _occupied(path: Path) -> bool:
     return path.exists() and not (path.is_dir() and next(path.iterdir(), None) is None)
 
 
-def _build(request: SurveyRequest, path: Path) -> None:
+@contextmanager
+def _template_beside(request: SurveyRequest, path: Path) -> Iterator[Path]:
     path.parent.mkdir(parents=True, exist_ok=True)
     sibling = path.with_name(f".{path.name}.{uuid4().hex}")
     try:
         write_template(request, sibling)
-        os.rename(sibling, path)
+        yield sibling
+    finally:
+        shutil.rmtree(sibling, ignore_errors=True)
+
+
+def _build(request: SurveyRequest, path: Path) -> None:
+    try:
+        with _template_beside(request, path) as sibling:
+            os.rename(sibling, path)
     except OSError:
         if not _occupied(path):  # otherwise another run was first, and its store is judged like any other
             raise
-    finally:
-        shutil.rmtree(sibling, ignore_errors=True)
+
+
+def _mend(request: SurveyRequest, path: Path, damaged: Iterable[str]) -> None:
+    """Replace every file of these arrays and groups by the one of a new template: the same request, the same bytes."""
+    with _template_beside(request, path) as sibling:
+        for name in damaged:
+            for file in [file for file in (sibling / name).rglob("*") if file.is_file()]:
+                target = path / file.relative_to(sibling)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(file, target)
 
 
 def _require_same(request: SurveyRequest, path: Path) -> None:
@@ -80,15 +101,13 @@ def _survey_attributes(path: Path) -> dict[str, Any]:
 
 
 def tiles_done(request: SurveyRequest, path: str | Path) -> set[int]:
-    """Return the indices of the tiles whose cells all have a status. Raises SurveyError if this survey is not there."""
+    """Return the indices of the tiles that are computed and undamaged. Raises SurveyError if this survey is not there.
+
+    Every chunk is read, for its checksum.
+    """
     path = Path(path).resolve()
     _require_same(request, path)
-    status = _status(path)
-    return {tile.index for tile in tiles_of(request) if status[tile.epsilon, tile.delta].all()}
-
-
-def _status(path: Path) -> np.ndarray:
-    return np.asarray(zarr.open_array(path / "status", mode="r")[...])
+    return set(examine(path).done)
 
 
 @contextmanager
@@ -96,13 +115,14 @@ def writing(path: str | Path) -> Iterator[None]:
     """Hold a store for one run; the system releases it even if the process is killed.
 
     Raises:
-        SurveyError: another run holds it. Two would sweep each other's files.
+        StorageError: it cannot be written now.
+        SurveyError: another run holds it: two would sweep each other's files. Or it is not there.
     """
     path = Path(path).resolve()
     try:
         held = (path / "status" / "zarr.json").open("rb+")  # a file that nobody replaces
     except OSError as error:
-        raise SurveyError(f"{path} cannot be written ({error}): create the survey first, where it can") from error
+        raise storage_error(f"{path} cannot be written", error) from error
     with held:
         try:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -142,8 +162,8 @@ def write_tile(request: SurveyRequest, path: str, tile: Tile, values: Mapping[st
 def _arrays(path: str, request: SurveyRequest) -> dict[str, zarr.Array]:
     """Open the arrays that tiles write to, once a process: opening costs more than writing."""
     _require_same(request, Path(path))
-    root = zarr.open_group(path, mode="r+", zarr_format=3)
-    arrays = dict(root.arrays())
+    with zarr.config.set({"array.write_empty_chunks": True}):  # see template.WHOLE
+        arrays = dict(zarr.open_group(path, mode="r+", zarr_format=3).arrays())
     return {quantity.name: arrays[quantity.name] for quantity in stored(request.quantities) if quantity.per_cell}
 
 
@@ -151,19 +171,30 @@ def finish_store(path: str | Path) -> None:
     """Finish a survey whose tiles are all done: sweep what killed writers left, date it, consolidate. Idempotent.
 
     Raises:
+        StorageError: it cannot be written now.
         SurveyError: there is no survey, cells are missing, or a run still writes to it.
     """
     path = Path(path).resolve()
     _survey_attributes(path)
     with writing(path):
-        if missing := int(np.sum(_status(path) == 0)):
+        if missing := _missing_cells(path):
             raise SurveyError(f"{path} lacks {missing} cells: run the survey again to resume it")
-        for stray in path.rglob("*.partial"):
-            stray.unlink(missing_ok=True)
-        root = zarr.open_group(path, mode="r+", zarr_format=3)
-        if "date_completed" not in root.attrs:
-            root.attrs["date_completed"] = now()  # keeps the consolidated metadata, in one atomic replacement
-            consolidate(path)
+        try:
+            for stray in path.rglob("*.partial"):
+                stray.unlink(missing_ok=True)
+            root = zarr.open_group(path, mode="r+", zarr_format=3)
+            if "date_completed" not in root.attrs:
+                root.attrs["date_completed"] = now()  # keeps the consolidated metadata, in one atomic replacement
+                consolidate(path)
+        except OSError as error:
+            raise storage_error(f"{path} cannot be finished", error) from error
+
+
+def _missing_cells(path: Path) -> int:
+    try:
+        return int(np.sum(np.asarray(zarr.open_array(path / "status", mode="r")[...]) == 0))
+    except Exception as error:  # what a codec raises of a damaged chunk
+        raise SurveyError(f"{path} is damaged ({error}): run the survey again to repair it") from error
 
 
 def open_survey(path_or_url: str | Path) -> xr.Dataset:

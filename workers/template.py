@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import zarr
+from zarr.codecs import Crc32cCodec, ZstdCodec
+from zarr.core.array_spec import ArrayConfigParams
 from zarr.errors import ZarrUserWarning
 
 from rattle.curves import NAMES, codimension_two
@@ -18,6 +20,11 @@ from workers.request import SurveyRequest
 from workers.schema import Quantity
 from workers.tiles import cells_of
 from workers.version import code_version
+
+#: Every chunk ends in a checksum, so that any reader fails loudly on a damaged one instead of showing other numbers.
+CODECS = (ZstdCodec(level=0), Crc32cCodec())
+#: Every chunk has a file, so that a lost one is told from one of fill values only.
+WHOLE: ArrayConfigParams = {"write_empty_chunks": True}
 
 
 def write_template(request: SurveyRequest, path: Path) -> None:
@@ -89,6 +96,7 @@ def _create(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> Non
         chunks=shape_of(quantity, request.tile_shape),
         dtype=quantity.dtype,
         fill_value=quantity.fill,
+        compressors=CODECS,
         dimension_names=quantity.dims,
         attributes=quantity.attributes,
     )
@@ -125,4 +133,6 @@ def _write_variables(group: zarr.Group, variables: Iterable[Variable], item: Any
 def _write(group: zarr.Group, name: str, dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, Any]) -> None:
     """Write an array whole, in one chunk: no tile ever writes to it."""
     chunks = tuple(max(size, 1) for size in values.shape)  # a chunk of an empty array has a size too
-    group.create_array(name, data=values, chunks=chunks, dimension_names=dims, attributes=attributes)
+    group.create_array(
+        name, data=values, chunks=chunks, compressors=CODECS, config=WHOLE, dimension_names=dims, attributes=attributes
+    )

@@ -1,6 +1,7 @@
 """Tiles: the pieces that a survey is computed in, each by a pure function."""
 
 import time
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,8 @@ LONGEST_MESSAGE = 300
 _MACHINE = (MemoryError, OSError, ImportError)
 
 FailedCell = tuple[int, int, str]  # i_epsilon, i_delta, message
+TileArrays = dict[str, np.ndarray]
+CellOutcome = TileArrays | str  # a cell's values, or why there are none
 
 
 @dataclass(frozen=True)
@@ -68,23 +71,31 @@ def cells_of(request: SurveyRequest, tile: Tile | None = None) -> Cells:
     )
 
 
-def compute_tile(request: SurveyRequest, tile: Tile) -> tuple[dict[str, np.ndarray], TileRecord]:
+def compute_tile(
+    request: SurveyRequest, tile: Tile, outcomes: Iterable[CellOutcome] | None = None
+) -> tuple[TileArrays, TileRecord]:
     """Compute every per-cell variable of a tile.
 
     A pure function of the request and the cells: shape and order of the tiles do not show in the values.
     A cell that fails has status 3, fill values elsewhere, and its message in the record; its neighbours are whole.
+
+    Args:
+        outcomes: of the cells, row by row, if they come from elsewhere.
 
     Returns:
         The arrays by variable name, in the dims and dtype of the registry, and the tile's record.
     """
     began = time.perf_counter()
     cells = cells_of(request, tile)
-    try:
-        arrays, failed = _evaluate(request, cells), list[FailedCell]()
-    except _MACHINE:
-        raise
-    except Exception:  # whatever the model raises is that cell's result
-        arrays, failed = _evaluate_cell_by_cell(request, cells)
+    if outcomes is not None:
+        arrays, failed = _gather(request, cells, outcomes)
+    else:
+        try:
+            arrays, failed = _evaluate(request, cells), list[FailedCell]()
+        except _MACHINE:
+            raise
+        except Exception:  # whatever the model raises is that cell's result
+            arrays, failed = _gather(request, cells, cell_outcomes(request, cells))
     record = TileRecord(
         index=tile.index,
         cells=tile.n_cells,
@@ -95,29 +106,43 @@ def compute_tile(request: SurveyRequest, tile: Tile) -> tuple[dict[str, np.ndarr
     return arrays, record
 
 
-def _evaluate(request: SurveyRequest, cells: Cells) -> dict[str, np.ndarray]:
+def _evaluate(request: SurveyRequest, cells: Cells) -> TileArrays:
     quantities = [quantity for quantity in stored(request.quantities) if quantity.per_cell]
     return {quantity.name: np.asarray(quantity.evaluate(cells)).astype(quantity.dtype) for quantity in quantities}
 
 
-def _evaluate_cell_by_cell(request: SurveyRequest, cells: Cells) -> tuple[dict[str, np.ndarray], list[FailedCell]]:
-    """Evaluate each cell alone, so that one which fails is the only one lost."""
+def cell_outcomes(
+    request: SurveyRequest, cells: Cells, first: int = 0, failing: tuple[type[Exception], ...] = ()
+) -> Iterator[CellOutcome]:
+    """Evaluate each cell alone, row by row from number `first`, so that one which fails is the only one lost.
+
+    Args:
+        failing: failures of the machine that are a cell's failure here.
+    """
+    for number in range(first, cells.delta.size * cells.epsilon.size):
+        try:
+            yield _evaluate(request, cells.one(*divmod(number, cells.delta.size)))
+        except Exception as error:
+            if isinstance(error, _MACHINE) and not isinstance(error, failing):
+                raise
+            yield f"{type(error).__name__}: {error}"
+
+
+def _gather(
+    request: SurveyRequest, cells: Cells, outcomes: Iterable[CellOutcome]
+) -> tuple[TileArrays, list[FailedCell]]:
     arrays = _fills(request, cells.shape)
     failed: list[FailedCell] = []
-    for i, j in np.ndindex(cells.shape):
-        try:
-            values = _evaluate(request, cells.one(i, j))
-        except _MACHINE:
-            raise
-        except Exception as error:
-            failed.append((i, j, f"{type(error).__name__}: {error}"[:LONGEST_MESSAGE]))
+    for (i, j), outcome in zip(np.ndindex(cells.shape), outcomes, strict=True):
+        if isinstance(outcome, str):
+            failed.append((i, j, outcome[:LONGEST_MESSAGE]))
             arrays["status"][i, j] = FAILED
         else:
-            for name, value in values.items():
+            for name, value in outcome.items():
                 arrays[name][..., i, j] = value[..., 0, 0]
     return arrays, failed
 
 
-def _fills(request: SurveyRequest, shape: tuple[int, int]) -> dict[str, np.ndarray]:
+def _fills(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
     quantities = [quantity for quantity in stored(request.quantities) if quantity.per_cell]
     return {each.name: np.full(shape_of(each, shape), each.fill, each.dtype) for each in quantities}

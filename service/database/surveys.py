@@ -52,7 +52,7 @@ class Surveys(Transactions):
             known = find_by_key(session, new) or (has_results and find_identical(session, new, has_results))
             if known:
                 return known
-            _require_room(session, new, max_jobs)
+            _require_room(session, new.owner, new.n_cells, max_jobs)
             values = vars(new) | {"idempotency_key": new.stored_key}
             job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, **values)
             session.add(job)
@@ -120,6 +120,23 @@ class Surveys(Transactions):
             _add_state_event(session, job)
         self._on_change(survey_id)
         return True
+
+    def reopen(self, survey_id: str, max_jobs: int) -> JobRow:
+        """Let a survey that was successful or failed wait again; its tiles stay noted.
+
+        Raises:
+            ConflictError: it waits or runs, or was dismissed.
+            QueueFullError: ``max_jobs`` surveys are waiting or running.
+        """
+        with self._write() as (session, _):
+            job = _find(session, survey_id)
+            if job.state not in (State.SUCCESSFUL, State.FAILED):
+                raise ConflictError(f"Survey {survey_id} is {job.state}; only one that was computed can be verified.")
+            _require_room(session, job.owner, 0, max_jobs)
+            job.state, job.message, job.finished = State.ACCEPTED, "", None
+            _add_state_event(session, job)
+        self._on_change(survey_id)
+        return job
 
     def add_tile(self, survey_id: str, tile: DoneTile) -> None:
         """Note that a tile has been written; nothing if the survey was dismissed or deleted meanwhile."""
@@ -211,11 +228,11 @@ def _find_active(session: Session, survey_id: str) -> JobRow | None:
     return session.scalars(active).one_or_none()
 
 
-def _require_room(session: Session, new: NewJob, max_jobs: int) -> None:
+def _require_room(session: Session, owner: str | None, n_cells: int, max_jobs: int) -> None:
     active = select(func.count()).select_from(JobRow).where(IS_ACTIVE)
     if (session.scalar(active) or 0) >= max_jobs:
         raise QueueFullError(f"{max_jobs} surveys are waiting or running. Wait for one to end, or DELETE one of them.")
-    key = session.get(KeyRow, new.owner) if new.owner is not None else None
+    key = session.get(KeyRow, owner) if owner is not None else None
     if key is None:
         return
     if key.revoked is not None:
@@ -227,9 +244,9 @@ def _require_room(session: Session, new: NewJob, max_jobs: int) -> None:
             "Wait for one to end, or DELETE one of them."
         )
     kept = session.scalar(select(func.sum(JobRow.n_cells)).where(JobRow.owner == key.id)) or 0
-    if key.max_cells is not None and kept + new.n_cells > key.max_cells:
+    if key.max_cells is not None and kept + n_cells > key.max_cells:
         raise QuotaError(
-            f"{new.n_cells} cells beside the {kept} of your other surveys are more than the quota of your key, "
+            f"{n_cells} cells beside the {kept} of your other surveys are more than the quota of your key, "
             f"{key.max_cells} cells. Ask for less, or DELETE surveys that you no longer need."
         )
 

@@ -15,9 +15,10 @@ router = APIRouter(prefix="/v1", tags=["service"])
 class Health(BaseModel):
     """State of the service."""
 
-    status: str = Field(description="ok, or degraded: surveys are accepted, but wait for the cluster")
+    status: str = Field(description="ok, or degraded: surveys are accepted, but wait")
     version: str
     cluster: str | None = Field(description="ready, starting, or why it is not there; null without a key")
+    storage: str | None = Field(description="ok, or why nothing can be stored now; null without a key")
     accepted: int | None = Field(description="surveys that wait; null without a key")
     running: int | None = Field(description="surveys at work; null without a key")
 
@@ -25,9 +26,18 @@ class Health(BaseModel):
 @router.get("/health", summary="State of the service")
 def health(front: FrontState, request: Request) -> Health:
     """Needs no key, and says more with one. 503 if the job database does not answer."""
-    cluster = front.manager.cluster_state
+    cluster, storage = front.manager.cluster_state, front.manager.storage_state
     accepted, running = (front.database.count(state) for state in ACTIVE)
-    status = "ok" if cluster == "ready" else "degraded"
+    status = "ok" if (cluster, storage) == ("ready", "ok") else "degraded"
     if request.state.caller is None:
-        return Health(status=status, version=rattle.__version__, cluster=None, accepted=None, running=None)
-    return Health(status=status, version=rattle.__version__, cluster=cluster, accepted=accepted, running=running)
+        return Health(
+            status=status, version=rattle.__version__, cluster=None, storage=None, accepted=None, running=None
+        )
+    return Health(
+        status=status,
+        version=rattle.__version__,
+        cluster=cluster,
+        storage=storage,
+        accepted=accepted,
+        running=running,
+    )

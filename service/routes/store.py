@@ -49,7 +49,7 @@ async def read(
     key: Annotated[str, Path(description="of the zarr store", examples=["zarr.json", "region/c/0/0"])],
     request: Request,
 ) -> Response:
-    """A chunk that holds fill values only has no file: 404, which is how zarr knows."""
+    """A chunk that is not computed yet has no file: 404, which zarr reads as fill values."""
     job = await run_in_threadpool(front.database.job, survey_id)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of survey {survey_id} has no key {key!r}.")

@@ -124,6 +124,24 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     return json_answer(request, _detail(front, job), job.finished)
 
 
+@router.post(
+    "/{survey_id}/verify",
+    status_code=202,
+    summary="Check every tile of a survey, and compute again what is damaged or missing",
+    responses=declared(404, 409, 422, 429, 503),
+)
+def verify(front: FrontState, response: Response, survey_id: str) -> SurveyDetail:
+    """A survey that was successful, or failed and may succeed now, waits and runs again.
+
+    Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile.
+    """
+    job = front.manager.verify(survey_id, front.settings.max_jobs)
+    response.headers["Location"] = path_of(job.id)
+    response.headers["Retry-After"] = RETRY_SECONDS
+    failures = front.database.failures(survey_id, MAX_FAILURES) if job.cells_failed else []
+    return SurveyDetail.with_failures(job, failures)
+
+
 @router.delete(
     "/{survey_id}",
     summary="Dismiss a survey that waits or runs, delete one that has ended",

@@ -223,3 +223,32 @@ def test_health_tells_that_the_cluster_is_missing(client: TestClient) -> None:
     health = client.get("/v1/health").json()
     assert health["status"] == "degraded"
     assert health["accepted"] == 1
+
+
+def test_a_survey_that_has_ended_is_verified_by_running_again(client: TestClient) -> None:
+    survey_id = submit(client)
+    path = f"/v1/surveys/{survey_id}"
+    assert_problem(client.post(f"{path}/verify"), 409, "accepted")
+    finish(client, survey_id)
+    again = client.post(f"{path}/verify")
+    assert again.status_code == 202
+    assert again.headers["location"] == path
+    document = again.json()
+    assert (document["state"], document["finished"], document["cells_failed"]) == ("accepted", None, 1)
+    assert document["failures"]
+    assert front_of(client).database.tiles_done(survey_id) == set(range(4))  # what is whole is not computed again
+    assert front_of(client).database.next_job().id == survey_id
+    assert_problem(client.post(f"{path}/verify"), 409, "accepted")
+    front_of(client).database.set_state(survey_id, State.FAILED, "no permission")
+    assert client.post(f"{path}/verify").status_code == 202
+    client.delete(path)
+    assert_problem(client.post(f"{path}/verify"), 409, "dismissed")
+    assert_problem(client.post("/v1/surveys/nobody/verify"), 404)
+
+
+def test_verifying_is_work_that_must_have_room(tmp_path: Path) -> None:
+    with front_end(tmp_path, max_jobs=1) as client:
+        survey_id = submit(client)
+        finish(client, survey_id)
+        submit(client)
+        assert_problem(client.post(f"/v1/surveys/{survey_id}/verify"), 429, "DELETE one")

@@ -9,15 +9,13 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import cloudpickle
 import dask
 import psutil
 import pytest
 import xarray as xr
-from distributed import Client, Worker, WorkerPlugin
+from distributed import Client
 
 import workers.cluster
-import workers.runner
 from workers import (
     Axis,
     ClusterLostError,
@@ -191,44 +189,6 @@ def test_an_existing_scheduler(cluster: Client, store: Path, serial: xr.Dataset)
     with connect(cluster.scheduler.address) as client:
         run(store, client)
     assert len(processes(cluster)) == 2  # left running
-    assert_serial(store, serial)
-
-
-class Poison(WorkerPlugin):
-    """Make one tile kill every worker that computes it, also one that was restarted."""
-
-    name = "poison"
-    tile = 5
-
-    def setup(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        compute = self.compute = workers.runner.compute_tile
-
-        def compute_tile(request: SurveyRequest, tile: workers.Tile) -> object:
-            if tile.index == Poison.tile:
-                os.kill(os.getpid(), signal.SIGKILL)
-            return compute(request, tile)
-
-        workers.runner.compute_tile = compute_tile  # type: ignore[assignment]  # a fake
-
-    def teardown(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        workers.runner.compute_tile = self.compute
-
-
-def test_a_poison_tile_is_named_and_the_rest_goes_on(cluster: Client, store: Path, serial: xr.Dataset) -> None:
-    cloudpickle.register_pickle_by_value(sys.modules[__name__])
-    scheduler = cluster.cluster.scheduler
-    allowed, scheduler.allowed_failures = scheduler.allowed_failures, 0
-    cluster.register_plugin(Poison())
-    try:
-        with pytest.raises(
-            SurveyError, match=r"tile 5 \(delta .* killed its worker \(attempts: 1\): use smaller tiles"
-        ):
-            run(store, cluster)
-    finally:
-        cluster.unregister_worker_plugin(Poison.name)
-        scheduler.allowed_failures = allowed
-        cloudpickle.unregister_pickle_by_value(sys.modules[__name__])
-    run(store, cluster)
     assert_serial(store, serial)
 
 

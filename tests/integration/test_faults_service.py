@@ -1,0 +1,220 @@
+"""The service killed at every instant of a survey's life, and dismissals, deletions and repairs by REST."""
+
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+import pytest
+import xarray as xr
+from faults import Faults
+from service_processes import assert_bit_identical, free_port, serial_run, server, start, wait_until
+
+from service.client import Client
+from service.errors import ResponseError, ServiceError
+from workers import SurveyRequest
+
+FIELDS: dict[str, Any] = {
+    "delta": {"start": 0.58, "stop": 0.78, "num": 8},
+    "epsilon": {"start": 0.05, "stop": 0.24, "num": 8},
+    "initial_conditions": {"count": 4},
+    "tile": {"delta": 2, "epsilon": 2},
+}
+REQUEST = SurveyRequest(**FIELDS)
+N_TILES = 16
+
+#: Where the service kills itself; together, in this order, they are the life of one survey.
+INSTANTS = {
+    "template creation": """
+        @patch("workers.template")
+        def kill(template):
+            before(template, "consolidate", lambda *_: die())
+    """,
+    "template renamed": """
+        @patch("workers.store")
+        def kill(store):
+            before(store, "_require_same", lambda *_: in_service() and die())
+    """,
+    "tile half written": """
+        @patch("workers.store")
+        def kill(store):
+            arrays = store._arrays
+            calls = []
+
+            def patched(path, request):
+                found = dict(arrays(path, request))
+                calls.append(1)
+
+                class Deadly:
+                    shape = found["status"].shape
+
+                    def __setitem__(self, where, values):
+                        os.kill(os.getppid(), signal.SIGKILL)
+                        die()
+
+                return found | ({"status": Deadly()} if len(calls) == 3 else {})
+
+            store._arrays = patched
+    """,
+    "tile written, row not": """
+        @patch("service.database")
+        def kill(database):
+            before(database.Database, "add_tile", at_call(3, die))
+    """,
+    "row committed": """
+        @patch("service.database")
+        def kill(database):
+            after(database.Database, "add_tile", at_call(3, die))
+    """,
+    "all tiles done": """
+        @patch("workers.store")
+        def kill(store):
+            before(store, "_missing_cells", lambda *_: die())
+    """,
+    "dated, not consolidated": """
+        @patch("workers.store")
+        def kill(store):
+            before(store, "consolidate", lambda *_: die())
+    """,
+    "consolidated, not published": """
+        @patch("service.database")
+        def kill(database):
+            before(database.Database, "set_state", lambda _, id, state, *__: state == "successful" and die())
+    """,
+    "published": """
+        @patch("service.database")
+        def kill(database):
+            after(database.Database, "set_state", lambda _, id, state, *__: state == "successful" and die())
+    """,
+}
+
+
+@pytest.fixture(scope="module")
+def expected() -> dict[str, np.ndarray]:
+    return serial_run(REQUEST)
+
+
+def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
+    faults, port, data = Faults(tmp_path), free_port(), tmp_path / "data"
+    executed: dict[str, int] = {}
+    job = None
+    with Client(f"http://127.0.0.1:{port}") as client:
+        for instant, patches in INSTANTS.items():
+            faults.inject(patches)
+            options = ("--port", str(port), "--data", str(data), "--workers", "1")
+            process = start("serve", *options, settings=faults.environment)
+            try:
+                if job is None:
+                    job = wait_until(lambda: try_to_submit(client))
+                assert process.wait(timeout=120) == -signal.SIGKILL, instant
+            finally:
+                process.kill()
+                process.wait()
+            executed[instant] = faults.executions().total()
+        faults.inject("")
+        with server(data, port, "--workers", "1", settings=faults.environment):
+            job.wait()
+            assert job.document["tiles_done"] == N_TILES
+            assert_bit_identical(job.open(), expected)
+            assert_bit_identical(xr.open_zarr(data / "surveys" / f"{job.id}.zarr"), expected)
+            assert "date_completed" in job.open().attrs
+    assert executed["template renamed"] == 0
+    assert executed["tile half written"] == 3
+    # One worker has one tile at work: at most one is computed again after each death before the last tile.
+    assert executed["all tiles done"] <= N_TILES + 3
+    assert faults.executions().total() == executed["all tiles done"]
+    assert set(faults.executions()) == set(range(N_TILES))
+
+
+def try_to_submit(client: Client) -> Any:
+    try:
+        return client.submit(REQUEST)
+    except ServiceError:  # it does not listen yet
+        return None
+
+
+@pytest.fixture(scope="module")
+def faults(tmp_path_factory: pytest.TempPathFactory) -> Faults:
+    return Faults(tmp_path_factory.mktemp("faults"))
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("data")
+
+
+@pytest.fixture(scope="module")
+def service(data: Path, faults: Faults) -> Iterator[tuple[Client, int]]:
+    port = free_port()
+    with server(data, port, settings=faults.environment) as process, Client(f"http://127.0.0.1:{port}") as client:
+        yield client, process.pid
+
+
+def worker_processes(pid: int) -> list[int]:
+    children = psutil.Process(pid).children()
+    return [each.pid for each in children if "spawn_main" in " ".join(each.cmdline())]
+
+
+def test_a_dismissal_ends_the_work_and_a_deletion_the_store(
+    service: tuple[Client, int], data: Path, faults: Faults
+) -> None:
+    client, pid = service
+    mine = data / "surveys" / "mine.zarr" / "zarr.json"
+    mine.parent.mkdir()
+    mine.write_text("not of the database")
+    long = FIELDS | {"tile": {"delta": 8, "epsilon": 8}, "initial_conditions": {"count": 4096}}
+    job = client.submit(long | {"delta": {"start": 0.58, "stop": 0.78, "num": 16}})
+    store = data / "surveys" / f"{job.id}.zarr"
+    before = faults.executions().total()
+    wait_until(lambda: faults.executions().total() == before + 2)  # two tiles, of many seconds each
+    at_work = worker_processes(pid)
+    assert len(at_work) == 2
+    began = time.monotonic()
+    job.delete()
+    wait_until(lambda: not any(psutil.pid_exists(each) for each in at_work))
+    assert time.monotonic() - began < 2
+    assert store.exists()
+    wait_until(lambda: deleted(job))
+    assert time.monotonic() - began < 10
+    assert not store.exists()
+
+    following = client.submit(REQUEST).wait()
+    assert following.document["tiles_done"] == N_TILES
+    assert faults.executions().total() == before + 2 + N_TILES
+    assert not store.exists()
+    assert mine.read_text() == "not of the database"
+
+
+def deleted(job: Any) -> bool:
+    try:
+        job.delete()
+    except ResponseError as error:
+        if error.status != 409:  # its last tiles still end
+            raise
+        return False
+    return True
+
+
+def test_damage_is_repaired_on_request(
+    service: tuple[Client, int], data: Path, faults: Faults, expected: dict[str, np.ndarray]
+) -> None:
+    client, _ = service
+    job = client.submit(REQUEST).wait()
+    store = data / "surveys" / f"{job.id}.zarr"
+    before = faults.executions()
+    (store / "attractor_phase" / "c" / "0" / "1" / "2").write_bytes(b"not what was written")
+    (store / "orbit_stable" / "c" / "0" / "3" / "3").unlink()
+    assert job.verify().state == "accepted"
+    assert job.wait().document["tiles_done"] == N_TILES
+    assert_bit_identical(xr.open_zarr(store), expected)
+    assert faults.executions() - before == {6: 1, 15: 1}
+    job.verify().wait()
+    assert (faults.executions() - before).total() == 2
+
+    job.delete()
+    with pytest.raises(ResponseError) as refused:
+        job.verify()
+    assert refused.value.status == 404

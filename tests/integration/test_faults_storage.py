@@ -1,0 +1,182 @@
+"""A disk that fills, a store that becomes read-only, chunks that are damaged or lost: nothing wrong, nothing lost."""
+
+import os
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+import zarr
+from faults import REQUEST, Faults
+from service_processes import assert_bit_identical, finish, free_port, serial_run, server, wait_until
+
+from service.client import Client
+from workers import SurveyError, create_store, examine, finish_store, tiles_done
+from workers.runner import compute_and_write
+from workers.tiles import tiles_of
+
+OPTIONS = ["--delta", "0.58:0.78:16", "--epsilon", "0.05:0.24:16", "--count", "4", "--tile", "2x2"]
+SMALL, LARGE = "size=3m", "size=64m"  # one holds the template and some of the tiles
+
+
+@pytest.fixture(scope="module")
+def expected() -> dict[str, np.ndarray]:
+    return serial_run(REQUEST)
+
+
+def mount(disk: Path, options: str) -> None:
+    subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", disk], check=True, capture_output=True)
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of its own, so small that a survey does not fit."""
+    path = tmp_path / "disk"
+    path.mkdir()
+    if os.geteuid() != 0:
+        pytest.skip("NOT TESTED: a full disk and a read-only store, because only root mounts a tmpfs")
+    try:
+        mount(path, SMALL)
+    except (OSError, subprocess.CalledProcessError) as error:
+        pytest.skip(f"NOT TESTED: a full disk and a read-only store, because no tmpfs can be mounted: {error}")
+    yield path
+    subprocess.run(["umount", "--lazy", path], check=True)
+
+
+def test_a_run_on_a_full_disk_is_resumed(disk: Path, tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
+    faults, out = Faults(tmp_path), disk / "survey.zarr"
+    command = ["run", *OPTIONS, "--out", str(out)]
+    full = finish(*command, settings=faults.environment)
+    assert full.returncode == 2, full.stderr
+    assert "No space left on device" in full.stderr
+    assert "make room" in full.stderr
+    assert "Traceback" not in full.stderr
+    done = len(tiles_done(REQUEST, out))
+    assert 0 < done < 64
+    before = faults.executions().total()
+    assert before <= done + 4  # it does not go on against a wall
+
+    mount(disk, f"remount,ro,{LARGE}")
+    read_only = finish(*command, settings=faults.environment)
+    assert read_only.returncode == 2
+    assert "Read-only file system" in read_only.stderr
+    assert "Traceback" not in read_only.stderr
+    assert faults.executions().total() == before
+
+    mount(disk, f"remount,rw,{LARGE}")
+    assert finish(*command, settings=faults.environment).returncode == 0
+    assert_bit_identical(xr.open_zarr(out), expected)
+    assert faults.executions().total() == before + 64 - done
+    assert not list(out.rglob("*.partial"))
+
+
+def test_a_service_waits_for_a_full_disk(disk: Path, tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
+    faults, port, data = Faults(tmp_path), free_port(), tmp_path / "data"
+    data.mkdir()
+    (data / "surveys").symlink_to(disk)
+    with (
+        server(data, port, settings=faults.environment),
+        Client(f"http://127.0.0.1:{port}") as client,
+    ):
+        job = client.submit(REQUEST)
+        for options, words in (("", "No space left on device"), (f"remount,ro,{LARGE}", "Read-only file system")):
+            if options:
+                wait_until(lambda options=options: remounted(disk, options))
+            wait_until(lambda words=words: words in client.call("GET", "/v1/health").json()["storage"])
+            assert client.call("GET", "/v1/health").json()["status"] == "degraded"
+            assert job.refresh().state == "running"
+            assert "waits for its store" in job.document["message"]
+        mount(disk, f"remount,rw,{LARGE}")
+        job.wait()
+        assert job.document["message"] == ""
+        assert client.call("GET", "/v1/health").json()["status"] == "ok"
+        assert_bit_identical(job.open(), expected)
+    assert set(faults.executions()) == set(range(64))
+    assert faults.executions().total() <= 64 + 20  # at most two at each try, which are ever rarer
+
+
+def remounted(disk: Path, options: str) -> bool:
+    """Between two tries: a file open for writing forbids it."""
+    try:
+        mount(disk, options)
+    except subprocess.CalledProcessError:
+        return False
+    return True
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Path:
+    path = tmp_path / "survey.zarr"
+    create_store(REQUEST, path)
+    for tile in tiles_of(REQUEST):
+        compute_and_write(REQUEST, str(path), tile)
+    finish_store(path)
+    return path
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def test_damaged_and_lost_chunks_are_found_and_computed_again(
+    store: Path, tmp_path: Path, expected: dict[str, np.ndarray]
+) -> None:
+    assert finish("verify", str(store)).returncode == 0
+    flip(store / "attractor_phase" / "c" / "0" / "2" / "3")
+    (store / "lyapunov_max" / "c" / "7" / "7").write_bytes(b"")
+    lost = "orbit_exists"
+    blank = next(tile for tile in tiles_of(REQUEST) if not expected[lost][:, tile.epsilon, tile.delta].any())
+    row, column = divmod(blank.index, 8)
+    (store / lost / "c" / "0" / str(row) / str(column)).unlink()  # fill values only, and yet it had a file
+    flip(store / "status" / "c" / "1" / "1")
+    flip(store / "delta" / "c" / "0")
+    (store / "curves" / "G1" / "zarr.json").write_text("{}")
+    damage = {19: ("attractor_phase",), 63: ("lyapunov_max",), blank.index: (lost,), 9: ("status",)}
+    found = examine(store)
+    assert found.damaged == damage
+    assert set(found.template) == {"delta", "curves/G1"}
+    assert found.done == set(range(64)) - set(damage)
+    with pytest.raises(ValueError, match="checksum"):  # plain xarray fails loudly
+        _ = xr.open_zarr(store)["attractor_phase"].values
+
+    told = finish("verify", str(store))
+    assert told.returncode == 1
+    assert "60 whole, 4 damaged" in told.stdout
+    assert "tile 19: attractor_phase" in told.stdout
+    assert "damaged: delta" in told.stdout
+
+    faults = Faults(tmp_path)
+    again = finish("run", *OPTIONS, "--out", str(store), settings=faults.environment)
+    assert again.returncode == 0, again.stderr
+    assert faults.executions() == dict.fromkeys(damage, 1)
+    assert finish("verify", str(store)).returncode == 0
+    assert_bit_identical(xr.open_zarr(store), expected)
+    assert np.array_equal(xr.open_zarr(store)["delta"], REQUEST.delta.values())
+    assert not examine(store).template
+
+
+def test_every_byte_of_a_chunk_is_under_its_checksum(store: Path) -> None:
+    for name in ("status", "attractor_fraction", "orbit_exists", "quiet_fraction"):
+        array = zarr.open_array(store / name, mode="r")
+        chunk = store / name / array.metadata.encode_chunk_key((0,) * (array.ndim - 2) + (2, 4))
+        content = chunk.read_bytes()
+        assert len(content) > 12
+        for position in range(len(content)):
+            chunk.write_bytes(content[:position] + bytes([content[position] ^ 4]) + content[position + 1 :])
+            with pytest.raises(ValueError, match="checksum"):
+                _ = array[..., 4:6, 8:10]
+        chunk.write_bytes(content)
+        _ = array[..., 4:6, 8:10]
+
+
+def test_what_is_not_a_survey_cannot_be_verified(tmp_path: Path) -> None:
+    with pytest.raises(SurveyError, match="no survey"):
+        examine(tmp_path)
+    told = finish("verify", str(tmp_path / "missing"))
+    assert told.returncode == 2
+    assert "no survey" in told.stderr
+    assert "Traceback" not in told.stderr

@@ -1,0 +1,100 @@
+"""A tile that killed its workers, cell by cell in a process of its own: only the cells that kill it are lost."""
+
+import os
+import pickle
+import resource
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from typing import IO
+
+from workers.request import SurveyRequest
+from workers.tiles import CellOutcome, Tile, TileArrays, TileRecord, cell_outcomes, cells_of, compute_tile
+
+#: A cell is given up after this many processes that died of it: one death may be somebody else's doing.
+ATTEMPTS = 2
+_START = [sys.executable, "-c", "from workers.isolation import serve; serve()"]
+
+
+def compute_tile_apart(request: SurveyRequest, tile: Tile, memory: int | None) -> tuple[TileArrays, TileRecord]:
+    """Compute a tile as `compute_tile` does, to the bit, but survive what kills a process.
+
+    A cell that kills it has status 3 and a message that names the signal, like any other cell that fails.
+
+    Args:
+        memory: bytes of data that the process may have; a cell that needs more fails.
+    """
+    return compute_tile(request, tile, outcomes=_outcomes(request, tile, memory))
+
+
+def _outcomes(request: SurveyRequest, tile: Tile, memory: int | None) -> Iterator[CellOutcome]:
+    first, deaths = 0, 0
+    while first < tile.n_cells:
+        child = subprocess.Popen(_START, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=_environment())
+        assert child.stdin is not None
+        assert child.stdout is not None
+        try:
+            pickle.dump((request, tile, first, memory), child.stdin)
+            child.stdin.flush()
+            for outcome in _received(child.stdout):
+                yield outcome
+                first, deaths = first + 1, 0
+        finally:
+            child.kill()
+            child.communicate()
+        if first < tile.n_cells:
+            deaths += 1
+            if deaths == ATTEMPTS:
+                yield f"killed its process {ATTEMPTS} times ({_cause(child.returncode)})"
+                first, deaths = first + 1, 0
+
+
+def _received(stream: IO[bytes]) -> Iterator[CellOutcome]:
+    """Outcomes until the process ends; raise what it could not blame on a cell."""
+    try:
+        pickle.load(stream)
+    except (EOFError, pickle.UnpicklingError):
+        raise RuntimeError("the process of a tile does not start: see the worker's log") from None
+    while True:
+        try:
+            received = pickle.load(stream)
+        except (EOFError, pickle.UnpicklingError):  # it ended, perhaps in the middle of a word
+            return
+        if isinstance(received, Exception):
+            raise received
+        yield received
+
+
+def _environment() -> dict[str, str]:
+    """The same modules as here, wherever they were found."""
+    path = [os.environ.get("PYTHONPATH", ""), *sys.path]
+    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path))}
+
+
+def _cause(code: int) -> str:
+    return signal.Signals(-code).name if code < 0 else f"exit status {code}"
+
+
+def serve() -> None:
+    """Evaluate the cells that stdin names, and write each outcome to stdout: the main function of the process."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is not an outcome
+    request, tile, first, memory = pickle.load(sys.stdin.buffer)
+    # Nobody wants the outcomes of a dead worker's process. Kernels let this thread run.
+    threading.Thread(target=lambda: (sys.stdin.buffer.read(), os._exit(1)), daemon=True).start()
+    if memory:
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
+    _send(out, None)
+    try:
+        for outcome in cell_outcomes(request, cells_of(request, tile), first, failing=(MemoryError,)):
+            _send(out, outcome)
+    except Exception as error:
+        _send(out, error)
+    os._exit(0)
+
+
+def _send(out: IO[bytes], item: object) -> None:
+    pickle.dump(item, out)
+    out.flush()
