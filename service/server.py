@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import os
 import socket
@@ -24,6 +25,12 @@ class Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
         super().__init__(config)
         self._app = app
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to answer."""
+        await super().startup(sockets)
+        gc.collect()
+        gc.freeze()  # or every full collection looks through all modules again, and nothing is answered meanwhile
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Begin to end; what cannot be interrupted, such as a cluster that is starting, is killed in time."""

@@ -97,7 +97,10 @@ def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list
         except RattleError as error:
             step /= 4.0
             if step < SMALLEST * end:
-                return known[: chaotic + 1], f"below delta = {known[-1].delta:.5f}: {error}"
+                why = f"at delta = {known[-1].delta:.5f} {error}"
+                if chaotic < len(known) - 1:
+                    why = f"below delta = {known[chaotic].delta:.5f} what attracts W^u(A) is not chaotic, and {why}"
+                return known[: chaotic + 1], why
             continue
         known.append(replace(found, chaotic=is_chaotic(found)))
         step *= 2.0

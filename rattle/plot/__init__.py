@@ -11,8 +11,9 @@ except ImportError as error:
     raise MissingExtraError("pictures need matplotlib: pip install 'gear-rattle[plot]'") from error
 
 from rattle.plot.colours import colour, name_of
+from rattle.plot.crisis import crisis_figure
 from rattle.plot.diagram import diagram_figure
 from rattle.plot.drawing import Drawing, save
 from rattle.plot.paper_figures import FIGURES, PaperFigure, draw
 
-__all__ = ["FIGURES", "Drawing", "PaperFigure", "colour", "diagram_figure", "draw", "name_of", "save"]
+__all__ = ["FIGURES", "Drawing", "PaperFigure", "colour", "crisis_figure", "diagram_figure", "draw", "name_of", "save"]

@@ -1,82 +1,93 @@
 """The crisis: its curve among the bifurcation curves, its way into COD22, and both manifolds of A at a contact."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
 
-from rattle import curves
 from rattle.crisis import Crisis, CrisisCurve, crisis_curve
+from rattle.curves import codimension_two, trace
 from rattle.limits import sn1
 from rattle.manifolds import manifold
+from rattle.plot.drawing import Drawing, new_figure
+from rattle.plot.labels import Array, Labels
+from rattle.plot.plane import IN_PAPER, STYLES, draw_curve, draw_points
 from rattle.saddles import period_one_saddle
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-CURVES = {"SN1": "tab:blue", "SN2": "tab:cyan", "PD1": "tab:olive", "G1": "tab:green", "G2": "tab:purple"}
-ARCLENGTH = {"unstable": 14.0, "stable": 8.0}
+CRISIS, STABLE = "#e08214", "#1f5fa8"
+UNSTABLE_LENGTH, STABLE_LENGTH = 14.0, 8.0
+SHOWN = 0.25  # around W^u(A), of its extent
 
 
-def _plane(axes: "Axes", curve: CrisisCurve) -> None:
-    low, high = float(curve.delta.min()) - 0.02, float(curve.delta.max()) + 0.02
-    for name, colour in CURVES.items():
-        found = curves.trace(name, curve.beta, (low, high))
-        axes.plot(found.delta, found.epsilon, color=colour, lw=1, label=name)
-    chaotic = np.array([point.chaotic for point in curve.points])
-    axes.plot(curve.delta, curve.epsilon, color="tab:red", lw=2, label="crisis with A")
-    axes.plot(
-        curve.delta[~chaotic], curve.epsilon[~chaotic], "o", mfc="white", mec="tab:red", ms=4, label="in a window"
-    )
-    for point in curve.changes:
-        axes.plot(point.delta, point.epsilon, "s", color="black", ms=4, label="tangency | corner")
-    for cod in curves.codimension_two(curve.beta):
-        if low < cod.delta < high:
-            axes.plot(cod.delta, cod.epsilon, "k.", ms=6)
-            axes.annotate(cod.name, (cod.delta, cod.epsilon), (4, -10), textcoords="offset points", fontsize=7)
-    axes.set(xlabel="δ", ylabel="ε", xlim=(low, high), ylim=(0.6 * curve.epsilon.min(), 1.15 * curve.epsilon.max()))
-    axes.legend(fontsize=7)
+def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> Drawing:
+    """The crisis curve, its way into COD22, and W^u(A) with W^s(A) at a tangency and at a corner.
 
-
-def _zoom(axes: "Axes", curve: CrisisCurve) -> None:
-    """ε − SN1 against the distance from COD22."""
-    (cod,) = (point for point in curves.codimension_two(curve.beta) if point.name == "COD22")
-    offset, gap = curve.delta - cod.delta, curve.epsilon - sn1(curve.delta)
-    near = gap < 2e-3 * cod.epsilon
-    axes.plot(1e4 * offset[near], gap[near], ".-", color="tab:red")
-    axes.axvline(0.0, color="black", lw=0.5)
-    axes.set(yscale="log", xlabel="10⁴ (δ − δ of COD22)", ylabel="ε − SN1", title="beside COD22")
-
-
-def _contact(axes: "Axes", crisis: Crisis) -> None:
-    saddle = period_one_saddle("A", crisis.delta, crisis.epsilon, crisis.beta)
-    for kind, side, colour in (("unstable", 1, "tab:red"), ("stable", 1, "tab:blue"), ("stable", -1, "tab:blue")):
-        found = manifold(saddle, kind, side, ARCLENGTH[kind])
-        for i, j in zip(found.pieces[:-1], found.pieces[1:], strict=True):
-            axes.plot(found.tau[i:j], found.v[i:j], color=colour, lw=0.6)
-        if kind == "unstable":
-            box = [(x.min() - 0.2 * np.ptp(x), x.max() + 0.2 * np.ptp(x)) for x in (found.tau, found.v)]
-    axes.plot(saddle.tau, saddle.v, "ko", ms=4)
-    axes.set(
-        xlabel="τ",
-        ylabel="v",
-        xlim=box[0],
-        ylim=box[1],
-        title=f"W^u(A), W^s(A), δ = {crisis.delta:.4g}: {crisis.contact}",
-    )
-
-
-def crisis_figure(beta: float = 0.6, resolution: float = 0.02) -> "Figure":
-    """The crisis curve, its way into COD22, and W^u(A) (red) with W^s(A) (blue) at a tangency and at a corner."""
-    from matplotlib.figure import Figure
-
+    Raises as `rattle.crisis.crisis_curve`.
+    """
     curve = crisis_curve(beta=beta, resolution=resolution)
-    figure = Figure(figsize=(11, 9), layout="constrained")
-    plane, zoom, one, other = figure.subplots(2, 2).ravel()
+    figure = new_figure(10.0, 9.0)
+    plane, zoom, *panels = figure.subplots(2, 2).ravel()
+    highest = float(curve.delta.max())
+    contacts = [min(curve.points, key=lambda point: abs(point.delta - share * highest)) for share in (0.78, 0.99)]
+    _beside_end(zoom, curve)
+    manifolds = [_contact(axes, contact) for axes, contact in zip(panels, contacts, strict=True)]
     _plane(plane, curve)
-    _zoom(zoom, curve)
-    middle = min(curve.points, key=lambda point: abs(point.delta - 0.78 * curve.delta.max()))
-    corner = min(curve.points, key=lambda point: abs(point.delta - 0.99 * curve.delta.max()))
-    _contact(one, middle)
-    _contact(other, corner)
-    return figure
+    for axes, (saddle, lines) in zip(panels, manifolds, strict=True):
+        labels = Labels(axes, [*lines, np.array([saddle])])
+        labels.add("A", saddle, size=10)
+    figure.set_layout_engine("none")  # labels lie where they were put
+    return Drawing(figure, (f"at its lower end: {curve.low_end}", f"at its upper end: {curve.high_end}"))
+
+
+def _plane(axes: Axes, curve: CrisisCurve) -> None:
+    window = float(curve.delta.min()) - 0.02, float(curve.delta.max()) + 0.02
+    limits = 0.55 * float(curve.epsilon.min()), 1.15 * float(curve.epsilon.max())
+    lines: dict[str, Array] = {}
+    for name in IN_PAPER:
+        found = trace(name, curve.beta, window, limits)
+        if len(found):
+            lines[name] = draw_curve(axes, found, 1.0, halo=False)
+    lines["crisis"] = np.column_stack([curve.delta, curve.epsilon])
+    axes.plot(*lines["crisis"].T, color=CRISIS, lw=2.2)
+    quiet = np.array([not point.chaotic for point in curve.points])
+    marks = axes.plot(
+        *lines["crisis"][quiet].T, "o", mfc="white", mec=CRISIS, ms=4, label="what attracts there is periodic"
+    )
+    changes = np.array([(point.delta, point.epsilon) for point in curve.changes]).reshape(-1, 2)
+    marks += axes.plot(*changes.T, "X", color="black", ms=6, label="tangency | corner")
+    axes.set(xlabel="damping δ", ylabel="eccentricity ε", xlim=window, ylim=limits)
+    axes.legend(handles=marks, fontsize=8, loc="upper right", frameon=False)
+    labels = draw_points(axes, curve.beta, list(lines.values())) or Labels(axes, list(lines.values()))
+    for name, line in lines.items():
+        labels.along(name, line, 10, CRISIS if name == "crisis" else STYLES[name][0])
+
+
+def _beside_end(axes: Axes, curve: CrisisCurve) -> None:
+    """ε − SN1 against the distance from COD22."""
+    (end,) = (point for point in codimension_two(curve.beta) if point.name == "COD22")
+    offset, gap = curve.delta - end.delta, curve.epsilon - sn1(curve.delta)
+    near = gap < 2e-3 * end.epsilon
+    axes.plot(1e4 * offset[near], gap[near], ".-", color=CRISIS)
+    axes.axvline(0.0, color="black", lw=0.5)
+    axes.set(yscale="log", xlabel=r"$10^4$ (δ − δ of COD22)", ylabel="ε − ε of SN1", title="The crisis beside COD22")
+
+
+def _contact(axes: Axes, crisis: Crisis) -> tuple[tuple[float, float], list[Array]]:
+    """Draw both manifolds of A about W^u(A); returns A and the lines."""
+    saddle = period_one_saddle("A", crisis.delta, crisis.epsilon, crisis.beta)
+    unstable = manifold(saddle, "unstable", 1, UNSTABLE_LENGTH)
+    lines = []
+    for side in (1, -1):
+        found = manifold(saddle, "stable", side, STABLE_LENGTH)
+        for i, j in zip(found.pieces[:-1], found.pieces[1:], strict=True):
+            lines.append(np.column_stack([found.tau[i:j], found.v[i:j]]))
+            axes.plot(*lines[-1].T, color=STABLE, lw=1.0, label="$W^s(A)$" if len(lines) == 1 else None)
+    for i, j in zip(unstable.pieces[:-1], unstable.pieces[1:], strict=True):
+        lines.append(np.column_stack([unstable.tau[i:j], unstable.v[i:j]]))
+        axes.plot(*lines[-1].T, color=STYLES["G1"][0], lw=0.7, label="$W^u(A)$" if i == 0 else None)
+    (left, right), (low, high) = ((x.min(), x.max()) for x in (unstable.tau, unstable.v))
+    aside, above = SHOWN * (right - left), SHOWN * (high - low)
+    axes.plot(saddle.tau, saddle.v, "ko", ms=4, zorder=5)
+    axes.set(xlim=(left - aside, right + aside), ylim=(low - above, high + above))
+    axes.set(xlabel="impact phase τ", ylabel="impact speed v")
+    axes.set_title(f"δ = {crisis.delta:.4g}, ε = {crisis.epsilon:.6g}: {crisis.contact}")
+    axes.legend(fontsize=8, loc="lower right")
+    return (saddle.tau, saddle.v), lines
