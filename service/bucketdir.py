@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
@@ -26,6 +27,12 @@ class BucketDirectory(DataDirectory):
     def _open(self, survey_id: str) -> Bucket:
         # A service holds its job database, so nobody else writes to the stores of its surveys.
         return Bucket(f"{self._root}/{survey_id}.zarr", owned=True)
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        with super().locked():
+            self._root.children()  # a bucket that is not there is said now
+            yield
 
     def store(self, survey_id: str) -> Bucket:
         return self._bucket(survey_id)

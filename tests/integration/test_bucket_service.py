@@ -83,6 +83,12 @@ def test_service_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp
         assert httpx.get(f"{base}/store/zarr.json").status_code == 404
 
 
+def test_a_bucket_that_is_not_there_is_said_at_the_start(s3: S3, tmp_path: Path) -> None:
+    ended = finish("serve", "--port", "0", "--data", str(tmp_path), "--store", "s3://nobody/x", settings=s3.settings)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("rattle: s3://nobody/x: there is no such bucket")
+
+
 def assert_reads_like_files(store: str, place: Bucket) -> None:
     whole = place.read("region/c/0/0")
     answer = httpx.get(f"{store}/region/c/0/0")
