@@ -130,7 +130,7 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     summary="Check every tile of a survey, and compute again what is damaged or missing",
     responses=declared(404, 409, 422, 429, 503),
 )
-def verify(front: FrontState, response: Response, survey_id: str) -> SurveyDetail:
+def verify(front: FrontState, response: Response, survey_id: SurveyId) -> SurveyDetail:
     """A survey that was successful, or failed and may succeed now, waits and runs again.
 
     Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile.
