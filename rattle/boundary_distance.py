@@ -22,10 +22,11 @@ from rattle.sampling import sobol
 from rattle.settle import LEFT, ORBIT, QUIET
 from rattle.survey import followed
 
-SAMPLED, ROUNDS = 512, 8  # states of the strip and of the plane; of the strip again below the least so far, so often
+SAMPLED, ROUNDS = 1024, 8  # states of the strip and of the plane; of the strip again below the least so far, so often
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64  # states of all balls of capture of a cell, and of each ball
 PREIMAGES, CEILING = 64, 25.0  # steps back from a state, and the speed from which none comes down again
-TRIED = 16  # lowest preimages of a cell that are followed to see whether they count
+STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0  # of a cell to look back from; more near each if they are few, so near
+TRIED = 64  # lowest preimages of a cell that are followed to see whether they count
 STARTS, APART = 4, 1.0 / 32.0  # pattern searches, and the phase between their first states
 SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)  # of one pattern: near a smooth least place it is flat
 FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # of v, relative, and of τ in forcing periods
@@ -74,8 +75,7 @@ class _Cells:
         self.tau, self.v = np.full((delta.size, STARTS), np.nan), np.full((delta.size, STARTS), np.inf)
         self.keep(tau, np.where(away, v, np.inf))
         self.balls = np.zeros(delta.size, np.int64)  # of capture, whose preimages have been looked at
-        row, column = np.nonzero(away)
-        self.look_back(row, tau[row, column], v[row, column])
+        self.look_back(away, tau, v)
 
     def strip(self, below: Array, i: int) -> tuple[Array, Array]:
         """Low-discrepancy states (n, SAMPLED) number i, uniform in τ and ln v, from the floor to each cell's speed."""
@@ -111,9 +111,17 @@ class _Cells:
         self.balls = balls.n.copy()
         return np.repeat(cell, each), fold(tau + x), v + y
 
-    def look_back(self, cell: NDArray[np.int64], tau: Array, v: Array) -> None:
-        """Keep the lowest preimages of states (k,) in basins of these cells, and of the edges of new balls of capture."""
-        cell, tau, v = (np.append(x, y) for x, y in zip((cell, tau, v), self.edges(), strict=True))
+    def look_back(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
+        """Keep the lowest preimages of those of some states (n, k) that go away, of states near these, and of the edges
+        of new balls of capture.
+        """
+        number = away.sum(axis=1)[:, None]
+        every = -(-number * (1 + COPIES) // STATES)  # of those near, only so many that there is room for
+        some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
+        near = sobol(1 + COPIES)[:, :, None] * NEAR
+        near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
+        states = np.tile(some // v.shape[1], 1 + COPIES), near_tau.ravel(), near_v.ravel()
+        cell, tau, v = (np.append(x, y) for x, y in zip(states, self.edges(), strict=True))
         delta, epsilon, beta, _capture = (x[cell] for x in self.survey.cells)
         tau, v = lowest_preimages(tau, v, PREIMAGES, CEILING, delta, epsilon, beta)
         order = np.lexsort((tau, v, cell))
@@ -138,7 +146,7 @@ class _Cells:
             cell = np.repeat(pending, SAMPLED)
             away[pending] = self.away(cell, tau[pending].ravel(), v[pending].ravel()).reshape(-1, SAMPLED)
             self.keep(tau, np.where(away, v, np.inf))
-            self.look_back(*(x[away] for x in (np.broadcast_to(np.arange(len(v))[:, None], v.shape), tau, v)))
+            self.look_back(away, tau, v)
             pending = pending[self.v[pending, 0] < before[pending]]
 
     def descend(self) -> None:
