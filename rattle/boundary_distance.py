@@ -33,7 +33,8 @@ FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # of v, relative, and of τ in forc
 SHRINK, HOPE = 1.0 / 16.0, 8.0  # of a pattern that found nothing; a start is given up that is so many scales too high
 MOST_PATTERNS = 60
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096  # of a state after the first step, and
-PATIENCE = 2  # so many times what the sample needed
+PATIENCE, STRAGGLERS = 2, 16  # so many times what the sample needed, without its slowest sixteenth if there is no chaos
+LASTING = 8  # times as long is followed at last what seems to be chaos
 LOWEST = 1e-6  # speed from which the strip is searched where capture is not certain any higher
 
 Array = NDArray[np.float64]
@@ -68,8 +69,11 @@ class _Cells:
         self.survey = followed(delta, epsilon, beta, tau.copy(), v.copy())
         status, impacts = self.survey.status, self.survey.samples.impacts.reshape(v.shape)
         self.chaos = np.array([cell in self.survey.chaos for cell in range(delta.size)])
-        settled = (status == ORBIT) | ((status == QUIET) & self.chaos[:, None])  # all that tells what is left is chaos
-        self.most = np.clip(PATIENCE * np.where(settled, impacts, 0).max(axis=1), LEAST_IMPACTS, MOST_IMPACTS)
+        settled = np.where((status == ORBIT) | (status == QUIET), impacts, 0).max(axis=1)
+        self.chaos &= PATIENCE * settled <= MOST_IMPACTS  # else what is left may be on its way to rest
+        captured = np.sort(np.where(status == ORBIT, impacts, 0), axis=1)
+        usual = captured[np.arange(delta.size), -1 - (status == ORBIT).sum(axis=1) // STRAGGLERS]
+        self.most = np.clip(PATIENCE * np.where(self.chaos, settled, usual), LEAST_IMPACTS, MOST_IMPACTS)
         away = (status == ORBIT) | ((status == LEFT) & self.chaos[:, None])
         self.undecided = np.where((status != QUIET) & ~away, v, np.inf).min(axis=1)
         self.tau, self.v = np.full((delta.size, STARTS), np.nan), np.full((delta.size, STARTS), np.inf)
@@ -83,9 +87,9 @@ class _Cells:
         low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
-    def away(self, cell: NDArray[np.int64], tau: Array, v: Array) -> NDArray[np.bool_]:
+    def away(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
         """Whether states (k,) of these cells go to another attractor; chaotic is what is left in a cell with chaos."""
-        status = self.survey.settled(cell, tau, v, self.most[cell])
+        status = self.survey.settled(cell, tau, v, times * self.most[cell])
         return (status == ORBIT) | ((status == LEFT) & self.chaos[cell])
 
     def keep(self, tau: Array, v: Array) -> None:
@@ -170,6 +174,14 @@ class _Cells:
             scale[hopeful] *= np.where(lower, 1.0, SHRINK)
         self.tau, self.v = best_tau.reshape(-1, STARTS), best.reshape(-1, STARTS)
 
+    def confirm(self) -> None:
+        """Follow for longer what seems to have ended in chaos: what leaves it after all is no more than undecided."""
+        row, column = np.nonzero(self.chaos[:, None] & np.isfinite(self.v))
+        transient = ~self.away(row, self.tau[row, column], self.v[row, column], LASTING)
+        row, column = row[transient], column[transient]
+        np.minimum.at(self.undecided, row, self.v[row, column])
+        self.v[row, column] = np.inf
+
 
 def boundary_distances(
     delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, v_max: float = 7.0
@@ -190,6 +202,7 @@ def boundary_distances(
         cells = _Cells(d[quiet], e[quiet], b[quiet], v_max)
         cells.sample_below()
         cells.descend()
+        cells.confirm()
         one = np.argmin(cells.v, axis=1)[:, None]
         v = np.take_along_axis(cells.v, one, 1)[:, 0]
         found.v[quiet] = np.where(np.isfinite(v) | np.isinf(cells.undecided), v, np.nan)
