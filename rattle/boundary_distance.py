@@ -17,7 +17,7 @@ from rattle.images import lowest_preimages
 from rattle.iterate import fold
 from rattle.limits import quiet_limit
 from rattle.orbits import parameters
-from rattle.quiet import capture_invariants, impacts_to_rest
+from rattle.quiet import capture_invariants, rests_late
 from rattle.sampling import sobol
 from rattle.settle import LEFT, ORBIT, QUIET
 from rattle.survey import followed
@@ -33,7 +33,7 @@ FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # of v, relative, and of τ in forc
 SHRINK, HOPE = 1.0 / 16.0, 8.0  # of a pattern that found nothing; a start is given up that is so many scales too high
 MOST_PATTERNS = 60
 LEAST_IMPACTS, MOST_IMPACTS = 512, 4096  # of a state after the first step, and
-PATIENCE, STRAGGLERS = 2, 16  # so many times what the sample needed, without its slowest sixteenth if there is no chaos
+PATIENCE = 2  # so many times what the sample needed to get to its orbits, and to rest too if there is chaos
 LASTING = 8  # times as long is followed at last what seems to be chaos
 LOWEST = 1e-6  # speed from which the strip is searched where capture is not certain any higher
 
@@ -45,9 +45,9 @@ class BoundaryDistance(NamedTuple):
 
     v: the speed; inf if no state up to v_max goes to another attractor, 0 where there is no quiet motion to lose, NaN
     if undecided states only are left of those that do not go to rest, or (undecided is 0 then) if rest takes more than
-    4096 impacts: within a few per cent of the quiet limit no sample tells it from chaos. tau: the phase of the impact, NaN unless v is
-    positive and finite. undecided: the least speed of a sampled state that no attractor could be told for, inf if there
-    is none; below v, it says that the true distance may be smaller.
+    2048 impacts: within a few per cent of the quiet limit no sample tells it from chaos. tau: the phase of the impact,
+    NaN unless v is positive and finite. undecided: the least speed of a sampled state that no attractor could be told
+    for, inf if there is none; below v, it says that the true distance may be smaller.
     """
 
     v: Any
@@ -71,9 +71,8 @@ class _Cells:
         self.chaos = np.array([cell in self.survey.chaos for cell in range(delta.size)])
         settled = np.where((status == ORBIT) | (status == QUIET), impacts, 0).max(axis=1)
         self.chaos &= PATIENCE * settled <= MOST_IMPACTS  # else what is left may be on its way to rest
-        captured = np.sort(np.where(status == ORBIT, impacts, 0), axis=1)
-        usual = captured[np.arange(delta.size), -1 - (status == ORBIT).sum(axis=1) // STRAGGLERS]
-        self.most = np.clip(PATIENCE * np.where(self.chaos, settled, usual), LEAST_IMPACTS, MOST_IMPACTS)
+        captured = np.where(status == ORBIT, impacts, 0).max(axis=1)
+        self.most = np.clip(PATIENCE * np.where(self.chaos, settled, captured), LEAST_IMPACTS, MOST_IMPACTS)
         away = (status == ORBIT) | ((status == LEFT) & self.chaos[:, None])
         self.undecided = np.where((status != QUIET) & ~away, v, np.inf).min(axis=1)
         self.tau, self.v = np.full((delta.size, STARTS), np.nan), np.full((delta.size, STARTS), np.inf)
@@ -195,9 +194,9 @@ def boundary_distances(
     require(d.size * SAMPLED <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: use tiles")
     found = BoundaryDistance(np.zeros(d.size), np.full(d.size, np.nan), np.full(d.size, np.inf))
     below = e < quiet_limit(d)
-    told = below & (impacts_to_rest(d, e, b) < MOST_IMPACTS)
-    found.v[below & ~told], found.undecided[below & ~told] = np.nan, 0.0
-    quiet = np.flatnonzero(told)
+    late = below & rests_late(d, e, b)
+    found.v[late], found.undecided[late] = np.nan, 0.0
+    quiet = np.flatnonzero(below & ~late)
     if quiet.size:
         cells = _Cells(d[quiet], e[quiet], b[quiet], v_max)
         cells.sample_below()

@@ -25,6 +25,7 @@ PHASES = 2048
 COSINES, SINES = np.cos(2 * np.pi * np.arange(PHASES) / PHASES), np.sin(2 * np.pi * np.arange(PHASES) / PHASES)
 LARGEST_ETA = 0.5
 KICK, DECAY_RATE = 10.0, 1.9
+LONGEST_REST = 2048.0
 
 
 @kernel
@@ -74,3 +75,9 @@ def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
     slow = np.array([capture_speed(*point) for point in zip(delta, epsilon, beta, strict=True)])
     with np.errstate(divide="ignore"):
         return 6.0 * np.pi / slow
+
+
+def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
+    """Whether there is quiet motion, but takes more than LONGEST_REST impacts: no sample tells it from chaos then."""
+    needed = impacts_to_rest(delta, epsilon, beta)
+    return np.isfinite(needed) & (needed > LONGEST_REST)

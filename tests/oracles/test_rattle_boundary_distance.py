@@ -50,6 +50,34 @@ def test_no_state_of_a_dense_grid_is_lower(point):
     assert set(np.unique(table.kind[rows])) == {rattle.KINDS.index("quiet")}
 
 
+@pytest.mark.parametrize(
+    "point",
+    [
+        (0.6, 0.18, 0.6),  # P(4,5,1) wins 0.3 % of the plane
+        (0.5, 0.15, 0.6),
+        (0.7, 0.2, 0.6),
+        (0.45, 0.12, 0.6),  # P(1,11,0) wins 0.3 %
+        (0.9, 0.25, 0.6),
+        (1.0, 0.27, 0.6),
+        (0.421, 0.1232, 0.6),
+        (0.6, 0.15, 0.4),
+        (0.1858, 0.0507, 0.9),
+        (0.8, 0.22, 0.9),
+    ],
+)
+def test_thin_basins_are_not_missed(point):
+    """Against states that know nothing of it: it is above the lowest that leaves by at most the share it states."""
+    gear = rattle.Gear(*point)
+    found = gear.boundary_distance()
+    assert np.isfinite(found.v)
+    rows = np.geomspace(gear.capture_speed, found.v / 1.04, 24)
+    tau, v = (x.ravel() for x in np.meshgrid((np.arange(500) + 0.5) / 500, rows))
+    table, row, _impacts = classified(point, tau, v)
+    assert set(np.unique(table.kind[row])) == {rattle.KINDS.index("quiet")}
+    end = gear.iterate(found.tau, found.v, 30_000 + np.arange(64))
+    assert end.v.max() > 2 * gear.capture_speed  # at rest it would be far below it by now
+
+
 @pytest.mark.parametrize("point", [(0.6, 0.078, 0.6), (0.6, 0.1, 0.6), (0.6, 0.11, 0.6), (0.3, 0.06, 0.3)])
 def test_the_state_leaves_and_those_just_below_do_not(point):
     gear = rattle.Gear(*point)
@@ -72,6 +100,9 @@ def test_what_it_says_where_there_is_no_boundary():
     v, tau, undecided = gone.boundary_distance()
     assert v == 0
     assert np.isnan(tau)
+    late = rattle.Gear(0.45, 0.1425)  # 0.998 of the quiet limit: 200 000 impacts do not tell what comes to rest
+    assert np.isnan([*late.boundary_distance()[:2]]).all()
+    assert late.boundary_distance().undecided == 0
     assert rattle.Gear(0.6, 0.1).boundary_distance(v_max=2.5).v == np.inf  # its boundary begins at 2.512
     assert rattle.Gear(0.6, 0.1).boundary_distance(v_max=2.8).v == pytest.approx(2.51241, rel=1e-4)
 
