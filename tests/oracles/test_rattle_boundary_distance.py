@@ -5,6 +5,7 @@ import pytest
 
 import rattle
 from rattle.basins import classified
+from rattle.images import lowest_preimages
 from rattle.manifolds import manifold
 from rattle.saddles import period_one_saddle
 
@@ -87,6 +88,24 @@ def test_the_state_leaves_and_those_just_below_do_not(point):
     assert end.v.max() > 0.2 * fastest
     below = gear.iterate((found.tau + np.linspace(-0.05, 0.05, 101)) % 1.0, found.v * (1 - 1e-4), 4000)
     assert below.v.max() < 0.02 * fastest
+
+
+@pytest.mark.parametrize("point", [(0.6, 0.18, 0.6), (0.3, 0.06, 0.3)])
+def test_the_lowest_preimages_lead_to_the_states(point):
+    gear = rattle.Gear(*point)
+    tau, v = np.random.default_rng(5).random((2, 40))
+    v = 1 + 4 * v
+    found = lowest_preimages(tau, v, 5, 25.0, *(np.full(40, x) for x in point))
+    each = np.stack([gear.iterate(*found, k) for k in range(6)])
+    off = np.hypot((each[:, 0] - tau + 0.5) % 1.0 - 0.5, each[:, 1] - v)
+    assert off.min(axis=0).max() < 1e-8
+    by_one = [[(tau, v)] for tau, v in zip(tau, v, strict=True)]
+    for path in by_one:
+        while len(path) < 6 and path[-1][1] <= 25:
+            back = gear.inverse_impact(*path[-1])
+            path.append((back.tau, back.v))
+    assert found[1] == pytest.approx([min(w for _t, w in path) for path in by_one], rel=1e-9)
+    assert (found[1] < v).any()
 
 
 def test_what_it_says_where_there_is_no_boundary():
