@@ -3,6 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+# The S3 server of the tests: its libraries and the project's cannot be installed together.
+S3 := .venv-s3
+S3_INSTALLED := $(S3)/.installed
 
 .PHONY: survey figures test lint bench clean
 
@@ -12,8 +15,8 @@ survey: $(INSTALLED)
 figures: $(INSTALLED)
 	$(BIN)/rattle figure all --out figures
 
-test: $(INSTALLED)
-	$(BIN)/python -m pytest
+test: $(INSTALLED) $(S3_INSTALLED)
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
@@ -29,5 +32,10 @@ $(INSTALLED): pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	touch $@
 
+$(S3_INSTALLED): tests/s3-server.txt
+	$(PYTHON) -m venv $(S3)
+	$(S3)/bin/python -m pip install --quiet --disable-pip-version-check --requirement tests/s3-server.txt
+	touch $@
+
 clean:
-	rm -rf $(VENV) survey.zarr survey.png figures
+	rm -rf $(VENV) $(S3) survey.zarr survey.png figures

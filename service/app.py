@@ -16,10 +16,12 @@ import workers
 from service import problems
 from service.access import AccessMiddleware, caller_of
 from service.broadcast import Broadcast
+from service.bucketdir import open_directory
 from service.database import Database
-from service.datadir import DataDirectory
 from service.head import HeadMiddleware
 from service.jobs import JobManager
+from service.logs import RequestLogMiddleware
+from service.metrics import Metrics
 from service.queries import refuse_unknown
 from service.recovery import recover
 from service.routes import ROUTERS, health
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 WORKERS_NICE = 10  # answers come before tiles
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
+Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
 
 def create_app(settings: Settings | None = None, cluster: Cluster | None = None) -> FastAPI:
@@ -42,11 +45,12 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         cluster: opens the dask cluster; by default the scheduler of the settings, or an embedded cluster.
     """
     settings = settings or Settings()
+    metrics = Metrics()
     app = FastAPI(
         title="gear rattle",
         summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
         version=rattle.__version__,
-        lifespan=_lifespan(settings, cluster or _cluster_of(settings)),
+        lifespan=_lifespan(settings, cluster or _cluster_of(settings), metrics),
         responses=problems.declared(*problems.ANYWHERE),
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
@@ -55,6 +59,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
     app.add_middleware(problems.ProblemMiddleware)
     app.add_middleware(AccessMiddleware, settings=settings)
+    app.add_middleware(RequestLogMiddleware, metrics=metrics)
     problems.install(app)
     app.include_router(health.router, dependencies=[Depends(refuse_unknown)])
     for router in ROUTERS:
@@ -71,23 +76,27 @@ def _cluster_of(settings: Settings) -> Cluster:
     return lambda: workers.embedded_cluster(settings.workers, WORKERS_NICE)
 
 
-def _lifespan(settings: Settings, cluster: Cluster) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
+def _lifespan(
+    settings: Settings, cluster: Cluster, metrics: Metrics
+) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        directory = DataDirectory(settings.data)
+        directory = open_directory(settings.data, settings.store)
         broadcast = Broadcast()
         with (
             directory.locked(),
             closing(Database(settings.database_url or directory.database_url, broadcast.changed)) as database,
         ):
             recover(database, directory)
-            manager = JobManager(database, directory, cluster)
+            manager = JobManager(database, directory, cluster, metrics.tile)
+            metrics.watch(database, manager)
             app.state.front = Front(
                 settings=settings,
                 directory=directory,
                 database=database,
                 manager=manager,
                 broadcast=broadcast,
+                metrics=metrics,
                 pictures=CapacityLimiter(1),
                 points=CapacityLimiter(settings.max_points),
             )

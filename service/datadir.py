@@ -7,19 +7,23 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sqlalchemy import URL
 
 from service.errors import DataDirectoryError
 
+if TYPE_CHECKING:
+    from workers import Bucket
+
 TRASH = ".trash-"
 SURVEY = r"(?P<survey>[0-9a-f]{16})"
 #: A store that is being deleted; one that is being created, beside its place; one in its place.
-DELETION, TEMPORARY, STORE = (
+DELETION, TEMPORARY, SURVEY_STORE = (
     re.compile(pattern) for pattern in (rf"\.trash-{SURVEY}", rf"\.{SURVEY}\.zarr\.[0-9a-f]{{32}}", rf"{SURVEY}\.zarr")
 )
 
@@ -28,20 +32,21 @@ DELETION, TEMPORARY, STORE = (
 class Entry:
     """What stands among the stores; ``survey_id`` is empty if its name is none of ours."""
 
-    path: Path
+    name: str
     survey_id: str
     deletion: bool
     temporary: bool
+    remove: Callable[[], None]
 
     @classmethod
     def of(cls, path: Path) -> Entry:
-        for pattern in (DELETION, TEMPORARY, STORE):
-            if match := pattern.fullmatch(path.name):
-                return cls(path, match["survey"], pattern is DELETION, pattern is TEMPORARY)
-        return cls(path, "", deletion=False, temporary=False)
+        def remove() -> None:
+            shutil.rmtree(path, ignore_errors=True)
 
-    def remove(self) -> None:
-        shutil.rmtree(self.path, ignore_errors=True)
+        for pattern in (DELETION, TEMPORARY, SURVEY_STORE):
+            if match := pattern.fullmatch(path.name):
+                return cls(str(path), match["survey"], pattern is DELETION, pattern is TEMPORARY, remove)
+        return cls(str(path), "", deletion=False, temporary=False, remove=remove)
 
 
 class DataDirectory:
@@ -59,8 +64,11 @@ class DataDirectory:
     def database_url(self) -> URL:
         return URL.create("sqlite", database=str(self.path / "jobs.sqlite"))
 
-    def store(self, survey_id: str) -> Path:
-        """Path of a survey's zarr store, whether it exists or not."""
+    def store(self, survey_id: str) -> Path | Bucket:
+        """Place of a survey's zarr store, whether it exists or not."""
+        return self._path_of(survey_id)
+
+    def _path_of(self, survey_id: str) -> Path:
         return self._stores / f"{survey_id}.zarr"
 
     @contextmanager
@@ -89,7 +97,7 @@ class DataDirectory:
         """Delete a store. It disappears at once: a crash in the middle leaves no half of it under its name."""
         trash = self._stores / f"{TRASH}{survey_id}"
         try:
-            os.rename(self.store(survey_id), trash)
+            os.rename(self._path_of(survey_id), trash)
         except FileNotFoundError:
             return
         shutil.rmtree(trash, ignore_errors=True)
@@ -100,7 +108,7 @@ class DataDirectory:
 
     def sweep_partial_files(self, survey_id: str, content_hash: str) -> None:
         """Remove the files that killed writers left in a store, if it is that survey's; nobody may be writing to it."""
-        store = self.store(survey_id)
+        store = self._path_of(survey_id)
         try:
             found = json.loads((store / "zarr.json").read_bytes())["attributes"]["content_hash"]
         except (OSError, ValueError, KeyError, TypeError):

@@ -125,7 +125,14 @@ CURVES: dict[str, Any] = {
         }
     ],
 }
-HEALTH: dict[str, Any] = {"status": "ok", "version": "0.1.0", "cluster": "ready", "accepted": 2, "running": 1}
+HEALTH: dict[str, Any] = {
+    "status": "ok",
+    "version": "0.1.0",
+    "cluster": "ready",
+    "storage": "ok",
+    "accepted": 2,
+    "running": 1,
+}
 PROBLEM: dict[str, Any] = {
     "type": "about:blank",
     "title": "Unprocessable Content",

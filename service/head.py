@@ -27,4 +27,8 @@ class HeadMiddleware:
                 await send(message)
                 await send({"type": "http.response.body", "body": b"", "more_body": False})
 
-        await self.app({**scope, "method": "GET"}, receive_until_started, send_header)
+        inner = {**scope, "method": "GET"}
+        try:
+            await self.app(inner, receive_until_started, send_header)
+        finally:
+            scope.update({name: inner[name] for name in ("route", "path_params") if name in inner})

@@ -16,6 +16,7 @@ from rattle import RattleError
 from service.database import Database, DoneTile
 from service.datadir import DataDirectory
 from service.errors import ConflictError, ServiceError, UnavailableError
+from service.logs import about
 from service.tables import JobRow, State
 from workers import (
     ClusterLostError,
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK = "ok"
+WORKERS_SECONDS = 2.0
 MAX_FAILURES = 100  # messages kept of one tile
 
 log = logging.getLogger(__name__)
@@ -47,6 +49,7 @@ class JobManager:
         database: the truth about the surveys.
         directory: where their stores are.
         cluster: opens the dask cluster; called again whenever it was lost.
+        on_tile: told of every tile that has been written.
     """
 
     def __init__(
@@ -54,7 +57,10 @@ class JobManager:
         database: Database,
         directory: DataDirectory,
         cluster: Callable[[], AbstractContextManager[Client]],
+        on_tile: Callable[[TileRecord], None] = lambda _: None,
     ) -> None:
+        self._on_tile = on_tile
+        self._client: Client | None = None
         self._database = database
         self._directory = directory
         self._cluster = cluster
@@ -127,7 +133,11 @@ class JobManager:
             try:
                 with self._cluster() as client:
                     self.cluster_state, pause = "ready", FIRST_PAUSE
-                    self._run_all(client)
+                    self._client = client
+                    try:
+                        self._run_all(client)
+                    finally:
+                        self._client = None
             except Exception as error:
                 unexpected = None if isinstance(error, RattleError) else error
                 log.warning("no cluster or no database, next try in %.0f s: %s", pause, error, exc_info=unexpected)
@@ -159,7 +169,8 @@ class JobManager:
             self._current = job.id
             self._dismissed.clear()
         try:
-            self._run(job.id, client)
+            with about(job.id):
+                self._run(job.id, client)
         finally:
             with self._lock:
                 self._current = None
@@ -208,10 +219,20 @@ class JobManager:
             finish_store(path)
             self._database.set_state(survey_id, State.SUCCESSFUL)
 
+    def workers(self) -> int:
+        """Threads of the cluster; 0 if it is not there or does not say so soon."""
+        if (client := self._client) is None:
+            return 0
+        try:
+            return sum(client.nthreads(callback_timeout=WORKERS_SECONDS).values())
+        except Exception:  # whatever a lost connection looks like
+            return 0
+
     def _interrupted(self) -> bool:
         return self._stopping.is_set() or self._dismissed.is_set()
 
     def _record(self, survey_id: str, tile: TileRecord) -> None:
+        self._on_tile(tile)
         first = tile.failed_cells[:MAX_FAILURES]
         failures = [{"epsilon": i, "delta": j, "message": message} for i, j, message in first]
         failed = len(tile.failed_cells)

@@ -22,7 +22,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from rattle import ParameterError, RattleError
 from service import errors
 from service.examples import ANSWERS
-from workers import SurveyError
+from workers import StorageError, SurveyError
 
 MEDIA_TYPE = "application/problem+json"
 MAX_FIELD_ERRORS = 50
@@ -44,6 +44,7 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (errors.ConflictError, 409),
     (errors.LimitError, 422),
     (ParameterError, 422),
+    (StorageError, 503),
     (SurveyError, 422),
     (errors.QueueFullError, 429),
     (errors.UnavailableError, 503),

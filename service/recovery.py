@@ -21,7 +21,7 @@ def recover(database: Database, directory: DataDirectory) -> None:
     known = database.known({entry.survey_id for entry in entries})
     for entry in entries:
         if entry.survey_id not in known:
-            log.warning("%s belongs to no survey of the job database; it is left alone", entry.path)
+            log.warning("%s belongs to no survey of the job database; it is left alone", entry.name)
         elif entry.deletion:
             entry.remove()
             with suppress(ConflictError):  # a database from before the deletion: the survey is computed again

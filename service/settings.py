@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
@@ -16,6 +16,9 @@ class Settings(BaseSettings):
 
     data: Path = Field(default=Path("data"), description="directory of the job database and the stores")
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; SQLite in the data directory if absent")
+    store: str | None = Field(
+        default=None, description="s3://BUCKET/PREFIX of the stores; the data directory if absent"
+    )
     host: str = Field(default="127.0.0.1", min_length=1)
     port: int = Field(default=8000, ge=0, le=65535)
     insecure: bool = Field(default=False, description="let everybody in who reaches the service")
@@ -23,6 +26,7 @@ class Settings(BaseSettings):
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(), description="further names of this service, after commas; for requests without a key"
     )
+    log_format: Literal["text", "json"] = Field(default="text", description="lines for people, or of JSON")
     scheduler: str | None = Field(default=None, description="dask scheduler; an embedded cluster if absent")
     workers: int = Field(default=2, ge=1, le=256, description="processes of the embedded cluster")
 

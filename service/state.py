@@ -15,6 +15,7 @@ from service.database import Database
 from service.datadir import DataDirectory
 from service.errors import UnavailableError
 from service.jobs import JobManager
+from service.metrics import Metrics
 from service.settings import Settings
 
 
@@ -27,6 +28,7 @@ class Front:
     database: Database
     manager: JobManager
     broadcast: Broadcast
+    metrics: Metrics
     pictures: CapacityLimiter
     points: CapacityLimiter
     _interruptible: set[CancelScope] = field(default_factory=set)

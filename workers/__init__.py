@@ -1,9 +1,11 @@
 """A survey of the (δ, ε) plane: its request, its tiles, its zarr store, and the dask cluster that fills it."""
 
+from workers.bucket import Bucket
 from workers.cluster import connect, embedded_cluster
 from workers.errors import ClusterLostError, StorageError, SurveyError
 from workers.figure import survey_figure
 from workers.integrity import Integrity, examine
+from workers.location import Directory, Place, place_of
 from workers.maps import map_png
 from workers.quantities import QUANTITIES
 from workers.request import Axis, InitialConditions, SurveyRequest, TileShape
@@ -15,10 +17,13 @@ from workers.tiles import Tile, TileRecord, compute_tile, tiles_of
 __all__ = [
     "QUANTITIES",
     "Axis",
+    "Bucket",
     "ClusterLostError",
+    "Directory",
     "Group",
     "InitialConditions",
     "Integrity",
+    "Place",
     "Quantity",
     "StorageError",
     "SurveyError",
@@ -34,6 +39,7 @@ __all__ = [
     "finish_store",
     "map_png",
     "open_survey",
+    "place_of",
     "run_tiles",
     "survey_figure",
     "tiles_done",

@@ -1,7 +1,6 @@
 """Whether a store still holds what was written to it: every chunk has its file, and every file its checksum."""
 
 import errno
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import zarr
 from zarr.codecs import Crc32cCodec
 
 from workers.errors import SurveyError
+from workers.location import Place, place_of, read_json
 from workers.schema import CELL
 
 STATUS = "status"
@@ -33,20 +33,23 @@ class Integrity:
         return not self.damaged and not self.template
 
 
-def examine(path: str | Path) -> Integrity:
+def examine(where: str | Path | Place) -> Integrity:
     """Read every chunk of a survey's store.
 
     Raises:
         SurveyError: there is no survey, or its `status` cannot be found.
+        StorageError: the object store fails.
     """
-    path = Path(path).resolve()
+    place = place_of(where)
     try:
-        root = zarr.open_group(path, mode="r", zarr_format=3)
+        with place.reaching():
+            root = zarr.open_group(place.zarr(), mode="r", zarr_format=3)
         finished = "date_completed" in root.attrs
-        status = _Array(path, root[STATUS])  # type: ignore[arg-type]  # an array, or an error below
-        arrays = [_Array(path, array) for _, array in root.arrays() if _per_cell(array) and array.name != f"/{STATUS}"]
+        per_cell = [array for _, array in root.arrays() if _per_cell(array) and array.name != f"/{STATUS}"]
+        status = _Array(place, root[STATUS])  # type: ignore[arg-type]  # an array, or an error below
+        arrays = [_Array(place, array) for array in per_cell]
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SurveyError(f"{path} holds no survey that can be read ({error}): name the store of a survey") from error
+        raise SurveyError(f"{place} holds no survey that can be read ({error}): name the store of a survey") from error
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     rows, columns = status.grid
     for row in range(rows):
@@ -59,26 +62,27 @@ def examine(path: str | Path) -> Integrity:
                 lost[column] = (*lost.get(column, ()), array.name)
         damaged |= {row * columns + column: names for column, names in sorted(lost.items())}
         done |= {row * columns + column for column in computed.difference(lost)}
-    return Integrity(frozenset(done), damaged, damaged_template(path), rows * columns, status.checked)
+    return Integrity(frozenset(done), damaged, damaged_template(place), rows * columns, status.checked)
 
 
-def damaged_template(path: Path) -> tuple[str, ...]:
+def damaged_template(place: Place) -> tuple[str, ...]:
     """Return the arrays and groups of a survey that cannot be read, but for what tiles write."""
-    described = json.loads((path / "zarr.json").read_bytes())["consolidated_metadata"]["metadata"]
-    members = dict(zarr.open_group(path, mode="r", zarr_format=3).members(max_depth=None))
-    return tuple(name for name in described if not _template_whole(path, name, described[name], members[name]))
+    described: dict[str, Any] = read_json(place, "zarr.json")["consolidated_metadata"]["metadata"]
+    with place.reaching():
+        members = dict(zarr.open_group(place.zarr(), mode="r", zarr_format=3).members(max_depth=None))
+    return tuple(name for name in described if not _template_whole(place, name, described[name], members[name]))
 
 
-def _template_whole(path: Path, name: str, described: object, member: zarr.Array | zarr.Group) -> bool:
+def _template_whole(place: Place, name: str, described: dict[str, Any], member: zarr.Array | zarr.Group) -> bool:
     try:
-        own = json.loads((path / name / "zarr.json").read_bytes())
-        if {**own, "consolidated_metadata": None} != {**described, "consolidated_metadata": None}:  # type: ignore[dict-item]
+        own = read_json(place, f"{name}/zarr.json")
+        if {**own, "consolidated_metadata": None} != {**described, "consolidated_metadata": None}:
             return False
     except (OSError, ValueError):
         return False
     if isinstance(member, zarr.Group) or _per_cell(member) or not member.size:
         return True
-    array = _Array(path, member)
+    array = _Array(place, member)
     return (array.has(*[0] * member.ndim) or not array.checked) and array.readable(...)
 
 
@@ -87,10 +91,10 @@ def _per_cell(array: zarr.Array) -> bool:
 
 
 class _Array:
-    """An array of a store on disk, by the rows and columns of its chunks."""
+    """An array of a store, by the rows and columns of its chunks."""
 
-    def __init__(self, path: Path, array: zarr.Array) -> None:
-        self._array, self._directory = array, path / array.path
+    def __init__(self, place: Place, array: zarr.Array) -> None:
+        self._array, self._place, self._is_there = array, place, place.finder(array.path)
         self.name = array.path
         self.checked = any(isinstance(codec, Crc32cCodec) for codec in array.metadata.codecs)  # type: ignore[union-attr]
 
@@ -104,7 +108,7 @@ class _Array:
         """Whether a chunk, given by its last indices, has a file; older versions wrote none for fill values."""
         where = (0,) * (self._array.ndim - len(chunk)) + chunk
         key = self._array.metadata.encode_chunk_key(where)
-        return (self._directory / key).exists()
+        return self._is_there(key)
 
     def unreadable(self, row: int, columns: set[int]) -> Iterator[int]:
         """Those of the chunks that are lost or damaged."""
@@ -122,12 +126,13 @@ class _Array:
     def readable(self, selection: Any) -> bool:
         """Whether a part of the array decodes, and matches its checksums."""
         try:
-            self._array[selection]
-        except MemoryError:
+            with self._place.reaching():
+                self._array[selection]
+        except (MemoryError, SurveyError):
             raise
         except OSError as error:
             if error.errno not in (errno.EIO, errno.ENOENT):  # nobody may take what he is not allowed to read for lost
-                raise SurveyError(f"{self._directory} cannot be read ({error}): make it readable") from error
+                raise SurveyError(f"{self._place} cannot be read ({error}): make it readable") from error
             return False
         except Exception:  # whatever a codec raises
             return False

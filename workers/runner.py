@@ -8,8 +8,9 @@ from pathlib import Path
 from distributed import Client, get_worker
 
 from workers.isolation import compute_tile_apart
+from workers.location import Place, place_of
 from workers.request import SurveyRequest
-from workers.store import require_aligned, write_tile, writing
+from workers.store import require_aligned, write_tile
 from workers.submission import Submission
 from workers.tiles import Tile, TileRecord, compute_tile
 
@@ -33,7 +34,7 @@ def _never() -> bool:
 
 def run_tiles(
     request: SurveyRequest,
-    path: str | Path,
+    where: str | Path | Place,
     tiles: Iterable[Tile],
     client: Client,
     on_tile: Callable[[TileRecord], None],
@@ -58,9 +59,9 @@ def run_tiles(
     tiles = list(tiles)
     for tile in tiles:
         require_aligned(request, tile)
-    path = Path(path).resolve()
-    with writing(path):
-        submission = Submission(compute_and_write, request, str(path), client)
+    place = place_of(where)
+    with place.writing():
+        submission = Submission(compute_and_write, request, str(place), client)
         try:
             _run(submission, deque(tiles), on_tile, should_stop, unwanted)
         finally:

@@ -12,7 +12,7 @@ from dask.typing import Key
 from distributed import Client, Future, KilledWorker
 
 from workers.cluster import end_processes
-from workers.errors import ClusterLostError, SurveyError, storage_error
+from workers.errors import ClusterLostError, StorageError, SurveyError, storage_error
 from workers.request import SurveyRequest
 from workers.tiles import Tile, TileRecord
 
@@ -110,6 +110,8 @@ class Submission:
         """Go on after a worker's death, raise anything else."""
         what = self._describe(attempt.tile)
         if not isinstance(error, KilledWorker):
+            if isinstance(error, StorageError):
+                raise StorageError(f"{what} cannot be written: {error}") from error
             if isinstance(error, OSError):
                 raise storage_error(f"{what} cannot be written", error) from error
             raise SurveyError(f"{what} failed: {type(error).__name__}: {error}") from error

@@ -4,7 +4,6 @@ import json
 import warnings
 from collections.abc import Iterable
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 from zarr.core.array_spec import ArrayConfigParams
 from zarr.errors import ZarrUserWarning
+from zarr.storage import StoreLike
 
 from rattle.curves import NAMES, codimension_two
 from workers.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
@@ -27,27 +27,27 @@ CODECS = (ZstdCodec(level=0), Crc32cCodec())
 WHOLE: ArrayConfigParams = {"write_empty_chunks": True}
 
 
-def write_template(request: SurveyRequest, path: Path) -> None:
-    """Write the template to a path where nothing is.
+def write_template(request: SurveyRequest, store: StoreLike) -> None:
+    """Write the template to where nothing is.
 
     Its metadata is consolidated here, before the first tile: chunks never touch it, so a survey can be opened from
     disk and over HTTP while it runs, and nothing is left to go stale.
     """
-    root = zarr.create_group(path, zarr_format=3, attributes=_attributes(request))
+    root = zarr.create_group(store, zarr_format=3, attributes=_attributes(request))
     quantities = stored(request.quantities)
     _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
     for quantity in quantities:
         _create(root, request, quantity)
     _write_curves(root, request)
-    consolidate(path)
+    consolidate(store)
 
 
-def consolidate(path: Path) -> None:
+def consolidate(store: StoreLike) -> None:
     """Gather all metadata in the root's: without that, an HTTP open gives an empty dataset and no error."""
     with warnings.catch_warnings():
         # zarr warns that other libraries may ignore consolidated metadata, which is harmless.
         warnings.simplefilter("ignore", ZarrUserWarning)
-        zarr.consolidate_metadata(path)
+        zarr.consolidate_metadata(store)
 
 
 def _attributes(request: SurveyRequest) -> dict[str, Any]:

@@ -45,6 +45,7 @@ class TileRecord:
     failed_cells: tuple[FailedCell, ...]
     undecided_cells: int
     seconds: float
+    impacts: int = 0  # on one wall, of all samples; 0 if none were followed, or in a process of their own
 
 
 def tiles_of(request: SurveyRequest) -> list[Tile]:
@@ -87,11 +88,13 @@ def compute_tile(
     """
     began = time.perf_counter()
     cells = cells_of(request, tile)
+    impacts = 0
     if outcomes is not None:
         arrays, failed = _gather(request, cells, outcomes)
     else:
         try:
             arrays, failed = _evaluate(request, cells), list[FailedCell]()
+            impacts = int(cells.attractors.impacts.sum()) if cells.count else 0
         except _MACHINE:
             raise
         except Exception:  # whatever the model raises is that cell's result
@@ -102,6 +105,7 @@ def compute_tile(
         failed_cells=tuple((tile.epsilon.start + i, tile.delta.start + j, message) for i, j, message in failed),
         undecided_cells=int(np.sum(arrays["status"] == SOME_UNDECIDED)),
         seconds=time.perf_counter() - began,
+        impacts=impacts,
     )
     return arrays, record
 

@@ -24,7 +24,9 @@ MAX_MESSAGES = 10
 def run(
     delta: options.Delta,
     epsilon: options.Epsilon,
-    out: Annotated[Path, typer.Option(metavar="PATH", help="The zarr store to write, or to resume.")],
+    out: Annotated[
+        str, typer.Option(metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.")
+    ],
     beta: options.Beta = 0.6,
     count: options.Count = 64,
     v_max: options.VMax = 7.0,
@@ -81,7 +83,7 @@ def run(
 
 def _compute(
     request: SurveyRequest,
-    out: Path,
+    out: str,
     missing: list[Tile],
     cluster: AbstractContextManager[Client],
     should_stop: Callable[[], bool],
@@ -108,7 +110,7 @@ def _compute(
         typer.echo(f"failed: epsilon[{i}], delta[{j}]: {message}", err=True)
 
 
-def _summarise(out: Path) -> None:
+def _summarise(out: str) -> None:
     from workers import open_survey
     from workers.evaluate import FAILED
 

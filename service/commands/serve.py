@@ -22,6 +22,9 @@ def serve(
         Path | None,
         typer.Option(metavar="DIR", help="Directory of the job database and the stores.", show_default="data"),
     ] = None,
+    store: Annotated[
+        str | None, typer.Option(metavar="URL", help="s3://BUCKET/PREFIX of the stores.", show_default="in DIR")
+    ] = None,
     scheduler: Scheduler = None,
     workers: Annotated[int | None, typer.Option(help="Processes of the embedded cluster.", show_default="2")] = None,
     insecure: Annotated[
@@ -37,18 +40,19 @@ def serve(
     import uvicorn
 
     from service.app import create_app
+    from service.bucketdir import open_directory
     from service.commands.options import settings_of
     from service.commands.signals import stop_requested
     from service.database import Database
-    from service.datadir import DataDirectory
+    from service.logs import log_config
     from service.protocol import protocol_of
     from service.server import Server
 
     settings = settings_of(
-        host=host, port=port, data=data, scheduler=scheduler, workers=workers, insecure=insecure or None
+        host=host, port=port, data=data, store=store, scheduler=scheduler, workers=workers, insecure=insecure or None
     )
     # A plain sentence now, instead of uvicorn's traceback later.
-    directory = DataDirectory(settings.data)
+    directory = open_directory(settings.data, settings.store)
     with (
         directory.locked(),
         closing(Database(settings.database_url or directory.database_url)) as database,
@@ -66,7 +70,8 @@ def serve(
             h11_max_incomplete_event_size=settings.max_header_bytes,
             proxy_headers=False,  # who sends a request is who connects
             server_header=False,
-            log_level="info",
+            log_config=log_config(settings.log_format),
+            access_log=False,  # RequestLogMiddleware says more
             timeout_graceful_shutdown=settings.shutdown_seconds,
         ),
         app,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -11,7 +10,9 @@ DAMAGED = 1
 MAX_LINES = 20
 
 
-def verify(store: Annotated[Path, typer.Argument(metavar="STORE", help="Path of a survey's store.")]) -> None:
+def verify(
+    store: Annotated[str, typer.Argument(metavar="STORE", help="Path or s3:// URL of a survey's store.")],
+) -> None:
     """Read every chunk of a survey and compare it with its checksum. Exit status 1 if any is damaged or lost.
 
     The command that computed the survey, or POST /v1/surveys/ID/verify, computes again what is damaged, and only that.

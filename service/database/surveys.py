@@ -102,6 +102,13 @@ class Surveys(Transactions):
             if job := _find_active(session, survey_id):
                 job.content_hash = content_hash
 
+    def totals(self) -> dict[State, tuple[int, int, int]]:
+        """Surveys in each state, their tiles, and those of them that are done."""
+        numbers = func.count(), func.sum(JobRow.n_tiles), func.sum(JobRow.tiles_done)
+        with self._read() as session:
+            found = session.execute(select(JobRow.state, *numbers).group_by(JobRow.state))
+            return {State(state): (count, int(tiles), int(done)) for state, count, tiles, done in found}
+
     def count(self, state: State) -> int:
         with self._read() as session:
             return session.scalar(select(func.count()).select_from(JobRow).where(JobRow.state == state)) or 0

@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter
 
-from service.routes import curves, events, picture, points, store, surveys
+from service.routes import curves, events, metrics, picture, points, store, surveys
 
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
@@ -11,4 +11,5 @@ ROUTERS: tuple[APIRouter, ...] = (
     picture.router,
     points.router,
     curves.router,
+    metrics.router,
 )

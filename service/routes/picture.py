@@ -15,7 +15,7 @@ from service.errors import MissingError
 from service.problems import declared
 from service.state import FrontState
 from service.tables import State
-from workers import QUANTITIES, map_png, open_survey
+from workers import QUANTITIES, Bucket, map_png, open_survey
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
@@ -42,8 +42,8 @@ async def picture(
 ) -> Response:
     """Cells that failed or are still to be computed are told apart from the others."""
     job = await run_in_threadpool(front.database.job, survey_id)
-    path = front.directory.store(survey_id)
-    if not path.exists():
+    place = front.directory.store(survey_id)
+    if not await run_in_threadpool(place.exists):
         raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
     headers = {
         "ETag": picture_tag(survey_id, job.last_event, variable, index),
@@ -53,11 +53,11 @@ async def picture(
         return Response(status_code=304, headers=headers)
     with front.interruptible():
         png = await anyio.to_thread.run_sync(
-            _draw, path, variable, index, limiter=front.pictures, abandon_on_cancel=True
+            _draw, place, variable, index, limiter=front.pictures, abandon_on_cancel=True
         )
     return Response(png, media_type=PNG, headers=headers)
 
 
-def _draw(path: Path, variable: str, index: int) -> bytes:
-    with open_survey(path) as dataset:
+def _draw(place: Path | Bucket, variable: str, index: int) -> bytes:
+    with open_survey(place) as dataset:
         return map_png(dataset, variable, index)

@@ -13,9 +13,11 @@ from starlette.types import Scope
 from service.conditional import FOREVER, NOT_MODIFIED, REVALIDATE
 from service.documents import SurveyId
 from service.errors import MissingError
+from service.objects import object_response
 from service.problems import declared
 from service.state import FrontState
 from service.tables import State
+from workers import Bucket
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
@@ -54,8 +56,12 @@ async def read(
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of survey {survey_id} has no key {key!r}.")
     unchanging = job.state == State.SUCCESSFUL
-    files = StaticFiles(directory=front.directory.store(survey_id), check_dir=False)
-    response = await files.get_response(key, request.scope if unchanging else _by_tag_only(request.scope))
+    store = front.directory.store(survey_id)
+    if isinstance(store, Bucket):
+        response = await object_response(store, key, request)
+    else:
+        files = StaticFiles(directory=store, check_dir=False)
+        response = await files.get_response(key, request.scope if unchanging else _by_tag_only(request.scope))
     if response.status_code == 200 and key.endswith("zarr.json"):
         response.headers["content-type"] = "application/json"
     response.headers["cache-control"] = FOREVER if unchanging else REVALIDATE

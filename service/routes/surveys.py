@@ -27,7 +27,7 @@ LARGEST_NUMBER = 2**53
 MAX_FAILURES = 100
 RETRY_SECONDS = "1"
 
-EVERYTHING = examples.links("show", "remove", "follow", "read", "picture")
+EVERYTHING = examples.links("show", "remove", "verify", "follow", "read", "picture")
 
 
 def require_json(request: Request) -> None:
@@ -128,9 +128,9 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     "/{survey_id}/verify",
     status_code=202,
     summary="Check every tile of a survey, and compute again what is damaged or missing",
-    responses=declared(404, 409, 422, 429, 503),
+    responses=declared(404, 409, 422, 429),
 )
-def verify(front: FrontState, response: Response, survey_id: str) -> SurveyDetail:
+def verify(front: FrontState, response: Response, survey_id: SurveyId) -> SurveyDetail:
     """A survey that was successful, or failed and may succeed now, waits and runs again.
 
     Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile.
@@ -138,8 +138,7 @@ def verify(front: FrontState, response: Response, survey_id: str) -> SurveyDetai
     job = front.manager.verify(survey_id, front.settings.max_jobs)
     response.headers["Location"] = path_of(job.id)
     response.headers["Retry-After"] = RETRY_SECONDS
-    failures = front.database.failures(survey_id, MAX_FAILURES) if job.cells_failed else []
-    return SurveyDetail.with_failures(job, failures)
+    return _detail(front, job)
 
 
 @router.delete(

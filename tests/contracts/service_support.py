@@ -30,6 +30,18 @@ def no_cluster() -> Iterator[Any]:
     yield
 
 
+class IdleClient:
+    """Enough of a dask client for surveys that never get to it."""
+
+    status = "running"
+
+
+@contextmanager
+def idle_cluster() -> Iterator[Any]:
+    """A cluster that is there."""
+    yield IdleClient()
+
+
 @contextmanager
 def front_end(data: Path, **settings: Any) -> Iterator[TestClient]:
     """A client of an application with these settings, without a cluster."""

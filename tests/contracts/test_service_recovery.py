@@ -2,14 +2,13 @@
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zarr
 from fastapi.testclient import TestClient
-from service_support import BODY, front_end, local_client
+from service_support import BODY, front_end, idle_cluster, local_client
 
 from service.app import create_app
 from service.database import Database, DoneTile, NewJob
@@ -77,12 +76,6 @@ def test_only_what_the_database_owns_is_swept(
     for name in before.keys() - gone - {f"{running}.zarr", f"{ended}.zarr"}:
         assert f"/{name} belongs to no survey" in named, name
     assert str(stores / f"{ended}.zarr belongs") not in named
-
-
-@contextmanager
-def idle_cluster() -> Iterator[Any]:
-    """Enough of a cluster for surveys that never get to it."""
-    yield None
 
 
 def end_of(client: TestClient, survey_id: str) -> dict[str, Any]:

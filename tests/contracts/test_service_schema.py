@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import jsonschema_rs
 import pytest
 import uvicorn
 from fastapi import FastAPI
-from service_support import BODY
+from service_support import BODY, idle_cluster
 from typer.testing import CliRunner
 
 from service import examples, jobs
@@ -25,7 +25,7 @@ from service.cli import app as cli
 from service.client import Client
 from service.keys import add_key
 from service.settings import Settings
-from service.tables import JobRow, Scope, State
+from service.tables import Scope, State
 from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, tiles_of
 from workers.store import write_tile
 
@@ -60,16 +60,19 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     Its surveys are successful at once, with the numbers of another one; one seed in five fails.
     """
 
-    def compute(manager: Any, job: JobRow, _: Any) -> None:
-        if not manager._database.set_state(job.id, State.RUNNING):
+    def compute(manager: Any, survey_id: str, _: Any) -> None:
+        if not manager._database.set_state(survey_id, State.RUNNING):
             return
+        job = manager._database.job(survey_id)
         if job.request["seed"] % 5 == 1:
             raise SurveyError("no luck")
-        shutil.copytree(finished, manager._directory.store(job.id), copy_function=os.link)
+        store = manager._directory.store(job.id)
+        if not store.exists():  # it does after POST …/verify
+            shutil.copytree(finished, store, copy_function=os.link)
         manager._database.set_state(job.id, State.SUCCESSFUL)
 
     settings = Settings(data=data, max_jobs=10**6, max_point_count=64, max_point_seconds=5, **changes)
-    app = create_app(settings, nullcontext)
+    app = create_app(settings, idle_cluster)
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error"))
     thread = threading.Thread(target=server.run)
     with pytest.MonkeyPatch.context() as patch:

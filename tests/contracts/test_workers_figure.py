@@ -32,6 +32,7 @@ REQUEST = SurveyRequest(
     initial_conditions={"count": 2},
     tile={"delta": 4, "epsilon": 4},
 )
+EVERYTHING = REQUEST.model_copy(update={"quantities": tuple(Group)})
 Pair = tuple[float, float]
 MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
 
@@ -50,7 +51,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
 
 @pytest.fixture(scope="module")
 def partial(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
-    return survey(tmp_path_factory.mktemp("partial") / "survey.zarr", tiles=slice(1, 2)).load()
+    return survey(tmp_path_factory.mktemp("partial") / "survey.zarr", EVERYTHING, tiles=slice(1, 2)).load()
 
 
 def pixels(png: bytes) -> np.ndarray:

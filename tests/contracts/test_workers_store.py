@@ -9,8 +9,9 @@ import xarray as xr
 
 import workers.store
 from workers import Axis, SurveyError, SurveyRequest, Tile, create_store, finish_store, open_survey, tiles_done
+from workers.location import place_of
 from workers.runner import compute_and_write, run_tiles
-from workers.store import write_tile, writing
+from workers.store import write_tile
 from workers.tiles import compute_tile, tiles_of
 
 # No attractors: these tests are about files.
@@ -214,7 +215,7 @@ def test_consolidated_metadata_covers_everything_from_the_start(store: Path) -> 
 
 
 def test_two_runs_of_one_store_exclude_each_other(store: Path) -> None:
-    with writing(store):
+    with place_of(store).writing():
         with pytest.raises(SurveyError, match="another run: wait"):
             finish_store(store)
         with pytest.raises(SurveyError, match="another run: wait"):

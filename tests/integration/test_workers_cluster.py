@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import dask
@@ -44,8 +45,10 @@ TILES = tiles_of(REQUEST)
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Client]:
-    # On loopback it starts without certificates, where dask's settings ask for them, too.
-    with dask.config.set({"distributed.comm.require-encryption": True}), embedded_cluster(2) as client:
+    with ExitStack() as stack:
+        # On loopback it starts without certificates, where dask's settings ask for them, too.
+        with dask.config.set({"distributed.comm.require-encryption": True}):
+            client = stack.enter_context(embedded_cluster(2))
         yield client
         pids = processes(client)
     eventually(lambda: not any(alive(pid) for pid in pids))

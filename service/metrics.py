@@ -1,0 +1,88 @@
+"""What a service counts, for Prometheus. Each application has a registry of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
+from prometheus_client.core import GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from service.tables import State
+
+if TYPE_CHECKING:
+    from service.database import Database
+    from service.jobs import JobManager
+    from workers import TileRecord
+
+SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
+
+
+class Metrics:
+    """Counters of one process. Rates are the reader's: ``rate(rattle_cells_total[1m])`` is cells per second."""
+
+    def __init__(self) -> None:
+        self.registry = CollectorRegistry()
+        self._tiles = Counter("rattle_tiles", "Tiles written by this process.", registry=self.registry)
+        self._cells = Counter("rattle_cells", "Cells written by this process.", registry=self.registry)
+        self._failed = Counter("rattle_cells_failed", "Cells among them without values.", registry=self.registry)
+        self._impacts = Counter(
+            "rattle_impacts", "Impacts that samples made in these cells, on one wall.", registry=self.registry
+        )
+        self._busy = Counter("rattle_tile_seconds", "Seconds of workers for these tiles.", registry=self.registry)
+        self._requests = Histogram(
+            "rattle_http_request_seconds",
+            "From a request to the beginning of its answer.",
+            ("method", "route", "status"),
+            registry=self.registry,
+            buckets=SECONDS,
+        )
+
+    def tile(self, record: TileRecord) -> None:
+        """Count a tile that has been written."""
+        self._tiles.inc()
+        self._cells.inc(record.cells)
+        self._failed.inc(len(record.failed_cells))
+        self._impacts.inc(record.impacts)
+        self._busy.inc(record.seconds)
+
+    def request(self, method: str, route: str, status: int, seconds: float) -> None:
+        """Count a request, by the template of its route."""
+        self._requests.labels(method, route, str(status)).observe(seconds)
+
+    def watch(self, database: Database, manager: JobManager) -> None:
+        """Ask these, too, at every scrape."""
+        self.registry.register(_Now(database, manager))
+
+    def exposition(self) -> bytes:
+        """Everything in Prometheus' text format."""
+        return generate_latest(self.registry)
+
+
+class _Now(Collector):
+    """What is read at the time of a scrape: the counters that the job database keeps, and the cluster."""
+
+    def __init__(self, database: Database, manager: JobManager) -> None:
+        self._database = database
+        self._manager = manager
+
+    def describe(self) -> list[Metric]:
+        return []  # registering does not ask the database
+
+    def collect(self) -> Iterator[Metric]:
+        totals = self._database.totals()
+        surveys = GaugeMetricFamily("rattle_surveys", "Surveys by state.", labels=["state"])
+        tiles = GaugeMetricFamily("rattle_survey_tiles", "Tiles of all surveys by state.", labels=["state"])
+        waiting = 0
+        for state in State:
+            count, n_tiles, done = totals.get(state, (0, 0, 0))
+            surveys.add_metric([str(state)], count)
+            waiting += 0 if state.final else n_tiles - done
+        tiles.add_metric(["done"], sum(done for _, _, done in totals.values()))
+        tiles.add_metric(["waiting"], waiting)
+        yield surveys
+        yield tiles
+        accepted, _, _ = totals.get(State.ACCEPTED, (0, 0, 0))
+        yield GaugeMetricFamily("rattle_queue_length", "Surveys that wait for their turn.", value=accepted)
+        yield GaugeMetricFamily("rattle_workers", "Threads of the cluster that compute.", value=self._manager.workers())

@@ -1,0 +1,51 @@
+"""Objects of a bucket over HTTP, as files are: with ETag, conditions and one range (RFC 9110)."""
+
+from __future__ import annotations
+
+import re
+
+from fastapi import Request, Response
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+
+from service.conditional import is_known
+from workers import Bucket
+
+RANGE = re.compile(r"bytes=(\d*)-(\d*)")
+
+
+async def object_response(store: Bucket, key: str, request: Request) -> Response:
+    """The object, the range of it that is asked for, or 304. Chunks are small enough to be held whole.
+
+    Raises:
+        HTTPException: 404 without such an object, 416 for a range outside of it.
+        StorageError: the object store fails.
+    """
+    return await run_in_threadpool(_respond, store, key, request)
+
+
+def _respond(store: Bucket, key: str, request: Request) -> Response:
+    try:
+        body, tag = store.read_tagged(key)
+    except FileNotFoundError:
+        raise HTTPException(404) from None
+    headers = {"ETag": tag, "Accept-Ranges": "bytes"}
+    if "if-none-match" in request.headers and is_known(request, headers):
+        return Response(status_code=304, headers=headers)
+    asked = request.headers.get("range", "")
+    if match := RANGE.fullmatch(asked.strip()) if request.headers.get("if-range", tag) == tag else None:
+        start, stop = _span(match, len(body))
+        headers["Content-Range"] = f"bytes {start}-{stop - 1}/{len(body)}"
+        return Response(body[start:stop], status_code=206, headers=headers, media_type="application/octet-stream")
+    return Response(body, headers=headers, media_type="application/octet-stream")
+
+
+def _span(match: re.Match[str], size: int) -> tuple[int, int]:
+    first, last = match.groups()
+    if first:
+        start, stop = int(first), min(int(last) + 1, size) if last else size
+    else:
+        start, stop = max(size - int(last or 0), 0), size
+    if start >= stop:
+        raise HTTPException(416, headers={"Content-Range": f"bytes */{size}"})
+    return start, stop

@@ -1,0 +1,22 @@
+"""Figures for Prometheus."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+from prometheus_client import CONTENT_TYPE_LATEST
+
+from service.problems import declared
+from service.state import FrontState
+
+router = APIRouter(prefix="/v1", tags=["service"])
+
+
+@router.get(
+    "/metrics",
+    summary="Figures for Prometheus",
+    response_class=Response,
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}}, **declared()},
+)
+def metrics(front: FrontState) -> Response:
+    """Where keys are asked it needs one, of the scope read, like everything that tells of surveys."""
+    return Response(front.metrics.exposition(), headers={"Content-Type": CONTENT_TYPE_LATEST})

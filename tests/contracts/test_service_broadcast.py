@@ -1,0 +1,96 @@
+"""Whoever watches a survey gets every event once and in order, and many who watch cost one read."""
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from service import broadcast
+from service.broadcast import Broadcast, written
+from service.errors import UnknownSurveyError
+
+PAGE = 7
+
+
+class Survey:
+    """Events as the database gives them, a page at a time."""
+
+    def __init__(self) -> None:
+        self.rows: list[Any] = []
+        self.reads = 0
+        self.deleted = False
+
+    def happen(self, number: int) -> None:
+        for _ in range(number):
+            data = {"tile": len(self.rows)}
+            self.rows.append(SimpleNamespace(id=len(self.rows) + 1, kind="tile", data=data, at="now"))
+
+    def read(self, _: str, after: int) -> list[Any]:
+        self.reads += 1
+        if self.deleted:
+            raise UnknownSurveyError("x")
+        return self.rows[after : after + PAGE]
+
+
+async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, delay: float = 0.0) -> list[int]:
+    """Ids of the events from `seen` to `until`, by a stream that takes its time."""
+    found: list[int] = []
+    with feeds.listen("x", survey.read, len(survey.rows)) as (feed, grown):
+        while not feed.deleted and (not found or found[-1] < until):
+            grown.clear()
+            later = feed.after(found[-1] if found else seen)
+            if later is None:
+                later = written(survey.read("x", found[-1] if found else seen))
+            found += [event.id for event in later]
+            if later:
+                await asyncio.sleep(delay)
+            else:
+                await asyncio.wait_for(grown.wait(), 10)
+    return found
+
+
+def test_every_stream_gets_every_event_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(broadcast, "KEPT", 10)
+    monkeypatch.setattr(broadcast, "PAUSE", 0.001)
+
+    async def run() -> None:
+        feeds, survey = Broadcast(), Survey()
+        survey.happen(25)
+        streams = [follow(feeds, survey, seen, 100, delay) for seen in (0, 3, 24, 25) for delay in (0.0, 0.02)]
+        running = [asyncio.create_task(stream) for stream in streams]
+        for _ in range(15):
+            await asyncio.sleep(0.01)
+            survey.happen(5)
+            feeds.changed("x")
+        found = await asyncio.gather(*running)
+        assert [ids[0] for ids in found] == [1, 1, 4, 4, 25, 25, 26, 26]
+        assert all(ids == list(range(ids[0], ids[-1] + 1)) for ids in found)
+        assert feeds._feeds == {}  # nothing is kept of a survey that nobody watches
+
+    asyncio.run(run())
+
+
+def test_many_who_watch_cost_one_read() -> None:
+    async def run() -> None:
+        feeds, survey = Broadcast(), Survey()
+        running = [asyncio.create_task(follow(feeds, survey, 0, 5)) for _ in range(200)]
+        await asyncio.sleep(0.1)
+        survey.happen(5)
+        feeds.changed("x")
+        assert await asyncio.gather(*running) == [[1, 2, 3, 4, 5]] * 200
+        assert survey.reads <= 4
+
+    asyncio.run(run())
+
+
+def test_a_deleted_survey_ends_its_streams() -> None:
+    async def run() -> None:
+        feeds, survey = Broadcast(), Survey()
+        running = asyncio.create_task(follow(feeds, survey, 0, 5))
+        await asyncio.sleep(0.1)
+        survey.deleted = True
+        feeds.changed("x")
+        assert await asyncio.wait_for(running, 5) == []
+
+    asyncio.run(run())

@@ -1,0 +1,107 @@
+"""Surveys in a bucket by `rattle run` and by the service, killed in the middle and read through the front."""
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+from s3_server import BUCKET, S3, s3_server
+from service_processes import (
+    FIELDS,
+    OPTIONS,
+    assert_bit_identical,
+    finish,
+    free_port,
+    serial_run,
+    server,
+    start,
+    wait_until,
+)
+
+from service.client import Client
+from workers import Bucket, SurveyRequest, open_survey
+
+REQUEST = SurveyRequest(**FIELDS)
+
+
+@pytest.fixture(scope="module")
+def expected() -> dict[str, np.ndarray]:
+    return serial_run(REQUEST)
+
+
+@pytest.fixture
+def s3(monkeypatch: pytest.MonkeyPatch) -> Iterator[S3]:
+    with s3_server() as running:
+        for name, value in running.settings.items():
+            monkeypatch.setenv(name, value)
+        yield running
+
+
+def tiles_in(place: Bucket) -> int:
+    return sum(1 for _ in place.keys("status/c"))
+
+
+def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray]) -> None:
+    url = f"s3://{BUCKET}/some/where/survey.zarr"
+    place = Bucket(url)
+    process = start("run", *OPTIONS, "--out", url, settings=s3.settings)
+    wait_until(lambda: tiles_in(place) >= 3)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    assert tiles_in(place) < REQUEST.n_tiles
+    assert place.has(".lock")  # of a process that is known to be dead
+    ended = finish("run", *OPTIONS, "--out", url, settings=s3.settings)
+    assert ended.returncode == 0, ended.stderr
+    assert not place.has(".lock")
+    with open_survey(url) as dataset:
+        assert_bit_identical(dataset, expected)
+    assert finish("verify", url, settings=s3.settings).returncode == 0
+
+
+def test_service_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_path: Path) -> None:
+    port, url = free_port(), f"s3://{BUCKET}/stores"
+    options = {"settings": s3.settings}
+    with server(tmp_path, port, "--store", url, **options) as process, Client(f"http://127.0.0.1:{port}") as client:
+        job = client.submit(REQUEST)
+        place = Bucket(f"{url}/{job.id}.zarr")
+        wait_until(lambda: tiles_in(place) >= 3)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    with server(tmp_path, port, "--store", url, **options), Client(f"http://127.0.0.1:{port}") as client:
+        job = client.job(job.id)
+        with job.wait().open() as dataset:
+            assert_bit_identical(dataset, expected)
+        base = f"http://127.0.0.1:{port}/v1/surveys/{job.id}"
+        assert_reads_like_files(f"{base}/store", place)
+        assert httpx.get(f"{base}/map.png").content.startswith(b"\x89PNG")
+        assert not list((tmp_path / "surveys").iterdir())
+        assert httpx.delete(base).status_code == 204
+        assert list(place.keys()) == []
+        assert httpx.get(f"{base}/store/zarr.json").status_code == 404
+
+
+def test_a_bucket_that_is_not_there_is_said_at_the_start(s3: S3, tmp_path: Path) -> None:
+    ended = finish("serve", "--port", "0", "--data", str(tmp_path), "--store", "s3://nobody/x", settings=s3.settings)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("rattle: s3://nobody/x: there is no such bucket")
+
+
+def assert_reads_like_files(store: str, place: Bucket) -> None:
+    whole = place.read("region/c/0/0")
+    answer = httpx.get(f"{store}/region/c/0/0")
+    assert answer.content == whole
+    head = httpx.head(f"{store}/region/c/0/0")
+    assert (head.content, head.headers["content-length"]) == (b"", str(len(whole)))
+    known = httpx.get(f"{store}/region/c/0/0", headers={"If-None-Match": answer.headers["etag"]})
+    assert (known.status_code, known.content) == (304, b"")
+    for asked, part in {"0-3": whole[:4], "5-": whole[5:], "-4": whole[-4:], "2-9999": whole[2:]}.items():
+        ranged = httpx.get(f"{store}/region/c/0/0", headers={"Range": f"bytes={asked}"})
+        assert (ranged.status_code, ranged.content) == (206, part), asked
+    beyond = httpx.get(f"{store}/region/c/0/0", headers={"Range": f"bytes={len(whole)}-"})
+    assert (beyond.status_code, beyond.headers["content-range"]) == (416, f"bytes */{len(whole)}")
+    assert httpx.get(f"{store}/zarr.json").headers["content-type"] == "application/json"
+    for nothing in ("region/c/9/9", ".lock", "../x", "region"):
+        assert httpx.get(f"{store}/{nothing}").status_code == 404, nothing

@@ -1,0 +1,178 @@
+"""The commands of docker-compose.yml, as they stand there, run as processes: PostgreSQL, scheduler, workers, front."""
+
+import os
+import pwd
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import postgres
+import pytest
+import yaml
+from service_processes import ROOT, assert_bit_identical, free_port, serial_run, wait_until
+
+import rattle._compile
+from service.client import Client
+from workers import SurveyRequest
+
+SERVICES: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
+PASSWORD = "of this test only"
+#: 144 cells in 36 tiles.
+REQUEST = SurveyRequest(
+    delta={"start": 0.45, "stop": 0.9, "num": 12},
+    epsilon={"start": 0.02, "stop": 0.25, "num": 12},
+    initial_conditions={"count": 16},
+    tile={"delta": 2, "epsilon": 2},
+)
+
+
+class Here:
+    """Everything that is other here than in the file: names of hosts, ports, directories, the password."""
+
+    def __init__(self, directory: Path) -> None:
+        self.directory = directory
+        self.front, self.database = free_port(), free_port()
+        scheduler = free_port()
+        self.table = {
+            r"\bscheduler(?=:8786)": "127.0.0.1",
+            r"(?<=@)postgres(?=:5432)": "127.0.0.1",
+            r"^0\.0\.0\.0$": "127.0.0.1",
+            r"\b8786\b": str(scheduler),
+            r"\b8000\b": str(self.front),
+            r"\b5432\b": str(self.database),
+            r"^/data$": str(directory / "data"),
+            r"^/tmp$": str(directory / "tmp"),
+            r"^\$\{POSTGRES_PASSWORD:\?.*\}$": PASSWORD,
+        }
+        #: What the images bring, for processes without one.
+        self.image = {
+            "PATH": os.pathsep.join([str(Path(sys.executable).parent), str(programs()), os.environ["PATH"]]),
+            "PYTHONPATH": str(ROOT),
+            "RATTLE_CACHE_DIR": str(Path(rattle._compile._cache_directory()).parent),
+            "PGHOST": "127.0.0.1",
+            "PGPORT": str(self.database),
+            "HOME": str(directory),
+        }
+
+    def text(self, text: str) -> str:
+        for pattern, here in self.table.items():
+            text = re.sub(pattern, here, text)
+        return text
+
+    def words(self, words: list[str]) -> list[str]:
+        return [self.text(word) for word in words]
+
+    def environment(self, name: str) -> dict[str, str]:
+        given = SERVICES[name].get("environment", {})
+        return self.image | {variable: self.text(value) for variable, value in given.items()}
+
+    def run(self, name: str, *command: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            command, env=self.environment(name), cwd=self.directory, text=True, capture_output=True, timeout=120
+        )
+
+    @contextmanager
+    def started(self, name: str, number: int = 0, prefix: tuple[str, ...] = (), *more: str) -> Iterator[None]:
+        """A service's command, healthy by its own check if it has one."""
+        with (self.directory / f"{name}{number}.log").open("w") as log:
+            command = [*prefix, *self.words(SERVICES[name]["command"]), *more]
+            environment = self.environment(name)
+            process = subprocess.Popen(command, env=environment, cwd=self.directory, stdout=log, stderr=log)
+        try:
+            check = SERVICES[name]["healthcheck"].get("test")
+            if check:
+                assert check[0] == "CMD"
+                wait_until(lambda: self._healthy(name, process, self.words(check[1:])))
+            yield
+            assert process.poll() is None, (self.directory / f"{name}{number}.log").read_text()
+        finally:
+            process.terminate()
+            try:
+                process.wait(timeout=30)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def _healthy(self, name: str, process: subprocess.Popen[bytes], check: list[str]) -> bool:
+        assert process.poll() is None, "\n".join(log.read_text() for log in self.directory.glob(f"{name}*.log"))
+        return self.run(name, *check).returncode == 0
+
+
+def programs() -> Path:
+    found = postgres._programs()
+    assert found is not None
+    return found
+
+
+@contextmanager
+def database(here: Here) -> Iterator[None]:
+    """PostgreSQL with the user, password and database that its image makes of the environment."""
+    directory = Path(tempfile.mkdtemp(prefix="rattle-compose-"))  # open to the user that PostgreSQL runs as
+    try:
+        given = here.environment("postgres")
+        prefix: tuple[str, ...] = ()
+        if os.geteuid() == 0:
+            user = pwd.getpwnam(str(postgres._user()))
+            os.chown(directory, user.pw_uid, user.pw_gid)
+            prefix = ("setpriv", f"--reuid={user.pw_uid}", f"--regid={user.pw_gid}", "--clear-groups")
+        password = directory / "password"
+        password.write_text(given["POSTGRES_PASSWORD"])
+        password.chmod(0o644)
+        data, user_name = str(directory / "data"), given["POSTGRES_USER"]
+        initdb = [
+            "initdb",
+            "-D",
+            data,
+            "-U",
+            user_name,
+            "-A",
+            "scram-sha-256",
+            f"--pwfile={password}",
+            "--no-sync",
+            "-E",
+            "UTF8",
+            "--locale=C",
+        ]
+        subprocess.run([*prefix, *initdb], env=here.image, cwd=directory, check=True, capture_output=True)
+        more = ("-D", data, "-p", str(here.database), "-c", f"unix_socket_directories={directory}", "-c", "fsync=off")
+        with here.started("postgres", 0, prefix, *more):
+            made = subprocess.run(
+                ["createdb", "-U", user_name, given["POSTGRES_DB"]],
+                env=here.image | {"PGPASSWORD": PASSWORD},
+                capture_output=True,
+                text=True,
+            )
+            assert made.returncode == 0, made.stderr
+            yield
+    finally:
+        shutil.rmtree(directory, ignore_errors=True)
+
+
+@pytest.mark.skipif(bool(postgres.missing()), reason=postgres.missing())
+def test_a_survey_through_everything(tmp_path: Path) -> None:
+    here = Here(tmp_path)
+    for name in ("data", "tmp"):
+        (tmp_path / name).mkdir()
+    with ExitStack() as stack:
+        stack.enter_context(database(here))
+        stack.enter_context(here.started("scheduler"))
+        for number in range(SERVICES["worker"]["deploy"]["replicas"]):
+            stack.enter_context(here.started("worker", number))
+        assert here.run("front", *here.words(SERVICES["front"]["command"])).returncode == 2  # no key yet
+        added = here.run("front", "rattle", "key", "add", "me", "--scope", "submit")
+        assert added.returncode == 0, added.stderr
+        stack.enter_context(here.started("front"))
+        expected: dict[str, np.ndarray] = serial_run(REQUEST)
+        with Client(f"http://127.0.0.1:{here.front}", key=added.stdout.strip()) as client:
+            job = client.submit(REQUEST)
+            with job.wait().open() as dataset:
+                assert_bit_identical(dataset, expected)
+        assert list((tmp_path / "data" / "surveys").iterdir())
+        assert not (tmp_path / "data" / "jobs.sqlite").exists()

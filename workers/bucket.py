@@ -1,0 +1,305 @@
+"""A store on S3-compatible object storage, reached through obstore.
+
+There is no rename there and no lock of the system. A store is whole once its root `zarr.json` is there, which is put
+last, and only if nobody else has put one; it is deleted in the opposite order. Settings are those of obstore: the
+variables AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, AWS_ENDPOINT, and AWS_ALLOW_HTTP for tests.
+"""
+
+import asyncio
+import json
+import os
+import socket
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+from uuid import uuid4
+
+import psutil
+from zarr.core.buffer import default_buffer_prototype
+from zarr.storage import MemoryStore, ObjectStore, StoreLike
+
+from workers.errors import StorageError, SurveyError
+
+if TYPE_CHECKING:
+    from obstore.store import S3Store
+
+SCHEME = "s3://"
+ROOT = "zarr.json"
+#: A prefix with one of these is ours, and no store: its creation or deletion was begun, or a run holds it.
+CREATING, DELETING, LOCK = ".creating", ".deleting", ".lock"
+MARKERS = (CREATING, DELETING, LOCK)
+#: A request is tried again for so long before the survey has to wait.
+RETRIES, RETRY_SECONDS = 6, 60
+
+
+class Bucket:
+    """A prefix of a bucket.
+
+    Args:
+        url: `s3://BUCKET/PREFIX`.
+        owned: who asks is known to be the only writer, as a service is that holds its job database; no lock is taken.
+
+    Raises:
+        SurveyError: the URL names no prefix of a bucket, or obstore is not installed.
+    """
+
+    def __init__(self, url: str, owned: bool = False) -> None:
+        parts = urlsplit(url)
+        if not parts.netloc or not parts.path.strip("/") or parts.query or parts.fragment or parts.username:
+            raise SurveyError(f"{url}: write {SCHEME}BUCKET/PREFIX, without more")
+        self.url = f"{SCHEME}{parts.netloc}/{parts.path.strip('/')}"
+        self._owned = owned
+        self.objects = _connect(self.url)
+
+    def __str__(self) -> str:
+        return self.url
+
+    def zarr(self) -> ObjectStore:
+        """Return what zarr opens."""
+        return ObjectStore(self.objects)
+
+    def occupied(self) -> bool:
+        """Whether anything is here but what a killed creation left."""
+        with self.reaching():
+            if self.has(ROOT) or self.has(DELETING):
+                return True
+            return not self.has(CREATING) and any(key not in MARKERS for key in self.keys())
+
+    def exists(self) -> bool:
+        """Whether a whole store is here."""
+        with self.reaching():
+            return self.has(ROOT)
+
+    def has(self, key: str) -> bool:
+        """Whether a key is here."""
+        import obstore
+
+        try:
+            obstore.head(self.objects, key)
+        except FileNotFoundError:
+            return False
+        return True
+
+    def read(self, key: str) -> bytes:
+        """Return an object. Raises FileNotFoundError, or what `reaching` does."""
+        return self.read_tagged(key)[0]
+
+    def read_tagged(self, key: str) -> tuple[bytes, str]:
+        """Return an object and its ETag. Raises as `read` does."""
+        import obstore
+
+        with self.reaching():
+            found = obstore.get(self.objects, key)
+            return bytes(found.bytes()), found.meta["e_tag"] or '""'
+
+    def keys(self, prefix: str = "") -> Iterator[str]:
+        """Every key below a prefix."""
+        import obstore
+
+        for batch in obstore.list(self.objects, prefix or None):
+            yield from (each["path"] for each in batch)
+
+    def children(self) -> list[str]:
+        """The first parts of the keys below."""
+        import obstore
+
+        with self.reaching():
+            found = obstore.list_with_delimiter(self.objects)
+        return [prefix.rstrip("/").rpartition("/")[2] for prefix in found["common_prefixes"]]
+
+    def deletion_begun(self) -> bool:
+        """Whether a deletion was begun and has not ended."""
+        with self.reaching():
+            return self.has(DELETING)
+
+    def finder(self, prefix: str) -> Callable[[str], bool]:
+        """Return a function that says whether a key below the prefix is here, from one listing."""
+        with self.reaching():
+            keys = frozenset(self.keys(prefix))
+        return lambda key: f"{prefix}/{key}" in keys
+
+    @contextmanager
+    def reaching(self) -> Iterator[None]:
+        """Turn what obstore raises into errors of this project.
+
+        Raises:
+            StorageError: the object store does not answer, or fails.
+            SurveyError: it refuses: the credentials, or the bucket, are wrong.
+        """
+        from obstore import exceptions
+
+        try:
+            yield
+        except (exceptions.PermissionDeniedError, exceptions.UnauthenticatedError) as error:
+            raise SurveyError(f"{self} may not be used ({_first_line(error)}): look at the credentials") from error
+        except exceptions.BaseError as error:
+            if "NoSuchBucket" in str(error):
+                raise SurveyError(f"{self}: there is no such bucket: create it, or correct the URL") from error
+            raise StorageError(
+                f"{self} cannot be reached ({_first_line(error)}): the survey goes on once it can"
+            ) from error
+
+    def build(self, write: Callable[[StoreLike], None]) -> None:
+        """Create the store: its root is put last, unless another run has put one meanwhile."""
+        import obstore
+        from obstore.exceptions import AlreadyExistsError
+
+        template = _written(write)
+        with self.writing(), self.reaching():
+            obstore.put(self.objects, CREATING, b"")
+            for key in sorted(template.keys() - {ROOT}):
+                obstore.put(self.objects, key, template[key])
+            with suppress(AlreadyExistsError):
+                obstore.put(self.objects, ROOT, template[ROOT], mode="create")
+            obstore.delete(self.objects, CREATING)
+
+    def mend(self, write: Callable[[StoreLike], None], names: Iterable[str]) -> None:
+        """Replace every object below these names by the one of a store just written."""
+        import obstore
+
+        template = _written(write)
+        with self.reaching():
+            for name in names:
+                for key in template:
+                    if key.startswith(f"{name}/"):
+                        obstore.put(self.objects, key, template[key])
+
+    def sweep(self) -> None:
+        """Remove what a killed creation left: its marker."""
+        import obstore
+
+        with self.reaching():
+            obstore.delete(self.objects, CREATING)
+
+    def delete(self) -> None:
+        """Delete the store. Its root goes first, so that no half of it is ever taken for a store."""
+        import obstore
+
+        with self.reaching():
+            if next(self.keys(), None) is None:
+                return
+            obstore.put(self.objects, DELETING, b"")
+            obstore.delete(self.objects, ROOT)
+            for batch in obstore.list(self.objects):
+                obstore.delete(self.objects, [each["path"] for each in batch if each["path"] != DELETING])
+            obstore.delete(self.objects, DELETING)
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Hold the store for one run, by an object that names it.
+
+        Raises:
+            StorageError: the object store fails.
+            SurveyError: another run holds the store, or was killed on another machine and holds it still.
+        """
+        if self._owned:
+            yield
+            return
+        import obstore
+
+        mine = json.dumps(_identity()).encode()
+        with self.reaching():
+            self._take_lock(mine)
+        try:
+            yield
+        finally:
+            with suppress(OSError, SurveyError):
+                if self.read(LOCK) == mine:
+                    obstore.delete(self.objects, LOCK)
+
+    def _take_lock(self, mine: bytes) -> None:
+        import obstore
+        from obstore.exceptions import AlreadyExistsError, PreconditionError
+
+        try:
+            obstore.put(self.objects, LOCK, mine, mode="create")
+            return
+        except AlreadyExistsError:
+            pass
+        try:
+            found = obstore.get(self.objects, LOCK)
+            holder = json.loads(bytes(found.bytes()))
+            if _has_died(holder):
+                obstore.put(self.objects, LOCK, mine, mode={"e_tag": found.meta["e_tag"]})
+                return
+        except (FileNotFoundError, PreconditionError):
+            holder = {}  # released or taken over this moment
+        except (ValueError, TypeError, KeyError):
+            holder = {"process": "unknown"}
+        who = (
+            f" (process {holder.get('process')} on {holder.get('host')} since {holder.get('since')})" if holder else ""
+        )
+        raise SurveyError(
+            f"{self} is being computed by another run{who}: wait for it, or choose another place. If that run was"
+            f" killed, delete the object {self}/{LOCK}"
+        )
+
+
+def _connect(url: str) -> "S3Store":
+    try:
+        from obstore.exceptions import BaseError
+        from obstore.store import S3Store
+    except ImportError as error:
+        raise SurveyError(f"{url} needs obstore: pip install 'gear-rattle[s3]'") from error
+    try:
+        return S3Store.from_url(
+            url,
+            # given options hide this variable from obstore
+            client_options={
+                "timeout": timedelta(seconds=RETRY_SECONDS),
+                "allow_http": os.environ.get("AWS_ALLOW_HTTP", "").lower() in ("true", "1"),
+            },
+            retry_config={"max_retries": RETRIES, "retry_timeout": timedelta(seconds=RETRY_SECONDS)},
+        )
+    except (BaseError, ValueError) as error:
+        raise SurveyError(f"{url} cannot be used ({_first_line(error)}): look at the variables AWS_…") from error
+
+
+def _written(write: Callable[[StoreLike], None]) -> dict[str, bytes]:
+    """Every key of what is written to a store, by its bytes."""
+    store = MemoryStore()
+    write(store)
+
+    async def gather() -> dict[str, bytes]:
+        prototype = default_buffer_prototype()
+        found = {key: await store.get(key, prototype) async for key in store.list()}
+        return {key: value.to_bytes() for key, value in found.items() if value is not None}
+
+    return asyncio.run(gather())
+
+
+def _identity() -> dict[str, Any]:
+    """This process, so that another one on the same machine can tell whether it lives."""
+    return {
+        "host": socket.gethostname(),
+        "boot": _boot(),
+        "process": os.getpid(),
+        "started": psutil.Process().create_time(),
+        "since": datetime.now(UTC).isoformat(timespec="seconds"),
+        "run": uuid4().hex,
+    }
+
+
+def _boot() -> str:
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return ""
+
+
+def _has_died(holder: dict[str, Any]) -> bool:
+    """Whether a process is known to have ended: of another machine, or before a reboot, nothing is known."""
+    if not _boot() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot()):
+        return False
+    try:
+        process = psutil.Process(int(holder["process"]))
+        return process.create_time() != holder["started"] or process.status() == psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return True
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).strip().partition("\n")[0][:300]

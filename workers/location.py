@@ -1,0 +1,137 @@
+"""Where a store is: a directory, or a prefix of a bucket. What the two do differently is here and nowhere else.
+
+Both promise: a store appears whole or not at all, a key is replaced at once or not at all, and one run writes to it.
+"""
+
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from zarr.storage import StoreLike
+
+from workers.bucket import SCHEME, Bucket
+from workers.errors import SurveyError, storage_error
+
+ROOT = "zarr.json"
+
+
+class Directory:
+    """A store on a file system."""
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path).resolve()
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    def zarr(self) -> Path:
+        """Return what zarr opens."""
+        return self.path
+
+    def occupied(self) -> bool:
+        """Whether anything is here."""
+        return self.path.exists() and not (self.path.is_dir() and next(self.path.iterdir(), None) is None)
+
+    def exists(self) -> bool:
+        """Whether a whole store is here."""
+        return (self.path / ROOT).exists()
+
+    def read(self, key: str) -> bytes:
+        """Return a file. Raises OSError."""
+        return (self.path / key).read_bytes()
+
+    def finder(self, prefix: str) -> Callable[[str], bool]:
+        """Return a function that says whether a key below the prefix is here."""
+        return lambda key: (self.path / prefix / key).exists()
+
+    def reaching(self) -> AbstractContextManager[None]:
+        """Let errors of the file system pass as they are: OSError."""
+        return nullcontext()
+
+    def build(self, write: Callable[[StoreLike], None]) -> None:
+        """Create the store: beside its place, and renamed."""
+        try:
+            with self._beside(write) as sibling:
+                os.rename(sibling, self.path)
+        except OSError:
+            if not self.occupied():  # otherwise another run was first, and its store is judged like any other
+                raise
+
+    def mend(self, write: Callable[[StoreLike], None], names: Iterable[str]) -> None:
+        """Replace every file below these names by the one of a store just written."""
+        with self._beside(write) as sibling:
+            for name in names:
+                for file in [file for file in (sibling / name).rglob("*") if file.is_file()]:
+                    target = self.path / file.relative_to(sibling)
+                    target.parent.mkdir(parents=True, exist_ok=True)
+                    os.replace(file, target)
+
+    @contextmanager
+    def _beside(self, write: Callable[[StoreLike], None]) -> Iterator[Path]:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        sibling = self.path.with_name(f".{self.path.name}.{uuid4().hex}")
+        try:
+            write(sibling)
+            yield sibling
+        finally:
+            shutil.rmtree(sibling, ignore_errors=True)
+
+    @contextmanager
+    def writing(self) -> Iterator[None]:
+        """Hold the store for one run; the system releases it even if the process is killed.
+
+        Raises:
+            StorageError: it cannot be written now.
+            SurveyError: another run holds it: two would sweep each other's files. Or it is not there.
+        """
+        try:
+            held = (self.path / "status" / "zarr.json").open("rb+")  # a file that nobody replaces
+        except OSError as error:
+            raise storage_error(f"{self} cannot be written", error) from error
+        with held:
+            try:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                raise SurveyError(
+                    f"{self} is being computed by another run: wait for it, or choose another path"
+                ) from None
+            except OSError:
+                pass  # a file system without locks
+            yield
+
+    def sweep(self) -> None:
+        """Remove what killed writers left."""
+        for stray in self.path.rglob("*.partial"):
+            stray.unlink(missing_ok=True)
+
+
+Place = Directory | Bucket
+
+
+def place_of(where: str | Path | Place) -> Place:
+    """Return the place that a path or a URL names. Raises SurveyError for a URL that is none of a bucket."""
+    if isinstance(where, Directory | Bucket):
+        return where
+    if "://" not in str(where):
+        return Directory(where)
+    if not str(where).startswith(SCHEME):
+        raise SurveyError(f"{where}: a store is a path, or {SCHEME}BUCKET/PREFIX")
+    return _bucket(str(where))
+
+
+@lru_cache(maxsize=64)
+def _bucket(url: str) -> Bucket:
+    return Bucket(url)
+
+
+def read_json(place: Place, key: str) -> dict[str, Any]:
+    """Return a JSON document of a store. Raises OSError or ValueError."""
+    document: dict[str, Any] = json.loads(place.read(key))
+    return document
