@@ -191,7 +191,7 @@ def boundary_distances(
     v_max = require_number("v_max", v_max, positive=True)
     broadcast = parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
-    require(d.size * SAMPLED <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: use tiles")
+    require(d.size * STATES * (1 + COPIES) <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: use tiles")
     found = BoundaryDistance(np.zeros(d.size), np.full(d.size, np.nan), np.full(d.size, np.inf))
     below = e < quiet_limit(d)
     late = below & rests_late(d, e, b)
