@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors import UNDECIDED
+from rattle.attractors import KINDS, UNDECIDED
 from rattle.basins import Basins, classified
 from rattle.errors import require, require_integer, require_number
 from rattle.sampling import Z_95, wilson_interval
@@ -18,7 +18,8 @@ LONGEST_BOX = 4096
 
 class BasinEntropy(NamedTuple):
     """Entropy per box (nats) over all boxes and over those at boundaries (NaN if there are none), with the numbers of
-    both. Source: Daza et al., Scientific Reports 6 (2016) 31416.
+    both. Both entropies are NaN if a cell is undecided: its basin is not known. Source: Daza et al., Scientific Reports
+    6 (2016) 31416.
     """
 
     entropy: float
@@ -85,6 +86,8 @@ def basin_entropy(basins: Basins, box: int = 5) -> BasinEntropy:
         entropy -= p * np.log(np.where(p > 0, p, 1.0))
     mixed = (boxes != boxes[:, :1]).any(axis=1)
     at_boundary = float(entropy[mixed].mean()) if mixed.any() else float("nan")
+    if any(attractor.kind == KINDS[UNDECIDED] for attractor in basins.attractors):
+        return BasinEntropy(float("nan"), float("nan"), side * side, int(mixed.sum()))
     return BasinEntropy(float(entropy.mean()), at_boundary, side * side, int(mixed.sum()))
 
 

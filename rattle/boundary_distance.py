@@ -1,8 +1,9 @@
 """How far quiet motion is from the basin of another attractor: the least speed after an impact that leads there.
 
 Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of the states that do not go to rest. It
-is sought in three steps: a sample of the whole strip by the classifier of `rattle.attractors`; further samples of the
-strip below the least speed so far; then a pattern search from the lowest states found, each step an exact trajectory.
+is sought in four steps: a sample of the plane by the classifier of `rattle.attractors`; preimages of the basins that it
+found, since all preimages of a basin belong to it, however thin they are; further samples of the strip below the least
+speed so far; then a pattern search from the lowest states found. Whatever counts is an exact trajectory.
 """
 
 from typing import Any, NamedTuple
@@ -12,22 +13,28 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors import MOST_SAMPLES
 from rattle.errors import require, require_number
+from rattle.images import lowest_preimages
 from rattle.iterate import fold
 from rattle.limits import quiet_limit
 from rattle.orbits import parameters
-from rattle.quiet import capture_invariants
+from rattle.quiet import capture_invariants, rests_late
 from rattle.sampling import sobol
 from rattle.settle import LEFT, ORBIT, QUIET
 from rattle.survey import followed
 
-SAMPLED, ROUNDS = 512, 8  # states of the strip; again so many below the least so far, at most so many times
+SAMPLED, ROUNDS = 1024, 8  # states of the strip and of the plane; of the strip again below the least so far, so often
+EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64  # states of all balls of capture of a cell, and of each ball
+PREIMAGES, CEILING = 64, 25.0  # steps back from a state, and the speed from which none comes down again
+STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0  # of a cell to look back from; more near each if they are few, so near
+TRIED = 64  # lowest preimages of a cell that are followed to see whether they count
 STARTS, APART = 4, 1.0 / 32.0  # pattern searches, and the phase between their first states
 SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)  # of one pattern: near a smooth least place it is flat
 FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # of v, relative, and of τ in forcing periods
 SHRINK, HOPE = 1.0 / 16.0, 8.0  # of a pattern that found nothing; a start is given up that is so many scales too high
 MOST_PATTERNS = 60
-LEAST_IMPACTS, MOST_IMPACTS = 128, 4096  # of a state in the second and third step, and
-PATIENCE = 2  # so many times what the sample needed
+LEAST_IMPACTS, MOST_IMPACTS = 512, 4096  # of a state after the first step, and
+PATIENCE = 2  # so many times what the sample needed to get to its orbits, and to rest too if there is chaos
+LASTING = 8  # times as long is followed at last what seems to be chaos
 LOWEST = 1e-6  # speed from which the strip is searched where capture is not certain any higher
 
 Array = NDArray[np.float64]
@@ -37,9 +44,10 @@ class BoundaryDistance(NamedTuple):
     """The least impact speed after which quiet motion is lost: arrays of the broadcast shape, or floats of one gear.
 
     v: the speed; inf if no state up to v_max goes to another attractor, 0 where there is no quiet motion to lose, NaN
-    if undecided states only are left of those that do not go to rest. tau: the phase of the impact, NaN unless v is
-    positive and finite. undecided: the least speed of a sampled state that no attractor could be told for, inf if there
-    is none; below v, it says that the true distance may be smaller.
+    if undecided states only are left of those that do not go to rest, or (undecided is 0 then) if rest takes more than
+    2048 impacts: within a few per cent of the quiet limit no sample tells it from chaos. tau: the phase of the impact,
+    NaN unless v is positive and finite. undecided: the least speed of a sampled state that no attractor could be told
+    for, inf if there is none; below v, it says that the true distance may be smaller.
     """
 
     v: Any
@@ -55,20 +63,22 @@ class _Cells:
         smallest = 4 * np.pi * delta - 2 * np.pi * epsilon * np.hypot(2 * np.pi, delta)
         self.floor = np.clip(np.cbrt(invariant * smallest), LOWEST, 0.5 * v_max)  # all below become quiet
         self.v_max = v_max
-        tau, v = self.strip(np.full(delta.size, v_max), 0)
+        (tau, v), (x, y) = self.strip(np.full(delta.size, v_max), 0), sobol(SAMPLED).T
+        plane = v_max * (y + 0.5 / SAMPLED)
+        tau, v = np.hstack([tau, np.tile(x, (delta.size, 1))]), np.hstack([v, np.tile(plane, (delta.size, 1))])
         self.survey = followed(delta, epsilon, beta, tau.copy(), v.copy())
-        status = self.survey.status
+        status, impacts = self.survey.status, self.survey.samples.impacts.reshape(v.shape)
         self.chaos = np.array([cell in self.survey.chaos for cell in range(delta.size)])
-        settled = np.where((status == QUIET) | (status == ORBIT), self.survey.samples.impacts.reshape(status.shape), 0)
-        needed = PATIENCE * settled.max(axis=1)
-        self.most = np.clip(needed, LEAST_IMPACTS, MOST_IMPACTS)
+        settled = np.where((status == ORBIT) | (status == QUIET), impacts, 0).max(axis=1)
+        self.chaos &= PATIENCE * settled <= MOST_IMPACTS  # else what is left may be on its way to rest
+        captured = np.where(status == ORBIT, impacts, 0).max(axis=1)
+        self.most = np.clip(PATIENCE * np.where(self.chaos, settled, captured), LEAST_IMPACTS, MOST_IMPACTS)
         away = (status == ORBIT) | ((status == LEFT) & self.chaos[:, None])
-        self.chaos &= (
-            needed <= MOST_IMPACTS
-        )  # what is left otherwise, close to the quiet limit, may be on its way to rest
         self.undecided = np.where((status != QUIET) & ~away, v, np.inf).min(axis=1)
         self.tau, self.v = np.full((delta.size, STARTS), np.nan), np.full((delta.size, STARTS), np.inf)
         self.keep(tau, np.where(away, v, np.inf))
+        self.balls = np.zeros(delta.size, np.int64)  # of capture, whose preimages have been looked at
+        self.look_back(away, tau, v)
 
     def strip(self, below: Array, i: int) -> tuple[Array, Array]:
         """Low-discrepancy states (n, SAMPLED) number i, uniform in τ and ln v, from the floor to each cell's speed."""
@@ -76,9 +86,9 @@ class _Cells:
         low, high = np.log(self.floor)[:, None], np.log(np.maximum(below, self.floor))[:, None]
         return np.repeat(x[None], below.size, axis=0), np.exp(low + (high - low) * y)
 
-    def away(self, cell: NDArray[np.int64], tau: Array, v: Array) -> NDArray[np.bool_]:
+    def away(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
         """Whether states (k,) of these cells go to another attractor; chaotic is what is left in a cell with chaos."""
-        status = self.survey.settled(cell, tau, v, self.most[cell])
+        status = self.survey.settled(cell, tau, v, times * self.most[cell])
         return (status == ORBIT) | ((status == LEFT) & self.chaos[cell])
 
     def keep(self, tau: Array, v: Array) -> None:
@@ -89,6 +99,43 @@ class _Cells:
             self.tau[:, i], self.v[:, i] = tau[each, one], v[each, one]
             off = tau - self.tau[:, i, None]
             v = np.where(np.abs(off - np.rint(off)) < APART, np.inf, v)
+
+    def edges(self) -> tuple[NDArray[np.int64], Array, Array]:
+        """States (k,) at the edges of the balls of capture that are new since the last call: cell, τ, v."""
+        balls = self.survey.balls
+        cell, p = np.nonzero((np.arange(balls.tau.shape[1]) >= self.balls[:, None]) & (balls.orbit >= 0))
+        fresh = p < balls.n[cell]
+        cell, p = cell[fresh], p[fresh]
+        each = np.clip(EDGES // np.maximum(balls.n[cell], 1), FEWEST_EDGES, MOST_EDGES)
+        angle = 2 * np.pi * (np.arange(each.sum()) - np.repeat(np.cumsum(each) - each, each)) / np.repeat(each, each)
+        tau, v, a, b, d = (np.repeat(x[cell, p], each) for x in (balls.tau, balls.v, *balls[4:]))
+        y = np.sin(angle) / np.sqrt(d - b * b / a)
+        x = (np.cos(angle) - b / np.sqrt(a) * y) / np.sqrt(a)
+        self.balls = balls.n.copy()
+        return np.repeat(cell, each), fold(tau + x), v + y
+
+    def look_back(self, away: NDArray[np.bool_], tau: Array, v: Array) -> None:
+        """Keep the lowest preimages of those of some states (n, k) that go away, of states near these, and of the edges
+        of new balls of capture.
+        """
+        number = away.sum(axis=1)[:, None]
+        every = -(-number * (1 + COPIES) // STATES)  # of those near, only so many that there is room for
+        some = np.flatnonzero(away & (np.cumsum(away, axis=1) % np.maximum(every, 1) == 0))
+        near = sobol(1 + COPIES)[:, :, None] * NEAR
+        near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
+        states = np.tile(some // v.shape[1], 1 + COPIES), near_tau.ravel(), near_v.ravel()
+        cell, tau, v = (np.append(x, y) for x, y in zip(states, self.edges(), strict=True))
+        delta, epsilon, beta, _capture = (x[cell] for x in self.survey.cells)
+        tau, v = lowest_preimages(tau, v, PREIMAGES, CEILING, delta, epsilon, beta)
+        order = np.lexsort((tau, v, cell))
+        rank = np.arange(cell.size) - np.searchsorted(cell[order], cell[order])
+        order, rank = order[rank < TRIED], rank[rank < TRIED]
+        cell, tau, v = cell[order], tau[order], v[order]
+        low = v < self.v_max
+        low[low] = self.away(cell[low], tau[low], v[low])
+        found_tau, found = np.zeros((len(self.v), TRIED)), np.full((len(self.v), TRIED), np.inf)
+        found_tau[cell, rank], found[cell, rank] = tau, np.where(low, v, np.inf)
+        self.keep(found_tau, found)
 
     def sample_below(self) -> None:
         """More samples below the least so far, as long as they find a lower one."""
@@ -102,6 +149,7 @@ class _Cells:
             cell = np.repeat(pending, SAMPLED)
             away[pending] = self.away(cell, tau[pending].ravel(), v[pending].ravel()).reshape(-1, SAMPLED)
             self.keep(tau, np.where(away, v, np.inf))
+            self.look_back(away, tau, v)
             pending = pending[self.v[pending, 0] < before[pending]]
 
     def descend(self) -> None:
@@ -125,6 +173,14 @@ class _Cells:
             scale[hopeful] *= np.where(lower, 1.0, SHRINK)
         self.tau, self.v = best_tau.reshape(-1, STARTS), best.reshape(-1, STARTS)
 
+    def confirm(self) -> None:
+        """Follow for longer what seems to have ended in chaos: what leaves it after all is no more than undecided."""
+        row, column = np.nonzero(self.chaos[:, None] & np.isfinite(self.v))
+        transient = ~self.away(row, self.tau[row, column], self.v[row, column], LASTING)
+        row, column = row[transient], column[transient]
+        np.minimum.at(self.undecided, row, self.v[row, column])
+        self.v[row, column] = np.inf
+
 
 def boundary_distances(
     delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, v_max: float = 7.0
@@ -135,13 +191,17 @@ def boundary_distances(
     v_max = require_number("v_max", v_max, positive=True)
     broadcast = parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
-    require(d.size * SAMPLED <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: use tiles")
+    require(d.size * STATES * (1 + COPIES) <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: use tiles")
     found = BoundaryDistance(np.zeros(d.size), np.full(d.size, np.nan), np.full(d.size, np.inf))
-    quiet = np.flatnonzero(e < quiet_limit(d))
+    below = e < quiet_limit(d)
+    late = below & rests_late(d, e, b)
+    found.v[late], found.undecided[late] = np.nan, 0.0
+    quiet = np.flatnonzero(below & ~late)
     if quiet.size:
         cells = _Cells(d[quiet], e[quiet], b[quiet], v_max)
         cells.sample_below()
         cells.descend()
+        cells.confirm()
         one = np.argmin(cells.v, axis=1)[:, None]
         v = np.take_along_axis(cells.v, one, 1)[:, 0]
         found.v[quiet] = np.where(np.isfinite(v) | np.isinf(cells.undecided), v, np.nan)

@@ -13,7 +13,7 @@ from rattle.impact_map import impact_tangent
 from rattle.iterate import fold
 from rattle.limits import quiet_limit
 from rattle.orbits import parameters, period_one
-from rattle.quiet import capture_invariants, capture_speed
+from rattle.quiet import capture_invariants, impacts_to_rest
 from rattle.settle import QUIET, Cells
 from rattle.survey import Survey
 
@@ -51,9 +51,8 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     tau, v, multiplier = orbits.tau[0], orbits.v[0], np.real(orbits.multipliers[0, 0])
     side = np.where(orbits.exists[0], UNSURE, NO_SADDLE).astype(np.int8)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slow = np.array([capture_speed(*point) for point in zip(d, e, b, strict=True)])
         climb = np.log(1.0 / NEAREST) / np.log(multiplier)
-        most = climb + RETURNING + 12.0 * np.pi / slow  # half of the last, in an adiabatic motion to rest
+        most = climb + RETURNING + 2.0 * impacts_to_rest(d, e, b)
     told = np.flatnonzero(orbits.exists[0] & (multiplier > 1.0) & (e < quiet_limit(d)) & (most < MOST_IMPACTS))
     if told.size:
         rows = [x[told] for x in (d, e, b, tau, v, multiplier)]

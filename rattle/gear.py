@@ -167,11 +167,14 @@ class Gear:
         """The least speed v < v_max, over all phases τ, of an impact that takes quiet motion to another attractor.
 
         (v, tau, undecided): the speed, inf if no state is found that does not become quiet again, 0 from the quiet
-        limit on, NaN if only undecided states are found; the phase; the least speed of a sampled state that no
-        attractor could be told for, inf if there is none: such states do not count as another basin. To 1e-5 relative
-        at a smooth boundary whose lowest place the sample sees: 512 low-discrepancy states in τ and ln v, and again so
-        many below the least as long as that finds a lower one. A tongue thinner than that may be lower still: what is
-        given is a speed that does lose quiet motion. Raises ParameterError.
+        limit on, NaN if only undecided states are found or rest takes more than 2048 impacts, within a few per cent of
+        that limit; the phase; the least speed of a sampled state that no attractor could be told for, inf if there is
+        none: such states do not count as another basin.
+
+        An upper bound: what is given is a speed that does lose quiet motion. At a smooth boundary it is exact to 1e-5.
+        Where basins are thin or fractal it was never above the least of a grid of 1000 phases and 15 speeds an octave
+        by more than 4 % at 55 points with β from 0.3 to 1.2, and by 38 % at one, where such states are one in 3000.
+        A basin with less than a thousandth of the plane may be missed altogether. Raises ParameterError.
         """
         found = boundary_distances(self.delta, self.epsilon, self.beta, v_max)
         return BoundaryDistance(*(float(x) for x in found))

@@ -14,14 +14,18 @@ falls in every period, η with it. docs/decisions/0003-quiet-capture.md has the 
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rattle._compile import kernel
 from rattle.flight import DRIFT, TWO_PI, contact_force
+
+Array = NDArray[np.float64]
 
 PHASES = 2048
 COSINES, SINES = np.cos(2 * np.pi * np.arange(PHASES) / PHASES), np.sin(2 * np.pi * np.arange(PHASES) / PHASES)
 LARGEST_ETA = 0.5
 KICK, DECAY_RATE = 10.0, 1.9
+LONGEST_REST = 2048.0
 
 
 @kernel
@@ -61,3 +65,19 @@ def capture_speed(delta: float, epsilon: float, beta: float) -> float:
     """Impact speed below which quiet is certain at every phase: (I g_min)^(1/3), 0 at and above the quiet limit."""
     smallest = 2 * TWO_PI * delta - TWO_PI * epsilon * np.hypot(TWO_PI, delta)
     return float((capture_invariant(delta, epsilon, beta) * max(smallest, 0.0)) ** (1 / 3))
+
+
+def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
+    """About how many impacts quiet motion makes until it is certain, for flat arrays; inf from the quiet limit on.
+
+    At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3): 6π/v_c in all, most of them at the end.
+    """
+    slow = np.array([capture_speed(*point) for point in zip(delta, epsilon, beta, strict=True)])
+    with np.errstate(divide="ignore"):
+        return 6.0 * np.pi / slow
+
+
+def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
+    """Whether there is quiet motion, but takes more than LONGEST_REST impacts: no sample tells it from chaos then."""
+    needed = impacts_to_rest(delta, epsilon, beta)
+    return np.isfinite(needed) & (needed > LONGEST_REST)

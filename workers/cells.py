@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 import rattle
+from rattle.quiet import rests_late
 
 GRAZING_CURVES = ("G1", "G2")
 BASIN_RESOLUTION = 100  # cells a side of the (τ, v) plane, in boxes of 5 × 5 for the entropy
@@ -56,14 +57,22 @@ class Cells:
         return rattle.boundary_distances(self.delta, self.epsilon[:, None], self.beta, self.v_max)
 
     @cached_property
+    def rests_late(self) -> np.ndarray:
+        """Whether quiet motion takes too many impacts to be told from chaos, shape (n_epsilon, n_delta)."""
+        delta, epsilon = (np.ascontiguousarray(x).ravel() for x in np.meshgrid(self.delta, self.epsilon))
+        return rests_late(delta, epsilon, np.full(delta.size, self.beta)).reshape(self.shape)
+
+    @cached_property
     def basin_entropy(self) -> np.ndarray:
-        """Entropy per box of all boxes and of those at boundaries, shape (2, n_epsilon, n_delta)."""
-        found = np.empty((2, *self.shape))
-        for i, epsilon in enumerate(self.epsilon):
-            for j, delta in enumerate(self.delta):
-                gear = rattle.Gear(float(delta), float(epsilon), self.beta)
-                basins = gear.basins(BASIN_RESOLUTION, self.v_max, "refined")
-                found[:, i, j] = rattle.basin_entropy(basins)[:2]
+        """Entropy per box of all boxes and of those at boundaries, shape (2, n_epsilon, n_delta).
+
+        NaN where a cell of the (τ, v) plane is undecided, or may be so near the quiet limit.
+        """
+        found = np.full((2, *self.shape), np.nan)
+        for (i, j), late in np.ndenumerate(self.rests_late):
+            if not late:
+                gear = rattle.Gear(float(self.delta[j]), float(self.epsilon[i]), self.beta)
+                found[:, i, j] = rattle.basin_entropy(gear.basins(BASIN_RESOLUTION, self.v_max, "refined"))[:2]
         return found
 
     @cached_property

@@ -16,7 +16,14 @@ from workers.evaluate import FAILED
 from workers.overlay import CURVES_ON, draw_curves, draw_points
 from workers.schema import CELL
 
-NOT_COMPUTED, FAILURE, NOTHING, INFINITE = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9"
+NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"
+#: What it means that a computed cell of a map has no value, or the value 0, if that is not a number among others.
+WITHOUT_VALUE = {
+    "basin_entropy": "undecided",
+    "boundary_basin_entropy": "no boundary, or undecided",
+    "boundary_distance": "undecided",
+}
+AT_ZERO = {"boundary_distance": "no quiet motion"}
 REGION_COLOURS = ("#e8e8e8", "#f4efe3", "#bfdcec", "#8fc79a", "#f2c879", "#dd8f7d")
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
@@ -34,7 +41,7 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
     plane = _plane(dataset, variable, index)
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
-    draw_map(axes, dataset, plane)
+    draw_map(axes, dataset, plane, WITHOUT_VALUE.get(variable, "none"))
     axes.set_title(_title(plane), fontsize=11)
     curves = draw_curves(axes, dataset, CURVES_ON.get(variable, ()))
     draw_legend(axes)
@@ -85,6 +92,8 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
         nothing: ((status > 0) & (status != FAILED) & np.isnan(values), NOTHING),
         "infinite": (np.isinf(values), INFINITE),
     }
+    if plane.name in AT_ZERO:
+        layers[AT_ZERO[str(plane.name)]] = ((status > 0) & (values == 0), ZERO)
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
     for mask, colour in layers.values():
         _cells(axes, dataset, np.where(mask, 1.0, np.nan), ListedColormap([colour]), Normalize(0, 1))
@@ -149,6 +158,8 @@ def _scale(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize
             ["no", "yes"],
         )
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    if str(plane.name).endswith("_phase"):
+        return colormaps["twilight_shifted"], Normalize(0, 1), None, []  # 0.99 and 0.01 are neighbours
     if str(plane.name).endswith("_fraction"):
         return colormaps["viridis"], Normalize(0, 1), None, []
     if "lyapunov" in str(plane.name):

@@ -15,6 +15,9 @@ CURVES_ON: dict[str, tuple[str, ...]] = {
     "region": NAMES,
     "quiet_fraction": ("SN1", "quiet_limit"),
     "lyapunov_max": ("SN1", "G1", "G2"),
+    **dict.fromkeys(
+        ("basin_entropy", "boundary_basin_entropy", "boundary_distance", "crisis_side"), ("SN1", "quiet_limit")
+    ),
 }
 
 

@@ -7,14 +7,14 @@ import pytest
 import xarray as xr
 
 import rattle
-from workers import Axis, Group, SurveyRequest, create_store, finish_store, map_png, tiles_of
+from workers import Axis, Group, SurveyRequest, create_store, finish_store, map_png, maps, tiles_of
 from workers.runner import compute_and_write
 
 NAMES = ("basin_entropy", "boundary_basin_entropy", "boundary_distance", "boundary_distance_phase", "crisis_side")
-# quiet alone, another basin, chaos, past its crisis, no quiet motion
+# quiet alone, another basin, chaos, past its crisis, so near the quiet limit that nothing can be told, no quiet motion
 REQUEST = SurveyRequest(
     delta=Axis(start=0.55, stop=0.6, num=2),
-    epsilon=Axis(start=0.02, stop=0.22, num=6),
+    epsilon=Axis(start=0.01, stop=0.229, num=6),
     quantities=(Group.BASINS,),
     initial_conditions={"v_max": 6.0},
     tile={"delta": 2, "epsilon": 6},
@@ -40,7 +40,8 @@ def test_a_cell_is_what_the_library_says(survey: xr.Dataset) -> None:
         for j, delta in enumerate(survey.delta.values):
             gear, cell = rattle.Gear(float(delta), float(epsilon)), survey.isel(epsilon=i, delta=j)
             margin = gear.boundary_distance(v_max=6.0)
-            entropy = rattle.basin_entropy(gear.basins(100, 6.0, "refined"))
+            late = np.isnan(margin.v) and margin.undecided == 0
+            entropy = (np.nan, np.nan) if late else rattle.basin_entropy(gear.basins(100, 6.0, "refined"))
             known = (*entropy[:2], margin.v, margin.tau, int(rattle.crisis_side(delta, epsilon)))
             assert np.array_equal([float(cell[name]) for name in NAMES], known, equal_nan=True)
     assert np.isinf(survey.boundary_distance).any()
@@ -55,6 +56,29 @@ def test_tiles_do_not_show(survey: xr.Dataset, tmp_path: Path) -> None:
         assert survey[name].values.tobytes() == again[name].values.tobytes(), name
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_every_map_can_be_drawn(survey: xr.Dataset, name: str) -> None:
+def test_nothing_is_said_just_below_the_quiet_limit(survey: xr.Dataset) -> None:
+    here = survey.isel(epsilon=4, delta=1)
+    assert 0.97 < float(here.epsilon) / rattle.Gear(float(here.delta), 0.0).quiet_limit < 1
+    assert np.isnan([float(here[name]) for name in NAMES[:4]]).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "meanings"),
+    [
+        ("boundary_distance", {"undecided", "infinite", "no quiet motion", "SN1", "quiet limit"}),
+        ("basin_entropy", {"undecided", "SN1", "quiet limit"}),
+        ("boundary_basin_entropy", {"no boundary, or undecided", "SN1", "quiet limit"}),
+        ("boundary_distance_phase", {"none"}),
+        ("crisis_side", {"SN1", "quiet limit"}),
+    ],
+)
+def test_a_map_says_what_cells_without_a_value_mean(
+    survey: xr.Dataset, name: str, meanings: set[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    draw = maps.draw_legend
+    monkeypatch.setattr(
+        maps, "draw_legend", lambda axes: (said.extend(axes.get_legend_handles_labels()[1]), draw(axes))
+    )
     assert map_png(survey, name).startswith(b"\x89PNG")
+    assert set(said) == meanings

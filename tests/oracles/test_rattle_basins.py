@@ -1,5 +1,7 @@
 """Basins: two independent methods against each other, against Figure 4, and against answers known exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from figure4 import KNOWN, label
@@ -178,6 +180,16 @@ def test_entropy_of_painted_basins():
     assert rattle.basin_entropy(painted(labels)) == pytest.approx((each / 4, each, 16, 4))
     chess = np.indices((16, 16)).sum(axis=0) % 2
     assert rattle.basin_entropy(painted(chess), box=4) == pytest.approx((np.log(2), np.log(2), 16, 16))
+
+
+def test_no_entropy_where_a_cell_is_undecided():
+    labels = np.zeros((20, 20), np.int64)
+    labels[:, 8:] = 1
+    known = painted(labels)
+    quiet, other = known.attractors
+    unsure = replace(known, attractors=(quiet, replace(other, kind="undecided")))
+    assert np.isnan(rattle.basin_entropy(unsure)[:2]).all()
+    assert rattle.basin_entropy(unsure)[2:] == rattle.basin_entropy(known)[2:] == (16, 4)
 
 
 def test_the_fit_recovers_a_power_law_and_its_error():

@@ -5,6 +5,7 @@ import pytest
 
 import rattle
 from rattle.basins import classified
+from rattle.images import lowest_preimages
 from rattle.manifolds import manifold
 from rattle.saddles import period_one_saddle
 
@@ -50,6 +51,34 @@ def test_no_state_of_a_dense_grid_is_lower(point):
     assert set(np.unique(table.kind[rows])) == {rattle.KINDS.index("quiet")}
 
 
+@pytest.mark.parametrize(
+    "point",
+    [
+        (0.6, 0.18, 0.6),  # P(4,5,1) wins 0.3 % of the plane
+        (0.5, 0.15, 0.6),
+        (0.7, 0.2, 0.6),
+        (0.45, 0.12, 0.6),  # P(1,11,0) wins 0.3 %
+        (0.9, 0.25, 0.6),
+        (1.0, 0.27, 0.6),
+        (0.421, 0.1232, 0.6),
+        (0.6, 0.15, 0.4),
+        (0.1858, 0.0507, 0.9),
+        (0.8, 0.22, 0.9),
+    ],
+)
+def test_thin_basins_are_not_missed(point):
+    """Against states that know nothing of it: it is above the lowest that leaves by at most the share it states."""
+    gear = rattle.Gear(*point)
+    found = gear.boundary_distance()
+    assert np.isfinite(found.v)
+    rows = np.geomspace(gear.capture_speed, found.v / 1.04, 24)
+    tau, v = (x.ravel() for x in np.meshgrid((np.arange(500) + 0.5) / 500, rows))
+    table, row, _impacts = classified(point, tau, v)
+    assert set(np.unique(table.kind[row])) == {rattle.KINDS.index("quiet")}
+    end = gear.iterate(found.tau, found.v, 30_000 + np.arange(64))
+    assert end.v.max() > 2 * gear.capture_speed  # at rest it would be far below it by now
+
+
 @pytest.mark.parametrize("point", [(0.6, 0.078, 0.6), (0.6, 0.1, 0.6), (0.6, 0.11, 0.6), (0.3, 0.06, 0.3)])
 def test_the_state_leaves_and_those_just_below_do_not(point):
     gear = rattle.Gear(*point)
@@ -59,6 +88,24 @@ def test_the_state_leaves_and_those_just_below_do_not(point):
     assert end.v.max() > 0.2 * fastest
     below = gear.iterate((found.tau + np.linspace(-0.05, 0.05, 101)) % 1.0, found.v * (1 - 1e-4), 4000)
     assert below.v.max() < 0.02 * fastest
+
+
+@pytest.mark.parametrize("point", [(0.6, 0.18, 0.6), (0.3, 0.06, 0.3)])
+def test_the_lowest_preimages_lead_to_the_states(point):
+    gear = rattle.Gear(*point)
+    tau, v = np.random.default_rng(5).random((2, 40))
+    v = 1 + 4 * v
+    found = lowest_preimages(tau, v, 5, 25.0, *(np.full(40, x) for x in point))
+    each = np.stack([gear.iterate(*found, k) for k in range(6)])
+    off = np.hypot((each[:, 0] - tau + 0.5) % 1.0 - 0.5, each[:, 1] - v)
+    assert off.min(axis=0).max() < 1e-8
+    by_one = [[(tau, v)] for tau, v in zip(tau, v, strict=True)]
+    for path in by_one:
+        while len(path) < 6 and path[-1][1] <= 25:
+            back = gear.inverse_impact(*path[-1])
+            path.append((back.tau, back.v))
+    assert found[1] == pytest.approx([min(w for _t, w in path) for path in by_one], rel=1e-9)
+    assert (found[1] < v).any()
 
 
 def test_what_it_says_where_there_is_no_boundary():
@@ -72,6 +119,9 @@ def test_what_it_says_where_there_is_no_boundary():
     v, tau, undecided = gone.boundary_distance()
     assert v == 0
     assert np.isnan(tau)
+    late = rattle.Gear(0.45, 0.1425)  # 0.998 of the quiet limit: 200 000 impacts do not tell what comes to rest
+    assert np.isnan([*late.boundary_distance()[:2]]).all()
+    assert late.boundary_distance().undecided == 0
     assert rattle.Gear(0.6, 0.1).boundary_distance(v_max=2.5).v == np.inf  # its boundary begins at 2.512
     assert rattle.Gear(0.6, 0.1).boundary_distance(v_max=2.8).v == pytest.approx(2.51241, rel=1e-4)
 
