@@ -1,5 +1,6 @@
 """Databases for the tests of the service: SQLite, and a PostgreSQL that is started for them where it is installed."""
 
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,3 +35,14 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
         return str(request.getfixturevalue("postgres_url"))
     (tmp_path / "database").mkdir()
     return f"sqlite:///{tmp_path}/database/jobs.sqlite"
+
+
+@pytest.fixture(autouse=True)
+def _no_log_to_a_closed_stream() -> Iterator[None]:
+    """A command that a test runs in this process logs to the standard error of that test: gone with it."""
+    root = logging.getLogger()
+    before = list(root.handlers)
+    yield
+    for handler in list(root.handlers):
+        if type(handler) is logging.StreamHandler and handler not in before:
+            root.removeHandler(handler)
