@@ -16,7 +16,7 @@ figures: $(INSTALLED)
 	$(BIN)/rattle figure all --out figures
 
 test: $(INSTALLED) $(S3_INSTALLED)
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
