@@ -37,22 +37,6 @@ def images(tau, v, steps, turns, backwards, delta, epsilon, beta):
 
 
 @kernel
-def escapes(tau, v, low, most, delta, epsilon, beta):
-    """The impact on Σ⁺ at which each of flat arrays of states first leaves with a speed below `low`, most + 1 if none
-    of the next `most` does.
-    """
-    out = np.full(tau.size, most + 1)
-    for i in range(tau.size):
-        t, w = tau[i], v[i]
-        for j in range(most):
-            status, t, w, _, _ = impact(t, w, delta, epsilon, beta, DRIFT)
-            if w < low or status != OK:
-                out[i] = j + 1
-                break
-    return out
-
-
-@kernel
 def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
     """Of the preimages Π⁻ᵏ, k from 0 to steps, of each of flat arrays of states the slowest: (τ, v). Each is followed
     no further than its first preimage above `ceiling`; parameters are arrays too.

@@ -2,13 +2,12 @@
 
 import numpy as np
 import pytest
-from transients import crisis_of
+from transients import crisis_of, escapes
 
 from rattle.crisis import boundary_crisis, crisis_curve
 from rattle.crisis.curve import in_delta, in_gap
 from rattle.curves.codimension import codimension_two
 from rattle.errors import ParameterError, RattleError
-from rattle.images import escapes
 from rattle.iterate import iterate
 from rattle.orbits import orbits_at
 from rattle.saddles import local_manifold, period_one_saddle

@@ -3,11 +3,30 @@
 import numpy as np
 from scipy.optimize import least_squares
 
-from rattle.images import escapes
+from rattle._compile import kernel
+from rattle.first_impact import OK
+from rattle.flight import DRIFT
+from rattle.impact_map import impact
 from rattle.iterate import iterate
 from rattle.orbits import orbits_at
 
 SETTLE = 200  # impacts that bring a state near A's unstable side onto the chaotic set
+
+
+@kernel
+def escapes(tau, v, low, most, delta, epsilon, beta):
+    """The impact on Σ⁺ at which each of flat arrays of states first leaves with a speed below `low`, most + 1 if none
+    of the next `most` does.
+    """
+    out = np.full(tau.size, most + 1)
+    for i in range(tau.size):
+        t, w = tau[i], v[i]
+        for j in range(most):
+            status, t, w, _, _ = impact(t, w, delta, epsilon, beta, DRIFT)
+            if w < low or status != OK:
+                out[i] = j + 1
+                break
+    return out
 
 
 def lifetimes(delta, epsilon, count, most, seed):
