@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors import MOST_SAMPLES
 from rattle.errors import require, require_number
+from rattle.flight import wrapped
 from rattle.images import lowest_preimages
 from rattle.iterate import fold
 from rattle.limits import quiet_limit
 from rattle.orbits import parameters
-from rattle.quiet import capture_invariants, rests_late
+from rattle.quiet import capture_speeds, rests_late
 from rattle.sampling import sobol
 from rattle.settle import LEFT, ORBIT, QUIET
 from rattle.survey import followed
@@ -59,9 +60,7 @@ class _Cells:
     """Cells with a quiet motion, and the lowest states of each that are known to leave it."""
 
     def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: float) -> None:
-        invariant = capture_invariants(delta, epsilon, beta)
-        smallest = 4 * np.pi * delta - 2 * np.pi * epsilon * np.hypot(2 * np.pi, delta)
-        self.floor = np.clip(np.cbrt(invariant * smallest), LOWEST, 0.5 * v_max)  # all below become quiet
+        self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST, 0.5 * v_max)  # all below become quiet
         self.v_max = v_max
         (tau, v), (x, y) = self.strip(np.full(delta.size, v_max), 0), sobol(SAMPLED).T
         plane = v_max * (y + 0.5 / SAMPLED)
@@ -97,8 +96,7 @@ class _Cells:
         for i in range(STARTS):
             each, one = np.arange(v.shape[0]), np.argmin(v, axis=1)
             self.tau[:, i], self.v[:, i] = tau[each, one], v[each, one]
-            off = tau - self.tau[:, i, None]
-            v = np.where(np.abs(off - np.rint(off)) < APART, np.inf, v)
+            v = np.where(np.abs(wrapped(tau - self.tau[:, i, None])) < APART, np.inf, v)
 
     def edges(self) -> tuple[NDArray[np.int64], Array, Array]:
         """States (k,) at the edges of the balls of capture that are new since the last call: cell, τ, v."""

@@ -63,8 +63,13 @@ def capture_invariants(delta, epsilon, beta):
 
 def capture_speed(delta: float, epsilon: float, beta: float) -> float:
     """Impact speed below which quiet is certain at every phase: (I g_min)^(1/3), 0 at and above the quiet limit."""
+    return float(capture_speeds(*(np.array([x]) for x in (delta, epsilon, beta)))[0])
+
+
+def capture_speeds(delta: Array, epsilon: Array, beta: Array) -> Array:
+    """The same for flat arrays."""
     smallest = 2 * TWO_PI * delta - TWO_PI * epsilon * np.hypot(TWO_PI, delta)
-    return float((capture_invariant(delta, epsilon, beta) * max(smallest, 0.0)) ** (1 / 3))
+    return np.asarray((capture_invariants(delta, epsilon, beta) * np.maximum(smallest, 0.0)) ** (1 / 3), np.float64)
 
 
 def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
@@ -72,9 +77,8 @@ def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
 
     At speed v a period has 2πδ/v impacts, and v falls by e^(−δ/3): 6π/v_c in all, most of them at the end.
     """
-    slow = np.array([capture_speed(*point) for point in zip(delta, epsilon, beta, strict=True)])
     with np.errstate(divide="ignore"):
-        return 6.0 * np.pi / slow
+        return 6.0 * np.pi / capture_speeds(delta, epsilon, beta)
 
 
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:

@@ -13,11 +13,8 @@ from rattle.orbits import period_one
 from rattle.saddles import Array
 
 STEP = 0.04  # of ε − SN1, between two that are tried
-LOWEST, SMALLEST, HIGHEST = (
-    0.5,
-    2e-5,
-    2.0,
-)  # where they begin, relative to the square of the distance from COD22; where they end, to SN1
+LOWEST, SMALLEST = 0.5, 2e-5  # where they begin, relative to the square of the distance from COD22, and to SN1
+HIGHEST = 2.0  # where they end, relative to SN1
 HALVINGS = 6
 DENSE, CHECKED = 2000, 40000  # samples per unit of ln s on W^u(A), for the bracket, and once more below the crisis
 MARGIN = 1e-4  # how far below the crisis, relative to ε − SN1, no other piece may touch

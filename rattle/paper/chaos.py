@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 import rattle
 from rattle.attractors import CHAOTIC, attractors_of
 from rattle.errors import RattleError
+from rattle.flight import wrapped
 
 SAMPLES = 1024  # initial conditions among which the chaotic attractor is looked for
 WATCHED, BEFORE, IMPACTS = 128, 2_000, 100_000  # trajectories on the chaotic set; impacts before the watch, and in it
@@ -33,8 +34,7 @@ def on_chaos(delta: float, epsilon: float, count: int) -> States:
 def settled(delta: float, epsilon: float, tau: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which states are on a motion that repeats after RETURNS impacts at most, or bounce at hardly any speed."""
     later = rattle.iterate(delta, epsilon, tau[:, None], v[:, None], np.arange(1, RETURNS + 1))
-    turn = later.tau - tau[:, None]
-    moved = np.hypot(turn - np.rint(turn), later.v - v[:, None])
+    moved = np.hypot(wrapped(later.tau - tau[:, None]), later.v - v[:, None])
     return (moved < CLOSED).any(axis=1) | (v < 0.1)
 
 

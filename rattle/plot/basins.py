@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rattle.attractors import Attractor
 from rattle.basins import Basins
 from rattle.errors import RattleError, require
+from rattle.flight import wrapped
 from rattle.gear import Gear
 from rattle.manifolds import manifold
 from rattle.orbits import Orbit
@@ -237,6 +238,6 @@ def _basin(attractor: Attractor, orbits: dict[str, Orbit]) -> str | None:
     if attractor.kind == "chaotic":
         return r"$\Delta_{Ch}$"
     for name, orbit in orbits.items():
-        if abs(orbit.v - attractor.v) < SAME_ORBIT and abs((orbit.tau - attractor.tau + 0.5) % 1 - 0.5) < SAME_ORBIT:
+        if abs(orbit.v - attractor.v) < SAME_ORBIT and abs(wrapped(orbit.tau - attractor.tau)) < SAME_ORBIT:
             return rf"$\Delta_{name}$"
     return None

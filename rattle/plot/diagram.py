@@ -17,6 +17,7 @@ from rattle.curves import name_of
 from rattle.diagrams import Diagram, diagram, names
 from rattle.errors import require
 from rattle.events import Event
+from rattle.flight import wrapped
 from rattle.impact_equations import Array
 from rattle.plot import paper_ranges as ranges
 from rattle.plot.colours import name_of as name_of_type
@@ -127,7 +128,7 @@ def _curves(diagram: Diagram, branch: Branch, scale: float, offset: float) -> It
                 if event.after == i and i + 1 < len(branch) and event.admissible:
                     at = offset + scale * float(diagram.positions(event))
                     there = _impacts(event)
-                    off = np.abs((there[0] - tau[i] + 0.5) % 1.0 - 0.5) + np.abs(there[1] - v[i])
+                    off = np.abs(wrapped(there[0] - tau[i])) + np.abs(there[1] - v[i])
                     state = there[1][np.argmin(off)], there[0][np.argmin(off)]
                     rows.append((at, *state, branch.stable[i + 1], branch.admissible[i + 1], name[i + 1]))
         columns = list(zip(*rows, strict=True))
