@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ FIELDS: dict[str, Any] = {
     "tile": {"delta": 2, "epsilon": 2},
     "seed": 7,
 }
+REQUEST = SurveyRequest(**FIELDS)
 OPTIONS = ["--delta", "0.45:0.9:12", "--epsilon", "0.02:0.25:12", "--count", "2048", "--tile", "2x2", "--seed", "7"]
 
 
@@ -92,6 +94,7 @@ def answers(process: subprocess.Popen[str], port: int) -> bool:
         return False
 
 
+@cache
 def serial_run(request: SurveyRequest) -> dict[str, np.ndarray]:
     """Every per-cell variable, computed here, tile by tile, in reverse order."""
     whole: dict[str, np.ndarray] = {}

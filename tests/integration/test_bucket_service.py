@@ -10,26 +10,18 @@ import numpy as np
 import pytest
 from s3_server import BUCKET, S3, s3_server
 from service_processes import (
-    FIELDS,
     OPTIONS,
+    REQUEST,
     assert_bit_identical,
     finish,
     free_port,
-    serial_run,
     server,
     start,
     wait_until,
 )
 
 from service.client import Client
-from workers import Bucket, SurveyRequest, open_survey
-
-REQUEST = SurveyRequest(**FIELDS)
-
-
-@pytest.fixture(scope="module")
-def expected() -> dict[str, np.ndarray]:
-    return serial_run(REQUEST)
+from workers import Bucket, open_survey
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import psutil
 import pytest
 import xarray as xr
 from faults import Faults
-from service_processes import assert_bit_identical, free_port, serial_run, server, start, wait_until
+from service_processes import assert_bit_identical, free_port, server, start, wait_until
 
 from service.client import Client
 from service.errors import ResponseError, ServiceError
@@ -90,11 +90,6 @@ INSTANTS = {
             after(database.Database, "set_state", lambda _, id, state, *__: state == "successful" and die())
     """,
 }
-
-
-@pytest.fixture(scope="module")
-def expected() -> dict[str, np.ndarray]:
-    return serial_run(REQUEST)
 
 
 def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:

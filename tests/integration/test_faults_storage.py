@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 import zarr
 from faults import REQUEST, Faults
-from service_processes import assert_bit_identical, finish, free_port, serial_run, server, wait_until
+from service_processes import assert_bit_identical, finish, free_port, server, wait_until
 
 from service.client import Client
 from workers import SurveyError, create_store, examine, finish_store, tiles_done
@@ -21,11 +21,6 @@ from workers.tiles import tiles_of
 
 OPTIONS = ["--delta", "0.58:0.78:16", "--epsilon", "0.05:0.24:16", "--count", "4", "--tile", "2x2"]
 SMALL, LARGE = "size=3m", "size=64m"  # one holds the template and some of the tiles
-
-
-@pytest.fixture(scope="module")
-def expected() -> dict[str, np.ndarray]:
-    return serial_run(REQUEST)
 
 
 def mount(disk: Path, options: str) -> None:

@@ -14,7 +14,7 @@ import psutil
 import pytest
 from distributed import Client
 from faults import REQUEST, Faults
-from service_processes import assert_bit_identical, serial_run, wait_until
+from service_processes import assert_bit_identical, wait_until
 
 import workers.cluster
 import workers.submission
@@ -23,11 +23,6 @@ from workers.evaluate import FAILED
 from workers.tiles import tiles_of
 
 TILES = tiles_of(REQUEST)
-
-
-@pytest.fixture(scope="module")
-def expected() -> dict[str, np.ndarray]:
-    return serial_run(REQUEST)
 
 
 @pytest.fixture

@@ -13,12 +13,11 @@ import pytest
 import xarray as xr
 from postgres import Postgres
 from service_processes import (
-    FIELDS,
     OPTIONS,
+    REQUEST,
     assert_bit_identical,
     finish,
     free_port,
-    serial_run,
     server,
     start,
     wait_until,
@@ -26,14 +25,6 @@ from service_processes import (
 
 from service.client import Client
 from service.errors import ResponseError, ServiceError
-from workers import SurveyRequest
-
-REQUEST = SurveyRequest(**FIELDS)
-
-
-@pytest.fixture(scope="module")
-def expected() -> dict[str, np.ndarray]:
-    return serial_run(REQUEST)
 
 
 @pytest.fixture(scope="module")
