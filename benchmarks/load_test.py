@@ -110,7 +110,7 @@ async def regularly(rate: float, stop: asyncio.Event, act: Callable[[int], Await
     """Call at a fixed rate, whether earlier calls have ended or not."""
     tasks, began, number = set[asyncio.Task[Any]](), time.perf_counter(), 0
     while not stop.is_set():
-        tasks.add(asyncio.create_task(act(number)))  # type: ignore[arg-type]
+        tasks.add(asyncio.create_task(act(number)))  # type: ignore[arg-type] # a coroutine in fact
         number += 1
         await asyncio.sleep(max(0.0, began + number / rate - time.perf_counter()))
     await asyncio.gather(*tasks)

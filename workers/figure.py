@@ -4,7 +4,6 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.ndimage import distance_transform_edt
 
 from rattle.plot.drawing import HALO, new_figure
 from rattle.plot.plane import REGIONS
@@ -47,6 +46,8 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
 
 def _name_regions(axes: Axes, dataset: xr.Dataset) -> None:
     """Write each region's number where the region is widest."""
+    from scipy.ndimage import distance_transform_edt  # a fifth of a second to load, in every worker
+
     region = np.asarray(dataset["region"])
     for label, name in enumerate(REGIONS):
         inside = region == label

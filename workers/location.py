@@ -16,10 +16,8 @@ from uuid import uuid4
 
 from zarr.storage import StoreLike
 
-from workers.bucket import SCHEME, Bucket
+from workers.bucket import ROOT, SCHEME, Bucket
 from workers.errors import SurveyError, storage_error
-
-ROOT = "zarr.json"
 
 
 class Directory:

@@ -6,7 +6,7 @@ No picture uses pyplot or other global state of matplotlib: servers draw in thre
 from rattle.errors import MissingExtraError
 
 try:
-    import matplotlib  # noqa: F401
+    import matplotlib  # noqa: F401 - whether it is there
 except ImportError as error:
     raise MissingExtraError("pictures need matplotlib: pip install 'gear-rattle[plot]'") from error
 

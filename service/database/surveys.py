@@ -154,16 +154,7 @@ class Surveys(Transactions):
             job = _find_active(session, survey_id)
             if job is None:
                 return
-            session.add(
-                TileRow(
-                    job=job.number,
-                    index=tile.index,
-                    cells=tile.cells,
-                    seconds=tile.seconds,
-                    failed=tile.failed,
-                    failures=tile.failures,
-                )
-            )
+            session.add(TileRow(job=job.number, **vars(tile)))
             job.tiles_done += 1
             job.cells_done += tile.cells
             job.cells_failed += tile.failed

@@ -108,7 +108,7 @@ def test_a_type_has_one_colour_and_one_name(figure_4: Figure, figure_6: Figure) 
 )
 def test_what_is_no_motion_has_no_colour(motion: object) -> None:
     with pytest.raises(ParameterError):
-        colour(motion)  # type: ignore[arg-type]
+        colour(motion)  # type: ignore[arg-type] # refused, that is the test
 
 
 # Basins
@@ -315,7 +315,7 @@ def test_options_are_numbers_or_a_range() -> None:
 )
 def test_other_parameters_are_refused(number: int, epsilon: object) -> None:
     with pytest.raises(ParameterError):
-        request(number, epsilon=epsilon)  # type: ignore[arg-type]
+        request(number, epsilon=epsilon)  # type: ignore[arg-type] # refused, that is the test
 
 
 def test_every_figure_takes_its_own_parameters() -> None:
