@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,9 @@ from service.explorer.address import CRISIS, Pair
 from service.explorer.colouring import CLEAR, Colouring
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
+NO_POINTS = ("x", "y", "marker", "name", "align", "dx", "dy")
+#: Where the name of a point is: those that lie close together are named on different sides.
+BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("right", -9, 14)}
 POINTER_MS, WINDOW_MS = 50, 200
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
 CRISIS_STYLE = ("#00695c", (8.0, 3.0))
@@ -37,6 +41,16 @@ def style_of(name: str) -> tuple[str, tuple[float, ...]]:
     styles: dict[str, Any] = dict(STYLES)
     colour, dashes = styles[name]
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """What draws values on a linear or a logarithmic scale of colours."""
+
+    mapper: Any
+    cells: Any
+    fine: Any
+    bar: Any
 
 
 class Map:
@@ -65,17 +79,24 @@ class Map:
         self.figure: Any = plot
         axes.dress(plot)
         self._dress(theme)
-        self._mapper: Any = None
         self._values, self._fine, self._reasons = (
             ColumnDataSource({name: [] for name in ("image", "x", "y", "dw", "dh")}) for _ in range(3)
         )
-        clear: Any = LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
         place = {"x": "x", "y": "y", "dw": "dw", "dh": "dh", "level": "image"}
-        self._cells = plot.image("image", source=self._values, color_mapper=clear, **place)
-        self._why = plot.image("image", source=self._reasons, color_mapper=clear, **place)
-        self._finer = plot.image("image", source=self._fine, color_mapper=clear, **place)
-        self._bar = ColorBar(color_mapper=clear, visible=False, width=12, padding=6, **_ink_of_bar(theme))
-        plot.add_layout(self._bar, "right")
+        self._why_mapper: Any = LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
+        self._why = plot.image("image", source=self._reasons, color_mapper=self._why_mapper, **place)
+        # A glyph does not take another mapper later: the linear and the logarithmic scale have glyphs of their own.
+        self._scales: dict[bool, _Scale] = {}
+        for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
+            mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
+            cells, fine = (
+                plot.image("image", source=source, color_mapper=mapper, visible=False, **place)
+                for source in (self._values, self._fine)
+            )
+            bar = ColorBar(color_mapper=mapper, visible=False, width=12, padding=6, **_ink_of_bar(theme))
+            plot.add_layout(bar, "right")
+            self._scales[log] = _Scale(mapper, cells, fine, bar)
+        self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
         for name in (*STYLES, CRISIS):
             source, (colour, dash) = ColumnDataSource({"xs": [], "ys": []}), style_of(name)
@@ -90,7 +111,7 @@ class Map:
                 name=name,
             )
             self._lines[name] = source, [halo, line]
-        self._points = ColumnDataSource({"x": [], "y": [], "marker": [], "name": []})
+        self._points = ColumnDataSource({name: [] for name in (*NO_POINTS,)})
         marks = plot.scatter(
             "x",
             "y",
@@ -102,8 +123,9 @@ class Map:
             name="points",
         )
         names = plot.text(
-            "x", "y", text="name", source=self._points, x_offset=8, y_offset=-4, text_font_size="12px",
-            text_color="black", text_outline_color="white",
+            "x", "y", text="name", source=self._points, x_offset="dx", y_offset="dy", text_align="align",
+            text_baseline="middle", text_font_size="12px", text_color="black", background_fill_color="white",
+            background_fill_alpha=0.8, padding=2, border_radius=3,
         )  # fmt: skip
         self._marks = [marks, names]
         self._cross = ColumnDataSource({"x": [], "y": []})
@@ -169,8 +191,14 @@ class Map:
         self._hide_what_is_too_large(delta)
 
     def _hide_what_is_too_large(self, delta: Pair) -> None:
-        fits = self._box is None or (self._box[0][1] - self._box[0][0]) < LARGEST_ZOOM * (delta[1] - delta[0])
-        self._cells.visible = self._why.visible = fits
+        self._fits = self._box is None or (self._box[0][1] - self._box[0][0]) < LARGEST_ZOOM * (delta[1] - delta[0])
+        self._show_scale()
+
+    def _show_scale(self) -> None:
+        self._why.visible = self._fits
+        for log, scale in self._scales.items():
+            scale.cells.visible = self._fits and log == self._log
+            scale.fine.visible = log == self._log
 
     @property
     def pixels(self) -> tuple[int, int]:
@@ -197,21 +225,18 @@ class Map:
         self.no_frame()
         for source in (self._values, self._reasons):
             source.data = {name: [] for name in source.data}
-        self._bar.visible = False
+        for scale in self._scales.values():
+            scale.bar.visible = False
 
     def _colour(self, colours: Colouring) -> None:
-        kind = LogColorMapper if colours.log else LinearColorMapper
-        if type(self._mapper) is not kind or list(self._mapper.palette) != list(colours.palette):
-            self._mapper = kind(palette=list(colours.palette), low=colours.low, high=colours.high, nan_color=CLEAR)
-            for renderer in (self._cells, self._finer):
-                renderer.glyph.color_mapper = self._mapper
-            self._bar.color_mapper = self._mapper
-        else:
-            self._mapper.update(low=colours.low, high=colours.high)
-        self._bar.visible = not colours.categorical
-        palette = [CLEAR, *colours.reason_colours]
-        if list(self._why.glyph.color_mapper.palette) != palette:
-            self._why.glyph.color_mapper = LinearColorMapper(palette=palette, low=-0.5, high=len(palette) - 0.5)
+        self._log = colours.log
+        palette = list(colours.palette)
+        self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
+        for log, scale in self._scales.items():
+            scale.bar.visible = log == colours.log and not colours.categorical
+        reasons = [CLEAR, *colours.reason_colours]
+        self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
+        self._show_scale()
 
     def line(self, name: str, pieces: Sequence[np.ndarray]) -> None:
         """Draw a curve: pieces (k, 2) of (δ, ε)."""
@@ -222,7 +247,11 @@ class Map:
         """Mark the codimension-two points: name, δ, ε."""
         names, x, y = zip(*points, strict=True) if points else ((), (), ())
         markers = [SHAPES[MARKERS[name]] for name in names]
-        self._points.data = {"x": list(x), "y": list(y), "marker": markers, "name": list(names)}
+        align, dx, dy = (
+            zip(*(BESIDE.get(name, ("left", 9, -10)) for name in names), strict=True) if names else ((),) * 3
+        )
+        columns = (x, y, markers, names, align, dx, dy)
+        self._points.data = {key: list(column) for key, column in zip(NO_POINTS, columns, strict=True)}
 
     def choose(self, names: Sequence[str]) -> None:
         """Show these overlays and no others."""

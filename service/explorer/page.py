@@ -73,7 +73,7 @@ class Page:
 
     def _laid_out(self, theme: str) -> pn.Template:
         other = THEMES[1 - THEMES.index(theme)]
-        template = pn.Template((ASSETS / "page.html").read_text())
+        template = pn.Template((ASSETS / "page.html").read_text(), location=True)
         template.add_variable("page_css", (ASSETS / "page.css").read_text())
         for name, value in {
             "theme": theme,
