@@ -116,7 +116,17 @@ def test_frames_become_the_survey_of_the_window(tmp_path: Path, cluster: Client,
     run(tmp_path, cluster, body)
 
 
-def test_a_window_goes_before_the_tiles_of_a_survey_which_stays_as_it_is(tmp_path: Path, cluster: Client) -> None:
+def test_a_window_goes_before_what_waits_for_the_workers(tmp_path: Path, cluster: Client) -> None:
+    async def body(front: Front, _: Any) -> None:
+        waiting = [cluster.submit(time.sleep, 0.15, pure=False) for _ in range(60)]  # 4.5 s on two workers
+        assert len(await all_frames(front, "region", 0)) == 1
+        assert sum(future.done() for future in waiting) < 30
+        await asyncio.to_thread(cluster.cancel, waiting)
+
+    run(tmp_path, cluster, body)
+
+
+def test_a_survey_stays_as_it_is_beside_a_window(tmp_path: Path, cluster: Client) -> None:
     async def body(front: Front, http: Any) -> None:
         answer = await http.post("/v1/surveys", json=REQUEST.model_dump(mode="json"))
         survey_id = answer.json()["id"]
