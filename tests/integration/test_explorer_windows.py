@@ -118,7 +118,8 @@ def test_frames_become_the_survey_of_the_window(tmp_path: Path, cluster: Client,
 
 def test_a_window_goes_before_what_waits_for_the_workers(tmp_path: Path, cluster: Client) -> None:
     async def body(front: Front, _: Any) -> None:
-        waiting = [cluster.submit(time.sleep, 0.15, pure=False) for _ in range(60)]  # 4.5 s on two workers
+        each = list(cluster.nthreads()) * 30  # named, they wait at their worker, not at the scheduler: 4.5 s
+        waiting = [cluster.submit(time.sleep, 0.15, pure=False, workers=[worker]) for worker in each]
         assert len(await all_frames(front, "region", 0)) == 1
         assert sum(future.done() for future in waiting) < 30
         await asyncio.to_thread(cluster.cancel, waiting)
