@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter
 
-from service.routes import curves, events, metrics, picture, points, store, surveys
+from service.routes import basins, curves, events, metrics, picture, points, store, surveys
 
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
@@ -10,6 +10,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     store.router,
     picture.router,
     points.router,
+    basins.router,
     curves.router,
     metrics.router,
 )
