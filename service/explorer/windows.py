@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator
 from contextlib import closing, suppress
 from functools import partial
 
@@ -15,7 +15,7 @@ from workers import Frame, SurveyRequest, Window, map_quantity, refined, window_
 
 async def refine(
     front: Front, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
-) -> AsyncIterator[Frame]:
+) -> AsyncGenerator[Frame, None]:
     """Compute a map of a window of the plane, about pixels (along δ, along ε) of it: frames ever finer.
 
     The values are those of the survey `workers.window_survey(request, window, pixels)`, to the bit; quantities in
