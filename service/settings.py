@@ -50,6 +50,7 @@ class Settings(BaseSettings):
     max_point_seconds: float = Field(default=60.0, gt=0, description="longest wait for a point or for curves")
     max_points_waiting: int = Field(default=16, ge=0, description="parameter points waiting for their turn")
     max_windows: int = Field(default=2, ge=1, description="windows of the explorer refined at once; others wait")
+    max_pages: int = Field(default=100, ge=1, description="open pages of the explorer")
     heartbeat_seconds: float = Field(default=15.0, gt=0, description="comment line on silent event streams")
     shutdown_seconds: int = Field(default=2, ge=1, le=3, description="open requests may take this long at shutdown")
 

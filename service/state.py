@@ -31,6 +31,7 @@ class Front:
     broadcast: Broadcast
     metrics: Metrics
     pictures: CapacityLimiter
+    exports: CapacityLimiter
     points: CapacityLimiter
     _interruptible: set[CancelScope] = field(default_factory=set)
 
