@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated
 
 from anyio import CancelScope, CapacityLimiter
@@ -33,6 +34,11 @@ class Front:
     exports: CapacityLimiter
     points: CapacityLimiter
     _interruptible: set[CancelScope] = field(default_factory=set)
+
+    @cached_property
+    def windows(self) -> CapacityLimiter:
+        """Windows of the plane that are refined at once."""
+        return CapacityLimiter(self.settings.max_windows)
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:

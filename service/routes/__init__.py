@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter
 
-from service.routes import curves, download, events, metrics, picture, points, store, surveys
+from service.routes import basins, curves, download, events, metrics, picture, points, store, surveys
 
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
@@ -11,6 +11,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     picture.router,
     download.router,
     points.router,
+    basins.router,
     curves.router,
     metrics.router,
 )

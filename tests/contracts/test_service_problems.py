@@ -177,7 +177,7 @@ def test_bad_idempotency_keys_are_refused(client: TestClient, key: str) -> None:
     assert_problem(response, 422, "idempotency-key")
 
 
-@pytest.mark.parametrize("route", ["orbits", "attractors"])
+@pytest.mark.parametrize("route", ["orbits", "attractors", "basins.png"])
 @pytest.mark.parametrize(
     "query",
     [
