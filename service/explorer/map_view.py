@@ -20,9 +20,9 @@ from service.explorer.map import Map, box_of
 from service.explorer.news import Standing
 from service.explorer.planes import Plane, maps_of
 from service.explorer.viewer import Viewer
-from service.explorer.zoom import Frame, Zoom
+from service.explorer.zoom import Zoom
 from service.tables import JobRow, State
-from workers import SurveyRequest
+from workers import Frame, SurveyRequest
 
 PAUSE = 1.0  # between two drawings of a survey that runs
 LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
