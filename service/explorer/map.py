@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from bokeh.core.property.descriptors import UnsetValueError
 from bokeh.events import MouseMove, RangesUpdate, Reset, Tap
 from bokeh.models import (
     ColumnDataSource,
@@ -28,6 +29,7 @@ SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 NO_POINTS = ("x", "y", "marker", "name", "align", "dx", "dy")
 #: Where the name of a point is: those that lie close together are named on different sides.
 BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("right", -9, 14)}
+UNSEEN = (700, 550)
 POINTER_MS, WINDOW_MS = 50, 200
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
 CRISIS_STYLE = ("#00695c", (8.0, 3.0))
@@ -203,7 +205,10 @@ class Map:
     @property
     def pixels(self) -> tuple[int, int]:
         """Width and height of the frame on the screen; a guess until a browser has said."""
-        return int(self.figure.inner_width or 700), int(self.figure.inner_height or 500)
+        try:
+            return max(int(self.figure.inner_width), 1), max(int(self.figure.inner_height), 1)
+        except UnsetValueError:
+            return UNSEEN
 
     def cells(self, delta: np.ndarray, epsilon: np.ndarray, values: np.ndarray, colours: Colouring) -> None:
         """Draw the cells of a survey; values float32 (epsilon, delta)."""
