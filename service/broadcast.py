@@ -20,7 +20,7 @@ from service.tables import EventRow, State
 KEPT = 512  # latest events of a survey that is watched; who is further behind reads the database
 PAUSE = 0.05  # between two reads: what happens meanwhile is sent together
 RETRY_SECONDS = 1.0
-WOKEN_TOGETHER, BREATH = 16, 0.001
+WOKEN_TOGETHER = 50
 
 Read = Callable[[str, int], Sequence[EventRow]]
 
@@ -100,7 +100,7 @@ class Feed:
                 for first in range(0, len(listeners), WOKEN_TOGETHER):
                     for listener in listeners[first : first + WOKEN_TOGETHER]:
                         listener.set()
-                    await asyncio.sleep(BREATH)
+                    await asyncio.sleep(0)
                 await asyncio.sleep(PAUSE)
 
 
