@@ -97,6 +97,8 @@ OVER_THE_LIMIT = [
         "2000",
         "tile",
     ),
+    # A cell with basins follows 4096 states, whatever the sample.
+    ({"delta__num": 2, "epsilon__num": 2, "tile": {}, "quantities": ["region", "basins"]}, "4000", "body.quantities"),
 ]
 
 
