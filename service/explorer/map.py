@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,47 +11,23 @@ from bokeh.events import MouseMove, RangesUpdate, Reset, Tap
 from bokeh.models import (
     ColumnDataSource,
     CustomJS,
-    LinearColorMapper,
-    LogColorMapper,
     Range1d,
     WheelZoomTool,
 )
-from bokeh.models.annotations import ColorBar
 from bokeh.plotting import figure
 
 from rattle.plot.plane import MARKERS, STYLES
-from service.explorer import axes
+from service.explorer import axes, glyphs
 from service.explorer.address import CRISIS, Pair
-from service.explorer.colouring import CLEAR, Colouring
+from service.explorer.colouring import Colouring
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
-NO_POINTS = ("x", "y", "marker", "name", "align", "dx", "dy")
 #: Where the name of a point is: those that lie close together are named on different sides.
 BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("right", -9, 14)}
 UNSEEN = (700, 550)
 POINTER_MS, WINDOW_MS = 50, 200
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
-CRISIS_STYLE = ("#00695c", (8.0, 3.0))
 INK = {"default": ("#1d2733", "#ffffff", "#c4ccd4"), "dark": ("#e4e9ee", "#171c22", "#47525e")}
-
-
-def style_of(name: str) -> tuple[str, tuple[float, ...]]:
-    """Colour, and dashes in pixels, of a line: those of the figures."""
-    if name == CRISIS:
-        return CRISIS_STYLE
-    styles: dict[str, Any] = dict(STYLES)
-    colour, dashes = styles[name]
-    return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
-
-
-@dataclass(frozen=True)
-class _Scale:
-    """What draws values on a linear or a logarithmic scale of colours."""
-
-    mapper: Any
-    cells: Any
-    fine: Any
-    bar: Any
 
 
 class Map:
@@ -79,60 +54,25 @@ class Map:
         plot.toolbar.logo = None
         plot.toolbar.active_scroll = plot.select_one(WheelZoomTool)
         self.figure: Any = plot
+        plot.name = "map"
         axes.dress(plot)
         self._dress(theme)
-        self._values, self._fine, self._reasons = (
-            ColumnDataSource({name: [] for name in ("image", "x", "y", "dw", "dh")}) for _ in range(3)
-        )
-        place = {"x": "x", "y": "y", "dw": "dw", "dh": "dh", "level": "image"}
-        self._why_mapper: Any = LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
-        self._why = plot.image("image", source=self._reasons, color_mapper=self._why_mapper, **place)
-        # A glyph does not take another mapper later: the linear and the logarithmic scale have glyphs of their own.
-        self._scales: dict[bool, _Scale] = {}
-        for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
-            mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
-            cells, fine = (
-                plot.image("image", source=source, color_mapper=mapper, visible=False, **place)
-                for source in (self._values, self._fine)
-            )
-            bar = ColorBar(color_mapper=mapper, visible=False, width=12, padding=6, **_ink_of_bar(theme))
-            plot.add_layout(bar, "right")
-            self._scales[log] = _Scale(mapper, cells, fine, bar)
+        self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
+        self._why_mapper = glyphs.clear_mapper()
+        self._why = glyphs.image(self._reasons, self._why_mapper)
+        self._scales = glyphs.scales(self._values, self._fine, **_ink_of_bar(theme))
         self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
         for name in (*STYLES, CRISIS):
-            source, (colour, dash) = ColumnDataSource({"xs": [], "ys": []}), style_of(name)
-            halo = plot.multi_line("xs", "ys", source=source, color="white", line_width=3.6, line_alpha=0.75)
-            line = plot.multi_line(
-                "xs",
-                "ys",
-                source=source,
-                color=colour,
-                line_width=1.7,
-                line_dash=" ".join(str(round(d)) for d in dash) or "solid",
-                name=name,
-            )
-            self._lines[name] = source, [halo, line]
-        self._points = ColumnDataSource({name: [] for name in (*NO_POINTS,)})
-        marks = plot.scatter(
-            "x",
-            "y",
-            marker="marker",
-            source=self._points,
-            size=9,
-            fill_color="white",
-            line_color="black",
-            name="points",
-        )
-        names = plot.text(
-            "x", "y", text="name", source=self._points, x_offset="dx", y_offset="dy", text_align="align",
-            text_baseline="middle", text_font_size="12px", text_color="black", background_fill_color="white",
-            background_fill_alpha=0.8, padding=2, border_radius=3,
-        )  # fmt: skip
-        self._marks = [marks, names]
-        self._cross = ColumnDataSource({"x": [], "y": []})
-        plot.scatter("x", "y", source=self._cross, marker="cross", size=26, line_color="white", line_width=5)
-        plot.scatter("x", "y", source=self._cross, marker="cross", size=24, line_color="#d40078", line_width=2)
+            source = glyphs.source_of(glyphs.LINE)
+            self._lines[name] = source, glyphs.line(source, name)
+        self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))
+        self._marks = glyphs.points(self._points)
+        images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
+        lines = (each for _, pair in self._lines.values() for each in pair)
+        plot.renderers = [self._why, *images, *lines, *self._marks, *glyphs.cross(self._cross)]
+        for scale in self._scales.values():
+            plot.add_layout(scale.bar, "right")
         self._box: tuple[Pair, Pair] | None = None
         self._listen(on_point, on_pointer, on_window, on_reset)
 
@@ -223,13 +163,12 @@ class Map:
         self._fine.data = {"image": [np.asarray(values, np.float32)], **image_at(delta, epsilon)}
 
     def no_frame(self) -> None:
-        if self._fine.data["image"]:
-            self._fine.data = {name: [] for name in self._fine.data}
+        glyphs.empty(self._fine)
 
     def no_cells(self) -> None:
         self.no_frame()
         for source in (self._values, self._reasons):
-            source.data = {name: [] for name in source.data}
+            glyphs.empty(source)
         for scale in self._scales.values():
             scale.bar.visible = False
 
@@ -239,7 +178,7 @@ class Map:
         self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
         for log, scale in self._scales.items():
             scale.bar.visible = log == colours.log and not colours.categorical
-        reasons = [CLEAR, *colours.reason_colours]
+        reasons = [glyphs.CLEAR, *colours.reason_colours]
         self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
         self._show_scale()
 
@@ -256,7 +195,7 @@ class Map:
             zip(*(BESIDE.get(name, ("left", 9, -10)) for name in names), strict=True) if names else ((),) * 3
         )
         columns = (x, y, markers, names, align, dx, dy)
-        self._points.data = {key: list(column) for key, column in zip(NO_POINTS, columns, strict=True)}
+        self._points.data = {key: list(column) for key, column in zip(glyphs.POINT, columns, strict=True)}
 
     def choose(self, names: Sequence[str]) -> None:
         """Show these overlays and no others."""
