@@ -109,7 +109,7 @@ def test_a_window_of_1e9_at_cod22_is_right(page: Page, service: str, survey_id: 
     wait_for_map(page, "renderers.some((each) => each.name === 'fine0' && each.data_source.data.image.length > 0)")
     assert of_map(page, "x_range.start") == delta[0]
     assert of_map(page, "below[0].axis_label") == "damping δ − 0.7701471309, in units of 1e-9"
-    assert len(set(assert_fine_regions(page).ravel())) == 2  # both sides of G1 and G2
+    assert {1, 5} <= set(assert_fine_regions(page).ravel().tolist())  # both sides of G1 and G2
     point_at(page, delta[0] + 2e-10, epsilon[1] - 1e-10, until="δ0.7701471306")
 
 
