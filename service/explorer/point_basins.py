@@ -46,7 +46,7 @@ class BasinsPicture:
             ("(τ, v)", "$x{0.0000}, $y{0.000}"),
         ]
         steps = CustomJSHover(code=STEPS)
-        formatters = {"@label": named, "@steps": steps}
+        formatters: dict[str, Any] = {"@label": named, "@steps": steps}
         self.figure.add_tools(HoverTool(renderers=[image], tooltips=tooltips, formatters=formatters, name="cells"))
         self._lines: dict[str, ColumnDataSource] = {}
         for name, (shade, dash) in STYLES.items():

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColumnDataSource, HoverTool, Range1d, Span
+from bokeh.models import ColumnDataSource, HoverTool
+from bokeh.models.annotations import Span
 
 from service.explorer.point_figures import ink_of, new_figure
 from service.explorer.point_parts import DiagramLines
@@ -80,6 +81,7 @@ def caption(found: DiagramLines) -> str:
     curves = f", among them {', '.join(named)}" if named else ""
     events = len(set(zip(found.marks.kind, found.marks.x.tolist(), strict=True)))
     return (
-        f"Impact speed against the {NAMES[found.direction]}, {found.span[0]:.4g} to {found.span[1]:.4g}: {motions} periodic "
-        f"motions, {events} events{curves}. Solid: stable, dashed: unstable, dots: attractors followed both ways, red: here."
+        f"Impact speed against the {NAMES[found.direction]}, {found.span[0]:.4g} to {found.span[1]:.4g}: "
+        f"{motions} periodic motions, {events} events{curves}. Solid: stable, dashed: unstable, dots: attractors "
+        "followed both ways, red: here."
     )

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 class Chances(NamedTuple):
     """The attractors, each with its two Floquet multipliers or None, and its letter if it is one of A to D."""
 
-    count: int
+    starts: int
     attractors: tuple[rattle.Attractor, ...]
     multipliers: tuple[tuple[complex, complex] | None, ...]
     letters: tuple[str, ...]
@@ -166,3 +166,24 @@ def diagram(gear: rattle.Gear, direction: str) -> DiagramLines:
     return DiagramLines(
         direction, span, tuple(pieces), marks, offset + scale * seen.position[chosen], seen.v[chosen], seen.tau[chosen]
     )
+
+
+def basins(gear: rattle.Gear, side: int, method: str) -> rattle.Basins:
+    """Basins on side × side cells."""
+    return gear.basins(side, V_MAX, method)
+
+
+def motion(gear: rattle.Gear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
+    """The motion from one state."""
+    return gear.trajectory(tau, v, periods, points)
+
+
+def warm_up() -> None:
+    """Load every kernel that a point needs."""
+    gear = rattle.Gear(0.6, 0.1)
+    chances(gear, 16)
+    for method in ("cells", "refined"):
+        basins(gear, 20, method)
+    motion(gear, 0.3, 4.0, 1.0, 2)
+    lines(gear)
+    margin(gear)

@@ -90,16 +90,18 @@ def how_likely(gear: rattle.Gear, found: Chances) -> str:
         likely = (
             f"Set going at random, the gear comes to run quietly with probability {percent(share['quiet'].fraction)}"
         )
-        sentence = f"{likely} (95 % interval {percent(low)} to {percent(high)}, {found.count} starts)."
+        sentence = f"{likely} (95 % interval {percent(low)} to {percent(high)}, {found.starts} starts)."
     elif gear.epsilon >= gear.quiet_limit:
         sentence = "However it is set going, it rattles."
     else:
-        high = float(rattle.wilson_interval(0, found.count)[1])
-        sentence = f"None of {found.count} random starts came to run quietly: the probability is below {percent(high)}."
+        high = float(rattle.wilson_interval(0, found.starts)[1])
+        sentence = (
+            f"None of {found.starts} random starts came to run quietly: the probability is below {percent(high)}."
+        )
     if said:
         sentence += f" {'Otherwise' if 'quiet' in share else 'It becomes'}: {said}{more}."
     elif "quiet" in share and "undecided" not in share:
-        high = float(rattle.wilson_interval(0, found.count)[1])
+        high = float(rattle.wilson_interval(0, found.starts)[1])
         sentence += f" No start came to rattle: the probability of rattle is below {percent(high)}."
     if "undecided" in share:
         sentence += f" Of {percent(share['undecided'].fraction)} of the starts it is not decided."
@@ -171,4 +173,4 @@ def attractors_table(found: Chances) -> str:
             )
         )
     heads = ("Motion", "Share of starts (95 %)", "Exponent λ₁", "λ₂", "Multipliers")
-    return table(f"Attractors from {found.count} starts", heads, rows)
+    return table(f"Attractors from {found.starts} starts", heads, rows)

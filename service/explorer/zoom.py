@@ -3,30 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import Callable
 from contextlib import aclosing
-from typing import Any, Protocol
-
-import numpy as np
 
 from service.explorer.address import Pair
 from service.explorer.planes import Plane
 from service.explorer.viewer import Viewer
-from service.state import Front
-from workers import SurveyRequest
+from service.explorer.windows import refine
+from workers import Frame, Window
 
 COARSEST = 3.0  # pixels of a cell of the survey, beyond which it is computed finer
-
-
-class Frame(Protocol):
-    """A block of a window: centres of its cells, and values (epsilon, delta), NaN where not known yet."""
-
-    delta: np.ndarray
-    epsilon: np.ndarray
-    values: np.ndarray
-
-
-Refine = Callable[[Front, SurveyRequest, str, int, Any, tuple[int, int]], AsyncIterator[Frame]]
 
 
 class Zoom:
@@ -52,23 +38,13 @@ class Zoom:
     async def _refine(
         self, plane: Plane, variable: str, index: int, window: tuple[Pair, Pair], pixels: tuple[int, int]
     ) -> None:
-        refine = refinement()
-        if refine is None:
-            return
         self._say("computing this window …")
-        async with aclosing(refine(self._viewer.front, plane.request, variable, index, window, pixels)) as frames:  # type: ignore[type-var]
+        async with aclosing(
+            refine(self._viewer.front, plane.request, variable, index, Window(*window), pixels)
+        ) as frames:
             async for frame in frames:
                 self._show(frame)
         self._say("")
-
-
-def refinement() -> Refine | None:
-    """The function that computes windows."""
-    try:
-        from service.explorer.windows import refine  # type: ignore[import-not-found,unused-ignore]
-    except ImportError:
-        return None
-    return refine  # type: ignore[no-any-return,unused-ignore]
 
 
 def coarser(plane: Plane, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
