@@ -94,25 +94,20 @@ class PointView(pn.viewable.Viewer):
         self._under_basins = self._text(_waiting("the basins"))
         self._about_lines = self._text()
         self._choice = pn.widgets.Select(
-            name="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
+            label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
         )
         self._choice.param.watch(self._on_choice, "value")
         self._motions = point_motion.MotionPictures(theme, gear.beta)
         self._under_motion = self._text(_waiting("a motion"))
         self._direction = pn.widgets.RadioButtonGroup(
-            name="Direction of the diagram", options=DIRECTIONS, value=self._chosen.direction, stylesheets=self._sheets
+            label="Direction of the diagram", options=DIRECTIONS, value=self._chosen.direction, stylesheets=self._sheets
         )
         self._direction.param.watch(self._on_direction, "value")
         self._diagram_picture = point_diagram.DiagramPicture(theme)
         self._under_diagram = self._text(_waiting("the diagram"))
         wide: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (0, 4)}
-        pictures = pn.FlexBox(
-            *(
-                pn.pane.Bokeh(figure, margin=0, sizing_mode="stretch_width", styles={"flex": "1 1 270px"})
-                for figure in (self._motions.trace, self._motions.portrait)
-            ),
-            **wide,
-        )
+        motion = (self._motions.trace, self._motions.portrait)
+        pictures = pn.Row(*(pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in motion), **wide)
         self._panel = pn.Column(
             self._where,
             self._likely,
@@ -211,11 +206,18 @@ class PointView(pn.viewable.Viewer):
         if self._chosen.start is not None:
             tau, v = self._chosen.start
             options[f"from τ = {tau:.4f}, v = {v:.4f}"] = CLICKED
-        chosen = CLICKED if self._chosen.start is not None else self._chosen.attractor
-        value = chosen if chosen in options.values() else next(iter(options.values()), None)
+        value = CLICKED if self._chosen.start is not None else self._attractor if names else None
         self._quiet = True
         self._choice.param.update(options=options, value=value)
         self._quiet = False
+
+    @property
+    def _attractor(self) -> int:
+        """The attractor that is shown: the first one that rattles, unless another one is chosen."""
+        found = self._found.attractors if self._found else ()
+        if self._chosen.attractor is not None and self._chosen.attractor < len(found):
+            return self._chosen.attractor
+        return next((i for i, each in enumerate(found) if each.kind != "quiet"), 0)
 
     def _show_motion(self) -> None:
         self._motion = self._work.start(self._part(self._under_motion, self._one_motion), self._motion)
@@ -227,8 +229,7 @@ class PointView(pn.viewable.Viewer):
         elif self._found is None or not self._found.attractors:
             raise rattle.RattleError("There is no attractor to show: click in the basins for a motion.")
         else:
-            chosen = self._chosen.attractor if self._chosen.attractor < len(self._found.attractors) else 0
-            attractor = self._found.attractors[chosen]
+            attractor = self._found.attractors[self._attractor]
             tau, v, shade, what = attractor.tau, attractor.v, colour(attractor), name_of(attractor)
             periods = float(min(max(periods, 3 * attractor.m), 60)) if attractor.kind != "chaotic" else 30.0
         found = await self._work.compute(point_parts.motion, self._gear, tau, v, periods, POINTS, what="The motion")

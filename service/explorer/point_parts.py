@@ -135,15 +135,20 @@ def lines(gear: rattle.Gear) -> Lines:
     return Lines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
+def diagram_span(gear: rattle.Gear, direction: str) -> tuple[float, float]:
+    """The values of δ or ε about the point that are inside the plane."""
+    if direction == "epsilon":
+        return max(gear.epsilon - SPANS["epsilon"], 0.0), gear.epsilon + SPANS["epsilon"]
+    return max(gear.delta - SPANS["delta"], gear.delta / 2), gear.delta + SPANS["delta"]
+
+
 def diagram(gear: rattle.Gear, direction: str) -> DiagramLines:
     """The one-parameter diagram through the point, along "epsilon" or "delta"."""
     from rattle.curves import name_of
     from rattle.plot.colours import name_of as name_of_type
     from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
 
-    at = gear.epsilon if direction == "epsilon" else gear.delta
-    least = 0.0 if direction == "epsilon" else min(at / 2, SPANS[direction])
-    span = max(at - SPANS[direction], least), at + SPANS[direction]
+    span = diagram_span(gear, direction)
     start, end = ((gear.delta, value) if direction == "epsilon" else (value, gear.epsilon) for value in span)
     found = rattle.diagram(start, end, gear.beta, STEPS, COUNT)
     _, scale, offset = parameter_axis(found)

@@ -15,7 +15,7 @@ MOST_ATTRACTORS = 1000
 class PointState:
     """The attractor (its place by falling share) or the initial condition (τ, v) shown; the diagram's direction."""
 
-    attractor: int = 0
+    attractor: int | None = None
     start: tuple[float, float] | None = None
     direction: str = "epsilon"
 
@@ -31,18 +31,18 @@ class PointState:
 
     def text(self) -> dict[str, str]:
         """The texts that describe it, none for what is as by default."""
-        said = {"attractor": str(self.attractor)} if self.attractor and self.start is None else {}
+        said = {"attractor": str(self.attractor)} if self.attractor is not None and self.start is None else {}
         if self.start is not None:
             said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}  # read back, they are the same numbers
         return said | ({"direction": self.direction} if self.direction != "epsilon" else {})
 
 
-def _attractor(given: object) -> int:
+def _attractor(given: object) -> int | None:
     try:
         number = int(str(given))
     except ValueError:
-        return 0
-    return number if 0 <= number < MOST_ATTRACTORS else 0
+        return None
+    return number if 0 <= number < MOST_ATTRACTORS else None
 
 
 def _start(tau: object, v: object) -> tuple[float, float] | None:
