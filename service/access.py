@@ -46,7 +46,7 @@ BEARER = HTTPBearer(
 )
 
 
-def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
+async def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
     """Who sends this request. On a route, it declares in OpenAPI that a key is asked."""
     caller: Caller = request.state.caller
     return caller

@@ -20,6 +20,7 @@ from service.tables import EventRow, State
 KEPT = 512  # latest events of a survey that is watched; who is further behind reads the database
 PAUSE = 0.05  # between two reads: what happens meanwhile is sent together
 RETRY_SECONDS = 1.0
+WOKEN_TOGETHER = 50
 
 Read = Callable[[str, int], Sequence[EventRow]]
 
@@ -94,8 +95,12 @@ class Feed:
                     self._last = rows[-1].id
                     self._recent = (self._recent + written(rows))[-KEPT:]
             if self.deleted or rows:
-                for listener in self.listeners:
-                    listener.set()
+                # Some at a time: between them, what else has arrived is answered.
+                listeners = tuple(self.listeners)
+                for first in range(0, len(listeners), WOKEN_TOGETHER):
+                    for listener in listeners[first : first + WOKEN_TOGETHER]:
+                        listener.set()
+                    await asyncio.sleep(0)
                 await asyncio.sleep(PAUSE)
 
 

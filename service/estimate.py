@@ -54,7 +54,7 @@ def _by_others(front: Front, request: SurveyRequest) -> tuple[float, str] | None
     if like is None:
         return None
     seconds = front.database.tile_seconds(like.id) / like.cells_done * _ratio(request, like)
-    return seconds, f"by the speed of {like.name or like.id}, {like.cells_done} cells of the same kind"
+    return seconds, f"by the speed of {like.name or like.id}, {like.cells_done:,} cells of the same kind"
 
 
 def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:

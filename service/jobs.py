@@ -112,6 +112,7 @@ class JobManager:
                 raise ConflictError(f"Survey {survey_id} has ended, but its last tiles still run. Try again soon.")
             if not State((job := self._database.job(survey_id)).state).final:
                 raise ConflictError(f"Survey {survey_id} is {job.state} again; dismiss it first.")
+            self._database.begin_deletion(survey_id)  # or a crash would leave a survey that seems whole
             self._directory.remove_store(survey_id)
             self._database.delete(survey_id)
         return None

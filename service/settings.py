@@ -39,7 +39,9 @@ class Settings(BaseSettings):
     max_cells: int = Field(default=1_000_000, ge=1, description="cells of one survey")
     max_tiles: int = Field(default=20_000, ge=1, description="tiles of one survey; each is a file per variable")
     max_count: int = Field(default=4096, ge=1, description="initial conditions of one cell")
-    max_samples: int = Field(default=256_000_000, ge=1, description="cells times initial conditions of one survey")
+    max_samples: int = Field(
+        default=256_000_000, ge=1, description="cells times initial conditions of one survey; basins count as 4096"
+    )
     # A task cannot be interrupted: this bounds how long a dismissed survey still holds a worker.
     max_tile_samples: int = Field(default=262_144, ge=1, description="cells times initial conditions of one tile")
     max_jobs: int = Field(default=32, ge=1, description="surveys waiting or running")

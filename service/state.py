@@ -1,4 +1,8 @@
-"""What the routes of one application share, injected into them."""
+"""What the routes of one application share, injected into them.
+
+Dependencies that only look at the request are coroutines: FastAPI sends every other one to a thread, and each way there
+and back waits for Python's lock.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +63,7 @@ class Front:
             scope.cancel()
 
 
-def front_of(request: Request) -> Front:
+async def front_of(request: Request) -> Front:
     """The shared state of the application that got this request."""
     front: Front = request.app.state.front
     return front

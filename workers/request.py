@@ -125,10 +125,7 @@ class SurveyRequest(_Strict):
                 raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
         if self.tile_shape[0] * self.tile_shape[1] > MAX_TILE_CELLS:
             raise ValueError(f"a tile may hold {MAX_TILE_CELLS} cells: use a smaller tile")
-        samples = self.initial_conditions.count if SAMPLED.intersection(self.quantities) else 0
-        if Group.BASINS in self.quantities:
-            samples = max(samples, BASIN_SAMPLES)
-        if self.tile_shape[0] * self.tile_shape[1] * samples > MAX_TILE_SAMPLES:
+        if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold {MAX_TILE_SAMPLES} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:
             raise ValueError(f"{self.n_tiles} tiles, at most {MAX_TILES}: use a larger tile or a coarser grid")
@@ -153,6 +150,12 @@ class SurveyRequest(_Strict):
         if Group.BASINS in self.quantities:
             side = min(side, BASIN_SIDE)
         return max(side, SMALLEST_DEFAULT)
+
+    @property
+    def samples_per_cell(self) -> int:
+        """States that a cell follows: of the sample, and as many as the basins cost."""
+        samples = self.initial_conditions.count if SAMPLED.intersection(self.quantities) else 0
+        return max(samples, BASIN_SAMPLES) if Group.BASINS in self.quantities else samples
 
     @property
     def n_cells(self) -> int:

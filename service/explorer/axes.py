@@ -39,7 +39,7 @@ def offset_of(window: Pair) -> tuple[float, int] | None:
     if span > NARROW * scale:
         return None
     digits = math.ceil(math.log10(scale / span)) + 1
-    return float(f"{(low + high) / 2:.{digits}g}"), math.floor(math.log10(span))
+    return float(f"{(low + high) / 2:.{digits}g}"), math.floor(math.log10(span) + 0.01)
 
 
 def written(value: float, window: Pair) -> str:

@@ -14,6 +14,8 @@ from service.explorer.point import PointView
 from service.explorer.readout import readout
 from service.explorer.viewer import Viewer
 
+OPENED = "with-point"  # the page gives it more room
+
 
 class Beside:
     """The right side of the page."""
@@ -52,11 +54,13 @@ class Beside:
         view.param.watch(lambda event: self._on_state(event.new), "state")
         self._point[:] = [view]
         self._close.visible = True
+        self.panel.css_classes = [OPENED]
 
     def close(self, tell: bool = False) -> None:
         """Put the view of the point away."""
         self._drop()
         self._close.visible = False
+        self.panel.css_classes = []
         if tell:
             self._on_close()
 

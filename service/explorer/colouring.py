@@ -14,7 +14,6 @@ from workers.maps import WITHOUT_VALUE, scale_of, title_of, valueless_layers
 
 SHADES = 256
 ROBUST = (2.0, 98.0)  # percentiles
-CLEAR = "#00000000"
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,7 @@ class Form:
             label="Quantities", options=[str(group) for group in Group], value=[str(group) for group in DEFAULT],
             inline=True, margin=(0, 4), stylesheets=[sheet],
         )  # fmt: skip
-        self.count = pn.widgets.IntInput(label="Initial conditions in a cell", value=64, start=1, step=64, **number)
+        self.count = pn.widgets.IntInput(label="Initial conditions", value=64, start=1, step=64, **number)
         self.v_max = pn.widgets.FloatInput(label="Highest speed", value=7.0, step=1.0, **number)
         self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, **number)
         self.submit = pn.widgets.Button(
@@ -168,7 +168,7 @@ def what_is_wrong(error: Exception) -> str:
 
 def in_words(found: Estimate) -> str:
     """A cost, and what it rests on."""
-    return f"about {lasting(found.seconds)} on {found.workers} workers ({found.basis})"
+    return f"about {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"
 
 
 def lasting(seconds: float) -> str:

@@ -6,37 +6,28 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from bokeh.core.property.descriptors import UnsetValueError
 from bokeh.events import MouseMove, RangesUpdate, Reset, Tap
 from bokeh.models import (
     ColumnDataSource,
     CustomJS,
-    LinearColorMapper,
-    LogColorMapper,
     Range1d,
     WheelZoomTool,
 )
-from bokeh.models.annotations import ColorBar
 from bokeh.plotting import figure
 
 from rattle.plot.plane import MARKERS, STYLES
-from service.explorer import axes
+from service.explorer import axes, glyphs
 from service.explorer.address import CRISIS, Pair
-from service.explorer.colouring import CLEAR, Colouring
+from service.explorer.colouring import Colouring
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
+#: Where the name of a point is: those that lie close together are named on different sides.
+BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("right", -9, 14)}
+UNSEEN = (700, 550)
 POINTER_MS, WINDOW_MS = 50, 200
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
-CRISIS_STYLE = ("#00695c", (8.0, 3.0))
 INK = {"default": ("#1d2733", "#ffffff", "#c4ccd4"), "dark": ("#e4e9ee", "#171c22", "#47525e")}
-
-
-def style_of(name: str) -> tuple[str, tuple[float, ...]]:
-    """Colour, and dashes in pixels, of a line: those of the figures."""
-    if name == CRISIS:
-        return CRISIS_STYLE
-    styles: dict[str, Any] = dict(STYLES)
-    colour, dashes = styles[name]
-    return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
 
 
 class Map:
@@ -63,52 +54,25 @@ class Map:
         plot.toolbar.logo = None
         plot.toolbar.active_scroll = plot.select_one(WheelZoomTool)
         self.figure: Any = plot
+        plot.name = "map"
         axes.dress(plot)
         self._dress(theme)
-        self._mapper: Any = None
-        self._values, self._fine, self._reasons = (
-            ColumnDataSource({name: [] for name in ("image", "x", "y", "dw", "dh")}) for _ in range(3)
-        )
-        clear: Any = LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
-        place = {"x": "x", "y": "y", "dw": "dw", "dh": "dh", "level": "image"}
-        self._cells = plot.image("image", source=self._values, color_mapper=clear, **place)
-        self._why = plot.image("image", source=self._reasons, color_mapper=clear, **place)
-        self._finer = plot.image("image", source=self._fine, color_mapper=clear, **place)
-        self._bar = ColorBar(color_mapper=clear, visible=False, width=12, padding=6, **_ink_of_bar(theme))
-        plot.add_layout(self._bar, "right")
+        self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
+        self._why_mapper = glyphs.clear_mapper()
+        self._why = glyphs.image(self._reasons, self._why_mapper)
+        self._scales = glyphs.scales(self._values, self._fine, **_ink_of_bar(theme))
+        self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
         for name in (*STYLES, CRISIS):
-            source, (colour, dash) = ColumnDataSource({"xs": [], "ys": []}), style_of(name)
-            halo = plot.multi_line("xs", "ys", source=source, color="white", line_width=3.6, line_alpha=0.75)
-            line = plot.multi_line(
-                "xs",
-                "ys",
-                source=source,
-                color=colour,
-                line_width=1.7,
-                line_dash=" ".join(str(round(d)) for d in dash) or "solid",
-                name=name,
-            )
-            self._lines[name] = source, [halo, line]
-        self._points = ColumnDataSource({"x": [], "y": [], "marker": [], "name": []})
-        marks = plot.scatter(
-            "x",
-            "y",
-            marker="marker",
-            source=self._points,
-            size=9,
-            fill_color="white",
-            line_color="black",
-            name="points",
-        )
-        names = plot.text(
-            "x", "y", text="name", source=self._points, x_offset=8, y_offset=-4, text_font_size="12px",
-            text_color="black", text_outline_color="white",
-        )  # fmt: skip
-        self._marks = [marks, names]
-        self._cross = ColumnDataSource({"x": [], "y": []})
-        plot.scatter("x", "y", source=self._cross, marker="cross", size=26, line_color="white", line_width=5)
-        plot.scatter("x", "y", source=self._cross, marker="cross", size=24, line_color="#d40078", line_width=2)
+            source = glyphs.source_of(glyphs.LINE)
+            self._lines[name] = source, glyphs.line(source, name)
+        self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))
+        self._marks = glyphs.points(self._points)
+        images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
+        lines = (each for _, pair in self._lines.values() for each in pair)
+        plot.renderers = [self._why, *images, *lines, *self._marks, *glyphs.cross(self._cross)]
+        for scale in self._scales.values():
+            plot.add_layout(scale.bar, "right")
         self._box: tuple[Pair, Pair] | None = None
         self._listen(on_point, on_pointer, on_window, on_reset)
 
@@ -169,13 +133,22 @@ class Map:
         self._hide_what_is_too_large(delta)
 
     def _hide_what_is_too_large(self, delta: Pair) -> None:
-        fits = self._box is None or (self._box[0][1] - self._box[0][0]) < LARGEST_ZOOM * (delta[1] - delta[0])
-        self._cells.visible = self._why.visible = fits
+        self._fits = self._box is None or (self._box[0][1] - self._box[0][0]) < LARGEST_ZOOM * (delta[1] - delta[0])
+        self._show_scale()
+
+    def _show_scale(self) -> None:
+        self._why.visible = self._fits
+        for log, scale in self._scales.items():
+            scale.cells.visible = self._fits and log == self._log
+            scale.fine.visible = log == self._log
 
     @property
     def pixels(self) -> tuple[int, int]:
         """Width and height of the frame on the screen; a guess until a browser has said."""
-        return int(self.figure.inner_width or 700), int(self.figure.inner_height or 500)
+        try:
+            return max(int(self.figure.inner_width), 1), max(int(self.figure.inner_height), 1)
+        except UnsetValueError:
+            return UNSEEN
 
     def cells(self, delta: np.ndarray, epsilon: np.ndarray, values: np.ndarray, colours: Colouring) -> None:
         """Draw the cells of a survey; values float32 (epsilon, delta)."""
@@ -190,28 +163,24 @@ class Map:
         self._fine.data = {"image": [np.asarray(values, np.float32)], **image_at(delta, epsilon)}
 
     def no_frame(self) -> None:
-        if self._fine.data["image"]:
-            self._fine.data = {name: [] for name in self._fine.data}
+        glyphs.empty(self._fine)
 
     def no_cells(self) -> None:
         self.no_frame()
         for source in (self._values, self._reasons):
-            source.data = {name: [] for name in source.data}
-        self._bar.visible = False
+            glyphs.empty(source)
+        for scale in self._scales.values():
+            scale.bar.visible = False
 
     def _colour(self, colours: Colouring) -> None:
-        kind = LogColorMapper if colours.log else LinearColorMapper
-        if type(self._mapper) is not kind or list(self._mapper.palette) != list(colours.palette):
-            self._mapper = kind(palette=list(colours.palette), low=colours.low, high=colours.high, nan_color=CLEAR)
-            for renderer in (self._cells, self._finer):
-                renderer.glyph.color_mapper = self._mapper
-            self._bar.color_mapper = self._mapper
-        else:
-            self._mapper.update(low=colours.low, high=colours.high)
-        self._bar.visible = not colours.categorical
-        palette = [CLEAR, *colours.reason_colours]
-        if list(self._why.glyph.color_mapper.palette) != palette:
-            self._why.glyph.color_mapper = LinearColorMapper(palette=palette, low=-0.5, high=len(palette) - 0.5)
+        self._log = colours.log
+        palette = list(colours.palette)
+        self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
+        for log, scale in self._scales.items():
+            scale.bar.visible = log == colours.log and not colours.categorical
+        reasons = [glyphs.CLEAR, *colours.reason_colours]
+        self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
+        self._show_scale()
 
     def line(self, name: str, pieces: Sequence[np.ndarray]) -> None:
         """Draw a curve: pieces (k, 2) of (δ, ε)."""
@@ -222,7 +191,11 @@ class Map:
         """Mark the codimension-two points: name, δ, ε."""
         names, x, y = zip(*points, strict=True) if points else ((), (), ())
         markers = [SHAPES[MARKERS[name]] for name in names]
-        self._points.data = {"x": list(x), "y": list(y), "marker": markers, "name": list(names)}
+        align, dx, dy = (
+            zip(*(BESIDE.get(name, ("left", 9, -10)) for name in names), strict=True) if names else ((),) * 3
+        )
+        columns = (x, y, markers, names, align, dx, dy)
+        self._points.data = {key: list(column) for key, column in zip(glyphs.POINT, columns, strict=True)}
 
     def choose(self, names: Sequence[str]) -> None:
         """Show these overlays and no others."""

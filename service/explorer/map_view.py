@@ -20,9 +20,9 @@ from service.explorer.map import Map, box_of
 from service.explorer.news import Standing
 from service.explorer.planes import Plane, maps_of
 from service.explorer.viewer import Viewer
-from service.explorer.zoom import Frame, Zoom
+from service.explorer.zoom import Zoom
 from service.tables import JobRow, State
-from workers import SurveyRequest
+from workers import Frame, SurveyRequest
 
 PAUSE = 1.0  # between two drawings of a survey that runs
 LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
@@ -61,9 +61,9 @@ class MapView:
         self._rule = pn.widgets.Select(label="Colours span", options=options, width=160, **styled)
         self._low = pn.widgets.FloatInput(label="from", width=110, **styled)
         self._high = pn.widgets.FloatInput(label="to", width=110, **styled)
-        self._log = pn.widgets.Checkbox(label="log scale", value=view.log, **{**styled, "margin": (24, 8, 2, 4)})
+        self._log = pn.widgets.Checkbox(label="log scale", value=view.log, **{**styled, "margin": (2, 8, 8, 4)})
         self._save = pn.widgets.Button(
-            label="Save window as survey", **{**styled, "margin": (20, 8, 2, 8)}, css_classes=["save"]
+            label="Save window as survey", **{**styled, "margin": (2, 0, 2, 8)}, css_classes=["save"]
         )
         self._save.on_click(lambda _event: save_window())
         self._title = pn.pane.HTML("", stylesheets=[sheet], margin=0, sizing_mode="stretch_width")
@@ -81,8 +81,9 @@ class MapView:
         self._beside = Beside(viewer, self._readout, sheet, self._close_point, self._remember_point)
         self.parts = {
             "controls": pn.Column(
-                pn.Row(
-                    self._variable, self._index, self._rule, self._low, self._high, self._log, self._save, margin=0
+                pn.FlexBox(
+                    self._variable, self._index, self._rule, self._low, self._high, self._log, self._save,
+                    margin=0, sizing_mode="stretch_width", align_items="flex-end",
                 ),
                 self._title,
                 sizing_mode="stretch_width", margin=0,

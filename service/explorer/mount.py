@@ -75,9 +75,17 @@ class Explorer:
             with suppress(asyncio.CancelledError):
                 await sweeper
 
+    async def prepare(self) -> None:
+        """Load what the page needs, before anybody asks for it."""
+        try:
+            await self.load()
+        except Exception:  # told again to whoever opens the page
+            log.exception("the explorer cannot be loaded")
+
     async def load(self) -> BokehFastAPI:
         """The Bokeh application; what it imports takes more than a second, so that is done once and in a thread."""
-        if self._loading is None:
+        failed = self._loading is not None and self._loading.done() and self._loading.exception() is not None
+        if self._loading is None or failed:
             self._loading = asyncio.ensure_future(run_in_threadpool(self._build))
         return await asyncio.shield(self._loading)
 

@@ -15,6 +15,7 @@ from rattle.curves import codimension_two, describe
 from rattle.plot.plane import polyline
 from service.errors import UnavailableError
 from service.explorer.address import CRISIS, OVERLAYS, POINTS, Pair
+from service.explorer.glyphs import style_of
 from service.state import Front
 from workers.curves import LOWEST_DELTA, Missing, Window, traced
 
@@ -29,8 +30,6 @@ LABELS = {"quiet_limit": "quiet limit", POINTS: "COD20–23"}
 
 def entries() -> list[dict[str, Any]]:
     """The overlays as the key of the map lists them."""
-    from service.explorer.map import style_of
-
     return [
         {
             "name": name,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import panel as pn
+from bokeh.document import Document
 
 from service.actions import remove_survey
 from service.explorer.address import THEMES, View
@@ -35,6 +36,17 @@ class Shared:
     news: News
     atlas: Atlas
     crises: Crises
+
+
+class _Template(pn.Template):
+    """Panel's, in less time: it keeps the event loop busy whenever somebody opens a page."""
+
+    def _init_doc(self, doc: Document | None = None, *arguments: Any, **named: Any) -> Document:
+        with (doc or pn.state.curdoc or Document()).models.freeze():  # or all models are counted after every part
+            return super()._init_doc(doc, *arguments, **named)
+
+    def __repr__(self) -> str:
+        return type(self).__name__  # Panel's lists all parts, and is made for each of them
 
 
 def open_page(shared: Shared) -> pn.Template:
@@ -73,7 +85,7 @@ class Page:
 
     def _laid_out(self, theme: str) -> pn.Template:
         other = THEMES[1 - THEMES.index(theme)]
-        template = pn.Template((ASSETS / "page.html").read_text())
+        template = _Template((ASSETS / "page.html").read_text(), location=True)
         template.add_variable("page_css", (ASSETS / "page.css").read_text())
         for name, value in {
             "theme": theme,

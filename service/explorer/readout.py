@@ -14,7 +14,9 @@ from rattle.plot import name_of
 from rattle.plot.plane import REGIONS
 from service.explorer.address import Pair
 from service.explorer.axes import written
+from workers import QUANTITIES
 from workers.evaluate import FAILED, KINDS, STATUS
+from workers.schema import CELL
 
 Row = tuple[str, str]
 
@@ -42,14 +44,13 @@ def readout(cell: xr.Dataset | None, delta: float, epsilon: float, beta: float, 
 
 
 def _scalars(cell: xr.Dataset) -> Iterator[Row]:
-    for name, value in cell.data_vars.items():
-        if value.dims:
-            continue
+    for name in (quantity.name for quantity in QUANTITIES if quantity.dims == CELL and quantity.name in cell):
+        value = cell[name]
         number = value.item()
         if meanings := value.attrs.get("flag_meanings"):
-            yield str(name).replace("_", " "), meanings.split()[int(number)].replace("_", " ")
+            yield name.replace("_", " "), meanings.split()[int(number)].replace("_", " ")
         else:
-            yield str(name).replace("_", " "), _number(number)
+            yield name.replace("_", " "), _number(number)
 
 
 def _attractors(cell: xr.Dataset) -> str:

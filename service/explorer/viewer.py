@@ -98,7 +98,13 @@ class Viewer:
     def change(self, what: Callable[[], object]) -> None:
         """Change the document when nothing else does. Called in the event loop."""
         if not self.ended:
-            self.document.add_next_tick_callback(lambda: _only(what))
+            self.document.add_next_tick_callback(lambda: self._apply(what))
+
+    def _apply(self, what: Callable[[], object]) -> None:
+        try:
+            what()
+        except Exception:  # Bokeh would say nothing, and keep the document locked
+            log.exception("a page of the explorer could not be changed")
 
     async def changed(self, what: Callable[[], object]) -> None:
         """Change the document, and wait until that is done."""
@@ -118,8 +124,3 @@ class Viewer:
         self.ended = True
         for task in tuple(self._tasks):
             task.cancel()
-
-
-def _only(what: Callable[[], object]) -> None:
-    """Call it without what it returns, which Bokeh would take for something to wait for."""
-    what()

@@ -6,12 +6,14 @@ import asyncio
 from collections.abc import Callable
 from contextlib import aclosing
 
+from rattle import RattleError
 from service.explorer.address import Pair
 from service.explorer.planes import Plane
 from service.explorer.viewer import Viewer
 from service.explorer.windows import refine
 from workers import Frame, Window
 
+LEAST_DELTA = 1e-3  # of the upper end, where the window reaches to no damping at all
 COARSEST = 3.0  # pixels of a cell of the survey, beyond which it is computed finer
 
 
@@ -38,13 +40,17 @@ class Zoom:
     async def _refine(
         self, plane: Plane, variable: str, index: int, window: tuple[Pair, Pair], pixels: tuple[int, int]
     ) -> None:
-        self._say("computing this window …")
-        async with aclosing(
-            refine(self._viewer.front, plane.request, variable, index, Window(*window), pixels)
-        ) as frames:
-            async for frame in frames:
-                self._show(frame)
-        self._say("")
+        delta, epsilon = window
+        inside = Window((max(delta[0], LEAST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), epsilon[1]))
+        self._say("Computing this window …")
+        try:
+            frames = refine(self._viewer.front, plane.request, variable, index, inside, pixels)
+            async with aclosing(frames):
+                async for frame in frames:
+                    self._show(frame)
+                    self._say(f"Computing this window: {frame.done:.0%}" if frame.done < 1 else "")
+        except RattleError as error:
+            self._say(f"This window is not shown finer: {error}")
 
 
 def coarser(plane: Plane, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:

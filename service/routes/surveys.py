@@ -27,7 +27,7 @@ RETRY_SECONDS = "1"
 EVERYTHING = examples.links("show", "remove", "verify", "follow", "read", "picture")
 
 
-def require_json(request: Request) -> None:
+async def require_json(request: Request) -> None:
     """Refuse a body that does not say it is JSON, instead of guessing."""
     declared_type = Message()
     declared_type["content-type"] = request.headers.get("content-type", "")

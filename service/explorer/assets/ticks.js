@@ -10,6 +10,6 @@ if (span > 1e-5 * scale) {
   return fixed.every((each) => each.endsWith("0")) && digits > 0 ? tick.toFixed(digits - 1) : tick.toFixed(digits)
 }
 const offset = Number(((range.start + range.end) / 2).toPrecision(Math.ceil(Math.log10(scale / span)) + 1))
-const power = Math.floor(Math.log10(span))
+const power = Math.floor(Math.log10(span) + 0.01)
 const distance = (tick - offset) / 10 ** power
 return (Math.abs(distance) < 1e-6 ? 0 : distance).toFixed(Math.max(0, places(step / 10 ** power) - 1)).replace("-", "−")
