@@ -24,7 +24,7 @@ from service.state import Front
 from service.turns import in_turn
 
 COUNT = 1024  # initial conditions of the probabilities
-SIDES = ((100, "cells"), (300, "refined"), (600, "refined"))  # of the basins, one after the other
+WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (0, 4)}
 POINTS = 3000  # of a motion
 CLICKED = -1  # among the motions to choose from
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
@@ -65,13 +65,15 @@ class PointView(pn.viewable.Viewer):
         self._found: Chances | None = None
         self._lines: Lines | None = None
         self._basins: rattle.Basins | None = None
+        self._motions: point_motion.MotionPictures | None = None
         self._quiet = False  # a widget that changes says what is shown, not what to show
         try:
             self._gear = rattle.Gear(delta, epsilon, beta)
         except rattle.RattleError as error:
             self._panel = pn.Column(self._text(f'<p class="wrong">{escape(str(error))}</p>'), css_classes=["point"])
             return
-        self._lay_out("dark" if pn.config.theme == "dark" else "default")
+        self._theme = "dark" if pn.config.theme == "dark" else "default"
+        self._lay_out()
         self._work.start(self._fill())
 
     def __panel__(self) -> Any:
@@ -84,30 +86,16 @@ class PointView(pn.viewable.Viewer):
     def _sheets(self) -> list[str]:
         return [(ASSETS / name).read_text() for name in ("widgets.css", "point.css")]
 
-    def _lay_out(self, theme: str) -> None:
+    def _lay_out(self) -> None:
+        """The words; pictures, which take a while to make, are put in between later."""
         gear = self._gear
         self._where = self._text(f"<p>{escape(point_words.where(gear))}</p>")
         self._likely, self._safe = self._text(_waiting("how likely quiet running is")), self._text()
         self._table, self._orbits = self._text(), self._text(point_words.orbits_table(gear))
-        self._picture = point_basins.BasinsPicture(theme, self._on_tap)
-        self._picture.show_orbits(gear.orbits())
         self._under_basins = self._text(_waiting("the basins"))
         self._about_lines = self._text()
-        self._choice = pn.widgets.Select(
-            label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
-        )
-        self._choice.param.watch(self._on_choice, "value")
-        self._motions = point_motion.MotionPictures(theme, gear.beta)
         self._under_motion = self._text(_waiting("a motion"))
-        self._direction = pn.widgets.RadioButtonGroup(
-            label="Direction of the diagram", options=DIRECTIONS, value=self._chosen.direction, stylesheets=self._sheets
-        )
-        self._direction.param.watch(self._on_direction, "value")
-        self._diagram_picture = point_diagram.DiagramPicture(theme)
         self._under_diagram = self._text(_waiting("the diagram"))
-        wide: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (0, 4)}
-        motion = (self._motions.trace, self._motions.portrait)
-        pictures = pn.Row(*(pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in motion), **wide)
         self._panel = pn.Column(
             self._where,
             self._likely,
@@ -115,41 +103,64 @@ class PointView(pn.viewable.Viewer):
             self._table,
             self._orbits,
             self._text("<h3>Basins of attraction</h3>"),
-            pn.pane.Bokeh(self._picture.figure, **wide),
             self._under_basins,
             self._about_lines,
             self._text("<h3>Motion</h3>"),
-            self._choice,
-            pictures,
             self._under_motion,
             self._text("<h3>One-parameter diagram</h3>"),
-            self._direction,
-            pn.pane.Bokeh(self._diagram_picture.figure, **wide),
             self._under_diagram,
             css_classes=["point"],
             sizing_mode="stretch_width",
             margin=0,
         )
 
+    def _put_before(self, text: pn.pane.HTML, *parts: Any) -> None:
+        at = self._panel.objects.index(text)
+        self._panel[at:at] = parts
+
+    def _add_basins(self) -> None:
+        self._picture = point_basins.BasinsPicture(self._theme, self._on_tap)
+        self._picture.show_orbits(self._gear.orbits())
+        self._put_before(self._under_basins, pn.pane.Bokeh(self._picture.figure, **WIDE))
+
+    def _add_motion(self) -> None:
+        self._choice = pn.widgets.Select(
+            label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
+        )
+        self._choice.param.watch(self._on_choice, "value")
+        self._offer_motions()
+        self._motions = point_motion.MotionPictures(self._theme, self._gear.beta)
+        pictures = (self._motions.trace, self._motions.portrait)
+        row = pn.Row(*(pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in pictures), **WIDE)
+        self._put_before(self._under_motion, self._choice, row)
+
+    def _add_diagram(self) -> None:
+        self._direction = pn.widgets.RadioButtonGroup(
+            label="Direction of the diagram", options=DIRECTIONS, value=self._chosen.direction, stylesheets=self._sheets
+        )
+        self._direction.param.watch(self._on_direction, "value")
+        self._diagram_picture = point_diagram.DiagramPicture(self._theme)
+        self._put_before(self._under_diagram, self._direction, pn.pane.Bokeh(self._diagram_picture.figure, **WIDE))
+
     # What is computed, and in what order
 
     async def _fill(self) -> None:
-        await asyncio.gather(self._fill_words(), self._fill_basins())
-
-    async def _fill_words(self) -> None:
-        await self._part(self._likely, self._chances)
+        """What is quick first; one slow part after the other, so that the next click is answered at once."""
+        answer = self._work.start(self._part(self._likely, self._chances))
+        await self._work.change(self._add_basins)
+        await self._part(self._under_basins, partial(self._some_basins, 100, "cells"))
+        await answer
+        await self._work.change(self._add_motion)
         self._show_motion()
         await self._part(self._safe, self._margin)
-        self._show_diagram()
+        await self._part(self._about_lines, self._some_lines)
+        await self._part(self._under_basins, partial(self._some_basins, 300, "refined"))
+        await self._work.change(self._add_diagram)
+        await self._part(self._under_diagram, self._one_diagram)
+        await self._part(self._under_basins, partial(self._some_basins, 600, "refined"))
 
     async def _part(self, pane: pn.pane.HTML, work: Callable[[], Awaitable[None]]) -> None:
         await self._work.part(partial(_tell, pane), work)
-
-    async def _fill_basins(self) -> None:
-        for number, (side, method) in enumerate(SIDES):
-            await self._part(self._under_basins, partial(self._some_basins, side, method))
-            if number == 0:
-                await self._part(self._about_lines, self._some_lines)
 
     async def _chances(self) -> None:
         count = min(COUNT, self._front.settings.max_point_count)
@@ -159,17 +170,17 @@ class PointView(pn.viewable.Viewer):
             self._found = found
             self._likely.object = f"<p><strong>{escape(point_words.how_likely(self._gear, found))}</strong></p>"
             self._table.object = point_words.attractors_table(found)
-            self._offer_motions()
 
         await self._work.change(show)
 
     async def _margin(self) -> None:
-        found = await self._work.compute(point_parts.margin, self._gear, what="The margin")
+        found = await self._work.compute(point_parts.margin, self._gear, what="The margin", slow=True)
         said = f"<p>{escape(point_words.how_safe(self._gear, found))}</p>"
         await self._work.change(partial(_tell, self._safe, said))
 
     async def _some_basins(self, side: int, method: str) -> None:
-        found = await self._work.compute(point_parts.basins, self._gear, side, method, what="The basins")
+        slow = method != "cells"
+        found = await self._work.compute(point_parts.basins, self._gear, side, method, what="The basins", slow=slow)
 
         def show() -> None:
             self._basins = found
@@ -179,7 +190,7 @@ class PointView(pn.viewable.Viewer):
         await self._work.change(show)
 
     async def _some_lines(self) -> None:
-        found = await self._work.compute(point_parts.lines, self._gear, what="The manifolds")
+        found = await self._work.compute(point_parts.lines, self._gear, what="The manifolds", slow=True)
 
         def show() -> None:
             self._lines = found
@@ -223,7 +234,7 @@ class PointView(pn.viewable.Viewer):
         self._motion = self._work.start(self._part(self._under_motion, self._one_motion), self._motion)
 
     async def _one_motion(self) -> None:
-        periods, shade = 12.0, "#8a96a3"
+        chosen, periods, shade = self._chosen, 12.0, "#8a96a3"
         if self._chosen.start is not None:
             (tau, v), what = self._chosen.start, "From the chosen initial condition"
         elif self._found is None or not self._found.attractors:
@@ -235,6 +246,11 @@ class PointView(pn.viewable.Viewer):
         found = await self._work.compute(point_parts.motion, self._gear, tau, v, periods, POINTS, what="The motion")
 
         def show() -> None:
+            if self._motions is None or (chosen.attractor, chosen.start) != (
+                self._chosen.attractor,
+                self._chosen.start,
+            ):
+                return  # another one has been chosen meanwhile
             self._motions.show(found, self._gear.beta, shade)
             self._picture.show_chosen(tau, v)
             self._under_motion.object = f'<p class="faint">{escape(point_motion.caption(found, what))}</p>'
@@ -248,10 +264,14 @@ class PointView(pn.viewable.Viewer):
 
     async def _one_diagram(self) -> None:
         direction = self._chosen.direction
-        found: DiagramLines = await self._work.compute(point_parts.diagram, self._gear, direction, what="The diagram")
+        found: DiagramLines = await self._work.compute(
+            point_parts.diagram, self._gear, direction, what="The diagram", slow=True
+        )
         at = self._gear.epsilon if direction == "epsilon" else self._gear.delta
 
         def show() -> None:
+            if direction != self._chosen.direction:
+                return
             self._diagram_picture.show(found, at)
             self._under_diagram.object = f'<p class="faint">{escape(point_diagram.caption(found))}</p>'
 
@@ -260,6 +280,8 @@ class PointView(pn.viewable.Viewer):
     # What the viewer does
 
     def _on_tap(self, tau: float, v: float) -> None:
+        if self._motions is None:  # not there yet
+            return
         self._choose(PointState(self._chosen.attractor, (tau, v), self._chosen.direction))
         self._offer_motions()
         self._show_motion()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Coroutine
+from contextlib import nullcontext
 from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
 
@@ -15,8 +16,7 @@ from service.turns import in_turn
 if TYPE_CHECKING:
     from bokeh.document import Document
 
-GRACE_SECONDS = 2.0  # what is at work when the view is put away may end by itself, and its process stays warm
-AT_ONCE = 2  # computations of one view
+GRACE_SECONDS = 15.0  # what is at work when the view is put away may end by itself: its process stays warm
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
@@ -29,7 +29,6 @@ class Work:
     def __init__(self, front: Front, document: Document | None) -> None:
         self._front, self._document = front, document
         self._tasks: set[asyncio.Task[None]] = set()
-        self._places = asyncio.Semaphore(AT_ONCE)
         self.stopped = False
 
     def start(
@@ -52,17 +51,25 @@ class Work:
     def _give_up(self, task: asyncio.Task[None]) -> None:
         task.get_loop().call_later(GRACE_SECONDS, task.cancel)
 
-    async def compute(self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str) -> Result:
-        """What a function returns, from a process of its own. Raises UnavailableError."""
-        async with self._places:
-            if self.stopped:
-                raise asyncio.CancelledError
+    async def compute(
+        self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, slow: bool = False
+    ) -> Result:
+        """What a function returns, from a process of its own. Slow ones never take all processes.
+
+        Raises UnavailableError.
+        """
+        async with self._front.slow_points if slow else nullcontext():
+            self._require()
             found = await in_turn(
                 self._front, compute, *arguments, what=what, advice="Choose another point, or try again later."
             )
+        self._require()
+        return found
+
+    def _require(self) -> None:
+        """End the task that asks, if the view has been put away."""
         if self.stopped:
             raise asyncio.CancelledError
-        return found
 
     async def part(self, tell: Callable[[str], object], work: Callable[[], Awaitable[None]]) -> None:
         """Do one part of a view; why it cannot be shown is told as HTML, and the other parts go on."""
@@ -79,8 +86,7 @@ class Work:
 
     async def change(self, what: Callable[[], object]) -> None:
         """Change the document when nothing else does, and wait until that is done."""
-        if self.stopped:
-            return
+        self._require()
         if self._document is None or self._document.session_context is None:
             what()
             return

@@ -17,7 +17,8 @@ def open_view(page: Page, url: str, **query: str) -> None:
 
 def wait_for_map(page: Page, condition: str) -> None:
     """Wait until a condition on the figure holds, which begins with one of its properties."""
-    page.wait_for_function(f"() => {{ const map = window.Bokeh && {_MODELS}; return map && Bokeh.index.find_one(map) && map.{condition} }}")
+    drawn = f"const map = window.Bokeh && {_MODELS}; return map && Bokeh.index.find_one(map) && map.{condition}"
+    page.wait_for_function(f"() => {{ {drawn} }}")
 
 
 def of_map(page: Page, expression: str) -> Any:
