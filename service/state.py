@@ -44,6 +44,11 @@ class Front:
         """Windows of the plane that are refined at once."""
         return CapacityLimiter(self.settings.max_windows)
 
+    @cached_property
+    def slow_points(self) -> CapacityLimiter:
+        """Slow parts of the views of points, of all pages: a process is left for what is quick."""
+        return CapacityLimiter(max(1, self.settings.max_points - 1))
+
     @contextmanager
     def interruptible(self) -> Iterator[None]:
         """Work of a request that the end of the service cuts short, with UnavailableError."""

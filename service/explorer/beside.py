@@ -14,6 +14,7 @@ from service.explorer.point import PointView
 from service.explorer.readout import readout
 from service.explorer.viewer import Viewer
 
+RESERVED = frozenset({"self", "front", "delta", "epsilon", "beta"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room
 
 
@@ -34,6 +35,7 @@ class Beside:
             label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
         )
         self._close.on_click(lambda _event: self.close(tell=True))
+        self._view: PointView | None = None
         self._point = pn.Column(sizing_mode="stretch_width", margin=0)
         self.panel = pn.Column(self._zoom, self._close, self._point, text, sizing_mode="stretch_width", margin=0)
 
@@ -50,7 +52,8 @@ class Beside:
     def open(self, delta: float, epsilon: float, beta: float, state: Mapping[str, str]) -> None:
         """Show the view of a point."""
         self._drop()
-        view = PointView(self._viewer.front, delta, epsilon, beta, **state)
+        known = {name: value for name, value in state.items() if name not in RESERVED}
+        self._view = view = PointView(self._viewer.front, delta, epsilon, beta, **known)
         view.param.watch(lambda event: self._on_state(event.new), "state")
         self._point[:] = [view]
         self._close.visible = True
@@ -65,7 +68,7 @@ class Beside:
             self._on_close()
 
     def _drop(self) -> None:
-        for view in self._point:
-            if stop := getattr(view, "stop", None):
-                stop()
+        if self._view is not None:
+            self._view.stop()
+            self._view = None
         self._point.clear()

@@ -359,6 +359,11 @@ class MapView:
         self._beside.open(delta, epsilon, self.beta, state)
         self._hover(delta, epsilon)
 
+    def end(self) -> None:
+        """Give up what is at work for a page that was closed."""
+        self._zoom.stop()
+        self._beside.close()
+
     def _close_point(self) -> None:
         self._change(point=None, point_state={})
         self.map.cross(None)

@@ -79,6 +79,10 @@ class Explorer:
         """Load what the page needs, before anybody asks for it."""
         try:
             await self.load()
+            from service.explorer.point import prepare
+
+            assert self._front is not None
+            await prepare(self._front)
         except Exception:  # told again to whoever opens the page
             log.exception("the explorer cannot be loaded")
 

@@ -32,7 +32,8 @@ class BasinsPicture:
 
     def __init__(self, theme: str, on_tap: Callable[[float, float], None]) -> None:
         self._on_tap = on_tap
-        self.figure = new_figure(theme, "phase τ of the impact", "speed v after it", 440, (0.0, 1.0), (V_MAX, 0.0))
+        self.figure = new_figure(theme, "phase τ of the impact", "speed v after it", 520, (0.0, 1.0), (V_MAX, 0.0))
+        self.figure.grid.visible = False
         self._names = ColumnDataSource({"name": []})
         self._cells = ColumnDataSource({"label": [], "steps": []})
         self._mapper = LinearColorMapper(palette=["#9a9a9a"], low=-0.5, high=0.5)
@@ -46,16 +47,23 @@ class BasinsPicture:
             ("(τ, v)", "$x{0.0000}, $y{0.000}"),
         ]
         steps = CustomJSHover(code=STEPS)
-        formatters = {"@label": named, "@steps": steps}
+        formatters: dict[str, Any] = {"@label": named, "@steps": steps}
         self.figure.add_tools(HoverTool(renderers=[image], tooltips=tooltips, formatters=formatters, name="cells"))
         self._lines: dict[str, ColumnDataSource] = {}
         for name, (shade, dash) in STYLES.items():
+            width = 1.5 if dash == "solid" else 0.9
             self._lines[name] = ColumnDataSource({"tau": [], "v": []})
             edge = {"line_color": "#404040", "line_width": 2.6, "line_alpha": 0.7}
             if name == GAMMA:
                 self.figure.line("tau", "v", source=self._lines[name], **edge)
             self.figure.line(
-                "tau", "v", source=self._lines[name], line_color=shade, line_dash=dash, line_width=1.5, name=name
+                "tau",
+                "v",
+                source=self._lines[name],
+                line_color=shade,
+                line_dash=dash,
+                line_width=width,
+                name=name,
             )
         self._orbits = ColumnDataSource({"tau": [], "v": [], "name": []})
         self._chosen = ColumnDataSource({"tau": [], "v": []})

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColumnDataSource, HoverTool, Range1d, Span
+from bokeh.models import ColumnDataSource, HoverTool
+from bokeh.models.annotations import Span
 
 from service.explorer.point_figures import ink_of, new_figure
 from service.explorer.point_parts import DiagramLines
@@ -27,17 +28,17 @@ class DiagramPicture:
         self._strokes = {}
         drawn = []
         for stable, dash in ((False, "dashed"), (True, "solid")):
-            self._strokes[stable] = ColumnDataSource({"x": [], "v": [], "motion": [], "stable": []})
+            self._strokes[stable] = ColumnDataSource({"x": [], "v": [], "motion": [], "stable": [], "width": []})
             drawn.append(
                 self.figure.multi_line(
-                    "x", "v", source=self._strokes[stable], line_color=ink, line_dash=dash, line_width=1.4
+                    "x", "v", source=self._strokes[stable], line_color=ink, line_dash=dash, line_width="width"
                 )
             )
         self._marks = {}
         for kind, marker in MARKERS.items():
-            self._marks[kind] = ColumnDataSource({"x": [], "v": [], "tau": [], "what": []})
+            self._marks[kind] = ColumnDataSource({"x": [], "v": [], "tau": [], "what": [], "size": []})
             drawn_marks = self.figure.scatter(
-                "x", "v", source=self._marks[kind], marker=marker, size=8, line_color=ink, fill_color="#e8862e"
+                "x", "v", source=self._marks[kind], marker=marker, size="size", line_color=ink, fill_color="#e8862e"
             )
             tooltips = [("event", "@what"), ("at", "@x{0.000000}"), ("v", "@v{0.0000}"), ("τ", "@tau{0.0000}")]
             self.figure.add_tools(HoverTool(renderers=[drawn_marks], tooltips=tooltips))
@@ -60,6 +61,7 @@ class DiagramPicture:
                 "x": [each.x for each in chosen],
                 "v": [each.v for each in chosen],
                 "motion": [each.motion for each in chosen],
+                "width": [1.6 if each.motion.startswith("P(1,1,") else 0.8 for each in chosen],
                 "stable": ["stable" if stable else "unstable"] * len(chosen),
             }
         kinds = np.array(found.marks.kind)
@@ -69,6 +71,7 @@ class DiagramPicture:
                 "x": found.marks.x[on],
                 "v": found.marks.v[on],
                 "tau": found.marks.tau[on],
+                "size": [9 if found.marks.name[i] else 5 for i in on],
                 "what": [f"{MEANINGS[kind]} {found.marks.name[i]}".strip() for i in on],
             }
 
@@ -80,6 +83,7 @@ def caption(found: DiagramLines) -> str:
     curves = f", among them {', '.join(named)}" if named else ""
     events = len(set(zip(found.marks.kind, found.marks.x.tolist(), strict=True)))
     return (
-        f"Impact speed against the {NAMES[found.direction]}, {found.span[0]:.4g} to {found.span[1]:.4g}: {motions} periodic "
-        f"motions, {events} events{curves}. Solid: stable, dashed: unstable, dots: attractors followed both ways, red: here."
+        f"Impact speed against the {NAMES[found.direction]}, {found.span[0]:.4g} to {found.span[1]:.4g}: "
+        f"{motions} periodic motions, {events} events{curves}. Solid: stable, dashed: unstable, dots: attractors "
+        "followed both ways, red: here."
     )

@@ -17,7 +17,8 @@ def new_figure(
 ) -> Any:
     """An empty figure as wide as there is room, with axes named x and y, and tools to zoom, move and save."""
     ink, paper, line = INKS.get(theme, INKS["default"])
-    ranges = {name: Range1d(*span) for name, span in (("x_range", x_range), ("y_range", y_range)) if span}
+    spans = {"x_range": x_range, "y_range": y_range}
+    ranges: dict[str, Any] = {name: Range1d(start=span[0], end=span[1]) for name, span in spans.items() if span}
     found = figure(
         sizing_mode="stretch_width",
         height=height,

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from bokeh.models import ColumnDataSource, HoverTool, Range1d, Span
+from bokeh.models import ColumnDataSource, HoverTool
+from bokeh.models.annotations import Span
 
 import rattle
 from service.explorer.point_figures import ink_of, new_figure
@@ -19,7 +20,7 @@ class MotionPictures:
     def __init__(self, theme: str, beta: float) -> None:
         walls = (-ROOM * beta, ROOM * beta)
         self.trace: Any = new_figure(theme, "forcing periods", "Φ", 260, (0.0, 1.0), walls)
-        self.portrait: Any = new_figure(theme, "Φ", "Φ′, per forcing period", 260, walls)
+        self.portrait: Any = new_figure(theme, "Φ", "Φ′, per forcing period", 260, walls, (-7.0, 7.0))
         self._samples = ColumnDataSource({"t": [], "phi": [], "velocity": []})
         self._impacts = ColumnDataSource({"t": [], "phi": [], "speed": []})
         ink = ink_of(theme)
@@ -37,7 +38,9 @@ class MotionPictures:
 
     def show(self, found: rattle.Trajectory, beta: float, colour: str) -> None:
         """Draw a motion in a colour."""
-        self.trace.x_range = Range1d(0.0, float(found.time[-1]))
+        self.trace.x_range.update(start=0.0, end=float(found.time[-1]))
+        fastest = ROOM * max(float(np.abs(found.velocity).max()), 1e-3)
+        self.portrait.y_range.update(start=-fastest, end=fastest)
         self._samples.data = {"t": found.time, "phi": found.phi, "velocity": found.velocity}
         shown = slice(0, 2000)
         self._impacts.data = {

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 class Chances(NamedTuple):
     """The attractors, each with its two Floquet multipliers or None, and its letter if it is one of A to D."""
 
-    count: int
+    starts: int
     attractors: tuple[rattle.Attractor, ...]
     multipliers: tuple[tuple[complex, complex] | None, ...]
     letters: tuple[str, ...]
@@ -135,15 +135,20 @@ def lines(gear: rattle.Gear) -> Lines:
     return Lines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
+def diagram_span(gear: rattle.Gear, direction: str) -> tuple[float, float]:
+    """The values of δ or ε about the point that are inside the plane."""
+    if direction == "epsilon":
+        return max(gear.epsilon - SPANS["epsilon"], 0.0), gear.epsilon + SPANS["epsilon"]
+    return max(gear.delta - SPANS["delta"], gear.delta / 2), gear.delta + SPANS["delta"]
+
+
 def diagram(gear: rattle.Gear, direction: str) -> DiagramLines:
     """The one-parameter diagram through the point, along "epsilon" or "delta"."""
     from rattle.curves import name_of
     from rattle.plot.colours import name_of as name_of_type
     from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
 
-    at = gear.epsilon if direction == "epsilon" else gear.delta
-    least = 0.0 if direction == "epsilon" else min(at / 2, SPANS[direction])
-    span = max(at - SPANS[direction], least), at + SPANS[direction]
+    span = diagram_span(gear, direction)
     start, end = ((gear.delta, value) if direction == "epsilon" else (value, gear.epsilon) for value in span)
     found = rattle.diagram(start, end, gear.beta, STEPS, COUNT)
     _, scale, offset = parameter_axis(found)
@@ -166,3 +171,24 @@ def diagram(gear: rattle.Gear, direction: str) -> DiagramLines:
     return DiagramLines(
         direction, span, tuple(pieces), marks, offset + scale * seen.position[chosen], seen.v[chosen], seen.tau[chosen]
     )
+
+
+def basins(gear: rattle.Gear, side: int, method: str) -> rattle.Basins:
+    """Basins on side × side cells."""
+    return gear.basins(side, V_MAX, method)
+
+
+def motion(gear: rattle.Gear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
+    """The motion from one state."""
+    return gear.trajectory(tau, v, periods, points)
+
+
+def warm_up() -> None:
+    """Load every kernel that a point needs."""
+    gear = rattle.Gear(0.6, 0.1)
+    chances(gear, 16)
+    for method in ("cells", "refined"):
+        basins(gear, 20, method)
+    motion(gear, 0.3, 4.0, 1.0, 2)
+    lines(gear)
+    margin(gear)

@@ -51,14 +51,15 @@ def pair(values: tuple[complex, complex] | None) -> str:
 
 
 def motion(attractor: rattle.Attractor, letter: str = "") -> str:
-    """What it is called in a sentence."""
-    names = {"quiet": "quiet running", "chaotic": "chaotic rattle", "undecided": "undecided"}
-    if attractor.kind in names:
-        return names[attractor.kind]
+    """What a motion that is not quiet is called in a sentence."""
+    if attractor.kind == "chaotic":
+        return "chaotic, without a period"
+    if attractor.kind == "undecided":
+        return "undecided"
     impacts = attractor.n_plus + attractor.n_minus
-    named = f"{name_of(attractor)}{f' ({letter})' if letter else ''}"
     each = "every period" if attractor.m == 1 else f"every {attractor.m} periods"
-    return f"periodic rattle {named}, {impacts} impact{'s' if impacts > 1 else ''} {each}"
+    named = f"{name_of(attractor)} = {letter}" if letter else name_of(attractor)
+    return f"{impacts} impact{'s' if impacts > 1 else ''} {each}, {named}"
 
 
 def where(gear: rattle.Gear) -> str:
@@ -73,37 +74,34 @@ def where(gear: rattle.Gear) -> str:
     else:
         quiet = f" Quiet running is possible, as it is up to an eccentricity of {number(gear.quiet_limit)}."
     if gear.epsilon < gear.sn1:
-        return f"{at}{backlash}{quiet} Rattle with one impact per period needs ε of {number(gear.sn1)} at least."
+        return f"{at}{backlash}{quiet} Rattle with one impact a period, P(1,1,0), begins at ε = {number(gear.sn1)}."
     return f"{at}{backlash}{quiet}"
 
 
 def how_likely(gear: rattle.Gear, found: Chances) -> str:
     """How likely the gear is to run quietly, and what it does otherwise."""
-    share = {each.kind: each for each in found.attractors if each.kind in ("quiet", "undecided")}
-    rattling = [
-        (each, letter) for each, letter in zip(found.attractors, found.letters, strict=True) if each.kind not in share
-    ]
-    said = ", ".join(f"{motion(each, letter)} ({percent(each.fraction)})" for each, letter in rattling[:4])
-    more = f" and {len(rattling) - 4} more" if len(rattling) > 4 else ""
-    if "quiet" in share:
-        low, high = share["quiet"].fraction_interval
-        likely = (
-            f"Set going at random, the gear comes to run quietly with probability {percent(share['quiet'].fraction)}"
-        )
-        sentence = f"{likely} (95 % interval {percent(low)} to {percent(high)}, {found.count} starts)."
+    pairs = list(zip(found.attractors, found.letters, strict=True))
+    quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
+    rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
+    below = percent(float(rattle.wilson_interval(0, found.starts)[1]))  # of what no start has shown
+    sentences = []
+    if quiet:
+        low, high = (percent(x) for x in quiet.fraction_interval)
+        likely = f"Set going at random, the gear comes to run quietly with probability {percent(quiet.fraction)}"
+        sentences.append(f"{likely} (95 % interval {low} to {high}, from {found.starts} starts).")
     elif gear.epsilon >= gear.quiet_limit:
-        sentence = "However it is set going, it rattles."
+        sentences.append("However it is set going, the gear never comes to rest against the teeth: it rattles.")
     else:
-        high = float(rattle.wilson_interval(0, found.count)[1])
-        sentence = f"None of {found.count} random starts came to run quietly: the probability is below {percent(high)}."
-    if said:
-        sentence += f" {'Otherwise' if 'quiet' in share else 'It becomes'}: {said}{more}."
-    elif "quiet" in share and "undecided" not in share:
-        high = float(rattle.wilson_interval(0, found.count)[1])
-        sentence += f" No start came to rattle: the probability of rattle is below {percent(high)}."
-    if "undecided" in share:
-        sentence += f" Of {percent(share['undecided'].fraction)} of the starts it is not decided."
-    return sentence
+        sentences.append(f"None of {found.starts} random starts came to run quietly: the probability is below {below}.")
+    if rattling:
+        said = "; ".join(f"{motion(each, letter)} ({percent(each.fraction)})" for each, letter in rattling[:4])
+        more = f"; and {len(rattling) - 4} more" if len(rattling) > 4 else ""
+        sentences.append(f"{'Otherwise it' if quiet else 'It'} rattles: {said}{more}.")
+    elif quiet and not undecided:
+        sentences.append(f"No start came to rattle: the probability of rattle is below {below}.")
+    if undecided:
+        sentences.append(f"Where {percent(undecided.fraction)} of the starts end is not decided.")
+    return " ".join(sentences)
 
 
 def how_safe(gear: rattle.Gear, found: Margin) -> str:
@@ -171,4 +169,4 @@ def attractors_table(found: Chances) -> str:
             )
         )
     heads = ("Motion", "Share of starts (95 %)", "Exponent λ₁", "λ₂", "Multipliers")
-    return table(f"Attractors from {found.count} starts", heads, rows)
+    return table(f"Attractors from {found.starts} starts", heads, rows)
