@@ -32,7 +32,7 @@ def of_map(page: Page, expression: str) -> Any:
 def visible_lines(page: Page) -> set[str]:
     """Names of the lines that the map shows."""
     names = of_map(page, "renderers.filter((each) => each.visible && each.name).map((each) => each.name)")
-    return {name for name in names if not name.startswith(("cells", "fine"))}
+    return {name for name in names if not name.startswith(("cells", "fine", "names"))}
 
 
 def place_of(page: Page, delta: float, epsilon: float) -> tuple[float, float]:
