@@ -25,6 +25,7 @@ from service.turns import in_turn
 
 COUNT = 1024  # initial conditions of the probabilities
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (0, 4)}
+WORDS_SECONDS = 0.5  # that pictures wait for the words
 POINTS = 3000  # of a motion
 CLICKED = -1  # among the motions to choose from
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
@@ -147,6 +148,7 @@ class PointView(pn.viewable.Viewer):
     async def _fill(self) -> None:
         """What is quick first; one slow part after the other, so that the next click is answered at once."""
         answer = self._work.start(self._part(self._likely, self._chances))
+        await asyncio.wait([answer], timeout=WORDS_SECONDS)
         await self._work.change(self._add_basins)
         await self._part(self._under_basins, partial(self._some_basins, 100, "cells"))
         await answer
