@@ -32,9 +32,8 @@ class BasinsPicture:
 
     def __init__(self, theme: str, on_tap: Callable[[float, float], None]) -> None:
         self._on_tap = on_tap
-        self.figure = new_figure(
-            "basins", theme, "phase τ of the impact", "speed v after it", 520, (0.0, 1.0), (V_MAX, 0.0)
-        )
+        names = "phase τ of the impact", "speed v after it"
+        self.figure = new_figure("basins", theme, *names, 520, (0.0, 1.0), (V_MAX, 0.0))
         self.figure.grid.visible = False
         self._names = ColumnDataSource({"name": []})
         self._cells = ColumnDataSource({"label": [], "steps": []})
