@@ -110,13 +110,27 @@ class Broadcast:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._feeds: dict[str, Feed] = {}
+        self._watchers: set[Callable[[str], None]] = set()
 
     def changed(self, survey_id: str) -> None:
         """Something happened to a survey. Called from any thread."""
         with self._lock:
-            feed = self._feeds.get(survey_id)
+            feed, watchers = self._feeds.get(survey_id), tuple(self._watchers)
         if feed is not None:
             feed.changed()
+        for watcher in watchers:
+            watcher(survey_id)
+
+    @contextmanager
+    def watch(self, on_change: Callable[[str], None]) -> Iterator[None]:
+        """Call `on_change` with the id of each survey to which something happens, from whatever thread."""
+        with self._lock:
+            self._watchers.add(on_change)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._watchers.discard(on_change)
 
     @contextmanager
     def listen(self, survey_id: str, read: Read, last: int) -> Iterator[tuple[Feed, asyncio.Event]]:

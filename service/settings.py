@@ -47,9 +47,12 @@ class Settings(BaseSettings):
     max_jobs: int = Field(default=32, ge=1, description="surveys waiting or running")
 
     max_point_count: int = Field(default=1024, ge=1, description="initial conditions of GET /v1/attractors")
+    max_basin_resolution: int = Field(default=1000, ge=1, description="cells a side of GET /v1/basins.png")
     max_points: int = Field(default=2, ge=1, description="parameter points computed at once, each in a process")
     max_point_seconds: float = Field(default=60.0, gt=0, description="longest wait for a point or for curves")
     max_points_waiting: int = Field(default=16, ge=0, description="parameter points waiting for their turn")
+    max_windows: int = Field(default=2, ge=1, description="windows of the explorer refined at once; others wait")
+    max_pages: int = Field(default=100, ge=1, description="open pages of the explorer")
     heartbeat_seconds: float = Field(default=15.0, gt=0, description="comment line on silent event streams")
     shutdown_seconds: int = Field(default=2, ge=1, le=3, description="open requests may take this long at shutdown")
 

@@ -58,7 +58,7 @@ class Axis(_Strict):
             start, stop, num = text.split(":")
             return cls(start=float(start), stop=float(stop), num=int(num))
         except ValueError as error:
-            raise SurveyError(f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61 ({_reason(error)})") from error
+            raise SurveyError(f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61 ({reason(error)})") from error
 
 
 class InitialConditions(_Strict):
@@ -179,7 +179,7 @@ class SurveyRequest(_Strict):
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _reason(error: ValueError) -> str:
+def reason(error: ValueError) -> str:
     """Return the first thing that is wrong, without pydantic's preamble."""
     errors = getattr(error, "errors", None)
     return str(errors()[0]["msg"]) if errors else str(error)

@@ -168,6 +168,12 @@ class Surveys(Transactions):
         with self._read() as session:
             return set(session.scalars(select(TileRow.index).where(TileRow.job == _number(session, survey_id))))
 
+    def tile_seconds(self, survey_id: str) -> float:
+        """Seconds that the tiles of a survey took, each in its process."""
+        with self._read() as session:
+            total = select(func.sum(TileRow.seconds)).where(TileRow.job == _number(session, survey_id))
+            return session.scalar(total) or 0.0
+
     def keep_tiles(self, survey_id: str, kept: set[int]) -> None:
         """Forget every tile that is not in ``kept``: its chunks have been lost."""
         with self._write() as (session, _):
