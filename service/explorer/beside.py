@@ -14,6 +14,7 @@ from service.explorer.point import PointView
 from service.explorer.readout import readout
 from service.explorer.viewer import Viewer
 
+RESERVED = frozenset({"self", "front", "delta", "epsilon", "beta"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room
 
 
@@ -51,7 +52,8 @@ class Beside:
     def open(self, delta: float, epsilon: float, beta: float, state: Mapping[str, str]) -> None:
         """Show the view of a point."""
         self._drop()
-        self._view = view = PointView(self._viewer.front, delta, epsilon, beta, **state)
+        known = {name: value for name, value in state.items() if name not in RESERVED}
+        self._view = view = PointView(self._viewer.front, delta, epsilon, beta, **known)
         view.param.watch(lambda event: self._on_state(event.new), "state")
         self._point[:] = [view]
         self._close.visible = True

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from matplotlib.colors import to_hex
 
 from service.explorer.address import Limits, Pair
 from service.explorer.planes import Plane
+from workers.figure import region_places
 from workers.maps import WITHOUT_VALUE, scale_of, title_of, valueless_layers
 
 SHADES = 256
@@ -43,6 +44,7 @@ class Colouring:
     reasons: np.ndarray
     reason_colours: tuple[str, ...]
     note: str = ""
+    names: Mapping[str, Pair] = field(default_factory=dict)  # of regions, and where they are written
 
 
 def colouring(plane: Plane, limits: Limits | Pair, log: bool) -> Colouring:
@@ -70,8 +72,9 @@ def colouring(plane: Plane, limits: Limits | Pair, log: bool) -> Colouring:
         )
         low, high = codes[0] - 0.5, codes[-1] + 0.5
         return Colouring(
-            title_of(plane.plane), palette, low, high, False, True, named + shades, reasons, reason_colours
-        )
+            title_of(plane.plane), palette, low, high, False, True, named + shades, reasons, reason_colours,
+            names=region_places(values, plane.delta, plane.epsilon) if variable == "region" else {},
+        )  # fmt: skip
     low, high, note = _limits(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
     if log:
         low, high, log, note = _positive(shown, low, high, note)

@@ -97,6 +97,15 @@ def points(source: ColumnDataSource) -> list[Any]:
     return [_rendered(source, marks, name="points"), _rendered(source, names)]
 
 
+def names(source: ColumnDataSource) -> Any:
+    """Names of regions, with a white edge."""
+    glyph = Text(
+        x="x", y="y", text="name", text_align="center", text_baseline="middle", text_font_size="17px",
+        text_font_style="bold", text_color="black", text_outline_color="white",
+    )  # fmt: skip
+    return _rendered(source, glyph, name="names")
+
+
 def cross(source: ColumnDataSource) -> list[Any]:
     """A cross with a white edge."""
     return [

@@ -67,10 +67,18 @@ class Map:
             source = glyphs.source_of(glyphs.LINE)
             self._lines[name] = source, glyphs.line(source, name)
         self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))
+        self._names = glyphs.source_of(("x", "y", "name"))
         self._marks = glyphs.points(self._points)
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
         lines = (each for _, pair in self._lines.values() for each in pair)
-        plot.renderers = [self._why, *images, *lines, *self._marks, *glyphs.cross(self._cross)]
+        plot.renderers = [
+            self._why,
+            *images,
+            *lines,
+            glyphs.names(self._names),
+            *self._marks,
+            *glyphs.cross(self._cross),
+        ]
         for scale in self._scales.values():
             plot.add_layout(scale.bar, "right")
         self._box: tuple[Pair, Pair] | None = None
@@ -155,6 +163,8 @@ class Map:
         self._box, where = box_of(delta, epsilon), image_at(delta, epsilon)
         self._colour(colours)
         shown = np.where(colours.reasons == 0, values, np.float32(np.nan))
+        places = list(colours.names.values())
+        self._names.data = {"x": [x for x, _ in places], "y": [y for _, y in places], "name": list(colours.names)}
         self._values.data = {"image": [shown], **where}
         self._reasons.data = {"image": [colours.reasons], **where}
 
@@ -167,7 +177,7 @@ class Map:
 
     def no_cells(self) -> None:
         self.no_frame()
-        for source in (self._values, self._reasons):
+        for source in (self._values, self._reasons, self._names):
             glyphs.empty(source)
         for scale in self._scales.values():
             scale.bar.visible = False

@@ -26,7 +26,7 @@ from workers import Frame, SurveyRequest
 
 PAUSE = 1.0  # between two drawings of a survey that runs
 LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
-OWN = "own"
+OWN, LOG = "own", "log scale"
 
 
 class MapView:
@@ -61,7 +61,9 @@ class MapView:
         self._rule = pn.widgets.Select(label="Colours span", options=options, width=160, **styled)
         self._low = pn.widgets.FloatInput(label="from", width=110, **styled)
         self._high = pn.widgets.FloatInput(label="to", width=110, **styled)
-        self._log = pn.widgets.Checkbox(label="log scale", value=view.log, **{**styled, "margin": (2, 8, 8, 4)})
+        self._log = pn.widgets.CheckBoxGroup(
+            options=[LOG], value=[LOG] if view.log else [], **{**styled, "margin": (2, 8, 8, 4)}
+        )
         self._save = pn.widgets.Button(
             label="Save window as survey", **{**styled, "margin": (2, 0, 2, 8)}, css_classes=["save"]
         )
@@ -259,9 +261,9 @@ class MapView:
         if rule == OWN:
             if self._colours is None or isinstance(self.view.limits, tuple):
                 return
-            self._change(limits=(self._colours.low, self._colours.high), log=self._log.value)
+            self._change(limits=(self._colours.low, self._colours.high), log=bool(self._log.value))
         else:
-            self._change(limits=rule if rule in LIMITS else "auto", log=self._log.value)
+            self._change(limits=rule if rule in LIMITS else "auto", log=bool(self._log.value))
         self._redraw()
 
     def _on_own(self) -> None:
@@ -356,6 +358,11 @@ class MapView:
         self.map.cross((delta, epsilon))
         self._beside.open(delta, epsilon, self.beta, state)
         self._hover(delta, epsilon)
+
+    def end(self) -> None:
+        """Give up what is at work for a page that was closed."""
+        self._zoom.stop()
+        self._beside.close()
 
     def _close_point(self) -> None:
         self._change(point=None, point_state={})

@@ -194,6 +194,7 @@ class Page:
     def end(self) -> None:
         """The browser has left."""
         self._shared.news.leave(self._on_news)
+        self._map.end()
         self._viewer.end()
 
 

@@ -1,8 +1,10 @@
 """What the tests of the explorer see of a page, and do on it."""
 
+from contextlib import suppress
 from typing import Any
 
-from playwright.sync_api import Page
+from playwright.sync_api import Page, TimeoutError
+from service_processes import wait_until
 
 #: A condition on the map of a page, as JavaScript of the figure.
 _MODELS = "Bokeh.documents.map((each) => each.get_model_by_name('map')).find((each) => each)"
@@ -17,8 +19,9 @@ def open_view(page: Page, url: str, **query: str) -> None:
 
 def wait_for_map(page: Page, condition: str) -> None:
     """Wait until a condition on the figure holds, which begins with one of its properties."""
-    drawn = f"const map = window.Bokeh && {_MODELS}; return map && Bokeh.index.find_one(map) && map.{condition}"
-    page.wait_for_function(f"() => {{ {drawn} }}")
+    page.wait_for_function(
+        f"() => {{ const map = window.Bokeh && {_MODELS}; return map && Bokeh.index.find_one(map) && map.{condition} }}"
+    )
 
 
 def of_map(page: Page, expression: str) -> Any:
@@ -29,7 +32,7 @@ def of_map(page: Page, expression: str) -> Any:
 def visible_lines(page: Page) -> set[str]:
     """Names of the lines that the map shows."""
     names = of_map(page, "renderers.filter((each) => each.visible && each.name).map((each) => each.name)")
-    return {name for name in names if not name.startswith(("cells", "fine"))}
+    return {name for name in names if not name.startswith(("cells", "fine", "names"))}
 
 
 def place_of(page: Page, delta: float, epsilon: float) -> tuple[float, float]:
@@ -46,8 +49,16 @@ def place_of(page: Page, delta: float, epsilon: float) -> tuple[float, float]:
     return float(found[0]), float(found[1])
 
 
-def point_at(page: Page, delta: float, epsilon: float) -> None:
-    """Move the mouse to a point (δ, ε)."""
-    x, y = place_of(page, delta, epsilon)
-    page.mouse.move(x - 5, y)
-    page.mouse.move(x, y)
+def point_at(page: Page, delta: float, epsilon: float, until: str) -> None:
+    """Move the mouse to a point (δ, ε) until a text is read; again while the page is still being laid out."""
+
+    def read() -> bool:
+        x, y = place_of(page, delta, epsilon)
+        page.mouse.move(x - 9, y)
+        page.mouse.move(x, y)
+        with suppress(TimeoutError):
+            page.locator(".beside", has_text=until).wait_for(timeout=1000)
+            return True
+        return False
+
+    wait_until(read)

@@ -82,9 +82,8 @@ def test_lines_are_switched_and_the_address_says_so(page: Page, service: str) ->
 @pytest.mark.parametrize(("delta", "epsilon"), [(0.6, 0.1), (0.5, 0.06), (0.9, 0.05), (0.8, 0.25)])
 def test_what_is_pointed_at_is_read(page: Page, service: str, delta: float, epsilon: float) -> None:
     open_view(page, service)
-    point_at(page, delta, epsilon)
+    point_at(page, delta, epsilon, until=f"Cell at δ {delta:g}, ε {epsilon:g}")
     beside = page.locator(".beside")
-    expect(beside).to_contain_text(f"Cell at δ {delta:g}, ε {epsilon:g}")
     expect(beside).to_contain_text(f"region here{region_at(delta, epsilon)}")
     for orbit in rattle.Gear(delta, epsilon).orbits():
         expect(beside).to_contain_text(f"{orbit.name}{'stable' if orbit.stable else 'unstable'}")
@@ -98,7 +97,7 @@ def test_zooming_shows_more_than_the_survey_has(page: Page, service: str) -> Non
     page.wait_for_url("**delta=**")
     wait_for_map(page, "renderers.some((each) => each.name === 'fine0' && each.data_source.data.image.length > 0)")
     delta = [float(part) for part in query(page)["delta"].split(",")]
-    assert 0.42 < delta[0] < 0.6 < delta[1] < 0.98
+    assert 0.55 < delta[0] < delta[1] < 0.65
     assert_fine_regions(page)
 
 
@@ -110,18 +109,15 @@ def test_a_window_of_1e9_at_cod22_is_right(page: Page, service: str, survey_id: 
     wait_for_map(page, "renderers.some((each) => each.name === 'fine0' && each.data_source.data.image.length > 0)")
     assert of_map(page, "x_range.start") == delta[0]
     assert of_map(page, "below[0].axis_label") == "damping δ − 0.7701471309, in units of 1e-9"
-    assert len(set(assert_fine_regions(page).ravel())) == 2  # both sides of G1 and G2
-    point_at(page, delta[0] + 2e-10, epsilon[1] - 1e-10)
-    expect(page.locator(".beside")).to_contain_text("δ0.77014713063")
+    assert {1, 5} <= set(assert_fine_regions(page).ravel().tolist())  # both sides of G1 and G2
+    point_at(page, delta[0] + 2e-10, epsilon[1] - 1e-10, until="δ0.7701471306")
 
 
 def assert_fine_regions(page: Page) -> np.ndarray:
     """The finer block holds the regions of its own cells."""
     source = "renderers.find((each) => each.name === 'fine0').data_source.data"
     shape = of_map(page, f"{source}.image[0].shape")
-    values = np.array(of_map(page, f"Array.from(new Float32Array({source}.image[0]))") if False else of_map(
-        page, f"{source}.image[0].slice ? Array.from({source}.image[0]) : Array.from({source}.image[0].values())"
-    )).reshape(shape)  # fmt: skip
+    values = np.array(of_map(page, f"{source}.image.map((each) => Array.from(each))[0]")).reshape(shape)
     x, y, dw, dh = (of_map(page, f"{source}.{name}[0]") for name in ("x", "y", "dw", "dh"))
     rows, columns = np.linspace(0, shape[0] - 1, 23).astype(int), np.linspace(0, shape[1] - 1, 23).astype(int)
     delta, epsilon = x + (columns + 0.5) * dw / shape[1], y + (rows + 0.5) * dh / shape[0]
@@ -160,7 +156,7 @@ def test_nonsense_in_the_address_is_left_out(page: Page, service: str) -> None:
 
 def test_a_survey_is_downloaded(page: Page, service: str, survey_id: str, tmp_path: Path) -> None:
     open_view(page, service, survey=survey_id)
-    store = xr.open_zarr(f"{service}/v1/surveys/{survey_id}/store").load()
+    store = xr.open_zarr(f"{service}/v1/surveys/{survey_id}/store")
     with page.expect_download() as download:
         page.get_by_role("link", name="NetCDF").click()
     download.value.save_as(tmp_path / "survey.nc")
