@@ -126,12 +126,21 @@ PROTECTIONS = (
             Edit("service/jobs.py", 'if client.status != "running":  # whatever', "if False:  # whatever"),
         ),
     ),
-    _one(
-        "cancelled by nobody means that the scheduler is gone",
+    Protection(
+        "cancelled by nobody, or not answering, the scheduler is gone",
         "tests/integration/test_workers_cluster.py::test_a_dead_scheduler_is_told_from_a_stop",
-        "workers/submission.py",
-        "            raise _lost()\n        if future.status",
-        "            return None\n        if future.status",
+        (
+            Edit(
+                "workers/submission.py",
+                "            raise _lost()\n        if future.status",
+                "            return None\n        if future.status",
+            ),
+            Edit(
+                "workers/submission.py",
+                "            raise _lost() from error\n        now",
+                "            return 0\n        now",
+            ),
+        ),
     ),
     _one(
         "a store appears whole",
