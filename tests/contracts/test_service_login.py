@@ -4,7 +4,6 @@ from base64 import urlsafe_b64decode
 from collections.abc import Iterator
 from pathlib import Path
 from re import findall
-from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
@@ -169,30 +168,3 @@ def test_the_page_does_not_hold_the_key(client: TestClient) -> None:
 def test_pages_beyond_the_limit_wait(tmp_path: Path) -> None:
     with front_end(tmp_path, max_pages=2) as client:
         assert [client.get("/").status_code for _ in range(3)] == [200, 200, 503]
-
-
-def test_a_page_is_let_go_of_when_its_browser_leaves(tmp_path: Path) -> None:
-    with front_end(tmp_path) as client:
-        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
-        with client.websocket_connect(SOCKET, headers=OWN, subprotocols=["bokeh", token]) as socket:
-            assert "ACK" in socket.receive_text()
-            (page,) = open_pages(client)
-            assert page.connection_count == 1
-        assert page.connection_count == 0  # and so it is swept
-
-
-def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path: Path) -> None:
-    with front_end(tmp_path) as client:
-        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
-        body, signature = token.split(".")
-        forged = f"{body}.{signature[::-1]}"
-        with (
-            pytest.raises(WebSocketDisconnect),
-            client.websocket_connect(SOCKET, headers=OWN, subprotocols=["bokeh", forged]) as socket,
-        ):
-            socket.receive_text()
-        assert [page.connection_count for page in open_pages(client)] == [0]
-
-
-def open_pages(client: TestClient) -> list[Any]:
-    return list(client.app.state.explorer._loading.result()._applications["/"].sessions)
