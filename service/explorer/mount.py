@@ -79,7 +79,7 @@ class Explorer:
         """Load what the page needs, before anybody asks for it."""
         try:
             await self.load()
-            from service.explorer.point import prepare
+            from service.explorer.point_work import prepare
 
             assert self._front is not None
             await prepare(self._front)
