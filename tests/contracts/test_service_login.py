@@ -4,6 +4,7 @@ from base64 import urlsafe_b64decode
 from collections.abc import Iterator
 from pathlib import Path
 from re import findall
+from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
@@ -15,6 +16,7 @@ from service.keys import COOKIE
 from service.tables import Scope
 
 HOST = "127.0.0.1:8000"
+SOCKET = f"ws://{HOST}/ws"
 OWN = {"Origin": f"http://{HOST}", "Sec-Fetch-Site": "same-origin"}
 OTHER = ({"Origin": "http://evil.example"}, {"Sec-Fetch-Site": "cross-site"}, {"Sec-Fetch-Site": "same-site"})
 ATTRIBUTES = {"httponly", "samesite=strict", "path=/"}
@@ -97,7 +99,7 @@ def test_another_site_gains_nothing_by_the_cookie(client: TestClient, headers: d
     assert_problem(client.post("/v1/surveys", json=BODY, headers=headers), 403, "another site")
     assert_problem(client.post("/login", data={"key": "x"}, headers=headers), 403, "another site")
     assert_problem(client.post("/logout", headers=headers), 403, "another site")
-    with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect("/ws", headers=headers):
+    with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect(SOCKET, headers=headers):
         pass
     assert refused.value.code == 1008
 
@@ -122,14 +124,14 @@ def test_a_header_wins_over_the_cookie(client: TestClient) -> None:
 
 
 def test_the_websocket_of_a_page_needs_a_key_and_a_page(client: TestClient) -> None:
-    with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect("/ws", headers=OWN):
+    with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect(SOCKET, headers=OWN):
         pass
     assert refused.value.code == 1008
     sign_in(client, token_of(client, Scope.READ))
     forged = ["bokeh", "eyJzZXNzaW9uX2lkIjogIngiLCAic2Vzc2lvbl9leHBpcnkiOiA5OTk5OTk5OTk5fQ.c2ln"]
     with (
         pytest.raises(WebSocketDisconnect) as refused,
-        client.websocket_connect("/ws", headers=OWN, subprotocols=forged) as socket,
+        client.websocket_connect(SOCKET, headers=OWN, subprotocols=forged) as socket,
     ):
         socket.receive_json()
     assert refused.value.code == 1008
@@ -167,3 +169,30 @@ def test_the_page_does_not_hold_the_key(client: TestClient) -> None:
 def test_pages_beyond_the_limit_wait(tmp_path: Path) -> None:
     with front_end(tmp_path, max_pages=2) as client:
         assert [client.get("/").status_code for _ in range(3)] == [200, 200, 503]
+
+
+def test_a_page_is_let_go_of_when_its_browser_leaves(tmp_path: Path) -> None:
+    with front_end(tmp_path) as client:
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        with client.websocket_connect(SOCKET, headers=OWN, subprotocols=["bokeh", token]) as socket:
+            assert "ACK" in socket.receive_text()
+            (page,) = open_pages(client)
+            assert page.connection_count == 1
+        assert page.connection_count == 0  # and so it is swept
+
+
+def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path: Path) -> None:
+    with front_end(tmp_path) as client:
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        body, signature = token.split(".")
+        forged = f"{body}.{signature[::-1]}"
+        with (
+            pytest.raises(WebSocketDisconnect),
+            client.websocket_connect(SOCKET, headers=OWN, subprotocols=["bokeh", forged]) as socket,
+        ):
+            socket.receive_text()
+        assert [page.connection_count for page in open_pages(client)] == [0]
+
+
+def open_pages(client: TestClient) -> list[Any]:
+    return list(client.app.state.explorer._loading.result()._applications["/"].sessions)
