@@ -83,7 +83,7 @@ class Explorer:
             while self._front.manager.cluster_state == "starting" and self._loading is None:
                 await asyncio.sleep(LOOK_SECONDS)
             await self.load()
-            from service.explorer.point import prepare
+            from service.explorer.point_work import prepare
 
             await prepare(self._front)
         except Exception:  # told again to whoever opens the page

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import Awaitable, Callable
 from functools import partial
 from html import escape
 from typing import Any
 
-import anyio
 import panel as pn
 import param
 
@@ -21,29 +19,12 @@ from service.explorer.point_parts import Chances, DiagramLines, Lines
 from service.explorer.point_state import PointState
 from service.explorer.point_work import Work
 from service.state import Front
-from service.turns import in_turn
 
 COUNT = 1024  # initial conditions of the probabilities
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (0, 4)}
 POINTS = 3000  # of a motion
 CLICKED = -1  # among the motions to choose from
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
-
-log = logging.getLogger(__name__)
-
-
-async def prepare(front: Front) -> None:
-    """Start the processes that compute points, with their kernels loaded: the first click is as quick as any."""
-    async with anyio.create_task_group() as tasks:
-        for _ in range(front.settings.max_points):
-            tasks.start_soon(_prepare_one, front)
-
-
-async def _prepare_one(front: Front) -> None:
-    try:
-        await in_turn(front, point_parts.warm_up, what="The kernels", advice="")
-    except rattle.RattleError as error:  # the first click will do it
-        log.info("no process is ready for points yet: %s", error)
 
 
 class PointView(pn.viewable.Viewer):
