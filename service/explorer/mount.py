@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from bokeh_fastapi import BokehFastAPI
 
 TITLE = "gear rattle"
+LOOK_SECONDS = 0.2
 #: Nothing from elsewhere, whatever a library would like to load. Bokeh compiles the callbacks of its models.
 CONTENT_SECURITY = "; ".join(
     (
@@ -76,12 +77,14 @@ class Explorer:
                 await sweeper
 
     async def prepare(self) -> None:
-        """Load what the page needs, before anybody asks for it."""
+        """Load what the page needs before anybody asks for it, and after the cluster, which has more to load."""
+        assert self._front is not None
         try:
+            while self._front.manager.cluster_state == "starting" and self._loading is None:
+                await asyncio.sleep(LOOK_SECONDS)
             await self.load()
-            from service.explorer.point import prepare
+            from service.explorer.point_work import prepare
 
-            assert self._front is not None
             await prepare(self._front)
         except Exception:  # told again to whoever opens the page
             log.exception("the explorer cannot be loaded")

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 from collections.abc import Awaitable, Callable
 from functools import partial
 from html import escape
 from typing import Any
 
-import anyio
 import panel as pn
 import param
 
@@ -21,29 +19,12 @@ from service.explorer.point_parts import Chances, DiagramLines, Lines
 from service.explorer.point_state import PointState
 from service.explorer.point_work import Work
 from service.state import Front
-from service.turns import in_turn
 
 COUNT = 1024  # initial conditions of the probabilities
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (0, 4)}
 POINTS = 3000  # of a motion
 CLICKED = -1  # among the motions to choose from
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
-
-log = logging.getLogger(__name__)
-
-
-async def prepare(front: Front) -> None:
-    """Start the processes that compute points, with their kernels loaded: the first click is as quick as any."""
-    async with anyio.create_task_group() as tasks:
-        for _ in range(front.settings.max_points):
-            tasks.start_soon(_prepare_one, front)
-
-
-async def _prepare_one(front: Front) -> None:
-    try:
-        await in_turn(front, point_parts.warm_up, what="The kernels", advice="")
-    except rattle.RattleError as error:  # the first click will do it
-        log.info("no process is ready for points yet: %s", error)
 
 
 class PointView(pn.viewable.Viewer):
@@ -65,7 +46,6 @@ class PointView(pn.viewable.Viewer):
         self._found: Chances | None = None
         self._lines: Lines | None = None
         self._basins: rattle.Basins | None = None
-        self._motions: point_motion.MotionPictures | None = None
         self._quiet = False  # a widget that changes says what is shown, not what to show
         try:
             self._gear = rattle.Gear(delta, epsilon, beta)
@@ -87,7 +67,6 @@ class PointView(pn.viewable.Viewer):
         return [(ASSETS / name).read_text() for name in ("widgets.css", "point.css")]
 
     def _lay_out(self) -> None:
-        """The words; pictures, which take a while to make, are put in between later."""
         gear = self._gear
         self._where = self._text(f"<p>{escape(point_words.where(gear))}</p>")
         self._likely, self._safe = self._text(_waiting("how likely quiet running is")), self._text()
@@ -103,27 +82,26 @@ class PointView(pn.viewable.Viewer):
             self._table,
             self._orbits,
             self._text("<h3>Basins of attraction</h3>"),
+            self._basins_part(),
             self._under_basins,
             self._about_lines,
             self._text("<h3>Motion</h3>"),
+            *self._motion_parts(),
             self._under_motion,
             self._text("<h3>One-parameter diagram</h3>"),
+            *self._diagram_parts(),
             self._under_diagram,
             css_classes=["point"],
             sizing_mode="stretch_width",
             margin=0,
         )
 
-    def _put_before(self, text: pn.pane.HTML, *parts: Any) -> None:
-        at = self._panel.objects.index(text)
-        self._panel[at:at] = parts
-
-    def _add_basins(self) -> None:
+    def _basins_part(self) -> pn.pane.Bokeh:
         self._picture = point_basins.BasinsPicture(self._theme, self._on_tap)
         self._picture.show_orbits(self._gear.orbits())
-        self._put_before(self._under_basins, pn.pane.Bokeh(self._picture.figure, **WIDE))
+        return pn.pane.Bokeh(self._picture.figure, **WIDE)
 
-    def _add_motion(self) -> None:
+    def _motion_parts(self) -> tuple[pn.widgets.Select, pn.Row]:
         self._choice = pn.widgets.Select(
             label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
         )
@@ -131,31 +109,28 @@ class PointView(pn.viewable.Viewer):
         self._offer_motions()
         self._motions = point_motion.MotionPictures(self._theme, self._gear.beta)
         pictures = (self._motions.trace, self._motions.portrait)
-        row = pn.Row(*(pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in pictures), **WIDE)
-        self._put_before(self._under_motion, self._choice, row)
+        panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in pictures]
+        return self._choice, pn.Row(*panes, **WIDE)
 
-    def _add_diagram(self) -> None:
+    def _diagram_parts(self) -> tuple[pn.widgets.RadioButtonGroup, pn.pane.Bokeh]:
         self._direction = pn.widgets.RadioButtonGroup(
             label="Direction of the diagram", options=DIRECTIONS, value=self._chosen.direction, stylesheets=self._sheets
         )
         self._direction.param.watch(self._on_direction, "value")
         self._diagram_picture = point_diagram.DiagramPicture(self._theme)
-        self._put_before(self._under_diagram, self._direction, pn.pane.Bokeh(self._diagram_picture.figure, **WIDE))
+        return self._direction, pn.pane.Bokeh(self._diagram_picture.figure, **WIDE)
 
     # What is computed, and in what order
 
     async def _fill(self) -> None:
         """What is quick first; one slow part after the other, so that the next click is answered at once."""
         answer = self._work.start(self._part(self._likely, self._chances))
-        await self._work.change(self._add_basins)
         await self._part(self._under_basins, partial(self._some_basins, 100, "cells"))
         await answer
-        await self._work.change(self._add_motion)
         self._show_motion()
         await self._part(self._safe, self._margin)
         await self._part(self._about_lines, self._some_lines)
         await self._part(self._under_basins, partial(self._some_basins, 300, "refined"))
-        await self._work.change(self._add_diagram)
         await self._part(self._under_diagram, self._one_diagram)
         await self._part(self._under_basins, partial(self._some_basins, 600, "refined"))
 
@@ -170,6 +145,7 @@ class PointView(pn.viewable.Viewer):
             self._found = found
             self._likely.object = f"<p><strong>{escape(point_words.how_likely(self._gear, found))}</strong></p>"
             self._table.object = point_words.attractors_table(found)
+            self._offer_motions()
 
         await self._work.change(show)
 
@@ -246,7 +222,7 @@ class PointView(pn.viewable.Viewer):
         found = await self._work.compute(point_parts.motion, self._gear, tau, v, periods, POINTS, what="The motion")
 
         def show() -> None:
-            if self._motions is None or (chosen.attractor, chosen.start) != (
+            if (chosen.attractor, chosen.start) != (
                 self._chosen.attractor,
                 self._chosen.start,
             ):
@@ -280,8 +256,6 @@ class PointView(pn.viewable.Viewer):
     # What the viewer does
 
     def _on_tap(self, tau: float, v: float) -> None:
-        if self._motions is None:  # not there yet
-            return
         self._choose(PointState(self._chosen.attractor, (tau, v), self._chosen.direction))
         self._offer_motions()
         self._show_motion()

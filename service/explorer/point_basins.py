@@ -32,7 +32,8 @@ class BasinsPicture:
 
     def __init__(self, theme: str, on_tap: Callable[[float, float], None]) -> None:
         self._on_tap = on_tap
-        self.figure = new_figure(theme, "phase τ of the impact", "speed v after it", 520, (0.0, 1.0), (V_MAX, 0.0))
+        names = "phase τ of the impact", "speed v after it"
+        self.figure = new_figure("basins", theme, *names, 520, (0.0, 1.0), (V_MAX, 0.0))
         self.figure.grid.visible = False
         self._names = ColumnDataSource({"name": []})
         self._cells = ColumnDataSource({"label": [], "steps": []})
@@ -65,14 +66,14 @@ class BasinsPicture:
                 line_width=width,
                 name=name,
             )
-        self._orbits = ColumnDataSource({"tau": [], "v": [], "name": []})
+        self._orbits = ColumnDataSource({"tau": [], "v": [], "name": [], "aside": []})
         self._chosen = ColumnDataSource({"tau": [], "v": []})
         for size, shade in ((15, "#000000"), (11, "#ffffff")):
             self.figure.scatter(
                 "tau", "v", source=self._orbits, marker="x", size=size, line_color=shade, line_width=size - 8
             )
         self.figure.text(
-            "tau", "v", "name", source=self._orbits, x_offset=9, y_offset=-5, text_color="#ffffff",
+            "tau", "v", "name", source=self._orbits, x_offset="aside", y_offset=-5, text_color="#ffffff",
             text_outline_color="#000000", text_font_size="17px", text_font_style="bold",
         )  # fmt: skip
         for size, shade, width in ((15, "#000000", 4.5), (15, "#ffffff", 2)):
@@ -103,6 +104,7 @@ class BasinsPicture:
             "tau": [orbit.tau for orbit in shown],
             "v": [orbit.v for orbit in shown],
             "name": [orbit.name for orbit in shown],
+            "aside": [-22 if orbit.name in "BD" else 9 for orbit in shown],  # B is close to C, and D to A
         }
 
     def show_lines(self, lines: tuple[Line, ...]) -> None:

@@ -21,7 +21,7 @@ class DiagramPicture:
     """Impact speed against the parameter: stable solid, unstable dashed, events marked."""
 
     def __init__(self, theme: str) -> None:
-        self.figure: Any = new_figure(theme, NAMES["epsilon"], "impact speed v", 320, (0.0, 1.0), (0.0, 7.0))
+        self.figure: Any = new_figure("diagram", theme, NAMES["epsilon"], "impact speed v", 320, (0.0, 1.0), (0.0, 7.0))
         ink = ink_of(theme)
         self._seen = ColumnDataSource({"x": [], "v": []})
         self.figure.scatter("x", "v", source=self._seen, size=2.2, color=SEEN.get(theme, SEEN["default"]), alpha=0.7)

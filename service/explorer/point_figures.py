@@ -7,19 +7,20 @@ from typing import Any
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
-#: Ink, paper, grid.
-INKS = {"default": ("#1d2733", "#ffffff", "#d8dee4"), "dark": ("#e4e9ee", "#171c22", "#2c343d")}
+from service.explorer.map import INK
+
 Limits = tuple[float, float]
 
 
 def new_figure(
-    theme: str, x: str, y: str, height: int, x_range: Limits | None = None, y_range: Limits | None = None
+    name: str, theme: str, x: str, y: str, height: int, x_range: Limits | None = None, y_range: Limits | None = None
 ) -> Any:
     """An empty figure as wide as there is room, with axes named x and y, and tools to zoom, move and save."""
-    ink, paper, line = INKS.get(theme, INKS["default"])
+    ink, paper, line = INK[theme]
     spans = {"x_range": x_range, "y_range": y_range}
     ranges: dict[str, Any] = {name: Range1d(start=span[0], end=span[1]) for name, span in spans.items() if span}
     found = figure(
+        name=name,
         sizing_mode="stretch_width",
         height=height,
         min_width=260,
@@ -47,4 +48,4 @@ def new_figure(
 
 def ink_of(theme: str) -> str:
     """The colour of lines and text."""
-    return INKS.get(theme, INKS["default"])[0]
+    return INK[theme][0]

@@ -19,8 +19,8 @@ class MotionPictures:
 
     def __init__(self, theme: str, beta: float) -> None:
         walls = (-ROOM * beta, ROOM * beta)
-        self.trace: Any = new_figure(theme, "forcing periods", "Φ", 260, (0.0, 1.0), walls)
-        self.portrait: Any = new_figure(theme, "Φ", "Φ′, per forcing period", 260, walls, (-7.0, 7.0))
+        self.trace: Any = new_figure("trace", theme, "forcing periods", "Φ", 260, (0.0, 1.0), walls)
+        self.portrait: Any = new_figure("portrait", theme, "Φ", "Φ′, per forcing period", 260, walls, (-7.0, 7.0))
         self._samples = ColumnDataSource({"t": [], "phi": [], "velocity": []})
         self._impacts = ColumnDataSource({"t": [], "phi": [], "speed": []})
         ink = ink_of(theme)

@@ -9,7 +9,10 @@ from contextlib import nullcontext
 from html import escape
 from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
 
+import anyio
+
 from rattle import RattleError
+from service.explorer import point_parts
 from service.state import Front
 from service.turns import in_turn
 
@@ -21,6 +24,20 @@ GRACE_SECONDS = 15.0  # what is at work when the view is put away may end by its
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")
 log = logging.getLogger(__name__)
+
+
+async def prepare(front: Front) -> None:
+    """Start the processes that compute points, with their kernels loaded: the first click is as quick as any."""
+    async with anyio.create_task_group() as tasks:
+        for _ in range(front.settings.max_points):
+            tasks.start_soon(_prepare_one, front)
+
+
+async def _prepare_one(front: Front) -> None:
+    try:
+        await in_turn(front, point_parts.warm_up, what="The kernels", advice="")
+    except RattleError as error:  # the first click will do it
+        log.info("no process is ready for points yet: %s", error)
 
 
 class Work:

@@ -15,8 +15,9 @@ import rattle
 from service.app import create_app
 from service.errors import UnavailableError
 from service.explorer import point_parts, point_words
-from service.explorer.point import PointView, prepare
+from service.explorer.point import PointView
 from service.explorer.point_state import PointState
+from service.explorer.point_work import prepare
 from service.settings import Settings
 from service.state import Front
 

@@ -15,6 +15,7 @@ from service.keys import COOKIE
 from service.tables import Scope
 
 HOST = "127.0.0.1:8000"
+SOCKET = f"ws://{HOST}/ws"
 OWN = {"Origin": f"http://{HOST}", "Sec-Fetch-Site": "same-origin"}
 OTHER = ({"Origin": "http://evil.example"}, {"Sec-Fetch-Site": "cross-site"}, {"Sec-Fetch-Site": "same-site"})
 ATTRIBUTES = {"httponly", "samesite=strict", "path=/"}
@@ -97,7 +98,7 @@ def test_another_site_gains_nothing_by_the_cookie(client: TestClient, headers: d
     assert_problem(client.post("/v1/surveys", json=BODY, headers=headers), 403, "another site")
     assert_problem(client.post("/login", data={"key": "x"}, headers=headers), 403, "another site")
     assert_problem(client.post("/logout", headers=headers), 403, "another site")
-    with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect("/ws", headers=headers):
+    with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect(SOCKET, headers=headers):
         pass
     assert refused.value.code == 1008
 
@@ -122,14 +123,14 @@ def test_a_header_wins_over_the_cookie(client: TestClient) -> None:
 
 
 def test_the_websocket_of_a_page_needs_a_key_and_a_page(client: TestClient) -> None:
-    with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect("/ws", headers=OWN):
+    with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect(SOCKET, headers=OWN):
         pass
     assert refused.value.code == 1008
     sign_in(client, token_of(client, Scope.READ))
     forged = ["bokeh", "eyJzZXNzaW9uX2lkIjogIngiLCAic2Vzc2lvbl9leHBpcnkiOiA5OTk5OTk5OTk5fQ.c2ln"]
     with (
         pytest.raises(WebSocketDisconnect) as refused,
-        client.websocket_connect("/ws", headers=OWN, subprotocols=forged) as socket,
+        client.websocket_connect(SOCKET, headers=OWN, subprotocols=forged) as socket,
     ):
         socket.receive_json()
     assert refused.value.code == 1008

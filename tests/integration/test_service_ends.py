@@ -41,11 +41,13 @@ def stop(process: Any) -> float:
 def test_a_busy_service_ends_in_time_with_its_tiles(tmp_path: Path) -> None:
     port = free_port()
     url = f"http://127.0.0.1:{port}"
+    begun: list[str] = []
     ended: list[str] = []
 
     def ask(path: str) -> None:
         try:
             with httpx.stream("GET", url + path, timeout=60) as answer:
+                begun.append(path)
                 for _ in answer.iter_raw():
                     pass
             ended.append("closed")
@@ -62,6 +64,7 @@ def test_a_busy_service_ends_in_time_with_its_tiles(tmp_path: Path) -> None:
             thread.start()
         # Two workers, the resource tracker of multiprocessing, and two processes for the points.
         wait_until(lambda: len(psutil.Process(process.pid).children(recursive=True)) >= 5)
+        wait_until(lambda: begun.count(events) == 20)  # the explorer has a process for points before anybody asks
         seconds = stop(process)
         for thread in asking:
             thread.join()

@@ -29,7 +29,9 @@ export function render({model}) {
   overlays.append(lines)
   root.append(shades, overlays)
 
+  let shown = ""
   function draw_shades() {
+    shown = JSON.stringify(model.shades)
     shades.hidden = model.shades.length === 0
     shades.replaceChildren(...model.shades.map((each) =>
       element("li", {}, element("span", {class: "swatch", style: `background:${each.colour}`, "aria-hidden": "true"}),
@@ -53,5 +55,10 @@ export function render({model}) {
   model.on("overlays", draw_lines)
   draw_shades()
   draw_lines()
+  // Panel does not tell of what changes while it puts a component together.
+  const late = setInterval(() => {
+    if (!root.isConnected) clearInterval(late)
+    else if (JSON.stringify(model.shades) !== shown) draw_shades()
+  }, 500)
   return root
 }

@@ -84,7 +84,10 @@ export function render({model}) {
   root.append(list, empty)
   let shown = ""
 
+  let drawn = ""
+  const state = () => JSON.stringify([model.rows, model.chosen, model.ready])
   function draw() {
+    drawn = state()
     const rows = model.rows
     const focused = root.getRootNode().activeElement?.dataset?.survey
     list.replaceChildren(...rows.map((row) => row_of(row, model.chosen, (id) => { model.chosen = id })))
@@ -101,5 +104,10 @@ export function render({model}) {
 
   model.on(["rows", "chosen", "ready"], draw)
   draw()
+  // Panel does not tell of what changes while it puts a component together.
+  const late = setInterval(() => {
+    if (!root.isConnected) clearInterval(late)
+    else if (state() !== drawn) draw()
+  }, 500)
   return root
 }

@@ -1,0 +1,87 @@
+"""The view of a point in a browser, beside the map that was clicked."""
+
+import re
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+import pytest
+from explorer_support import open_view, place_of
+from playwright.sync_api import Page, expect
+
+import rattle
+
+expect.set_options(timeout=60_000)
+FIGURE = "Bokeh.documents.map((each) => each.get_model_by_name('{}')).find((each) => each)"
+
+
+def figure(page: Page, name: str, expression: str) -> Any:
+    """What an expression on a figure is, once the figure is there."""
+    model = FIGURE.format(name)
+    page.wait_for_function(f"() => {{ const it = {model}; return it && Bokeh.index.find_one(it) }}")
+    return page.evaluate(f"() => {model}.{expression}")
+
+
+def beside(page: Page, text: str) -> None:
+    expect(page.locator(".beside")).to_contain_text(text)
+
+
+def click_basins(page: Page, tau: float, v: float) -> None:
+    """Click a state in the picture of the basins."""
+    figure(page, "basins", "id")
+    page.evaluate(f"() => Bokeh.index.find_one({FIGURE.format('basins')}).el.scrollIntoView()")
+    x, y = page.evaluate(
+        f"""([tau, v]) => {{
+            const view = Bokeh.index.find_one({FIGURE.format("basins")})
+            const box = view.canvas_view.el.getBoundingClientRect()
+            return [box.x + view.frame.x_scale.compute(tau), box.y + view.frame.y_scale.compute(v)]
+        }}""",
+        [tau, v],
+    )
+    page.mouse.click(x, y)
+
+
+@pytest.mark.parametrize("theme", ["default", "dark"])
+def test_a_click_shows_the_point(page: Page, service: str, theme: str) -> None:
+    open_view(page, service, theme=theme)
+    page.mouse.click(*place_of(page, 0.6, 0.1))
+    beside(page, "Damping δ = ")
+    beside(page, "the gear comes to run quietly with probability 7")
+    beside(page, "The margin of quiet running is an impact of speed")
+    beside(page, "600 × 600 cells")
+    beside(page, "periodic motions")
+    expect(page.get_by_role("table", name=re.compile("Attractors from 1024 starts"))).to_be_visible()
+    expect(page.get_by_role("table", name="Period-one orbits").get_by_role("row")).to_have_count(5)
+    paper = figure(page, "basins", "background_fill_color")
+    assert (paper == "#ffffff") == (theme == "default")
+
+
+def test_a_motion_is_chosen_in_the_basins_and_its_address_shows_it_again(page: Page, service: str) -> None:
+    open_view(page, service, point="0.6,0.1")
+    beside(page, "600 × 600 cells")
+    click_basins(page, 0.3, 4.9)
+    beside(page, "From the chosen initial condition")
+    page.wait_for_url("**p.tau=**")
+    said = {name: values[0] for name, values in parse_qs(urlsplit(page.url).query).items()}
+    tau, v = float(said["p.tau"]), float(said["p.v"])
+    assert tau == pytest.approx(0.3, abs=0.01)  # a pixel
+    assert v == pytest.approx(4.9, abs=0.05)
+    page.goto(page.url)
+    beside(page, "From the chosen initial condition")
+    source = "renderers[0].data_source.data.phi"
+    page.wait_for_function(f"() => {FIGURE.format('trace')}?.{source}.length > 0")
+    phi = np.array(figure(page, "trace", f"{source}.slice ? Array.from({FIGURE.format('trace')}.{source}) : []"))
+    periods = figure(page, "trace", "x_range.end")
+    expected = rattle.Gear(0.6, 0.1).trajectory(tau, v, periods, phi.size)
+    np.testing.assert_array_equal(phi, expected.phi)
+
+
+def test_the_diagram_turns_and_the_point_is_closed(page: Page, service: str) -> None:
+    open_view(page, service, point="0.6,0.1")
+    beside(page, "against the eccentricity ε")
+    page.get_by_role("button", name="along damping δ").click()
+    beside(page, "against the damping δ")
+    page.wait_for_url("**p.direction=delta**")
+    assert figure(page, "diagram", "x_range.start") == pytest.approx(0.55)
+    page.get_by_role("button", name="Close the point").click()
+    expect(page.locator(".beside")).not_to_contain_text("Damping δ = ")

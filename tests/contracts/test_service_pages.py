@@ -1,0 +1,41 @@
+"""A page of the explorer and its websocket: who opens it, and what is left when it is closed."""
+
+from pathlib import Path
+from re import findall
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from service_support import front_end
+from starlette.websockets import WebSocketDisconnect
+
+HOST = "127.0.0.1:8000"
+SOCKET = f"ws://{HOST}/ws"
+OWN = {"Origin": f"http://{HOST}", "Sec-Fetch-Site": "same-origin"}
+
+
+def test_a_page_is_let_go_of_when_its_browser_leaves(tmp_path: Path) -> None:
+    with front_end(tmp_path) as client:
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        with client.websocket_connect(SOCKET, headers=OWN, subprotocols=["bokeh", token]) as socket:
+            assert "ACK" in socket.receive_text()
+            (page,) = open_pages(client)
+            assert page.connection_count == 1
+        assert page.connection_count == 0  # and so it is swept
+
+
+def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path: Path) -> None:
+    with front_end(tmp_path) as client:
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        body, signature = token.split(".")
+        forged = f"{body}.{signature[::-1]}"
+        with (
+            pytest.raises(WebSocketDisconnect),
+            client.websocket_connect(SOCKET, headers=OWN, subprotocols=["bokeh", forged]) as socket,
+        ):
+            socket.receive_text()
+        assert [page.connection_count for page in open_pages(client)] == [0]
+
+
+def open_pages(client: TestClient) -> list[Any]:
+    return list(client.app.state.explorer._loading.result()._applications["/"].sessions)
