@@ -47,6 +47,29 @@ class Flights:
     w1_t1: NDArray  # ∂w₁/∂t₁ at fixed t₀
 
 
+def flights_between(
+    t0: NDArray, t1: NDArray, turn0: tuple[NDArray, NDArray], turn1: tuple[NDArray, NDArray], gaps: Array, delta: NDArray, epsilon: NDArray
+) -> Flights:
+    """The flights from times t0 to times t1 over distances `gaps`, with sine and cosine of 2π times both."""
+    (sin0, cos0), (sin1, cos1) = turn0, turn1
+    s = t1 - t0
+    decay = np.exp(-delta * s)
+    pull = -delta / np.expm1(-delta * s)
+    swing = -2 * np.sin(np.pi * (t0 + t1)) * np.sin(np.pi * s)  # cos 2πt₁ − cos 2πt₀
+    c = (2 * TWO_PI * s + epsilon * swing - gaps) * pull
+    w0 = 2 * TWO_PI - TWO_PI * epsilon * sin0 - c
+    w1 = 2 * TWO_PI - TWO_PI * epsilon * sin1 - c * decay
+    forcing = TWO_PI**2 * epsilon
+    return Flights(
+        w0=w0,
+        w1=w1,
+        pull=pull,
+        decay=decay,
+        w0_t0=w0 * pull + delta * c - forcing * cos0,
+        w1_t1=(delta * c - w1 * pull) * decay - forcing * cos1,
+    )
+
+
 @dataclass(frozen=True)
 class Itinerary:
     """Which walls a motion meets (+1 or −1, one for each impact of a period, Σ⁺ first), in how many forcing periods,
@@ -82,24 +105,9 @@ class Itinerary:
         """The flights between impacts at times x[…, :n] with δ = x[…, n], ε = x[…, n + 1]."""
         t0, delta, epsilon = x[..., : self.n], x[..., self.n, None], x[..., self.n + 1, None]
         t1 = np.concatenate([t0[..., 1:], t0[..., :1] + self.m], axis=-1)
-        sin0, cos0 = np.sin(TWO_PI * t0), np.cos(TWO_PI * t0)
-        sin1, cos1 = sin0[..., self.after], cos0[..., self.after]
-        s = t1 - t0
-        decay = np.exp(-delta * s)
-        pull = -delta / np.expm1(-delta * s)
-        swing = -2 * np.sin(np.pi * (t0 + t1)) * np.sin(np.pi * s)  # cos 2πt₁ − cos 2πt₀
-        c = (2 * TWO_PI * s + epsilon * swing - self.gaps) * pull
-        w0 = 2 * TWO_PI - TWO_PI * epsilon * sin0 - c
-        w1 = 2 * TWO_PI - TWO_PI * epsilon * sin1 - c * decay
-        forcing = TWO_PI**2 * epsilon
-        return Flights(
-            w0=w0,
-            w1=w1,
-            pull=pull,
-            decay=decay,
-            w0_t0=w0 * pull + delta * c - forcing * cos0,
-            w1_t1=(delta * c - w1 * pull) * decay - forcing * cos1,
-        )
+        turn0 = np.sin(TWO_PI * t0), np.cos(TWO_PI * t0)
+        turn1 = turn0[0][..., self.after], turn0[1][..., self.after]
+        return flights_between(t0, t1, turn0, turn1, self.gaps, delta, epsilon)
 
     def residual(self, x: NDArray) -> NDArray:
         """R (…, n): zero where every impact is elastic."""

@@ -25,6 +25,14 @@ def outward_force(wall, tau, delta, epsilon):
 
 
 @inline
+def departs(wall, tau, position, w, delta, epsilon):
+    """True if a motion in contact has come to its end: at depth 0 it moves, or is drawn, away from the wall."""
+    if position != 0.0 or wall * w > 0.0:
+        return False
+    return wall * w < 0.0 or not outward_force(wall, tau, delta, epsilon) > 0.0
+
+
+@inline
 def multiplied(a00, a01, a10, a11, b00, b01, b10, b11):
     """The matrix product a b."""
     return a00 * b00 + a01 * b10, a00 * b01 + a01 * b11, a10 * b00 + a11 * b10, a10 * b01 + a11 * b11
@@ -62,8 +70,7 @@ def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
     Returns (status, time, wall and position and w after it, whether it has left a contact, its tangent map). A motion
     with depth 0 and velocity 0 is in contact if the contact force presses on the wall.
     """
-    leaves = wall != GAP and position == 0.0
-    leaves = leaves and (wall * w < 0.0 or (w == 0.0 and not outward_force(wall, tau, delta, epsilon) > 0.0))
+    leaves = wall != GAP and departs(wall, tau, position, w, delta, epsilon)
     if wall == GAP or leaves:
         status, s, wall, position, w, lost = gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon)
         return status, s, wall, position, w, leaves, 1.0, lost / delta, 0.0, 1.0 - lost
@@ -71,7 +78,7 @@ def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
     w = wall * v
     if status == STAYS:
         return QUIET, s, wall, x, w, False, 1.0, 0.0, 0.0, 1.0
-    status = OK if status == ENDS or status == LASTS else STUCK
+    status = OK if status in (ENDS, LASTS) else STUCK
     return status, s, wall, x, w, False, 1.0 - lost, sine, -2.0 * kappa * sine, 1.0 - lost - delta * sine
 
 

@@ -48,7 +48,7 @@ def integrated(t0, position, velocity, duration, delta, epsilon, beta, kappa):
         )
 
     def meets(sign):
-        return lambda t, y: sign * y[0] - beta
+        return lambda _, y: sign * y[0] - beta
 
     events = [meets(1), meets(-1)]
     for event in events:
