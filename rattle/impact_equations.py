@@ -18,6 +18,7 @@ wall. Everything here takes complex arguments, whose imaginary part carries exac
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ TWO_PI = 2 * np.pi
 COMPLEX_STEP = 1e-40
 
 Array = NDArray[np.float64]
+Turn = tuple[NDArray, NDArray]  # sine and cosine of 2π times
 Function = Callable[[NDArray], NDArray]
 
 
@@ -33,6 +35,24 @@ def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
     """A real-analytic function (…, N) → (…, M) at x (N,): its value (M,) and Jacobian (M, N), exact to rounding."""
     values = function(x + 1j * COMPLEX_STEP * np.eye(x.size))
     return values[0].real, values.imag.T / COMPLEX_STEP
+
+
+class Equations(Protocol):
+    """A periodic motion as n equations in n unknowns, with δ and ε after them: of either model."""
+
+    @property
+    def n(self) -> int:
+        """Unknowns."""
+
+    @property
+    def m(self) -> int:
+        """Forcing periods."""
+
+    def residual(self, x: NDArray) -> NDArray:
+        """R (…, n) of x (…, n + 2)."""
+
+    def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
+        """J(λ) = ∂R/∂unknowns (…, n, n), where what is a period later is λ times as large."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +68,9 @@ class Flights:
 
 
 def flights_between(
-    t0: NDArray, t1: NDArray, turn0: tuple[NDArray, NDArray], turn1: tuple[NDArray, NDArray], gaps: Array, delta: NDArray, epsilon: NDArray
+    t0: NDArray, t1: NDArray, turn0: Turn, turn1: Turn, gaps: Array, delta: NDArray, epsilon: NDArray
 ) -> Flights:
-    """The flights from times t0 to times t1 over distances `gaps`, with sine and cosine of 2π times both."""
+    """The flights from times t0 to times t1 over distances `gaps`; turn0 and turn1 are theirs."""
     (sin0, cos0), (sin1, cos1) = turn0, turn1
     s = t1 - t0
     decay = np.exp(-delta * s)

@@ -7,8 +7,8 @@ say that the contact fits in: its depth at the end, over pσ_i, is 0, and its ve
     u Ŝ/σ + p (response to the force)/σ = 0,        u (cos-like) + p (…) − w₀ = 0,        Ŝ = e^(−δpσ/2) sin(νσ)/ν.
 
 At p = 0 they read sin σ = 0, so σ = π, and w₀ = −u: the elastic impact. So any motion of the impacting model is a
-solution at p = 0, and everything is analytic in p there: it differs by O(κ^(−1/2)). At σ = 0 the motion grazes, and goes
-on smoothly beyond, where it is virtual. Complex arguments carry exact derivatives.
+solution at p = 0, and everything is analytic in p there: it differs by O(κ^(−1/2)). At σ = 0 the motion grazes, and
+goes on smoothly beyond, where it is virtual. Complex arguments carry exact derivatives.
 """
 
 from dataclasses import dataclass
@@ -65,9 +65,9 @@ class StiffItinerary:
         begins, delta, epsilon = x[..., :c], x[..., self.n, None], x[..., self.n + 1, None]
         t0 = begins + p * x[..., c : self.n]
         t1 = np.concatenate([begins[..., 1:], begins[..., :1] + self.m], axis=-1)
-        turns = [(np.sin(TWO_PI * t), np.cos(TWO_PI * t)) for t in (t0, t1)]
+        turn0, turn1 = (np.sin(TWO_PI * t0), np.cos(TWO_PI * t0)), (np.sin(TWO_PI * t1), np.cos(TWO_PI * t1))
         gaps = self.beta * (np.roll(self.signs, -1) - self.signs)
-        return flights_between(t0, t1, *turns, gaps, delta, epsilon)
+        return flights_between(t0, t1, turn0, turn1, gaps, delta, epsilon)
 
     def contact(self, x: NDArray, u: NDArray, p: NDArray) -> Contacts:
         """The contacts entered with outward velocities u (…, c)."""

@@ -115,9 +115,7 @@ def admissible(itinerary: StiffItinerary, x: Array) -> bool:
         if found[0] != ENDS or abs(found[1] - lasts) > SAME_TIME * min(1.0, p * np.pi):
             return False
         leaves = float(flight.folded(begins[i] + lasts))
-        status, s, wall, *_ = first_impact.first_impact(
-            sign, leaves, w0, delta, epsilon, itinerary.beta, flight.DRIFT
-        )
+        status, s, wall, *_ = first_impact.first_impact(sign, leaves, w0, delta, epsilon, itinerary.beta, flight.DRIFT)
         if status != OK or wall != walls[(i + 1) % c] or abs(s - length) > SAME_TIME:
             return False
     return True
@@ -161,7 +159,9 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     path = followed(Problem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
-        raise RattleError(f"the motion ends before kappa = {kappa:g}: it folds back at {0.5 / max(path.points[:, -1]) ** 2:g}")
+        raise RattleError(
+            f"the motion ends before kappa = {kappa:g}: it folds back at {0.5 / max(path.points[:, -1]) ** 2:g}"
+        )
     itinerary = StiffItinerary(orbit.walls, orbit.m, orbit.beta, end)
     found = at_parameters(itinerary, np.concatenate([last[:n], plane]))
     if found is None or not admissible(itinerary, found):
