@@ -6,7 +6,8 @@ tangent map of a return that takes the time s has determinant e^(−δs).
 
 from typing import NamedTuple
 
-from rattle._compile import kernel
+from rattle._compile import for_type, kernel
+from rattle import tangent_map
 from rattle.first_impact import OK, SIGMA_PLUS
 from rattle.stiff.flow import departure, outward_force
 
@@ -51,3 +52,13 @@ def step_tangent(tau, v, point):
     p_v, w_v = -j01, -j11
     t_t, t_v = p_t / v1, p_v / v1
     return OK, tau1, v1, time, n_minus, t_t, t_v, -(w_t + after * t_t), -(w_v + after * t_v), -point.delta * time
+
+
+@for_type(tangent_map.step, StiffPoint)
+def _step(tau, v, point):
+    return step(tau, v, point)
+
+
+@for_type(tangent_map.step_tangent, StiffPoint)
+def _step_tangent(tau, v, point):
+    return step_tangent(tau, v, point)
