@@ -100,7 +100,8 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
             return implementation if getattr(arguments[-1], "instance_class", None) is kind else None
 
         choose.__signature__ = inspect.signature(implementation)  # type: ignore[attr-defined]
-        overload(function, strict=False, jit_options={"forceinline": False, **_INSIDE})(choose)
+        options: Any = {"forceinline": False, **_INSIDE}
+        overload(function, strict=False, jit_options=options)(choose)
         return implementation
 
     return register

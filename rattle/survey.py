@@ -44,8 +44,8 @@ class Chaos(NamedTuple):
 class Survey:
     """The samples of a block of cells on their way, and what is known of the cells."""
 
-    def __init__(self, cells: Cells, tau: NDArray[np.float64], v: NDArray[np.float64]) -> None:
-        """Take initial conditions of shape (n_cells, count)."""
+    def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+        """Take cells as the kernels do, and initial conditions of shape (n_cells, count)."""
         n_cells, self.count = tau.shape
         self.cells = cells
         counters = (np.zeros(tau.size, np.int64) for _ in range(6))

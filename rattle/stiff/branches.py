@@ -218,7 +218,7 @@ def _built(line: _Line, points: Array, tangents: Array, start: int, ends: tuple[
     problem = line.problem
     folds = np.flatnonzero((tangents[:-1, -1] < 0) != (tangents[1:, -1] < 0))
     marked: list[tuple[int, Kind]] = []
-    for k in reversed(folds.tolist()):
+    for k in folds[::-1].tolist():
         a, b = points[k], points[k + 1]
         y = located(problem, a, b, _fold(problem, a, b))
         if y is not None:
@@ -227,10 +227,10 @@ def _built(line: _Line, points: Array, tangents: Array, start: int, ends: tuple[
             marked = [(k + 1, Kind.SADDLE_NODE), *((i + 1, kind) for i, kind in marked)]
     flips = np.array([line.flip(y) for y in points])
     events = [StiffEvent(kind, _orbit(line, points[i]), i) for i, kind in marked]
-    for k in np.flatnonzero((flips[:-1] < 0) != (flips[1:] < 0)):
-        y = located(problem, points[k], points[k + 1], line.flip)
+    for i in np.flatnonzero((flips[:-1] < 0) != (flips[1:] < 0)).tolist():
+        y = located(problem, points[i], points[i + 1], line.flip)
         if y is not None:
-            events.append(StiffEvent(Kind.FLIP, _orbit(line, y), int(k)))
+            events.append(StiffEvent(Kind.FLIP, _orbit(line, y), i))
     orbits = [_orbit(line, y) for y in points]
     return StiffBranch(
         line.walls,

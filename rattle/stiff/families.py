@@ -17,6 +17,7 @@ from rattle.errors import RattleError, require_number
 from rattle.impact_equations import Array
 from rattle.orbits import orbits_at
 from rattle.periodic import at_parameters, periodic_orbit
+from rattle.regions import REGION_I, REGION_II, REGION_III, REGION_IV, REGION_V
 from rattle.stiff.branches import StiffBranch, stiff_branch
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.motion import StiffOrbit, admissible, from_limit, orbit_of, softness
@@ -62,7 +63,7 @@ def _family(itinerary: StiffItinerary, delta: float, duration: NDArray) -> _Fami
 
 
 def _sampled(itinerary: StiffItinerary, delta: float) -> _Family:
-    """The family at durations that are dense about half a swing, π, and below four, with the least ε of each stretch."""
+    """The family at durations dense about half a swing, π, and below four, with the least ε of each stretch."""
     from scipy.optimize import minimize_scalar
 
     p = itinerary.softness
@@ -198,3 +199,10 @@ def period_one(delta: float, epsilon: float, beta: float, kappa: float) -> tuple
                 orbit = orbit_of(StiffItinerary((1, -1), 1, beta, softness(kappa)), np.append(x[:-2], epsilon))
                 found.append(Named(names[int(np.searchsorted(folds, point, side="right"))], orbit))
     return tuple(sorted(found, key=lambda named: (named.name, named.orbit.tau)))
+
+
+def region(found: tuple[Named, ...]) -> int:
+    """Region 1…5 (I…V) of the paper's Figure 7 from the motions A–D that exist; 0 for another combination."""
+    names = "".join(sorted({named.name for named in found} - {OTHER}))
+    stable = any(named.orbit.stable for named in found if named.name == "D")
+    return {"": REGION_I, "AC": REGION_II, "ABCD": REGION_III if stable else REGION_IV, "AD": REGION_V}.get(names, 0)

@@ -6,8 +6,8 @@ tangent map of a return that takes the time s has determinant e^(−δs).
 
 from typing import NamedTuple
 
-from rattle._compile import for_type, kernel
 from rattle import tangent_map
+from rattle._compile import for_type, kernel
 from rattle.first_impact import OK, SIGMA_PLUS
 from rattle.stiff.flow import departure, outward_force
 

@@ -1,7 +1,7 @@
 """Follow samples of the stiff gear until each is quiet, captured, recurs, or has made its contacts (compiled).
 
-As `rattle.settle` for the impacting model, sample by sample: quiet is a contact with Σ⁺ that never ends, and the tangent
-vector is (Φ, Φ') at fixed time.
+As `rattle.settle` for the impacting model, sample by sample: quiet is a contact with Σ⁺ that never ends, and the
+tangent vector is one of (Φ, Φ') at fixed time.
 """
 
 import math

@@ -11,8 +11,6 @@ from rattle.survey import Survey
 class StiffSurvey(Survey):
     """The samples of a block of cells on their way, and what is known of the cells."""
 
-    cells: StiffCells
-
     def enter_period_one(self) -> None:
         """No motion is known beforehand."""
 
