@@ -19,6 +19,9 @@ from numpy.typing import NDArray
 
 from rattle.impact_equations import TWO_PI, Array, Flights, flights_between
 
+SMALL = 0.5  # duration or angle below which a Taylor series is used
+TERMS = 16
+
 
 @dataclass(frozen=True)
 class Contacts:
@@ -31,6 +34,33 @@ class Contacts:
     x_t: NDArray  # by the time of the beginning
     v_t: NDArray
     v_duration: NDArray  # by σ; that of x is v
+
+
+def free_responses(duration: NDArray, loss: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Ŝ, 1 − C and σ − Ŝ after σ, with δp = loss; small durations by Taylor series, whose derivatives stay exact."""
+    half = 0.5 * loss + 0j
+    frequency = np.sqrt(1 - half**2)
+    decay, angle = np.exp(-half * duration), frequency * duration
+    sine = decay * np.sin(angle) / frequency
+    lost = -np.expm1(-half * duration) + decay * (2 * np.sin(angle / 2) ** 2 - half * np.sin(angle) / frequency)
+    last, term = 0.0 * duration, duration + 0.0 * loss
+    series, integral, rest = term, duration * duration / 2, 0.0 * term
+    for n in range(1, TERMS):
+        last, term = term, -(loss * duration * term + duration * duration / n * last) / (n + 1)
+        series, rest, integral = series + term, rest - term, integral + duration * term / (n + 2)
+    small = np.abs(duration) * (1 + np.abs(loss)) < SMALL
+    return (
+        np.where(small, series, sine),
+        np.where(small, integral, lost),
+        np.where(small, rest, duration - sine),
+    )
+
+
+def sine_defect(z: NDArray) -> NDArray:
+    """z − sin z."""
+    square = z * z
+    series = z * square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72 * (1 - square / 110))))
+    return np.where(np.abs(z) < SMALL, series, z - np.sin(z))
 
 
 @dataclass(frozen=True)
@@ -73,12 +103,7 @@ class StiffItinerary:
         """The contacts entered with outward velocities u (…, c)."""
         c = self.contacts
         t, duration, delta, epsilon = x[..., :c], x[..., c : self.n], x[..., self.n, None], x[..., self.n + 1, None]
-        half = 0.5 * delta * p + 0j
-        frequency = np.sqrt(1 - half**2)
-        decay, angle = np.exp(-half * duration), frequency * duration
-        sine = decay * np.sin(angle) / frequency  # Ŝ
-        # 1 − C
-        lost = -np.expm1(-half * duration) + decay * (2 * np.sin(angle / 2) ** 2 - half * np.sin(angle) / frequency)
+        sine, lost, defect = free_responses(duration, delta * p)
         s = p * duration
         versine, turn = 2 * np.sin(np.pi * s) ** 2, np.sin(TWO_PI * s)
         size = self.signs * TWO_PI * epsilon
@@ -88,7 +113,7 @@ class StiffItinerary:
         stiff, loss = 1 - (TWO_PI * p) ** 2, TWO_PI * delta * p**2
         square = stiff**2 + loss**2
         stiff, loss = stiff / square, loss / square
-        P, Q = lost - versine, TWO_PI * (s - p * sine) - (TWO_PI * s - turn)
+        P, Q = lost - versine, TWO_PI * p * defect - sine_defect(TWO_PI * s)
         dP, dQ = sine - TWO_PI * p * turn, TWO_PI * p * (lost + delta * p * sine - versine)
         x_a, x_b = p * (stiff * P + loss * Q), p * (stiff * Q - loss * P)
         v_a, v_b = p * (stiff * dP + loss * dQ), p * (stiff * dQ - loss * dP)
