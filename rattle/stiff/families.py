@@ -22,7 +22,7 @@ from rattle.stiff.branches import StiffBranch, stiff_branch
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.motion import StiffOrbit, admissible, from_limit, orbit_of, softness
 
-SEEDS = 25  # eccentricities of the impacting limit at which P(1,1,1) is looked for
+SEEDS = 12  # eccentricities of the impacting limit at which P(1,1,1) is looked for
 OTHER = "P"  # a P(1,1,0) that is slower than A and C: it has no counterpart in the impacting model
 DURATIONS = 600  # of the contact, for P(1,1,0)
 

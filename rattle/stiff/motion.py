@@ -21,7 +21,8 @@ LEAST_CONTACT = 1e-6  # σ; a shorter one is a graze, at σ = 0, where a branch 
 GRAZING = 1e-6  # with a lower speed, rounding decides whether a flight meets a wall
 SAME_END = 1e-9  # of a contact, besides: what the error of a solution makes of a grazing one
 LONGEST = 0.1  # of a step, in the unknowns
-STEPS_TO_LIMIT = 20
+STEPS_TO_LIMIT = 20  # at least
+MOST_STEPS = 200
 
 
 @dataclass(frozen=True)
@@ -185,7 +186,7 @@ def followed(
         return min(LONGEST, width / max(abs(float(tangent[-1])), 1e-12))
 
     follower = Follower(problem, (Bound(-1, *span),), happens, longest)
-    return follower.follow(start, tangent_at(problem, start, direction))
+    return follower.follow(start, tangent_at(problem, start, direction), MOST_STEPS)
 
 
 def follow_contacts(
