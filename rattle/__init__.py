@@ -29,6 +29,7 @@ from rattle.periodic import PeriodicOrbit, periodic_orbit
 from rattle.regions import classify as classify_regions
 from rattle.regions import regions
 from rattle.sampling import wilson_interval
+from rattle.trajectory import Trajectory
 from rattle.warm import warm_up
 
 __all__ = [
@@ -54,6 +55,7 @@ __all__ = [
     "PeriodicOrbit",
     "RattleError",
     "Stretched",
+    "Trajectory",
     "Uncertainty",
     "__version__",
     "attractors_of",

@@ -17,6 +17,7 @@ from rattle.iterate import Iterates, iterate
 from rattle.orbits import Orbit, orbits_at
 from rattle.quiet import capture_speed
 from rattle.regions import regions
+from rattle.trajectory import Trajectory, trajectory
 
 
 class FirstImpact(NamedTuple):
@@ -132,6 +133,16 @@ class Gear:
         A trajectory that comes to rest keeps its last state and has n_plus < n. Raises ParameterError.
         """
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta)
+
+    def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
+        """Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times over these periods.
+
+        (time, phi, velocity, impact_time, impact_wall, impact_speed, rest). In closed form between impacts: exact to
+        rounding, which a chaotic motion stretches by e^(λ₁t). Raises ParameterError, and RattleError if it makes more
+        than ten million impacts. Source: paper (3.1), (3.2).
+        """
+        tau = _phase(tau)
+        return trajectory(self.delta, self.epsilon, self.beta, tau, v, periods, points, self.capture_speed)
 
     def orbits(self) -> tuple[Orbit, ...]:
         """The admissible period-one orbits among A, B, C, D, in that order, with multipliers and stability."""

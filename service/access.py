@@ -10,18 +10,24 @@ from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.requests import cookie_parser
+from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rattle import RattleError
 from service import problems
 from service.errors import ForbiddenError, UnauthorizedError
-from service.keys import Caller, find_key
+from service.explorer.login import LOGIN, LOGOUT, login_url
+from service.keys import COOKIE, Caller, find_key
 from service.origins import is_local, is_loopback, require_own_name, require_same_origin
 from service.settings import Settings
 from service.tables import Scope as KeyScope
 
 #: Answered without a key: whether the service lives, and how to use it.
-OPEN = frozenset({"/v1/health", "/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc"})
+OPEN = frozenset({"/v1/health", "/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc", LOGIN})
+#: Written to without a key: to show one, and to put it away.
+DOORS = frozenset({LOGIN, LOGOUT})
+EXPLORER = "/"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LONGEST_TARGET = 8192
 
@@ -40,7 +46,7 @@ BEARER = HTTPBearer(
 )
 
 
-def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
+async def caller_of(request: Request, _: Annotated[HTTPAuthorizationCredentials | None, Security(BEARER)]) -> Caller:
     """Who sends this request. On a route, it declares in OpenAPI that a key is asked."""
     caller: Caller = request.state.caller
     return caller
@@ -73,13 +79,16 @@ class AccessMiddleware:
             return
         try:
             self._require_moderate(scope)
-            headers, method = Headers(scope=scope), scope.get("method", "POST")  # a websocket writes
-            if method not in SAFE_METHODS:
+            headers, method = Headers(scope=scope), scope.get("method", "GET")
+            if method not in SAFE_METHODS or scope["type"] == "websocket":
                 require_same_origin(headers)
             scope.setdefault("state", {})["caller"] = await self._caller(scope, headers, method)
         except (RattleError, SQLAlchemyError, HTTPException) as error:
             if scope["type"] == "websocket":
                 await send({"type": "websocket.close", "code": 1008, "reason": ""})
+            elif isinstance(error, UnauthorizedError) and scope["path"] == EXPLORER and method in SAFE_METHODS:
+                there = login_url(EXPLORER, scope["query_string"].decode("ascii", "replace"))
+                await RedirectResponse(there, 303)(scope, receive, _with_headers(send))
             else:
                 await problems.answer(Request(scope), error)(scope, receive, _with_headers(send))
             return
@@ -94,10 +103,11 @@ class AccessMiddleware:
         try:
             caller = await run_in_threadpool(self._caller_by_key, scope, headers)
         except UnauthorizedError:
-            if scope["path"] in OPEN and method in SAFE_METHODS:
+            if scope["path"] in (OPEN if method in SAFE_METHODS else DOORS):
                 return None
             raise
-        wanted = KeyScope.READ if method in SAFE_METHODS else KeyScope.SUBMIT
+        may_read = method in SAFE_METHODS or scope["path"] in DOORS
+        wanted = KeyScope.READ if may_read else KeyScope.SUBMIT
         if not caller.may(wanted):
             raise ForbiddenError(
                 f"This API key may read only, and {method} needs the scope {wanted}. "
@@ -107,6 +117,8 @@ class AccessMiddleware:
 
     def _caller_by_key(self, scope: Scope, headers: Headers) -> Caller:
         kind, _, token = headers.get("authorization", "").partition(" ")
+        if not kind and COOKIE in (cookies := cookie_parser(headers.get("cookie", ""))):
+            kind, token = "bearer", cookies[COOKIE]
         if kind.lower() != "bearer":
             raise UnauthorizedError(problems.ADVICE[401])
         key = find_key(scope["app"].state.front.database, token.strip())

@@ -18,6 +18,7 @@ from service.access import AccessMiddleware, caller_of
 from service.broadcast import Broadcast
 from service.bucketdir import open_directory
 from service.database import Database
+from service.explorer.mount import Explorer
 from service.head import HeadMiddleware
 from service.jobs import JobManager
 from service.logs import RequestLogMiddleware
@@ -66,6 +67,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.include_router(
             router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declared(401)
         )
+    app.state.explorer = Explorer(app, settings)
     return app
 
 
@@ -98,11 +100,13 @@ def _lifespan(
                 broadcast=broadcast,
                 metrics=metrics,
                 pictures=CapacityLimiter(1),
+                exports=CapacityLimiter(1),
                 points=CapacityLimiter(settings.max_points),
             )
             manager.start()
             try:
-                yield
+                async with app.state.explorer.running(app.state.front):
+                    yield
             finally:
                 await run_in_threadpool(manager.stop)
 

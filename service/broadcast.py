@@ -20,6 +20,7 @@ from service.tables import EventRow, State
 KEPT = 512  # latest events of a survey that is watched; who is further behind reads the database
 PAUSE = 0.05  # between two reads: what happens meanwhile is sent together
 RETRY_SECONDS = 1.0
+WOKEN_TOGETHER = 50
 
 Read = Callable[[str, int], Sequence[EventRow]]
 
@@ -94,8 +95,12 @@ class Feed:
                     self._last = rows[-1].id
                     self._recent = (self._recent + written(rows))[-KEPT:]
             if self.deleted or rows:
-                for listener in self.listeners:
-                    listener.set()
+                # Some at a time: between them, what else has arrived is answered.
+                listeners = tuple(self.listeners)
+                for first in range(0, len(listeners), WOKEN_TOGETHER):
+                    for listener in listeners[first : first + WOKEN_TOGETHER]:
+                        listener.set()
+                    await asyncio.sleep(0)
                 await asyncio.sleep(PAUSE)
 
 
@@ -105,13 +110,27 @@ class Broadcast:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._feeds: dict[str, Feed] = {}
+        self._watchers: set[Callable[[str], None]] = set()
 
     def changed(self, survey_id: str) -> None:
         """Something happened to a survey. Called from any thread."""
         with self._lock:
-            feed = self._feeds.get(survey_id)
+            feed, watchers = self._feeds.get(survey_id), tuple(self._watchers)
         if feed is not None:
             feed.changed()
+        for watcher in watchers:
+            watcher(survey_id)
+
+    @contextmanager
+    def watch(self, on_change: Callable[[str], None]) -> Iterator[None]:
+        """Call `on_change` with the id of each survey to which something happens, from whatever thread."""
+        with self._lock:
+            self._watchers.add(on_change)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._watchers.discard(on_change)
 
     @contextmanager
     def listen(self, survey_id: str, read: Read, last: int) -> Iterator[tuple[Feed, asyncio.Event]]:

@@ -42,7 +42,7 @@ def json_answer(request: Request, document: BaseModel, modified: str | None = No
     return Response(body, media_type="application/json", headers=headers)
 
 
-def function_of_query(request: Request, response: Response) -> None:
+async def function_of_query(request: Request, response: Response) -> None:
     """For routes whose answer depends on the query and the code alone. Raises HTTPException 304 before computing it."""
     query = str(sorted(request.query_params.multi_items()))
     headers = {"ETag": f'"{_digest(_answer_version().encode(), query.encode())}"', "Cache-Control": HOUR}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING
 
 from distributed.comm import CommClosedError
@@ -112,6 +112,7 @@ class JobManager:
                 raise ConflictError(f"Survey {survey_id} has ended, but its last tiles still run. Try again soon.")
             if not State((job := self._database.job(survey_id)).state).final:
                 raise ConflictError(f"Survey {survey_id} is {job.state} again; dismiss it first.")
+            self._database.begin_deletion(survey_id)  # or a crash would leave a survey that seems whole
             self._directory.remove_store(survey_id)
             self._database.delete(survey_id)
         return None
@@ -160,6 +161,8 @@ class JobManager:
             self._wake.clear()
             if self._stopping.is_set():  # since the loop asked: that call to wake up has just been cleared
                 return
+            if client.status != "running":
+                raise ClusterLostError("the connection to the dask scheduler is lost")
             try:
                 found = self._run_next(client)
                 self.storage_state = OK
@@ -241,6 +244,21 @@ class JobManager:
             return sum(client.nthreads(callback_timeout=WORKERS_SECONDS).values())
         except Exception:  # whatever a lost connection looks like
             return 0
+
+    @contextmanager
+    def lent_client(self) -> Iterator[Client]:
+        """The client of the cluster for other threads, whose tasks run beside the tiles of surveys.
+
+        Raises:
+            UnavailableError: the cluster is not there.
+        """
+        if (client := self._client) is None:
+            raise UnavailableError(f"The workers cannot be used now (they are {self.cluster_state}). Try again soon.")
+        try:
+            yield client
+        except ClusterLostError:
+            self.wake()  # without a survey at work nobody else would notice
+            raise
 
     def _interrupted(self) -> bool:
         return self._stopping.is_set() or self._dismissed.is_set()

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 SECRET_BYTES = 32
 TOKEN = re.compile(r"rattle_([0-9a-f]{16})_([A-Za-z0-9_-]{43})", re.ASCII)
 
+#: Where a browser keeps a key: it cannot send the header Authorization for a page.
+COOKIE = "rattle_key"
+
 #: What a key of this scope may do: who submits may read.
 ALLOWS = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
 

@@ -17,9 +17,12 @@ def check_limits(request: SurveyRequest, settings: Settings) -> None:
     tile_cells = request.tile_shape[0] * request.tile_shape[1]
     _at_most("initial_conditions.count", "initial conditions per cell", count, settings.max_count)
     _at_most("delta.num", "cells", request.n_cells, settings.max_cells)
-    _at_most("initial_conditions.count", "samples (cells times count)", request.n_cells * count, settings.max_samples)
+    samples = request.samples_per_cell
+    each = f"cells times {samples}"
+    field = "initial_conditions.count" if samples == count else "quantities"
+    _at_most(field, f"samples ({each})", request.n_cells * samples, settings.max_samples)
     _at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
-    _at_most("tile", "samples per tile (cells times count)", tile_cells * count, settings.max_tile_samples)
+    _at_most("tile", f"samples per tile ({each})", tile_cells * samples, settings.max_tile_samples)
 
 
 def _at_most(field: str, what: str, value: int, limit: int) -> None:

@@ -28,5 +28,8 @@ def recover(database: Database, directory: DataDirectory) -> None:
                 database.delete(entry.survey_id)
         elif entry.temporary:
             entry.remove()
+    for survey_id in database.being_deleted():
+        directory.remove_store(survey_id)
+        database.delete(survey_id)
     for survey_id, content_hash in database.running():
         directory.sweep_partial_files(survey_id, content_hash)

@@ -7,13 +7,15 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 from service.errors import ServiceError
+from service.origins import is_loopback
 
 if TYPE_CHECKING:
     import xarray as xr
 
-KEY_VARIABLE = "RATTLE_API_KEY"
+KEY_VARIABLE, URL_VARIABLE = "RATTLE_API_KEY", "RATTLE_URL"
 STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/surveys/[0-9a-f]+/store/?")
 
 
@@ -36,15 +38,21 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None) ->
 
     Args:
         store: path or URL.
-        headers: sent to the service; by default the key of ``RATTLE_API_KEY``, if the URL is that of a survey's store.
+        headers: sent to the service; by default the key of ``RATTLE_API_KEY``, if the URL is that of a survey's store
+            on this machine or of the service at ``RATTLE_URL``. Nobody else shall see the key.
 
     Raises:
         RattleError: there is no survey, or it cannot be read.
     """
     from workers import open_survey
 
-    if headers is None:
-        headers = key_headers() if STORE_URL.fullmatch(str(store)) else {}
+    if headers is None and STORE_URL.fullmatch(str(store)) and (key := key_headers()):
+        if not _is_trusted(str(store)):
+            raise ServiceError(
+                f"{KEY_VARIABLE} is sent to this machine and to {URL_VARIABLE} only: set {URL_VARIABLE} to the service "
+                f"of {store}, or unset {KEY_VARIABLE}."
+            )
+        headers = key
     if not headers:
         return open_survey(store)
     import xarray as xr
@@ -53,3 +61,9 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None) ->
         return xr.open_zarr(str(store), chunks=None, consolidated=True, storage_options={"headers": dict(headers)})
     except Exception as error:  # what the network or a foreign format raises
         raise ServiceError(f"No survey can be opened at {store}: {error}") from error
+
+
+def _is_trusted(url: str) -> bool:
+    """Whether a URL is of this machine, or of the service that the user has named."""
+    asked, named = urlsplit(url), urlsplit(os.environ.get(URL_VARIABLE, ""))
+    return (asked.scheme, asked.netloc) == (named.scheme, named.netloc) or is_loopback(asked.hostname or "")

@@ -39,15 +39,20 @@ class Settings(BaseSettings):
     max_cells: int = Field(default=1_000_000, ge=1, description="cells of one survey")
     max_tiles: int = Field(default=20_000, ge=1, description="tiles of one survey; each is a file per variable")
     max_count: int = Field(default=4096, ge=1, description="initial conditions of one cell")
-    max_samples: int = Field(default=256_000_000, ge=1, description="cells times initial conditions of one survey")
+    max_samples: int = Field(
+        default=256_000_000, ge=1, description="cells times initial conditions of one survey; basins count as 4096"
+    )
     # A task cannot be interrupted: this bounds how long a dismissed survey still holds a worker.
     max_tile_samples: int = Field(default=262_144, ge=1, description="cells times initial conditions of one tile")
     max_jobs: int = Field(default=32, ge=1, description="surveys waiting or running")
 
     max_point_count: int = Field(default=1024, ge=1, description="initial conditions of GET /v1/attractors")
+    max_basin_resolution: int = Field(default=1000, ge=1, description="cells a side of GET /v1/basins.png")
     max_points: int = Field(default=2, ge=1, description="parameter points computed at once, each in a process")
     max_point_seconds: float = Field(default=60.0, gt=0, description="longest wait for a point or for curves")
     max_points_waiting: int = Field(default=16, ge=0, description="parameter points waiting for their turn")
+    max_windows: int = Field(default=2, ge=1, description="windows of the explorer refined at once; others wait")
+    max_pages: int = Field(default=100, ge=1, description="open pages of the explorer")
     heartbeat_seconds: float = Field(default=15.0, gt=0, description="comment line on silent event streams")
     shutdown_seconds: int = Field(default=2, ge=1, le=3, description="open requests may take this long at shutdown")
 

@@ -1,10 +1,15 @@
-"""What the routes of one application share, injected into them."""
+"""What the routes of one application share, injected into them.
+
+Dependencies that only look at the request are coroutines: FastAPI sends every other one to a thread, and each way there
+and back waits for Python's lock.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated
 
 from anyio import CancelScope, CapacityLimiter
@@ -30,8 +35,19 @@ class Front:
     broadcast: Broadcast
     metrics: Metrics
     pictures: CapacityLimiter
+    exports: CapacityLimiter
     points: CapacityLimiter
     _interruptible: set[CancelScope] = field(default_factory=set)
+
+    @cached_property
+    def windows(self) -> CapacityLimiter:
+        """Windows of the plane that are refined at once."""
+        return CapacityLimiter(self.settings.max_windows)
+
+    @cached_property
+    def slow_points(self) -> CapacityLimiter:
+        """Slow parts of the views of points, of all pages: a process is left for what is quick."""
+        return CapacityLimiter(max(1, self.settings.max_points - 1))
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:
@@ -52,7 +68,7 @@ class Front:
             scope.cancel()
 
 
-def front_of(request: Request) -> Front:
+async def front_of(request: Request) -> Front:
     """The shared state of the application that got this request."""
     front: Front = request.app.state.front
     return front

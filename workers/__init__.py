@@ -8,11 +8,13 @@ from workers.integrity import Integrity, examine
 from workers.location import Directory, Place, place_of
 from workers.maps import map_png
 from workers.quantities import QUANTITIES
+from workers.refinement import refined
 from workers.request import Axis, InitialConditions, SurveyRequest, TileShape
 from workers.runner import run_tiles
 from workers.schema import Group, Quantity
 from workers.store import create_store, finish_store, open_survey, tiles_done
 from workers.tiles import Tile, TileRecord, compute_tile, tiles_of
+from workers.window import Frame, Window, compute_part, map_quantity, window_survey
 
 __all__ = [
     "QUANTITIES",
@@ -20,6 +22,7 @@ __all__ = [
     "Bucket",
     "ClusterLostError",
     "Directory",
+    "Frame",
     "Group",
     "InitialConditions",
     "Integrity",
@@ -31,6 +34,8 @@ __all__ = [
     "Tile",
     "TileRecord",
     "TileShape",
+    "Window",
+    "compute_part",
     "compute_tile",
     "connect",
     "create_store",
@@ -38,10 +43,13 @@ __all__ = [
     "examine",
     "finish_store",
     "map_png",
+    "map_quantity",
     "open_survey",
     "place_of",
+    "refined",
     "run_tiles",
     "survey_figure",
     "tiles_done",
     "tiles_of",
+    "window_survey",
 ]

@@ -46,14 +46,21 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
 
 def _name_regions(axes: Axes, dataset: xr.Dataset) -> None:
     """Write each region's number where the region is widest."""
+    places = region_places(*(np.asarray(dataset[name]) for name in ("region", "delta", "epsilon")))
+    for name, where in places.items():
+        axes.text(*where, name, ha="center", va="center", fontsize=13, weight="bold", path_effects=HALO, zorder=5)
+
+
+def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) -> dict[str, tuple[float, float]]:
+    """Return the numbers of the regions of a map (epsilon, delta), each with the (δ, ε) where it is widest."""
     from scipy.ndimage import distance_transform_edt  # a fifth of a second to load, in every worker
 
-    region = np.asarray(dataset["region"])
+    places = {}
     for label, name in enumerate(REGIONS):
         inside = region == label
         if label and inside.any():
             # A margin of cells outside keeps the number off the frame.
             depth = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
             i, j = np.unravel_index(np.argmax(depth), depth.shape)
-            where = float(dataset["delta"][j]), float(dataset["epsilon"][i])
-            axes.text(*where, name, ha="center", va="center", fontsize=13, weight="bold", path_effects=HALO, zorder=5)
+            places[name] = float(delta[j]), float(epsilon[i])
+    return places

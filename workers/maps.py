@@ -38,11 +38,11 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
     Raises:
         SurveyError: the survey has no such map.
     """
-    plane = _plane(dataset, variable, index)
+    plane = plane_of(dataset, variable, index)
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
     draw_map(axes, dataset, plane, WITHOUT_VALUE.get(variable, "none"))
-    axes.set_title(_title(plane), fontsize=11)
+    axes.set_title(title_of(plane), fontsize=11)
     curves = draw_curves(axes, dataset, CURVES_ON.get(variable, ()))
     draw_legend(axes)
     if variable == "region":
@@ -52,8 +52,8 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
         return png.getvalue()
 
 
-def _plane(dataset: xr.Dataset, variable: str, index: int) -> xr.DataArray:
-    """Return a variable on (epsilon, delta) alone."""
+def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
+    """Return a variable on (epsilon, delta) alone. Raises SurveyError if the survey has no such map."""
     if variable not in dataset.data_vars or dataset[variable].dims[-2:] != CELL:
         maps = sorted(str(name) for name, values in dataset.data_vars.items() if values.dims[-2:] == CELL)
         raise SurveyError(f"no map of {variable!r} in this survey: it has {', '.join(maps)}")
@@ -70,7 +70,8 @@ def _plane(dataset: xr.Dataset, variable: str, index: int) -> xr.DataArray:
     return plane
 
 
-def _title(plane: xr.DataArray) -> str:
+def title_of(plane: xr.DataArray) -> str:
+    """Return what a map shows, in words."""
     name = str(plane.attrs.get("long_name", plane.name))
     if np.iscomplexobj(plane):
         name = f"|{name}|"
@@ -84,20 +85,12 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
     Args:
         nothing: what it means that a computed cell has no value.
     """
-    values = np.asarray(np.abs(plane) if np.iscomplexobj(plane) else plane).astype(float)
-    status = np.asarray(dataset["status"])
-    layers = {
-        "not computed": (status == 0, NOT_COMPUTED),
-        "failed": (status == FAILED, FAILURE),
-        nothing: ((status > 0) & (status != FAILED) & np.isnan(values), NOTHING),
-        "infinite": (np.isinf(values), INFINITE),
-    }
-    if plane.name in AT_ZERO:
-        layers[AT_ZERO[str(plane.name)]] = ((status > 0) & (values == 0), ZERO)
+    values = numbers(plane)
+    layers = valueless_layers(str(plane.name), values, np.asarray(dataset["status"]), nothing)
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
     for mask, colour in layers.values():
         _cells(axes, dataset, np.where(mask, 1.0, np.nan), ListedColormap([colour]), Normalize(0, 1))
-    cmap, norm, ticks, labels = _scale(plane, values[~valueless])
+    cmap, norm, ticks, labels = scale_of(plane, values[~valueless])
     extend = _extend(norm, values[~valueless])
     mesh = _cells(axes, dataset, np.where(valueless, np.nan, values), cmap, norm)
     # axes that are drawn on have a figure, which their type leaves open
@@ -111,6 +104,26 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
             axes.plot([], [], "s", color=colour, markeredgecolor="0.4", label=label)
     axes.set_xlabel("damping δ")
     axes.set_ylabel("eccentricity ε")
+
+
+def numbers(plane: xr.DataArray) -> np.ndarray:
+    """Return what is drawn of a map, float64 (epsilon, delta): of complex values the modulus."""
+    return np.asarray(np.abs(plane) if np.iscomplexobj(plane) else plane).astype(float)
+
+
+def valueless_layers(
+    variable: str, values: np.ndarray, status: np.ndarray, nothing: str
+) -> dict[str, tuple[np.ndarray, str]]:
+    """Return which cells have no value, and the colour for each reason: to be computed, failed, none, infinite."""
+    layers = {
+        "not computed": (status == 0, NOT_COMPUTED),
+        "failed": (status == FAILED, FAILURE),
+        nothing: ((status > 0) & (status != FAILED) & np.isnan(values), NOTHING),
+        "infinite": (np.isinf(values), INFINITE),
+    }
+    if variable in AT_ZERO:
+        layers[AT_ZERO[variable]] = ((status > 0) & (values == 0), ZERO)
+    return layers
 
 
 def draw_legend(axes: Axes) -> None:
@@ -140,7 +153,7 @@ def _extend(norm: Normalize, values: np.ndarray) -> str:
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
 
 
-def _scale(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:
+def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:
     """Return colour map, norm, ticks and tick labels that suit a variable."""
     if "flag_meanings" in plane.attrs:
         meanings = plane.attrs["flag_meanings"].replace("not_computed", "none").split()

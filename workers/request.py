@@ -58,7 +58,7 @@ class Axis(_Strict):
             start, stop, num = text.split(":")
             return cls(start=float(start), stop=float(stop), num=int(num))
         except ValueError as error:
-            raise SurveyError(f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61 ({_reason(error)})") from error
+            raise SurveyError(f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61 ({reason(error)})") from error
 
 
 class InitialConditions(_Strict):
@@ -125,10 +125,7 @@ class SurveyRequest(_Strict):
                 raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
         if self.tile_shape[0] * self.tile_shape[1] > MAX_TILE_CELLS:
             raise ValueError(f"a tile may hold {MAX_TILE_CELLS} cells: use a smaller tile")
-        samples = self.initial_conditions.count if SAMPLED.intersection(self.quantities) else 0
-        if Group.BASINS in self.quantities:
-            samples = max(samples, BASIN_SAMPLES)
-        if self.tile_shape[0] * self.tile_shape[1] * samples > MAX_TILE_SAMPLES:
+        if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold {MAX_TILE_SAMPLES} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:
             raise ValueError(f"{self.n_tiles} tiles, at most {MAX_TILES}: use a larger tile or a coarser grid")
@@ -155,6 +152,12 @@ class SurveyRequest(_Strict):
         return max(side, SMALLEST_DEFAULT)
 
     @property
+    def samples_per_cell(self) -> int:
+        """States that a cell follows: of the sample, and as many as the basins cost."""
+        samples = self.initial_conditions.count if SAMPLED.intersection(self.quantities) else 0
+        return max(samples, BASIN_SAMPLES) if Group.BASINS in self.quantities else samples
+
+    @property
     def n_cells(self) -> int:
         """Cells of the grid."""
         return self.epsilon.num * self.delta.num
@@ -176,7 +179,7 @@ class SurveyRequest(_Strict):
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
-def _reason(error: ValueError) -> str:
+def reason(error: ValueError) -> str:
     """Return the first thing that is wrong, without pydantic's preamble."""
     errors = getattr(error, "errors", None)
     return str(errors()[0]["msg"]) if errors else str(error)

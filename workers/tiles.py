@@ -15,7 +15,7 @@ from workers.schema import SAMPLED
 LONGEST_MESSAGE = 300
 
 #: Failures of the machine, not of a cell: stored, they would make the survey depend on where it ran.
-_MACHINE = (MemoryError, OSError, ImportError)
+MACHINE_FAILURES = (MemoryError, OSError, ImportError)
 
 FailedCell = tuple[int, int, str]  # i_epsilon, i_delta, message
 TileArrays = dict[str, np.ndarray]
@@ -95,7 +95,7 @@ def compute_tile(
         try:
             arrays, failed = _evaluate(request, cells), list[FailedCell]()
             impacts = int(cells.attractors.impacts.sum()) if cells.count else 0
-        except _MACHINE:
+        except MACHINE_FAILURES:
             raise
         except Exception:  # whatever the model raises is that cell's result
             arrays, failed = _gather(request, cells, cell_outcomes(request, cells))
@@ -127,7 +127,7 @@ def cell_outcomes(
         try:
             yield _evaluate(request, cells.one(*divmod(number, cells.delta.size)))
         except Exception as error:
-            if isinstance(error, _MACHINE) and not isinstance(error, failing):
+            if isinstance(error, MACHINE_FAILURES) and not isinstance(error, failing):
                 raise
             yield f"{type(error).__name__}: {error}"
 

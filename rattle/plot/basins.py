@@ -67,10 +67,14 @@ def draw_basins(axes: Axes, basins: Basins, v_max: float = V_MAX) -> None:
     axes.set(xlim=(0.0, 1.0), ylim=(v_max, 0.0))
 
 
+def gamma_line(gear: Gear, v_max: float = V_MAX, spacing: float = SPACING) -> Array:
+    """Γ, folded (k, 2), empty if there is none."""
+    return _joined([folded(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
+
+
 def draw_gamma(axes: Axes, gear: Gear, width: float, v_max: float = V_MAX) -> Array:
     """Draw Γ in white; returns the line (k, 2), empty if there is none."""
-    pieces = [folded(piece.tau, piece.v, v_max) for piece in gear.gamma(SPACING)]
-    line = _joined(pieces)
+    line = gamma_line(gear, v_max)
     if len(line):
         outlined(axes.plot(*line.T, color="white", linewidth=width, zorder=2)[0], DIM, 0.3)
     return line
@@ -151,7 +155,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     draw_basins(axes, basins)
     notes, drawn = [], {}
     for name in MANIFOLDS:
-        line, why = stable_manifold(gear, orbits.get(name), name)
+        line, why = manifold_line(gear, orbits.get(name), name)
         if why:
             notes.append(why)
         if len(line):
@@ -181,19 +185,26 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     return Drawing(figure, tuple(notes))
 
 
-def stable_manifold(gear: Gear, orbit: Orbit | None, name: str) -> tuple[Array, str | None]:
-    """Both sides of W^s of A or B, folded (k, 2), and why any of it is missing."""
+def manifold_line(
+    gear: Gear,
+    orbit: Orbit | None,
+    name: str,
+    kind: str = "stable",
+    arclength: float = ARCLENGTH,
+    spacing: float = SPACING,
+) -> tuple[Array, str | None]:
+    """Both sides of the stable or unstable manifold of A or B, folded (k, 2), and why any of it is missing."""
     if orbit is None:
         return np.empty((0, 2)), None  # what orbits are missing is said anyway
     if orbit.stable:
-        return np.empty((0, 2)), f"{name} is stable there: it has no stable manifold to draw"
+        return np.empty((0, 2)), f"{name} is stable there: it has no {kind} manifold to draw"
     sides, why = [], None
     for side in (1, -1):
         try:
             saddle = period_one_saddle(name, gear.delta, gear.epsilon, gear.beta)
-            grown = manifold(saddle, "stable", side, ARCLENGTH, SPACING)
+            grown = manifold(saddle, kind, side, arclength, spacing)
         except RattleError as error:
-            why = f"a side of the stable manifold of {name} is left out: {error}"
+            why = f"a side of the {kind} manifold of {name} is left out: {error}"
             continue
         for start, end in _connected(grown.pieces, grown.gap):
             sides.append(folded(grown.tau[start:end], grown.v[start:end]))

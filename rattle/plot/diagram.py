@@ -38,7 +38,7 @@ WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limit
 }
 
 
-class _Curve(NamedTuple):
+class ImpactCurve(NamedTuple):
     """One impact on Σ⁺ along a branch: x, v, τ of its points and of the events between; of the part that follows each
     of them: stable, admissible, name of the period-one orbit.
     """
@@ -61,8 +61,8 @@ def diagram_figure(diagram: Diagram, v: Limits = None, tau: Limits = (0.0, 1.0))
     require(isinstance(diagram, Diagram), f"diagram must be a Diagram, got {type(diagram).__name__}")
     figure = new_figure(7.2, 7.6)
     upper, lower = figure.subplots(2, 1, sharex=True)
-    axis, scale, offset = _parameter(diagram)
-    curves = [(branch, list(_curves(diagram, branch, scale, offset))) for branch in diagram.branches]
+    axis, scale, offset = parameter_axis(diagram)
+    curves = [(branch, list(curves_along(diagram, branch, scale, offset))) for branch in diagram.branches]
     for panel, which, limits, label in ((upper, "v", v, "impact speed $v$"), (lower, "tau", tau, "impact phase $τ$")):
         _attractors(panel, diagram, which, offset + scale * diagram.points.position)
         for branch, parts in curves:
@@ -98,7 +98,7 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
     return Drawing(diagram_figure(found, *limits), tuple(notes))
 
 
-def _parameter(diagram: Diagram) -> tuple[str, float, float]:
+def parameter_axis(diagram: Diagram) -> tuple[str, float, float]:
     """Label of the axis, and scale and offset that take a position to it."""
     (delta, epsilon), (last_delta, last_epsilon) = diagram.start, diagram.end
     if delta == last_delta:
@@ -109,14 +109,14 @@ def _parameter(diagram: Diagram) -> tuple[str, float, float]:
     return way, 1.0, 0.0
 
 
-def _impacts(event: Event) -> tuple[Array, Array]:
+def impacts_at(event: Event) -> tuple[Array, Array]:
     """Phases and speeds (n,) of the impacts on Σ⁺ at an event."""
     upper = np.array(event.itinerary.walls) > 0
     speeds = -event.itinerary.flights(event.unknowns).w0
     return event.unknowns[:-2][upper] % 1.0, speeds[upper]
 
 
-def _curves(diagram: Diagram, branch: Branch, scale: float, offset: float) -> Iterator[_Curve]:
+def curves_along(diagram: Diagram, branch: Branch, scale: float, offset: float) -> Iterator[ImpactCurve]:
     """Every impact of a branch on Σ⁺, with the events put in between its points."""
     x, name = offset + scale * diagram.positions(branch), names(branch)
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
@@ -127,17 +127,17 @@ def _curves(diagram: Diagram, branch: Branch, scale: float, offset: float) -> It
             for event in branch.events:
                 if event.after == i and i + 1 < len(branch) and event.admissible:
                     at = offset + scale * float(diagram.positions(event))
-                    there = _impacts(event)
+                    there = impacts_at(event)
                     off = np.abs(wrapped(there[0] - tau[i])) + np.abs(there[1] - v[i])
                     state = there[1][np.argmin(off)], there[0][np.argmin(off)]
                     rows.append((at, *state, branch.stable[i + 1], branch.admissible[i + 1], name[i + 1]))
         columns = list(zip(*rows, strict=True))
         where, v, tau, stable, admissible = (np.array(column) for column in columns[:5])
-        yield _Curve(where, v, tau, stable, admissible, columns[5])
+        yield ImpactCurve(where, v, tau, stable, admissible, columns[5])
 
 
-def _draw(panel: Axes, curve: _Curve, y: Array, named: bool) -> None:
-    """The parts that happen, stable or not, each in one stroke; a phase that passes 1 begins anew."""
+def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
+    """The parts that happen: whether stable, and the points of each; a phase that passes 1 begins anew."""
     parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
     kinds = [None if jumps or not happens else bool(stable) for happens, stable, jumps in parts]
     first = 0
@@ -147,10 +147,15 @@ def _draw(panel: Axes, curve: _Curve, y: Array, named: bool) -> None:
             last += 1
         kind = kinds[first]
         if kind is not None:
-            width, colour = (1.3, "black") if named else (0.8, "#333333") if kind else (0.5, "#777777")
-            style = STYLES[kind]
-            panel.plot(curve.x[first : last + 1], y[first : last + 1], color=colour, lw=width, ls=style, zorder=3)
+            yield kind, slice(first, last + 1)
         first = last
+
+
+def _draw(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
+    """Each part in one stroke."""
+    for stable, part in strokes(curve):
+        width, colour = (1.3, "black") if named else (0.8, "#333333") if stable else (0.5, "#777777")
+        panel.plot(curve.x[part], y[part], color=colour, lw=width, ls=STYLES[stable], zorder=3)
 
 
 def _attractors(panel: Axes, diagram: Diagram, which: str, x: Array) -> None:
@@ -165,7 +170,7 @@ def _attractors(panel: Axes, diagram: Diagram, which: str, x: Array) -> None:
 
 def _marks(panel: Axes, labels: Labels, diagram: Diagram, which: str, scale: float, offset: float) -> None:
     for event in diagram.events:
-        phases, speeds = _impacts(event)
+        phases, speeds = impacts_at(event)
         y = speeds if which == "v" else phases
         x = np.full(y.size, offset + scale * float(diagram.positions(event)))
         name = name_of(event)
@@ -177,7 +182,7 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram, which: str, scale: flo
                 labels.add(name, (float(x[seen][0]), float(y[seen][0])), size=SIZE)
 
 
-def _names(panel: Axes, labels: Labels, curves: list[tuple[Branch, list[_Curve]]], which: str) -> None:
+def _names(panel: Axes, labels: Labels, curves: list[tuple[Branch, list[ImpactCurve]]], which: str) -> None:
     """A to D beside what is seen of them; in one word where they are one curve, as A and C in v."""
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
@@ -201,7 +206,7 @@ def _seen(panel: Axes, x: Array, y: Array) -> NDArray[np.bool_]:
     return np.asarray((x >= left) & (x <= right) & (y >= low) & (y <= high))
 
 
-def _lines(panel: Axes, curve: _Curve, y: Array) -> list[Array]:
+def _lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
     """What is drawn of a curve inside the panel (k, 2), NaN between pieces."""
     on = _seen(panel, curve.x, y) & curve.admissible
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []

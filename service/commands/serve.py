@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from service.database import Database
     from service.settings import Settings
 
+#: What a page of the explorer may say at once; it says little.
+MAX_MESSAGE_BYTES = 1 << 20
+
 
 def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen on.", show_default="127.0.0.1")] = None,
@@ -68,6 +71,8 @@ def serve(
             port=settings.port,
             http=protocol_of(settings),
             h11_max_incomplete_event_size=settings.max_header_bytes,
+            ws_max_size=MAX_MESSAGE_BYTES,
+            ws_per_message_deflate=False,  # of maps, in the event loop, while everybody waits
             proxy_headers=False,  # who sends a request is who connects
             server_header=False,
             log_config=log_config(settings.log_format),

@@ -17,6 +17,7 @@ from service.errors import ConflictError, QueueFullError, QuotaError, Unauthoriz
 from service.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, TileRow, now
 
 CHUNK = 500  # values in one IN (…)
+BEING_DELETED = "being deleted"
 #: Literal, so that every planner sees that the index ix_jobs_active answers it, however many surveys have ended.
 IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal_execute=True))
 
@@ -167,6 +168,12 @@ class Surveys(Transactions):
         with self._read() as session:
             return set(session.scalars(select(TileRow.index).where(TileRow.job == _number(session, survey_id))))
 
+    def tile_seconds(self, survey_id: str) -> float:
+        """Seconds that the tiles of a survey took, each in its process."""
+        with self._read() as session:
+            total = select(func.sum(TileRow.seconds)).where(TileRow.job == _number(session, survey_id))
+            return session.scalar(total) or 0.0
+
     def keep_tiles(self, survey_id: str, kept: set[int]) -> None:
         """Forget every tile that is not in ``kept``: its chunks have been lost."""
         with self._write() as (session, _):
@@ -195,6 +202,24 @@ class Surveys(Transactions):
             later = select(EventRow).where(EventRow.job == number, EventRow.id > after)
             return session.scalars(later.order_by(EventRow.id).limit(limit)).all()
 
+    def begin_deletion(self, survey_id: str) -> None:
+        """Dismiss a survey that has ended, because its store is about to go.
+
+        Raises:
+            ConflictError: it has not ended.
+        """
+        with self._write() as (session, _):
+            job = _find_ended(session, survey_id)
+            job.state, job.message = State.DISMISSED, BEING_DELETED
+            _add_state_event(session, job)
+        self._on_change(survey_id)
+
+    def being_deleted(self) -> list[str]:
+        """Ids of the surveys whose deletion was begun."""
+        with self._read() as session:
+            begun = JobRow.state == State.DISMISSED, JobRow.message == BEING_DELETED
+            return list(session.scalars(select(JobRow.id).where(*begun)))
+
     def delete(self, survey_id: str) -> None:
         """Remove a survey that has ended, with its tiles and events.
 
@@ -202,9 +227,7 @@ class Surveys(Transactions):
             ConflictError: it has not ended.
         """
         with self._write() as (session, service):
-            job = _find(session, survey_id)
-            if not State(job.state).final:
-                raise ConflictError(f"Survey {survey_id} is {job.state}; dismiss it first.")
+            job = _find_ended(session, survey_id)
             session.execute(delete(JobRow).where(JobRow.number == job.number))
             service.surveys -= 1
         self._on_change(survey_id)
@@ -214,6 +237,13 @@ def _find(session: Session, survey_id: str) -> JobRow:
     job = session.scalars(select(JobRow).where(JobRow.id == _storable(survey_id))).one_or_none()
     if job is None:
         raise UnknownSurveyError(survey_id)
+    return job
+
+
+def _find_ended(session: Session, survey_id: str) -> JobRow:
+    job = _find(session, survey_id)
+    if not State(job.state).final:
+        raise ConflictError(f"Survey {survey_id} is {job.state}; dismiss it first.")
     return job
 
 

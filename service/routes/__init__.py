@@ -2,14 +2,16 @@
 
 from fastapi import APIRouter
 
-from service.routes import curves, events, metrics, picture, points, store, surveys
+from service.routes import basins, curves, download, events, metrics, picture, points, store, surveys
 
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
     events.router,
     store.router,
     picture.router,
+    download.router,
     points.router,
+    basins.router,
     curves.router,
     metrics.router,
 )

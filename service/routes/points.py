@@ -84,7 +84,7 @@ class Attractors(Point):
     attractors: list[AttractorDocument]
 
 
-def gear(delta: Damping, epsilon: Eccentricity, beta: Backlash = 0.6) -> rattle.Gear:
+async def gear(delta: Damping, epsilon: Eccentricity, beta: Backlash = 0.6) -> rattle.Gear:
     """The model at the parameters of the query."""
     return rattle.Gear(delta, epsilon, beta)
 

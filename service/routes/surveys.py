@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from email.message import Message
 from typing import Annotated
 
@@ -11,12 +10,9 @@ from starlette.exceptions import HTTPException
 
 from service import examples
 from service.access import CallerState
+from service.actions import remove_survey, require_owner, submit_survey
 from service.conditional import NOT_MODIFIED, json_answer
-from service.database import NewJob
 from service.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of
-from service.errors import ForbiddenError
-from service.keys import Caller
-from service.limits import check_limits
 from service.problems import ADVICE, declared
 from service.state import Front, FrontState
 from service.tables import JobRow, State
@@ -31,7 +27,7 @@ RETRY_SECONDS = "1"
 EVERYTHING = examples.links("show", "remove", "verify", "follow", "read", "picture")
 
 
-def require_json(request: Request) -> None:
+async def require_json(request: Request) -> None:
     """Refuse a body that does not say it is JSON, instead of guessing."""
     declared_type = Message()
     declared_type["content-type"] = request.headers.get("content-type", "")
@@ -68,23 +64,7 @@ def submit(
     The same body with the same `Idempotency-Key` again answers with the survey that it was answered with the first
     time, `force` or not, for as long as that survey is there.
     """
-    check_limits(body, front.settings)
-    document = body.model_dump_json()
-    job = front.database.accept(
-        NewJob(
-            name=body.name,
-            request=body.model_dump(mode="json"),
-            content_hash=body.content_hash(),
-            body_hash=hashlib.sha256(document.encode()).hexdigest(),
-            n_cells=body.n_cells,
-            n_tiles=body.n_tiles,
-            idempotency_key=idempotency_key,
-            owner=caller.owner,
-        ),
-        front.settings.max_jobs,
-        None if force else lambda survey_id: front.directory.store(survey_id).exists(),
-    )
-    front.manager.wake()
+    job = submit_survey(front, caller, body, idempotency_key, force)
     response.headers["Location"] = path_of(job.id)
     if State(job.state).final:
         response.status_code = 200
@@ -137,7 +117,7 @@ def verify(front: FrontState, caller: CallerState, response: Response, survey_id
     Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile. Only the key
     that submitted a survey may ask for this.
     """
-    _require_owner(front, caller, survey_id)
+    require_owner(front, caller, survey_id)
     job = front.manager.verify(survey_id, caller.owner, front.settings.max_jobs)
     response.headers["Location"] = path_of(job.id)
     response.headers["Retry-After"] = RETRY_SECONDS
@@ -155,14 +135,8 @@ def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Respo
 
     Every key may read every survey; only the key that submitted one may remove it.
     """
-    _require_owner(front, caller, survey_id)
-    dismissed = front.manager.dismiss_or_delete(survey_id)
+    dismissed = remove_survey(front, caller, survey_id)
     return Response(status_code=204) if dismissed is None else _detail(front, dismissed)
-
-
-def _require_owner(front: Front, caller: Caller, survey_id: str) -> None:
-    if not caller.owns(front.database.job(survey_id)):
-        raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")
 
 
 def _detail(front: Front, job: JobRow) -> SurveyDetail:

@@ -1,6 +1,7 @@
 """Whoever watches a survey gets every event once and in order, and many who watch cost one read."""
 
 import asyncio
+from collections import Counter
 from types import SimpleNamespace
 from typing import Any
 
@@ -92,5 +93,33 @@ def test_a_deleted_survey_ends_its_streams() -> None:
         survey.deleted = True
         feeds.changed("x")
         assert await asyncio.wait_for(running, 5) == []
+
+    asyncio.run(run())
+
+
+def test_a_crowd_that_watches_does_not_hold_up_others() -> None:
+    """Two hundred answers at once would: between them, the loop is seen to turn."""
+
+    async def run() -> None:
+        feeds, survey, turns = Broadcast(), Survey(), [0]
+        woken: list[int] = []
+
+        async def watch() -> None:
+            await follow(feeds, survey, 0, 1)
+            woken.append(turns[0])
+
+        async def turn() -> None:
+            while True:
+                await asyncio.sleep(0)
+                turns[0] += 1
+
+        running = [asyncio.create_task(watch()) for _ in range(200)]
+        await asyncio.sleep(0.1)
+        turning = asyncio.create_task(turn())
+        survey.happen(1)
+        feeds.changed("x")
+        await asyncio.gather(*running)
+        turning.cancel()
+        assert max(Counter(woken).values()) <= broadcast.WOKEN_TOGETHER
 
     asyncio.run(run())

@@ -142,8 +142,9 @@ def test_ranges_of_what_has_changed_are_sent_whole(client: TestClient, running: 
 
 def test_a_point_is_not_computed_for_who_has_it(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     urls = [POINT, "/v1/attractors?delta=0.6&epsilon=0.1&count=4", "/v1/curves?delta_min=0.6&delta_max=0.61"]
+    urls.append("/v1/basins.png?delta=0.6&epsilon=0.1&resolution=10")
     tags = [fresh(client, url) for url in urls]
-    assert len(set(tags)) == 3
+    assert len(set(tags)) == 4
     assert not any(tag.startswith("W/") for tag in tags)
     assert fresh(client, f"{POINT}&beta=0.5") != tags[0]
 

@@ -15,7 +15,7 @@ from service.client import Client
 from service.commands.serve import require_keys
 from service.database import Database
 from service.errors import ServiceError
-from service.results import key_headers
+from service.results import key_headers, open_results
 from service.settings import Settings
 
 
@@ -151,3 +151,23 @@ def test_the_client_needs_no_key_on_loopback(tmp_path: Path, monkeypatch: pytest
     http: TestClient
     with front_end(tmp_path) as http:
         assert Client(http=http).submit(BODY).state == "accepted"
+
+
+def test_a_key_goes_to_nobody_but_this_machine_and_the_named_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RATTLE_API_KEY", "secret")
+    sent: list[dict[str, str]] = []
+
+    def open_zarr(_: str, storage_options: dict[str, dict[str, str]], **__: object) -> None:
+        sent.append(storage_options["headers"])
+
+    monkeypatch.setattr("xarray.open_zarr", open_zarr)
+    store = "/v1/surveys/0123456789abcdef/store"
+    for named in ("", "https://service.example", "http://service.example:8000", "https://service.example.evil"):
+        monkeypatch.setenv("RATTLE_URL", named)
+        with pytest.raises(ServiceError, match="RATTLE_URL"):
+            open_results(f"https://service.example:8000{store}")
+    assert not sent
+    open_results(f"http://127.0.0.1:8000{store}")
+    monkeypatch.setenv("RATTLE_URL", "https://service.example:8000")
+    open_results(f"https://service.example:8000{store}")
+    assert sent == [{"Authorization": "Bearer secret"}] * 2

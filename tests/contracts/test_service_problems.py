@@ -97,6 +97,8 @@ OVER_THE_LIMIT = [
         "2000",
         "tile",
     ),
+    # A cell with basins follows 4096 states, whatever the sample.
+    ({"delta__num": 2, "epsilon__num": 2, "tile": {}, "quantities": ["region", "basins"]}, "4000", "body.quantities"),
 ]
 
 
@@ -160,7 +162,7 @@ def test_other_methods_are_refused(client: TestClient, method: str, path: str, a
 
 @pytest.mark.parametrize(
     "path",
-    ["/", "/v1", "/v1/surveys/", "/v1/surveys/x", "/v1/surveys/x/events", "/v1/surveys/x/map.png", "/v1/surveys/%00"],
+    ["/v1", "/v1/surveys/", "/v1/surveys/x", "/v1/surveys/x/events", "/v1/surveys/x/map.png", "/v1/surveys/%00"],
 )
 def test_unknown_paths_and_surveys_are_not_found(client: TestClient, path: str) -> None:
     assert_problem(client.get(path), 404)
@@ -177,7 +179,7 @@ def test_bad_idempotency_keys_are_refused(client: TestClient, key: str) -> None:
     assert_problem(response, 422, "idempotency-key")
 
 
-@pytest.mark.parametrize("route", ["orbits", "attractors"])
+@pytest.mark.parametrize("route", ["orbits", "attractors", "basins.png"])
 @pytest.mark.parametrize(
     "query",
     [

@@ -12,6 +12,7 @@ from service_support import BODY, front_end, idle_cluster, local_client
 
 from service.app import create_app
 from service.database import Database, DoneTile, NewJob
+from service.datadir import DataDirectory
 from service.settings import Settings
 from service.tables import State
 from workers import SurveyRequest
@@ -76,6 +77,33 @@ def test_only_what_the_database_owns_is_swept(
     for name in before.keys() - gone - {f"{running}.zarr", f"{ended}.zarr"}:
         assert f"/{name} belongs to no survey" in named, name
     assert str(stores / f"{ended}.zarr belongs") not in named
+
+
+def test_a_deletion_that_was_begun_is_ended(stores: Path, database: Database) -> None:
+    """Killed with the store half gone, or gone: such a survey would answer identical requests with nothing."""
+    begun, before = accept(database, state=State.SUCCESSFUL), accept(database, state=State.SUCCESSFUL)
+    database.begin_deletion(begun)
+    for survey_id in (begun, before):
+        fill(stores / f"{survey_id}.zarr")
+    database.close()
+    with front_end(stores.parent) as client:
+        assert [item["id"] for item in client.get("/v1/surveys").json()["surveys"]] == [before]
+    assert [path.name for path in stores.iterdir()] == [f"{before}.zarr"]
+
+
+def test_a_deletion_is_noted_before_it_begins(stores: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def crash(*_: object) -> None:
+        raise SystemError
+
+    with front_end(stores.parent) as client:
+        job = client.post("/v1/surveys", json=BODY).json()
+        assert client.delete(job["links"]["self"]).json()["state"] == "dismissed"
+        monkeypatch.setattr(DataDirectory, "remove_store", crash)
+        assert client.delete(job["links"]["self"]).status_code == 500
+        assert client.get(job["links"]["self"]).json()["message"] == "being deleted"
+        monkeypatch.undo()
+        assert client.delete(job["links"]["self"]).status_code == 204
+        assert client.get("/v1/surveys").json()["count"] == 0
 
 
 def end_of(client: TestClient, survey_id: str) -> dict[str, Any]:

@@ -1,0 +1,59 @@
+"""What may be done to surveys, whoever asks: the routes and the explorer do it here."""
+
+from __future__ import annotations
+
+import hashlib
+
+from service.database import NewJob
+from service.errors import ForbiddenError
+from service.keys import Caller
+from service.limits import check_limits
+from service.state import Front
+from service.tables import JobRow
+from workers import SurveyRequest
+
+
+def submit_survey(
+    front: Front, caller: Caller, request: SurveyRequest, idempotency_key: str | None = None, force: bool = False
+) -> JobRow:
+    """Accept a survey, or find the one that is the same.
+
+    Raises:
+        LimitError: it is larger than this service allows.
+        ConflictError, QueueFullError, QuotaError, UnauthorizedError: as `service.database.Surveys.accept`.
+    """
+    check_limits(request, front.settings)
+    job = front.database.accept(
+        NewJob(
+            name=request.name,
+            request=request.model_dump(mode="json"),
+            content_hash=request.content_hash(),
+            body_hash=hashlib.sha256(request.model_dump_json().encode()).hexdigest(),
+            n_cells=request.n_cells,
+            n_tiles=request.n_tiles,
+            idempotency_key=idempotency_key,
+            owner=caller.owner,
+        ),
+        front.settings.max_jobs,
+        None if force else lambda survey_id: front.directory.store(survey_id).exists(),
+    )
+    front.manager.wake()
+    return job
+
+
+def remove_survey(front: Front, caller: Caller, survey_id: str) -> JobRow | None:
+    """Dismiss a survey that waits or runs, which is returned, or delete one that has ended.
+
+    Raises:
+        UnknownSurveyError: there is no such survey.
+        ForbiddenError: it was submitted with another key.
+        ConflictError: its last tiles still run.
+    """
+    require_owner(front, caller, survey_id)
+    return front.manager.dismiss_or_delete(survey_id)
+
+
+def require_owner(front: Front, caller: Caller, survey_id: str) -> None:
+    """Raise ForbiddenError unless the caller submitted this survey."""
+    if not caller.owns(front.database.job(survey_id)):
+        raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")

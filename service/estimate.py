@@ -1,0 +1,92 @@
+"""What a survey will cost, from what others like it have cost here."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from starlette.concurrency import run_in_threadpool
+
+from service.state import Front
+from service.tables import JobRow
+from service.turns import in_turn
+from workers import Axis, SurveyRequest, TileShape, compute_tile, tiles_of
+from workers.schema import SAMPLED, Group
+
+LOOKED_AT = 100  # newest surveys
+LEAST_CELLS = 16  # of a survey whose speed is taken for that of others
+SIMILAR = 4.0  # of counts of initial conditions, between which cost is taken to be proportional
+TRIED = 3  # cells along each axis of a measurement
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Seconds that a survey will take on this service once it runs, and what that rests on."""
+
+    seconds: float
+    workers: int
+    basis: str
+
+
+async def estimate(front: Front, request: SurveyRequest) -> Estimate:
+    """What this survey will cost: by the one most like it among the newest here, else by nine of its cells.
+
+    Raises:
+        UnavailableError: it has to be measured, and that takes too long or has to wait.
+    """
+    workers = await run_in_threadpool(front.manager.workers) or front.settings.workers
+    if found := await run_in_threadpool(_by_others, front, request):
+        seconds, basis = found
+    else:
+        seconds = await in_turn(
+            front, cell_seconds, request, what="The cost", advice="Ask for fewer initial conditions in a cell."
+        )
+        basis = f"measured now on {TRIED * TRIED} cells of it"
+    return Estimate(seconds * request.n_cells / workers, workers, basis)
+
+
+def _by_others(front: Front, request: SurveyRequest) -> tuple[float, str] | None:
+    """Seconds of one process for a cell, and by which survey."""
+    jobs, _ = front.database.jobs(LOOKED_AT)
+    like = most_like(request, jobs)
+    if like is None:
+        return None
+    seconds = front.database.tile_seconds(like.id) / like.cells_done * _ratio(request, like)
+    return seconds, f"by the speed of {like.name or like.id}, {like.cells_done:,} cells of the same kind"
+
+
+def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
+    """The survey that computed the same for each cell, with the nearest number of initial conditions."""
+    wanted = {str(group) for group in request.quantities}
+    like = [
+        job
+        for job in jobs
+        if job.cells_done >= LEAST_CELLS
+        and set(job.request["quantities"]) == wanted
+        and 1.0 / SIMILAR <= _ratio(request, job) <= SIMILAR
+    ]
+    return min(like, key=lambda job: abs(math.log(_ratio(request, job))), default=None)
+
+
+def _ratio(request: SurveyRequest, job: JobRow) -> float:
+    if not SAMPLED.intersection(request.quantities) or Group.BASINS in request.quantities:
+        return 1.0
+    count: int = job.request["initial_conditions"]["count"]
+    return request.initial_conditions.count / count
+
+
+def cell_seconds(request: SurveyRequest) -> float:
+    """Seconds of one process for a cell, by a few that are spread over the survey; the kernels are compiled before."""
+    axes = {
+        name: Axis(start=axis.start, stop=axis.stop, num=min(axis.num, TRIED))
+        for name, axis in (("delta", request.delta), ("epsilon", request.epsilon))
+    }
+    few = request.model_copy(update={**axes, "tile": TileShape()})
+    for _ in range(2):
+        began = time.perf_counter()
+        for tile in tiles_of(few):
+            compute_tile(few, tile)
+        seconds = time.perf_counter() - began
+    return seconds / few.n_cells

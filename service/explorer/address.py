@@ -1,0 +1,141 @@
+"""A view of the explorer as the query of its URL, and back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeVar
+from urllib.parse import urlencode
+
+from rattle.curves import NAMES
+
+Pair = tuple[float, float]
+Limits = Literal["auto", "robust", "full"]
+LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
+CRISIS, POINTS = "crisis", "points"
+#: What may be drawn over a map: bifurcation curves, the boundary crisis, the codimension-two points.
+OVERLAYS = (*NAMES, CRISIS, POINTS)
+DEFAULT_OVERLAYS = (*NAMES, POINTS)
+THEMES = ("default", "dark")
+LONGEST = 200
+POINT_STATE = "p."
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class View:
+    """What a page shows. Limits are a rule, or (low, high); `point_state` is what the view of the point keeps."""
+
+    survey: str = ""
+    variable: str = ""
+    index: int = 0
+    limits: Limits | Pair = "auto"
+    log: bool = False
+    overlays: tuple[str, ...] = DEFAULT_OVERLAYS
+    delta: Pair | None = None
+    epsilon: Pair | None = None
+    point: Pair | None = None
+    theme: str = "default"
+    point_state: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
+        """The view that a query describes; what cannot be read is left at its default."""
+        text = {name: values[0].decode("utf-8", "replace")[:LONGEST] for name, values in query.items() if values}
+
+        def read(name: str, reader: Callable[[str], T], default: T) -> T:
+            try:
+                return reader(text[name]) if name in text else default
+            except ValueError:
+                return default
+
+        return cls(
+            survey=read("survey", _word, ""),
+            variable=read("variable", _word, ""),
+            index=read("index", _index, 0),
+            limits=read("limits", _limits, "auto"),
+            log=text.get("log") == "1",
+            overlays=read("overlays", _overlays, DEFAULT_OVERLAYS),
+            delta=read("delta", _positive_window, None),
+            epsilon=read("epsilon", _window, None),
+            point=read("point", _point, None),
+            theme=text.get("theme", "") if text.get("theme") in THEMES else "default",
+            point_state={
+                name.removeprefix(POINT_STATE): value
+                for name, value in list(text.items())[:50]
+                if name.startswith(POINT_STATE)
+            },
+        )
+
+    def query(self) -> str:
+        """The query that describes this view, with ? before it; empty if all is as by default."""
+        pairs: dict[str, str] = {"survey": self.survey, "variable": self.variable}
+        pairs["index"] = str(self.index) if self.index else ""
+        if self.limits != "auto":
+            pairs["limits"] = self.limits if isinstance(self.limits, str) else _written(self.limits)
+        pairs["log"] = "1" if self.log else ""
+        if self.overlays != DEFAULT_OVERLAYS:
+            pairs["overlays"] = ",".join(self.overlays) or "none"
+        for name, pair in (("delta", self.delta), ("epsilon", self.epsilon), ("point", self.point)):
+            pairs[name] = _written(pair) if pair else ""
+        pairs["theme"] = self.theme if self.theme != "default" else ""
+        if self.point:
+            pairs |= {POINT_STATE + name: str(value) for name, value in self.point_state.items()}
+        said = {name: value for name, value in pairs.items() if value}
+        return "?" + urlencode(said, safe=",") if said else ""
+
+
+def _written(pair: Pair) -> str:
+    return ",".join(repr(float(value)) for value in pair)  # repr: read back, it is the same number
+
+
+def _word(text: str) -> str:
+    if not (text.isascii() and text.replace("_", "").isalnum()):
+        raise ValueError(text)
+    return text
+
+
+def _index(text: str) -> int:
+    return min(max(int(text), 0), 64)
+
+
+def _pair(text: str) -> Pair:
+    first, second = (float(part) for part in text.split(","))
+    if not (math.isfinite(first) and math.isfinite(second)):
+        raise ValueError(text)
+    return first, second
+
+
+def _window(text: str) -> Pair:
+    low, high = _pair(text)
+    if not low < high or not math.isfinite(high - low):
+        raise ValueError(text)
+    return low, high
+
+
+def _positive_window(text: str) -> Pair:
+    low, high = _window(text)
+    if high <= 0:
+        raise ValueError(text)
+    return low, high
+
+
+def _point(text: str) -> Pair:
+    delta, epsilon = _pair(text)
+    if delta <= 0 or epsilon < 0:
+        raise ValueError(text)
+    return delta, epsilon
+
+
+def _limits(text: str) -> Limits | Pair:
+    for rule in LIMITS:
+        if text == rule:
+            return rule
+    return _window(text)
+
+
+def _overlays(text: str) -> tuple[str, ...]:
+    chosen = text.split(",")
+    return tuple(name for name in OVERLAYS if name in chosen)

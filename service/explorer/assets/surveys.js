@@ -1,0 +1,105 @@
+// The surveys of the service: a list that is kept up to date, and of the chosen one what can be done with it.
+const STATES = {accepted: "waiting", running: "running", successful: "done", failed: "failed", dismissed: "cancelled"}
+
+function element(tag, attributes = {}, ...children) {
+  const found = document.createElement(tag)
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith("on")) found.addEventListener(name.slice(2), value)
+    else if (value === true) found.setAttribute(name, "")
+    else if (value !== false && value != null) found.setAttribute(name, value)
+  }
+  found.append(...children.filter((child) => child != null))
+  return found
+}
+
+function lasting(seconds) {
+  if (seconds < 90) return `${Math.max(1, Math.round(seconds))} s`
+  if (seconds < 5400) return `${Math.round(seconds / 60)} min`
+  return `${(seconds / 3600).toFixed(1)} h`
+}
+
+const speed = (rate) => `${rate >= 10 ? Math.round(rate).toLocaleString("en") : rate.toPrecision(2)} cells/s`
+
+function standing(row) {
+  const parts = [STATES[row.state]]
+  if (row.state === "running") parts[0] = `${row.progress} %`
+  if (row.rate) parts.push(speed(row.rate))
+  if (row.left) parts.push(`${lasting(row.left)} left`)
+  if (row.failed) parts.push(`${row.failed} cells failed`)
+  return parts.join(" · ")
+}
+
+function row_of(row, chosen, choose) {
+  const busy = row.state === "running" || row.state === "accepted"
+  return element("li", {},
+    element("button", {type: "button", class: `survey ${row.state}`, "data-survey": row.id, "data-state": row.state,
+        "aria-current": row.id === chosen ? "true" : null, onclick: () => choose(row.id)},
+      element("span", {class: "name"}, row.name),
+      element("span", {class: "size"}, row.size),
+      busy ? element("progress", {max: 100, value: row.progress, "aria-label": `progress of ${row.name}`}) : null,
+      element("span", {class: "standing"}, standing(row))))
+}
+
+function lines_of(row, signed_in) {
+  const url = `${location.origin}/v1/surveys/${row.id}/store`
+  const key = signed_in ? `, storage_options={"headers": {"Authorization": "Bearer " + key}}` : ""
+  return `import xarray as xr\n\nsurvey = xr.open_zarr(\n    "${url}"${key}\n)\nsurvey.${row.variable || "status"}.plot()`
+}
+
+function detail_of(row, model) {
+  const here = `/v1/surveys/${row.id}`
+  const picture = `${here}/map.png?variable=${row.variable}${row.index ? `&index=${row.index}` : ""}`
+  const busy = row.state === "running" || row.state === "accepted"
+  const act = (action) => () => model.send_msg({action, survey: row.id})
+  const removing = element("button", {type: "button", class: "quiet", "data-action": busy ? "cancel" : "delete"},
+    busy ? "Cancel" : "Delete")
+  removing.addEventListener("click", () => {  // asked twice: what is deleted is gone
+    if (busy || removing.dataset.sure) return act(busy ? "cancel" : "delete")()
+    removing.dataset.sure = "1"
+    removing.textContent = "Delete for good?"
+  })
+  const code = element("pre", {tabindex: 0, "aria-label": "Python lines that open this survey"}, lines_of(row, model.signed_in))
+  const copy = element("button", {type: "button", class: "quiet copy", onclick: async () => {
+    await navigator.clipboard?.writeText(code.textContent)
+    copy.textContent = "Copied"
+  }}, "Copy")
+  return element("section", {class: "detail", "aria-label": `survey ${row.name}`},
+    element("dl", {}, ...row.facts.flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)])),
+    row.message ? element("p", {class: "message"}, row.message) : null,
+    element("div", {class: "downloads"}, "Download ",
+      element("a", {href: `${here}/download.nc`, download: true}, "NetCDF"), " ",
+      element("a", {href: `${here}/download.csv`, download: true}, "CSV"), " ",
+      row.variable ? element("a", {href: picture, download: `${row.variable}.png`}, "PNG") : null),
+    element("div", {class: "code"}, code, copy),
+    element("div", {class: "actions"},
+      element("button", {type: "button", class: "quiet", "data-action": "again", onclick: act("again")}, "Use its settings"),
+      row.mine ? removing : null))
+}
+
+export function render({model}) {
+  const root = element("div", {class: "surveys"})
+  const list = element("ul", {"aria-label": "surveys, newest first"})
+  const detail = element("div")
+  const empty = element("p", {class: "empty"}, "No surveys yet. Submit one: its map fills in as it is computed.")
+  root.append(list, empty)
+  let shown = ""
+
+  function draw() {
+    const rows = model.rows
+    const focused = root.getRootNode().activeElement?.dataset?.survey
+    list.replaceChildren(...rows.map((row) => row_of(row, model.chosen, (id) => { model.chosen = id })))
+    empty.hidden = rows.length > 0 || !model.ready
+    const row = rows.find((each) => each.id === model.chosen)
+    const now = row ? JSON.stringify([row.id, row.state, row.message, row.variable, row.index, row.mine]) : ""
+    if (now !== shown) {  // or a half-made choice and a selected text would be lost at every tile
+      detail.replaceChildren(...(row ? [detail_of(row, model)] : []))
+      shown = now
+    }
+    if (row) list.querySelector(`[data-survey="${row.id}"]`)?.parentElement.append(detail)
+    if (focused) list.querySelector(`[data-survey="${focused}"]`)?.focus()
+  }
+
+  model.on(["rows", "chosen", "ready"], draw)
+  draw()
+  return root
+}

@@ -1,0 +1,43 @@
+"""The two lists of the page that are made of plain HTML: the surveys, and the key to the map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import param
+from panel.custom import JSComponent
+
+ASSETS = Path(__file__).parent / "assets"
+
+
+class SurveyList(JSComponent):
+    """The surveys; `chosen` is the id of one of them, `on_action` is called with what is to be done to which."""
+
+    rows = param.List(default=[])
+    chosen = param.String(default="")
+    ready = param.Boolean(default=False)
+    signed_in = param.Boolean(default=False)
+
+    _esm = (ASSETS / "surveys.js").read_text()
+    _stylesheets = [(ASSETS / "surveys.css").read_text()]  # noqa: RUF012 - as Panel has it
+
+    def __init__(self, on_action: Callable[[str, str], None], **values: Any) -> None:
+        super().__init__(**values)
+        self._on_action = on_action
+
+    def _handle_msg(self, message: Any) -> None:
+        if isinstance(message, dict):
+            self._on_action(str(message.get("action")), str(message.get("survey")))
+
+
+class Key(JSComponent):
+    """What colours and lines mean; `chosen` are the names of the lines that are drawn."""
+
+    shades = param.List(default=[])
+    overlays = param.List(default=[])
+    chosen = param.List(default=[])
+
+    _esm = (ASSETS / "key.js").read_text()
+    _stylesheets = [(ASSETS / "key.css").read_text()]  # noqa: RUF012 - as Panel has it

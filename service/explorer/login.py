@@ -1,0 +1,82 @@
+"""Where keys are asked: a form that takes one and keeps it in a cookie, which a page in a browser can send."""
+
+from __future__ import annotations
+
+from html import escape
+from urllib.parse import parse_qs, quote
+
+from fastapi import Request
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+from service.keys import COOKIE, find_key
+
+LOGIN, LOGOUT = "/login", "/logout"
+FORM = "application/x-www-form-urlencoded"
+CONTENT_SECURITY = "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; frame-ancestors 'self'"
+
+PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>gear rattle: sign in</title><style>
+:root {{ color-scheme: light dark }}
+body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 28rem; margin: 12vh auto; padding: 0 1rem }}
+input, button {{ font: inherit; box-sizing: border-box; width: 100%; padding: .5rem .6rem; margin: .3rem 0 1rem }}
+[role=alert] {{ color: #b3261e }} @media (prefers-color-scheme: dark) {{ [role=alert] {{ color: #ff8a80 }} }}
+</style></head><body><main><h1>gear rattle</h1>
+<p>This service asks for an API key. <code>rattle key add NAME</code> makes one where it runs.</p>{problem}
+<form method="post" action="{action}"><label>API key
+<input name="key" type="password" autocomplete="current-password" required autofocus></label>
+<button>Sign in</button></form></main></body></html>"""
+
+
+def login_url(path: str, query: str) -> str:
+    """Where somebody without a key is sent, to come back to this path and query."""
+    return LOGIN + (f"?next={quote(f'{path}?{query}', safe='')}" if query else "")
+
+
+def _next(request: Request) -> str:
+    """The view that was asked for; never a page of another site."""
+    wanted = request.query_params.get("next", "")
+    return wanted if wanted.startswith("/?") and wanted.isprintable() else "/"
+
+
+def _form(request: Request, problem: str = "", status: int = 200) -> Response:
+    action = LOGIN + (f"?{request.url.query}" if request.url.query else "")
+    alert = f'<p role="alert">{escape(problem)}</p>' if problem else ""
+    headers = {"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"}
+    return HTMLResponse(PAGE.format(problem=alert, action=escape(action)), status, headers)
+
+
+async def login(request: Request) -> Response:
+    """The form, and what it sends."""
+    if request.method == "GET":
+        return _form(request)
+    if request.headers.get("content-type", "").partition(";")[0].strip().lower() != FORM:
+        raise HTTPException(415, f"Send the form as {FORM}.")
+    fields = parse_qs((await request.body()).decode("utf-8", "replace"), max_num_fields=8)
+    token = fields.get("key", [""])[0].strip()
+    if await run_in_threadpool(find_key, request.app.state.front.database, token) is None:
+        return _form(request, "This API key is unknown or was revoked.", 401)
+    response = RedirectResponse(_next(request), 303)
+    response.set_cookie(COOKIE, token, httponly=True, samesite="strict", secure=_is_https(request), path="/")
+    return response
+
+
+async def logout(request: Request) -> Response:
+    """Forget the key of this browser."""
+    response = RedirectResponse(LOGIN, 303)
+    response.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=_is_https(request), path="/")
+    return response
+
+
+def _is_https(request: Request) -> bool:
+    # A proxy in front says so. Who lies about it only keeps a cookie of its own from being sent in the clear.
+    return request.url.scheme == "https" or request.headers.get("x-forwarded-proto", "").lower() == "https"
+
+
+ROUTES = (
+    Route(LOGIN, login, methods=["GET", "POST"], include_in_schema=False),
+    Route(LOGOUT, logout, methods=["POST"], include_in_schema=False),
+)

@@ -1,0 +1,174 @@
+"""Where the page is in the application: its routes, and the Bokeh application behind them, loaded once in a thread."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+import secrets
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+from fastapi import FastAPI, Request, Response, WebSocket
+from starlette.concurrency import run_in_threadpool
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import Receive, Scope, Send
+
+from service.errors import UnavailableError
+from service.explorer import login
+from service.explorer.news import News
+from service.settings import Settings
+from service.state import Front
+
+if TYPE_CHECKING:
+    from bokeh.server.contexts import ApplicationContext
+    from bokeh_fastapi import BokehFastAPI
+
+TITLE = "gear rattle"
+#: Nothing from elsewhere, whatever a library would like to load. Bokeh compiles the callbacks of its models.
+CONTENT_SECURITY = "; ".join(
+    (
+        "default-src 'self'",
+        "script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:",
+        "style-src 'self' 'unsafe-inline'",
+        "connect-src 'self' blob:",
+        "img-src 'self' data: blob:",
+        "font-src 'self' data:",
+        "worker-src 'self' blob:",
+        "form-action 'self'",
+        "base-uri 'self'",
+        "frame-ancestors 'self'",
+    )
+)
+
+log = logging.getLogger(__name__)
+
+
+class Explorer:
+    """The page of one application."""
+
+    def __init__(self, app: FastAPI, settings: Settings) -> None:
+        self._settings = settings
+        self._front: Front | None = None
+        self._news: News | None = None
+        self._loading: asyncio.Future[BokehFastAPI] | None = None
+        app.router.routes += [
+            Route("/", self._page, methods=["GET"], include_in_schema=False),
+            WebSocketRoute("/ws", self._socket),
+            Route("/static/{path:path}", _Assets(self), methods=["GET"], include_in_schema=False),
+            Route("/components/{path:path}", _Assets(self), methods=["GET"], include_in_schema=False),
+            *login.ROUTES,
+        ]
+
+    @asynccontextmanager
+    async def running(self, front: Front) -> AsyncIterator[None]:
+        """Tell the pages what happens, and forget those that were closed, for as long as the application runs."""
+        self._front = front
+        sweeper = asyncio.create_task(self._sweep())
+        self._news = News(front)
+        try:
+            async with self._news.running():
+                yield
+        finally:
+            sweeper.cancel()
+            with suppress(asyncio.CancelledError):
+                await sweeper
+
+    async def prepare(self) -> None:
+        """Load what the page needs, before anybody asks for it."""
+        try:
+            await self.load()
+            from service.explorer.point import prepare
+
+            assert self._front is not None
+            await prepare(self._front)
+        except Exception:  # told again to whoever opens the page
+            log.exception("the explorer cannot be loaded")
+
+    async def load(self) -> BokehFastAPI:
+        """The Bokeh application; what it imports takes more than a second, so that is done once and in a thread."""
+        failed = self._loading is not None and self._loading.done() and self._loading.exception() is not None
+        if self._loading is None or failed:
+            self._loading = asyncio.ensure_future(run_in_threadpool(self._build))
+        return await asyncio.shield(self._loading)
+
+    def _build(self) -> BokehFastAPI:
+        from panel.io.application import build_applications
+        from panel.io.fastapi import BokehFastAPI
+
+        from service.explorer.overlays import Crises
+        from service.explorer.page import Shared, open_page
+        from service.explorer.planes import Atlas
+
+        assert self._front is not None
+        assert self._news is not None
+        shared = Shared(self._front, self._news, Atlas(self._front), Crises(self._front))
+        found: Any = BokehFastAPI(
+            build_applications({"/": lambda: open_page(shared)}, title=TITLE),
+            app=FastAPI(openapi_url=None),
+            secret_key=secrets.token_bytes(32),  # a page belongs to who opened it: nobody makes up another's
+            sign_sessions=True,
+            include_headers=[],  # they would be written into the page, the key among them
+            include_cookies=[],
+        )
+        gc.freeze()  # as in service.server, for what has just been loaded
+        return found
+
+    async def _page(self, request: Request) -> Response:
+        from panel.io.fastapi import DocHandler
+
+        from service.explorer.viewer import CALLER
+
+        bokeh = await self.load()
+        context = _context(bokeh)
+        if len(list(context.sessions)) >= self._settings.max_pages:
+            raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
+        CALLER.set(request.state.caller)
+        response: Response = await DocHandler(bokeh, application_context=context).get(request)
+        response.headers.update({"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"})
+        return response
+
+    async def _socket(self, websocket: WebSocket) -> None:
+        from panel.io.fastapi import WSHandler
+
+        from service.explorer.viewer import CALLER
+
+        bokeh = await self.load()
+        CALLER.set(websocket.state.caller)
+        handler: Any = WSHandler(bokeh, application_context=_context(bokeh))
+        try:
+            await handler.ws_connect(websocket)
+        except Exception as error:  # bokeh_fastapi raises anything at a token that is not one of ours
+            log.info("a page was refused: %s", error)
+            with suppress(RuntimeError):
+                await websocket.close(1008)
+        finally:
+            # bokeh_fastapi does not notice when a browser leaves: its page would be kept for ever
+            if handler.connection is not None:
+                bokeh.client_lost(handler.connection)
+
+    async def _sweep(self) -> None:
+        while True:
+            await asyncio.sleep(SWEEP_SECONDS)
+            if self._loading is not None and self._loading.done() and not self._loading.exception():
+                await _context(self._loading.result())._cleanup_sessions(UNUSED_MILLISECONDS)
+
+
+SWEEP_SECONDS = 10.0
+UNUSED_MILLISECONDS = 15_000  # without a browser
+
+
+def _context(bokeh: BokehFastAPI) -> ApplicationContext:
+    return bokeh._applications["/"]
+
+
+class _Assets:
+    """Scripts and styles of Bokeh and Panel, from the installed packages."""
+
+    def __init__(self, explorer: Explorer) -> None:
+        self._explorer = explorer
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        bokeh = await self._explorer.load()
+        await bokeh.app({**scope, "app": bokeh.app, "router": bokeh.app.router}, receive, send)

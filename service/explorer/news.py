@@ -1,0 +1,108 @@
+"""News of the surveys for all open pages: the database is read once for them all, and only after something happened."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from datetime import datetime
+
+from sqlalchemy.exc import SQLAlchemyError
+from starlette.concurrency import run_in_threadpool
+
+from service.state import Front
+from service.tables import JobRow, State
+
+LISTED = 100  # newest surveys
+PAUSE = 0.5  # between two readings
+WINDOW = 20.0  # seconds over which a speed is measured
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A survey as a page shows it; rate in cells per second, left in seconds, None where they are not known."""
+
+    job: JobRow
+    rate: float | None
+    left: float | None
+
+
+Listener = Callable[[Sequence[Standing]], None]
+log = logging.getLogger(__name__)
+
+
+class News:
+    """Who listens is told where the surveys stand, in the event loop: at once, and whenever something has changed."""
+
+    def __init__(self, front: Front) -> None:
+        self._front = front
+        self._listeners: set[Listener] = set()
+        self._stale = asyncio.Event()
+        self._past: dict[str, list[tuple[float, int]]] = {}  # of running surveys: when, cells done
+        self.latest: Sequence[Standing] | None = None
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Keep up, for as long as the application runs."""
+        loop = asyncio.get_running_loop()
+
+        def on_change(_survey_id: str) -> None:
+            if not loop.is_closed():
+                loop.call_soon_threadsafe(self._stale.set)
+
+        keeper = asyncio.create_task(self._keep_up())
+        try:
+            with self._front.broadcast.watch(on_change):
+                yield
+        finally:
+            keeper.cancel()
+
+    def listen(self, listener: Listener) -> None:
+        """Tell this one from now on."""
+        self._listeners.add(listener)
+        if self.latest is not None:
+            listener(self.latest)
+        self._stale.set()  # nobody may have listened for a while
+
+    def leave(self, listener: Listener) -> None:
+        self._listeners.discard(listener)
+
+    async def _keep_up(self) -> None:
+        while True:
+            await self._stale.wait()
+            self._stale.clear()
+            if not self._listeners:
+                continue
+            try:
+                jobs, _ = await run_in_threadpool(self._front.database.jobs, LISTED)
+            except SQLAlchemyError as error:
+                log.warning("the surveys cannot be listed for the explorer: %s", error)
+                self._stale.set()
+            else:
+                self.latest = [self._standing(job, time.monotonic()) for job in jobs]
+                for listener in tuple(self._listeners):
+                    listener(self.latest)
+            await asyncio.sleep(PAUSE)
+
+    def _standing(self, job: JobRow, now: float) -> Standing:
+        if job.state != State.RUNNING:
+            self._past.pop(job.id, None)
+            return Standing(job, overall_rate(job), None)
+        past = self._past.setdefault(job.id, [])
+        past.append((now, job.cells_done))
+        while len(past) > 2 and past[1][0] < now - WINDOW:
+            past.pop(0)
+        (began, before), (ended, after) = past[0], past[-1]
+        rate = (after - before) / (ended - began) if ended > began and after > before else None
+        return Standing(job, rate, (job.n_cells - after) / rate if rate else None)
+
+
+def overall_rate(job: JobRow) -> float | None:
+    """Cells per second of a survey that has ended, waiting included; None where there is none to speak of."""
+    if not (job.started and job.finished and job.cells_done):
+        return None
+    seconds = (datetime.fromisoformat(job.finished) - datetime.fromisoformat(job.started)).total_seconds()
+    return job.cells_done / seconds if seconds > 0 else None

@@ -1,0 +1,108 @@
+"""The lines over a map: bifurcation curves, codimension-two points, and the crisis, which takes long and is kept."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
+
+from rattle.crisis import crisis_curve
+from rattle.curves import codimension_two, describe
+from rattle.plot.plane import polyline
+from service.errors import UnavailableError
+from service.explorer.address import CRISIS, OVERLAYS, POINTS, Pair
+from service.explorer.glyphs import style_of
+from service.state import Front
+from workers.curves import LOWEST_DELTA, Missing, Window, traced
+
+CRISIS_RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
+KEPT_CRISES = 16
+MEANINGS = {
+    CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",
+    POINTS: "codimension-two points, where curves meet",
+}
+LABELS = {"quiet_limit": "quiet limit", POINTS: "COD20–23"}
+
+
+def entries() -> list[dict[str, Any]]:
+    """The overlays as the key of the map lists them."""
+    return [
+        {
+            "name": name,
+            "label": LABELS.get(name, name),
+            "meaning": MEANINGS.get(name) or describe(name),
+            "colour": style_of(name)[0] if name != POINTS else "",
+            "dash": list(style_of(name)[1]) if name != POINTS else [],
+            "note": "",
+            "missing": False,
+        }
+        for name in OVERLAYS
+    ]
+
+
+def pieces_of(name: str, beta: float, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
+    """The pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced. For a thread."""
+    window = Window((max(delta[0], LOWEST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), max(epsilon[1], 0.0)))
+    if window.epsilon[0] >= window.epsilon[1]:
+        return [], ""
+    curve = traced(name, beta, window)
+    if isinstance(curve, Missing):
+        return [], curve.reason
+    return split(polyline(curve)) if len(curve) else [], ""
+
+
+def split(line: np.ndarray) -> list[np.ndarray]:
+    """A line (k, 2) with NaN between its pieces, as a list of the pieces."""
+    gaps = np.flatnonzero(np.isnan(line[:, 0]))
+    return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
+
+
+def points_of(beta: float) -> list[tuple[str, float, float]]:
+    """The codimension-two points: name, δ, ε. For a thread."""
+    return [(point.name, point.delta, point.epsilon) for point in _points(beta)]
+
+
+@lru_cache(maxsize=64)
+def _points(beta: float) -> Sequence[Any]:
+    with np.errstate(all="ignore"):
+        return codimension_two(beta)
+
+
+def _crisis(beta: float) -> np.ndarray:
+    """Points (k, 2) of the crisis; in a process of its own, because it takes half a minute of Python."""
+    curve = crisis_curve(beta=beta, resolution=CRISIS_RESOLUTION)
+    return np.column_stack([curve.delta, curve.epsilon])
+
+
+class Crises:
+    """The crisis curves of the half-backlashes that were asked for, each computed once for all pages."""
+
+    def __init__(self, front: Front) -> None:
+        self._front = front
+        self._found: dict[float, asyncio.Task[np.ndarray]] = {}
+        self._limiter = CapacityLimiter(1)
+
+    async def of(self, beta: float) -> np.ndarray:
+        """Points (k, 2) of the curve. Raises RattleError where there is none, or it cannot be followed."""
+        if beta not in self._found:
+            while len(self._found) >= KEPT_CRISES:
+                self._found.pop(next(iter(self._found)))
+            self._found[beta] = asyncio.get_running_loop().create_task(self._compute(beta))
+        task = self._found[beta]
+        try:
+            return await asyncio.shield(task)
+        except UnavailableError:
+            self._found.pop(beta, None)
+            raise
+
+    async def _compute(self, beta: float) -> np.ndarray:
+        try:
+            with self._front.interruptible():
+                work = partial(_crisis, beta)
+                return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
+        except BrokenWorkerProcess as error:
+            raise UnavailableError("The process that followed the crisis has died. Switch it off and on.") from error

@@ -1,0 +1,194 @@
+"""What the view of one parameter point computes: functions of a gear that processes of their own can run."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import rattle
+from rattle.attractors import listed
+from rattle.basins import classified
+from rattle.flight import wrapped
+
+V_MAX = 7.0
+ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
+SPANS = {"epsilon": 0.02, "delta": 0.05}  # of the diagram, either way
+STEPS, COUNT = 160, 32  # of the diagram
+MOST_POINTS = 8000  # of it that are drawn
+SAME_ORBIT = 1e-6
+Array = NDArray[np.float64]
+
+
+class Chances(NamedTuple):
+    """The attractors, each with its two Floquet multipliers or None, and its letter if it is one of A to D."""
+
+    starts: int
+    attractors: tuple[rattle.Attractor, ...]
+    multipliers: tuple[tuple[complex, complex] | None, ...]
+    letters: tuple[str, ...]
+
+
+class Margin(NamedTuple):
+    """The least impact that loses quiet motion, as `Gear.boundary_distance`, and what that impact leads to."""
+
+    v: float
+    tau: float
+    undecided: float
+    leads_to: rattle.Attractor | None
+
+
+class Line(NamedTuple):
+    """A line of the (τ, v) plane, points (k, 2) with NaN between pieces."""
+
+    name: str
+    points: Array
+
+
+class Lines(NamedTuple):
+    """Γ and the manifolds of the saddles A and B, and a sentence for each that is missing."""
+
+    lines: tuple[Line, ...]
+    missing: tuple[str, ...]
+
+
+class Stroke(NamedTuple):
+    """A piece of a branch in a diagram: parameter, v and τ of one impact on Σ⁺; what motion, and whether stable."""
+
+    x: Array
+    v: Array
+    tau: Array
+    motion: str
+    stable: bool
+
+
+class Marks(NamedTuple):
+    """The impacts (n,) of all events: parameter, v, τ, the kind (SN, PD, GR) and the name of the event's curve."""
+
+    x: Array
+    v: Array
+    tau: Array
+    kind: tuple[str, ...]
+    name: tuple[str, ...]
+
+
+class DiagramLines(NamedTuple):
+    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see."""
+
+    direction: str
+    span: tuple[float, float]
+    strokes: tuple[Stroke, ...]
+    marks: Marks
+    x: Array
+    v: Array
+    tau: Array
+
+
+def chances(gear: rattle.Gear, count: int) -> Chances:
+    """The attractors of a sample of so many initial conditions."""
+    found = gear.attractors(count)
+    multipliers = tuple(_multipliers(gear, each) for each in found)
+    return Chances(count, found, multipliers, tuple(_letter(gear, each) for each in found))
+
+
+def _multipliers(gear: rattle.Gear, attractor: rattle.Attractor) -> tuple[complex, complex] | None:
+    if attractor.kind != "periodic":
+        return None
+    try:
+        orbit = rattle.periodic_orbit(gear.delta, gear.epsilon, attractor.tau, attractor.v, attractor.n_plus, gear.beta)
+    except rattle.RattleError:  # too close to grazing for Newton's method: the table says nothing then
+        return None
+    first, second = orbit.multipliers
+    return complex(first), complex(second)
+
+
+def _letter(gear: rattle.Gear, attractor: rattle.Attractor) -> str:
+    for orbit in gear.orbits():
+        if abs(orbit.v - attractor.v) < SAME_ORBIT and abs(wrapped(orbit.tau - attractor.tau)) < SAME_ORBIT:
+            return orbit.name
+    return ""
+
+
+def margin(gear: rattle.Gear) -> Margin:
+    """How hard an impact loses quiet motion."""
+    v, tau, undecided = gear.boundary_distance(V_MAX)
+    leads_to = None
+    if 0 < v < np.inf:
+        point = (gear.delta, gear.epsilon, gear.beta)
+        table, _, _ = classified(point, np.array([tau]), np.array([v]))
+        (leads_to,) = listed(table, table.samples)
+    return Margin(v, tau, undecided, leads_to)
+
+
+def lines(gear: rattle.Gear) -> Lines:
+    """Γ, W^s of A and B, and W^u of A, as far as a screen shows them."""
+    from rattle.plot.basins import gamma_line, manifold_line
+
+    orbits = {orbit.name: orbit for orbit in gear.orbits()}
+    found, missing = [Line("Γ", gamma_line(gear, V_MAX, SPACING))], []
+    for name, kind in (("A", "stable"), ("B", "stable"), ("A", "unstable")):
+        line, why = manifold_line(gear, orbits.get(name), name, kind, ARCLENGTH, SPACING)
+        found.append(Line(f"W{'ˢ' if kind == 'stable' else 'ᵘ'}({name})", line))
+        if why:
+            missing.append(why)
+    return Lines(tuple(line for line in found if len(line.points)), tuple(missing))
+
+
+def diagram_span(gear: rattle.Gear, direction: str) -> tuple[float, float]:
+    """The values of δ or ε about the point that are inside the plane."""
+    if direction == "epsilon":
+        return max(gear.epsilon - SPANS["epsilon"], 0.0), gear.epsilon + SPANS["epsilon"]
+    return max(gear.delta - SPANS["delta"], gear.delta / 2), gear.delta + SPANS["delta"]
+
+
+def diagram(gear: rattle.Gear, direction: str) -> DiagramLines:
+    """The one-parameter diagram through the point, along "epsilon" or "delta"."""
+    from rattle.curves import name_of
+    from rattle.plot.colours import name_of as name_of_type
+    from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
+
+    span = diagram_span(gear, direction)
+    start, end = ((gear.delta, value) if direction == "epsilon" else (value, gear.epsilon) for value in span)
+    found = rattle.diagram(start, end, gear.beta, STEPS, COUNT)
+    _, scale, offset = parameter_axis(found)
+    pieces = []
+    for branch in found.branches:
+        for curve in curves_along(found, branch, scale, offset):
+            for stable, part in strokes(curve):
+                named = curve.name[part.start]
+                motion = name_of_type(branch.label) + (f", {named}" if named else "")
+                pieces.append(Stroke(curve.x[part], curve.v[part], curve.tau[part], motion, stable))
+    rows = [
+        (offset + scale * float(found.positions(event)), v, tau, event.kind.value, name_of(event) or "")
+        for event in found.events
+        for tau, v in zip(*impacts_at(event), strict=True)
+    ]
+    x, v, tau, kind, name = zip(*rows, strict=True) if rows else ((), (), (), (), ())
+    marks = Marks(np.array(x, float), np.array(v, float), np.array(tau, float), tuple(kind), tuple(name))
+    seen = found.points
+    chosen = np.arange(0, seen.v.size, max(1, seen.v.size // MOST_POINTS))
+    return DiagramLines(
+        direction, span, tuple(pieces), marks, offset + scale * seen.position[chosen], seen.v[chosen], seen.tau[chosen]
+    )
+
+
+def basins(gear: rattle.Gear, side: int, method: str) -> rattle.Basins:
+    """Basins on side × side cells."""
+    return gear.basins(side, V_MAX, method)
+
+
+def motion(gear: rattle.Gear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
+    """The motion from one state."""
+    return gear.trajectory(tau, v, periods, points)
+
+
+def warm_up() -> None:
+    """Load every kernel that a point needs."""
+    gear = rattle.Gear(0.6, 0.1)
+    chances(gear, 16)
+    for method in ("cells", "refined"):
+        basins(gear, 20, method)
+    motion(gear, 0.3, 4.0, 1.0, 2)
+    lines(gear)
+    margin(gear)

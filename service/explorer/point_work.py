@@ -1,0 +1,102 @@
+"""The work of one view of a parameter point: parts computed in processes, shown in its document, given up together."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Coroutine
+from contextlib import nullcontext
+from html import escape
+from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
+
+from rattle import RattleError
+from service.state import Front
+from service.turns import in_turn
+
+if TYPE_CHECKING:
+    from bokeh.document import Document
+
+GRACE_SECONDS = 15.0  # what is at work when the view is put away may end by itself: its process stays warm
+
+Result = TypeVar("Result")
+Arguments = TypeVarTuple("Arguments")
+log = logging.getLogger(__name__)
+
+
+class Work:
+    """Tasks of a view in the event loop; `document` is None where nobody looks, as in a test."""
+
+    def __init__(self, front: Front, document: Document | None) -> None:
+        self._front, self._document = front, document
+        self._tasks: set[asyncio.Task[None]] = set()
+        self.stopped = False
+
+    def start(
+        self, work: Coroutine[Any, Any, None], instead_of: asyncio.Task[None] | None = None
+    ) -> asyncio.Task[None]:
+        """Begin something, and give up what it replaces."""
+        if instead_of is not None:
+            self._give_up(instead_of)
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    def stop(self) -> None:
+        """Give up everything: what is not begun at once, what is at work after a moment."""
+        self.stopped = True
+        for task in tuple(self._tasks):
+            self._give_up(task)
+
+    def _give_up(self, task: asyncio.Task[None]) -> None:
+        task.get_loop().call_later(GRACE_SECONDS, task.cancel)
+
+    async def compute(
+        self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, slow: bool = False
+    ) -> Result:
+        """What a function returns, from a process of its own. Slow ones never take all processes.
+
+        Raises UnavailableError.
+        """
+        async with self._front.slow_points if slow else nullcontext():
+            self._require()
+            found = await in_turn(
+                self._front, compute, *arguments, what=what, advice="Choose another point, or try again later."
+            )
+        self._require()
+        return found
+
+    def _require(self) -> None:
+        """End the task that asks, if the view has been put away."""
+        if self.stopped:
+            raise asyncio.CancelledError
+
+    async def part(self, tell: Callable[[str], object], work: Callable[[], Awaitable[None]]) -> None:
+        """Do one part of a view; why it cannot be shown is told as HTML, and the other parts go on."""
+        try:
+            await work()
+        except RattleError as error:
+            await self._say(tell, str(error))
+        except Exception:
+            log.exception("a part of the view of a point failed")
+            await self._say(tell, "This could not be shown: an error of the service, which has been logged.")
+
+    async def _say(self, tell: Callable[[str], object], message: str) -> None:
+        await self.change(lambda: tell(f'<p class="wrong" role="alert">{escape(message)}</p>'))
+
+    async def change(self, what: Callable[[], object]) -> None:
+        """Change the document when nothing else does, and wait until that is done."""
+        self._require()
+        if self._document is None or self._document.session_context is None:
+            what()
+            return
+        done = asyncio.Event()
+
+        def act() -> None:
+            try:
+                what()
+            finally:
+                done.set()
+
+        self._document.add_next_tick_callback(act)
+        await done.wait()

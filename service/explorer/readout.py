@@ -1,0 +1,108 @@
+"""All that is known of a cell, as a table that is read beside the map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from html import escape
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import rattle
+from rattle.plot import name_of
+from rattle.plot.plane import REGIONS
+from service.explorer.address import Pair
+from service.explorer.axes import written
+from workers import QUANTITIES
+from workers.evaluate import FAILED, KINDS, STATUS
+from workers.schema import CELL
+
+Row = tuple[str, str]
+
+
+def readout(cell: xr.Dataset | None, delta: float, epsilon: float, beta: float, window: tuple[Pair, Pair]) -> str:
+    """HTML of what is known at a point (δ, ε): its region, and the cell of the survey that it is in, if any."""
+    rows: list[Row] = [("δ", written(delta, window[0])), ("ε", written(epsilon, window[1]))]
+    if delta > 0 and epsilon >= 0:
+        region = int(rattle.regions(np.array([delta]), np.array([epsilon]), beta)[0])
+        rows.append(("region here", REGIONS[region] or "none"))
+    tables = [_table(rows)]
+    if cell is None:
+        return "".join(tables) + "<p>Outside of the survey.</p>"
+    place = f"δ {float(cell['delta']):.10g}, ε {float(cell['epsilon']):.10g}"
+    status = int(cell["status"])
+    tables.append(f"<h3>Cell at {place}</h3>")
+    if status in (0, FAILED):
+        return "".join(tables) + f"<p>{escape(STATUS[status].replace('_', ' '))}</p>"
+    tables.append(_table(_scalars(cell)))
+    if "attractor_kind" in cell:
+        tables.append(_attractors(cell))
+    if "orbit_exists" in cell:
+        tables.append(_orbits(cell))
+    return "".join(tables)
+
+
+def _scalars(cell: xr.Dataset) -> Iterator[Row]:
+    for name in (quantity.name for quantity in QUANTITIES if quantity.dims == CELL and quantity.name in cell):
+        value = cell[name]
+        number = value.item()
+        if meanings := value.attrs.get("flag_meanings"):
+            yield name.replace("_", " "), meanings.split()[int(number)].replace("_", " ")
+        else:
+            yield name.replace("_", " "), _number(number)
+
+
+def _attractors(cell: xr.Dataset) -> str:
+    head = ["attractor", "share"]
+    exponents = "attractor_lyapunov" in cell
+    rows = []
+    for slot in range(cell.sizes["attractor"]):
+        one = cell.isel(attractor=slot)
+        kind = KINDS[int(one["attractor_kind"])]
+        if kind == "none":
+            continue
+        label = (int(one["attractor_m"]), int(one["attractor_n_plus"]), int(one["attractor_n_minus"]))
+        row = [name_of(label) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
+        if exponents:
+            row += [_number(float(value)) for value in one["attractor_lyapunov"]]
+        rows.append(row)
+    return _grid(head + (["λ₁", "λ₂"] if exponents else []), rows)
+
+
+def _orbits(cell: xr.Dataset) -> str:
+    rows = []
+    for orbit in cell["orbit"].values:
+        one = cell.sel(orbit=orbit)
+        if bool(one["orbit_exists"]):
+            multipliers = ", ".join(_complex(complex(value)) for value in one["orbit_multiplier"].values)
+            stable = "stable" if bool(one["orbit_stable"]) else "unstable"
+            numbers = [_number(float(one[name])) for name in ("orbit_phase", "orbit_velocity")]
+            rows.append([str(orbit), stable, *numbers, multipliers])
+    return _grid(["orbit", "", "τ", "v", "multipliers"], rows)
+
+
+def _table(rows: Any) -> str:
+    return "<dl>" + "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows) + "</dl>"
+
+
+def _grid(head: list[str], rows: list[list[str]]) -> str:
+    if not rows:
+        return ""
+    titles = "".join(f"<th scope=col>{escape(title)}</th>" for title in head)
+    body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
+    return f"<table><thead><tr>{titles}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _number(value: float) -> str:
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, int) or not np.isfinite(value):
+        return {"nan": "–", "inf": "∞"}.get(str(value), str(value))
+    return f"{value:.5g}".replace("-", "−")
+
+
+def _complex(value: complex) -> str:
+    if value.imag == 0:
+        return _number(value.real)
+    return f"{_number(value.real)} {'+' if value.imag > 0 else '−'} {_number(abs(value.imag))}i"

@@ -1,0 +1,126 @@
+"""One open page: who looks at it, what it may do, and how its slow work gets into threads and back."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Coroutine
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from starlette.concurrency import run_in_threadpool
+
+from rattle import RattleError
+from service.errors import ForbiddenError, UnauthorizedError
+from service.keys import Caller
+from service.state import Front
+from service.tables import Scope
+
+if TYPE_CHECKING:
+    from bokeh.document import Document
+
+#: Who asked for the page that is being built; set by the route.
+CALLER: ContextVar[Caller | None] = ContextVar("caller", default=None)
+
+Result = TypeVar("Result")
+log = logging.getLogger(__name__)
+
+
+class Viewer:
+    """Who looks at a page, and its document, which only the event loop may touch."""
+
+    def __init__(self, front: Front, caller: Caller | None, document: Document) -> None:
+        self.front, self.document = front, document
+        self._caller = caller
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self.tell: Callable[[str], None] = log.warning  # the page replaces it by something that can be seen
+        self.ended = False
+
+    def require(self, scope: Scope) -> Caller:
+        """The caller, if it still may. Reads the database: for a thread.
+
+        Raises:
+            UnauthorizedError: its key was revoked, or there is none.
+            ForbiddenError: its key does not allow this.
+        """
+        if self._caller is None:
+            raise UnauthorizedError("Sign in to see this page.")
+        if self._caller.key is None:
+            return self._caller
+        key = self.front.database.key_by_hash(self._caller.key.hash)
+        if key is None or key.revoked is not None:
+            raise UnauthorizedError("Your API key was revoked. Sign in with another one.")
+        caller = Caller(key)
+        if not caller.may(scope):
+            raise ForbiddenError(f"Your API key may look only: this needs one with the scope {scope}.")
+        return caller
+
+    @property
+    def caller(self) -> Caller:
+        """Who opened the page, whether it still may or not."""
+        return self._caller or Caller()
+
+    @property
+    def signed_in(self) -> bool:
+        """Whether a key is what lets this page in."""
+        return self._caller is not None and self._caller.key is not None
+
+    def may_submit(self) -> bool:
+        return self._caller is not None and self._caller.may(Scope.SUBMIT)
+
+    async def read(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
+        """What `work` returns, from a thread, if the caller may."""
+
+        def run() -> Result:
+            self.require(scope)
+            return work()
+
+        return await run_in_threadpool(run)
+
+    def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        """Run this beside the page until the page is closed; what it may not or cannot do is told on the page."""
+        task = asyncio.get_running_loop().create_task(self._guarded(work))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+        return task
+
+    async def _guarded(self, work: Awaitable[None]) -> None:
+        try:
+            await work
+        except RattleError as error:
+            self.tell(str(error))
+        except asyncio.CancelledError:
+            raise
+        except Exception:
+            log.exception("a page of the explorer failed")
+            self.tell("This could not be shown: an error of the service, which has been logged.")
+
+    def change(self, what: Callable[[], object]) -> None:
+        """Change the document when nothing else does. Called in the event loop."""
+        if not self.ended:
+            self.document.add_next_tick_callback(lambda: self._apply(what))
+
+    def _apply(self, what: Callable[[], object]) -> None:
+        try:
+            what()
+        except Exception:  # Bokeh would say nothing, and keep the document locked
+            log.exception("a page of the explorer could not be changed")
+
+    async def changed(self, what: Callable[[], object]) -> None:
+        """Change the document, and wait until that is done."""
+        done = asyncio.Event()
+
+        def act() -> None:
+            try:
+                what()
+            finally:
+                done.set()
+
+        self.change(act)
+        await done.wait()
+
+    def end(self) -> None:
+        """The page was closed."""
+        self.ended = True
+        for task in tuple(self._tasks):
+            task.cancel()

@@ -1,0 +1,88 @@
+"""Deep zoom: the visible window of the plane, computed afresh on the workers of the service."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import AsyncGenerator
+from contextlib import closing, suppress
+from functools import partial
+
+from service.errors import UnavailableError
+from service.state import Front
+from workers import Frame, SurveyRequest, Window, map_quantity, refined, window_survey
+
+
+async def refine(
+    front: Front, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
+) -> AsyncGenerator[Frame, None]:
+    """Compute a map of a window of the plane, about pixels (along δ, along ε) of it: frames ever finer.
+
+    The values are those of the survey `workers.window_survey(request, window, pixels)`, to the bit; quantities in
+    closed form come at once at full resolution. Who is slower than the workers gets the newest frame. Closing this
+    (``aclose``, or cancelling the task) gives up what is not begun. Waits for its turn behind `Settings.max_windows`.
+
+    Raises:
+        SurveyError: there is no such map or window, or it cannot be computed.
+        ClusterLostError: the workers went away.
+        UnavailableError: they are not there, or too many windows wait already.
+    """
+    map_quantity(variable, index)
+    survey = await asyncio.to_thread(window_survey, request, window, pixels)
+    if front.windows.statistics().tasks_waiting >= front.settings.max_points_waiting:
+        raise UnavailableError("Too many windows are being computed. Try again in a few seconds.")
+    turn = object()
+    await front.windows.acquire_on_behalf_of(turn)
+    try:
+        refinement = _Refinement(front, survey, variable, index)
+        try:
+            while (frame := await refinement.newest()) is not None:
+                yield frame
+        finally:
+            refinement.stop()
+    finally:
+        front.windows.release_on_behalf_of(turn)
+
+
+class _Refinement:
+    """A thread that waits for the workers, and hands what it gets to the event loop."""
+
+    def __init__(self, front: Front, survey: SurveyRequest, variable: str, index: int) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._found: asyncio.Queue[Frame | Exception | None] = asyncio.Queue()
+        self._stopping = threading.Event()
+        run = partial(self._run, front, survey, variable, index)
+        threading.Thread(target=run, name="window", daemon=True).start()
+
+    def stop(self) -> None:
+        """Let the thread come to its end, soon."""
+        self._stopping.set()
+
+    async def newest(self) -> Frame | None:
+        """The newest frame, or the next one; None after the last. Raises what the thread raised."""
+        found = await self._found.get()
+        while isinstance(found, Frame) and not self._found.empty():
+            if not isinstance(later := self._found.get_nowait(), Frame):
+                self._found.put_nowait(later)
+                break
+            found = later
+        if isinstance(found, Exception):
+            raise found
+        return found
+
+    def _run(self, front: Front, survey: SurveyRequest, variable: str, index: int) -> None:
+        end: Exception | None = None
+        try:
+            with (
+                front.manager.lent_client() as client,
+                closing(refined(client, survey, variable, index, self._stopping.is_set)) as frames,
+            ):
+                for frame in frames:
+                    self._hand_over(frame)
+        except Exception as error:
+            end = error
+        self._hand_over(end)
+
+    def _hand_over(self, found: Frame | Exception | None) -> None:
+        with suppress(RuntimeError):  # the loop is closed: the service has ended
+            self._loop.call_soon_threadsafe(self._found.put_nowait, found)

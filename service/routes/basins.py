@@ -1,0 +1,56 @@
+"""Basins of attraction of one parameter point, as a picture."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Query, Response
+
+import rattle
+from service.conditional import NOT_MODIFIED, function_of_query
+from service.errors import LimitError
+from service.problems import declared
+from service.routes.picture import PNG
+from service.routes.points import GearQuery
+from service.state import FrontState
+from service.turns import in_turn
+
+router = APIRouter(prefix="/v1", tags=["points"])
+
+
+@router.get(
+    "/basins.png",
+    summary="Basins of attraction of one parameter point, over phase and impact speed",
+    dependencies=[Depends(function_of_query)],
+    response_class=Response,
+    responses={
+        200: {"content": {PNG: {"schema": {"type": "string", "format": "binary"}}}},
+        **NOT_MODIFIED,
+        **declared(422),
+    },
+)
+async def basins(
+    front: FrontState,
+    model: GearQuery,
+    response: Response,
+    resolution: Annotated[int, Query(ge=1, description="cells a side", examples=[50])] = 300,
+) -> Response:
+    """Each cell is followed on its own, as in Figure 4 of the paper; white: the grazing curve Γ."""
+    limit = front.settings.max_basin_resolution
+    if resolution > limit:
+        raise LimitError("query.resolution", f"resolution may be at most {limit} here; use the command rattle figure.")
+    png = await in_turn(
+        front, _draw, model, resolution, what="The basins", advice="Ask for fewer cells a side (resolution)."
+    )
+    return Response(png, media_type=PNG, headers=dict(response.headers))
+
+
+def _draw(model: rattle.Gear, resolution: int) -> bytes:
+    from rattle.plot.basins import panels  # matplotlib, in the process that draws
+
+    figure = panels(model.delta, [model.epsilon], model.beta, resolution).figure
+    figure.set_size_inches(6.4, 6.2)
+    with BytesIO() as png:
+        figure.savefig(png, format="png")
+        return png.getvalue()

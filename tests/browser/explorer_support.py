@@ -1,0 +1,64 @@
+"""What the tests of the explorer see of a page, and do on it."""
+
+from contextlib import suppress
+from typing import Any
+
+from playwright.sync_api import Page, TimeoutError
+from service_processes import wait_until
+
+#: A condition on the map of a page, as JavaScript of the figure.
+_MODELS = "Bokeh.documents.map((each) => each.get_model_by_name('map')).find((each) => each)"
+
+
+def open_view(page: Page, url: str, **query: str) -> None:
+    """Open the explorer, and wait until its map has cells."""
+    asked = "&".join(f"{name}={value}" for name, value in query.items())
+    page.goto(f"{url}/?{asked}")
+    wait_for_map(page, "renderers.some((each) => each.name?.startsWith('cells') && each.data_source.data.image.length)")
+
+
+def wait_for_map(page: Page, condition: str) -> None:
+    """Wait until a condition on the figure holds, which begins with one of its properties."""
+    page.wait_for_function(
+        f"() => {{ const map = window.Bokeh && {_MODELS}; return map && Bokeh.index.find_one(map) && map.{condition} }}"
+    )
+
+
+def of_map(page: Page, expression: str) -> Any:
+    """What an expression on the figure is."""
+    return page.evaluate(f"() => {_MODELS}.{expression}")
+
+
+def visible_lines(page: Page) -> set[str]:
+    """Names of the lines that the map shows."""
+    names = of_map(page, "renderers.filter((each) => each.visible && each.name).map((each) => each.name)")
+    return {name for name in names if not name.startswith(("cells", "fine", "names"))}
+
+
+def place_of(page: Page, delta: float, epsilon: float) -> tuple[float, float]:
+    """Where on the screen a point (δ, ε) is."""
+    found = page.evaluate(
+        f"""([delta, epsilon]) => {{
+            const model = {_MODELS}
+            const view = Bokeh.index.find_one(model)
+            const box = view.canvas_view.el.getBoundingClientRect()
+            return [box.x + view.frame.x_scale.compute(delta), box.y + view.frame.y_scale.compute(epsilon)]
+        }}""",
+        [delta, epsilon],
+    )
+    return float(found[0]), float(found[1])
+
+
+def point_at(page: Page, delta: float, epsilon: float, until: str) -> None:
+    """Move the mouse to a point (δ, ε) until a text is read; again while the page is still being laid out."""
+
+    def read() -> bool:
+        x, y = place_of(page, delta, epsilon)
+        page.mouse.move(x - 9, y)
+        page.mouse.move(x, y)
+        with suppress(TimeoutError):
+            page.locator(".beside", has_text=until).wait_for(timeout=1000)
+            return True
+        return False
+
+    wait_until(read)

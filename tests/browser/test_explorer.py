@@ -1,0 +1,174 @@
+"""The explorer in a browser, against a real server."""
+
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import httpx
+import numpy as np
+import pytest
+import xarray as xr
+from explorer_support import of_map, open_view, place_of, point_at, visible_lines, wait_for_map
+from playwright.sync_api import Page, expect
+
+import rattle
+from rattle.curves import codimension_two
+from rattle.plot.plane import REGIONS
+
+expect.set_options(timeout=60_000)
+DEFAULT_LINES = {"SN1", "SN2", "PD1", "PDC", "PD2", "G1", "G2", "quiet_limit", "points"}
+
+
+def query(page: Page) -> dict[str, str]:
+    return {name: values[0] for name, values in parse_qs(urlsplit(page.url).query).items()}
+
+
+def region_at(delta: float, epsilon: float) -> str:
+    return REGIONS[int(rattle.regions(np.array([delta]), np.array([epsilon]), 0.6)[0])]
+
+
+def test_a_survey_is_submitted_and_fills_in(page: Page, service: str) -> None:
+    open_view(page, service)
+    page.get_by_role("button", name="New survey").click()
+    page.get_by_label("Name").fill("from the form")
+    for label, value in {
+        "δ values": 24,
+        "ε values": 24,
+        "Initial conditions": 2048,
+        "δ from": 0.5,
+        "δ to": 0.8,
+    }.items():
+        page.get_by_label(label, exact=True).fill(str(value))
+        page.get_by_label(label, exact=True).press("Enter")
+    expect(page.get_by_text("576 cells, about")).to_be_visible()
+    page.get_by_role("button", name="Submit").click()
+    row = page.locator("button.survey", has_text="from the form")
+    expect(row).to_have_attribute("aria-current", "true")
+    part = "some((each) => each.name?.startsWith('cells') && each.data_source.data.image[0]?.shape?.[0] === 24"
+    wait_for_map(page, f"renderers.{part})")
+    expect(row).to_have_attribute("data-state", "running")  # shown before it is done
+    listed = httpx.get(f"{service}/v1/surveys").json()["surveys"][0]
+    assert query(page)["survey"] == listed["id"]
+    page.locator("[data-action=cancel]").click()
+    expect(row).to_have_attribute("data-state", "dismissed")
+    assert httpx.get(service + listed["links"]["self"]).json()["state"] == "dismissed"
+    page.locator("[data-action=delete]").click()
+    page.get_by_text("Delete for good?").click()
+    expect(row).to_have_count(0)
+
+
+def test_a_form_that_cannot_be_sent_says_why(page: Page, service: str) -> None:
+    open_view(page, service)
+    page.get_by_role("button", name="New survey").click()
+    page.get_by_label("δ from", exact=True).fill("2")
+    page.get_by_label("δ from", exact=True).press("Enter")
+    expect(page.get_by_text("must be below stop")).to_be_visible()
+    expect(page.get_by_role("button", name="Submit")).to_be_disabled()
+
+
+def test_lines_are_switched_and_the_address_says_so(page: Page, service: str) -> None:
+    open_view(page, service)
+    assert visible_lines(page) == DEFAULT_LINES
+    wait_for_map(page, "renderers.find((each) => each.name === 'G1').data_source.data.xs.length > 0")
+    page.get_by_role("checkbox", name="G1").uncheck()
+    wait_for_map(page, "renderers.find((each) => each.name === 'G1').visible === false")
+    assert visible_lines(page) == DEFAULT_LINES - {"G1"}
+    page.wait_for_url("**overlays=**")
+    page.reload()
+    wait_for_map(page, "renderers.find((each) => each.name === 'G1').visible === false")
+    expect(page.get_by_role("checkbox", name="G1")).not_to_be_checked()
+    expect(page.get_by_role("checkbox", name="G2")).to_be_checked()
+
+
+@pytest.mark.parametrize(("delta", "epsilon"), [(0.6, 0.1), (0.5, 0.06), (0.9, 0.05), (0.8, 0.25)])
+def test_what_is_pointed_at_is_read(page: Page, service: str, delta: float, epsilon: float) -> None:
+    open_view(page, service)
+    point_at(page, delta, epsilon, until=f"Cell at δ {delta:g}, ε {epsilon:g}")
+    beside = page.locator(".beside")
+    expect(beside).to_contain_text(f"region here{region_at(delta, epsilon)}")
+    for orbit in rattle.Gear(delta, epsilon).orbits():
+        expect(beside).to_contain_text(f"{orbit.name}{'stable' if orbit.stable else 'unstable'}")
+
+
+def test_zooming_shows_more_than_the_survey_has(page: Page, service: str) -> None:
+    open_view(page, service)
+    page.mouse.move(*place_of(page, 0.6, 0.06))
+    for _ in range(8):
+        page.mouse.wheel(0, -400)
+    page.wait_for_url("**delta=**")
+    wait_for_map(page, "renderers.some((each) => each.name === 'fine0' && each.data_source.data.image.length > 0)")
+    delta = [float(part) for part in query(page)["delta"].split(",")]
+    assert 0.55 < delta[0] < delta[1] < 0.65
+    assert_fine_regions(page)
+
+
+def test_a_window_of_1e9_at_cod22_is_right(page: Page, service: str, survey_id: str) -> None:
+    (point,) = (each for each in codimension_two(0.6) if each.name == "COD22")
+    delta, epsilon = ((value - 5e-10, value + 5e-10) for value in (point.delta, point.epsilon))
+    window = {"delta": f"{delta[0]!r},{delta[1]!r}", "epsilon": f"{epsilon[0]!r},{epsilon[1]!r}"}
+    open_view(page, service, survey=survey_id, **window)
+    wait_for_map(page, "renderers.some((each) => each.name === 'fine0' && each.data_source.data.image.length > 0)")
+    assert of_map(page, "x_range.start") == delta[0]
+    assert of_map(page, "below[0].axis_label") == "damping δ − 0.7701471309, in units of 1e-9"
+    assert {1, 5} <= set(assert_fine_regions(page).ravel().tolist())  # both sides of G1 and G2
+    point_at(page, delta[0] + 2e-10, epsilon[1] - 1e-10, until="δ0.7701471306")
+
+
+def assert_fine_regions(page: Page) -> np.ndarray:
+    """The finer block holds the regions of its own cells."""
+    source = "renderers.find((each) => each.name === 'fine0').data_source.data"
+    shape = of_map(page, f"{source}.image[0].shape")
+    values = np.array(of_map(page, f"{source}.image.map((each) => Array.from(each))[0]")).reshape(shape)
+    x, y, dw, dh = (of_map(page, f"{source}.{name}[0]") for name in ("x", "y", "dw", "dh"))
+    rows, columns = np.linspace(0, shape[0] - 1, 23).astype(int), np.linspace(0, shape[1] - 1, 23).astype(int)
+    delta, epsilon = x + (columns + 0.5) * dw / shape[1], y + (rows + 0.5) * dh / shape[0]
+    expected = rattle.regions(delta, epsilon[:, None], 0.6)
+    found = values[np.ix_(rows, columns)]
+    assert (found != expected).mean() < 0.02  # where a line goes through the middle of a cell, rounding decides
+    return found
+
+
+def test_a_saved_address_shows_the_same_view(page: Page, service: str, survey_id: str) -> None:
+    view = {
+        "survey": survey_id, "variable": "attractor_fraction", "index": "1", "limits": "0.1,0.7", "log": "1",
+        "overlays": "SN1,quiet_limit", "delta": "0.5,0.75", "epsilon": "0.05,0.2", "theme": "dark",
+    }  # fmt: skip
+    open_view(page, service, **view)
+    assert visible_lines(page) == {"SN1", "quiet_limit"}
+    wait_for_map(page, "renderers.find((each) => each.name === 'cells1').visible")
+    assert of_map(page, "x_range.start") == 0.5
+    assert of_map(page, "y_range.end") == 0.2
+    mapper = "renderers.find((each) => each.name === 'cells1').glyph.color_mapper"
+    assert (of_map(page, f"{mapper}.low"), of_map(page, f"{mapper}.high")) == (0.1, 0.7)
+    expect(page.get_by_label("Map", exact=True)).to_have_value("attractor fraction")
+    expect(page.get_by_role("checkbox", name="log scale")).to_be_checked()
+    assert query(page) == view
+    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(15, 19, 23)"
+    page.get_by_role("button", name="Light theme").click()
+    page.wait_for_function("() => getComputedStyle(document.body).backgroundColor === 'rgb(244, 246, 248)'")
+
+
+def test_nonsense_in_the_address_is_left_out(page: Page, service: str) -> None:
+    nonsense = "delta=nan,1&epsilon=9,1&limits=<b>&index=-5&overlays=x&point=1&theme=%22&variable=__class__&p.x=%00"
+    page.goto(f"{service}/?{nonsense}")
+    wait_for_map(page, "renderers.some((each) => each.name?.startsWith('cells') && each.data_source.data.image.length)")
+    expect(page.get_by_label("Map", exact=True)).to_have_value("region")
+
+
+def test_a_survey_is_downloaded(page: Page, service: str, survey_id: str, tmp_path: Path) -> None:
+    open_view(page, service, survey=survey_id)
+    store = xr.open_zarr(f"{service}/v1/surveys/{survey_id}/store")
+    with page.expect_download() as download:
+        page.get_by_role("link", name="NetCDF").click()
+    download.value.save_as(tmp_path / "survey.nc")
+    with xr.open_dataset(tmp_path / "survey.nc", engine="h5netcdf") as found:
+        np.testing.assert_array_equal(found["lyapunov_max"], store["lyapunov_max"])
+    expect(page.locator("pre")).to_contain_text(f'"{service}/v1/surveys/{survey_id}/store"')
+
+
+def test_a_page_is_used_with_the_keyboard_and_a_screen_reader(page: Page, service: str) -> None:
+    open_view(page, service)
+    for role, name in (("button", "New survey"), ("checkbox", "SN1"), ("combobox", "Map"), ("region", "surveys")):
+        expect(page.get_by_role(role, name=name, exact=True)).to_be_visible()
+    page.get_by_role("checkbox", name="SN1", exact=True).focus()
+    page.keyboard.press("Space")
+    wait_for_map(page, "renderers.find((each) => each.name === 'SN1').visible === false")

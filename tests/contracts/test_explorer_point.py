@@ -1,0 +1,265 @@
+"""The view of one parameter point without a browser: its words, its parts, and how they come together."""
+
+import asyncio
+import re
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from service_support import no_cluster
+
+import rattle
+from service.app import create_app
+from service.errors import UnavailableError
+from service.explorer import point_parts, point_words
+from service.explorer.point import PointView, prepare
+from service.explorer.point_state import PointState
+from service.settings import Settings
+from service.state import Front
+
+# Words
+
+
+@pytest.mark.parametrize(
+    ("delta", "epsilon", "likely", "safe"),
+    [
+        (0.6, 0.03, ["probability 100 %", "No start came to rattle", "below 0.374 %"], ["No impact slower than 7"]),
+        (0.6, 0.1, ["probability 7", "Otherwise it rattles: chaotic", "every period, P(1,1,0) = C"], ["speed 2.5"]),
+        (0.6, 0.2, ["never comes to rest", "It rattles"], ["margin is 0"]),
+        (0.6, 0.1899, ["quiet"], ["cannot be told"]),
+    ],
+)  # fmt: skip
+def test_a_sentence_for_an_engineer(delta: float, epsilon: float, likely: list[str], safe: list[str]) -> None:
+    gear = rattle.Gear(delta, epsilon)
+    said = point_words.how_likely(gear, point_parts.chances(gear, 1024))
+    assert all(word in said for word in likely), said
+    said = point_words.how_safe(gear, point_parts.margin(gear))
+    assert all(word in said for word in safe), said
+
+
+def test_the_numbers_of_the_sentence_are_the_library_s() -> None:
+    gear = rattle.Gear(0.6, 0.089)
+    found = point_parts.chances(gear, 512)
+    quiet = next(each for each in gear.attractors(512) if each.kind == "quiet")
+    numbers = [float(x) for x in re.findall(r"([\d.]+) %", point_words.how_likely(gear, found))]
+    low, high = quiet.fraction_interval
+    assert numbers[:4] == pytest.approx([100 * quiet.fraction, 95, 100 * low, 100 * high], rel=5e-3)
+    assert point_words.number(gear.quiet_limit) in point_words.where(gear)
+    margin = point_parts.margin(gear)
+    assert margin[:3] == gear.boundary_distance(7.0)
+    assert margin.leads_to is not None
+    assert margin.leads_to.kind != "quiet"
+    assert f"speed {margin.v:.4g}" in point_words.how_safe(gear, margin)
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [(0.0, "0 %"), (1.0, "100 %"), (1e-5, "less than 0.05 %"), (1 - 1e-5, "more than 99.95 %"), (0.12345, "12.3 %")],
+)
+def test_shares(value: float, said: str) -> None:
+    assert point_words.percent(value) == said
+
+
+@pytest.mark.parametrize(
+    ("pair", "said"),
+    [
+        ((complex(0.1, 0.7), complex(0.1, -0.7)), "0.1 ± 0.7i"),
+        ((complex(-2.5), complex(0.25)), "−2.5, 0.25"),
+        ((complex(np.inf), complex(0)), "∞, 0"),
+        (None, "–"),
+    ],
+)
+def test_multipliers(pair: tuple[complex, complex] | None, said: str) -> None:
+    assert point_words.pair(pair) == said
+
+
+# Parts
+
+
+def test_attractors_have_their_letters_and_multipliers() -> None:
+    gear = rattle.Gear(0.6, 0.089)
+    found = point_parts.chances(gear, 256)
+    stable = {orbit.name: orbit for orbit in gear.orbits() if orbit.stable}
+    assert {letter for letter in found.letters if letter} == set(stable)
+    for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
+        assert (multipliers is None) == (each.kind != "periodic")
+        if multipliers is not None:  # the product of an orbit's multipliers is exp(−δm)
+            assert abs(multipliers[0] * multipliers[1] - np.exp(-0.6 * each.m)) < 1e-9
+        if letter:
+            assert each.v == pytest.approx(stable[letter].v, abs=1e-6)
+
+
+def test_lines_are_the_manifolds_and_gamma() -> None:
+    gear = rattle.Gear(0.6, 0.1)
+    found = {line.name: line.points for line in point_parts.lines(gear).lines}
+    assert set(found) == {"Γ", "Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"}
+    a = next(orbit for orbit in gear.orbits() if orbit.name == "A")
+    for name in ("Wˢ(A)", "Wᵘ(A)"):
+        assert np.nanmin(np.hypot(found[name][:, 0] - a.tau, found[name][:, 1] - a.v)) < 0.02
+    assert len(point_parts.lines(rattle.Gear(0.6, 0.03)).lines) <= 1  # no saddle there
+
+
+@pytest.mark.parametrize(("delta", "epsilon"), [(0.6, 0.1), (0.03, 0.005), (1e-9, 0.0), (5.0, 3.0)])
+def test_a_diagram_stays_inside_the_plane(delta: float, epsilon: float) -> None:
+    gear = rattle.Gear(delta, epsilon)
+    low, high = point_parts.diagram_span(gear, "delta")
+    assert 0 < low < delta < high
+    low, high = point_parts.diagram_span(gear, "epsilon")
+    assert 0 <= low <= epsilon < high
+
+
+@pytest.mark.parametrize("direction", ["epsilon", "delta"])
+def test_a_diagram_through_the_point(direction: str) -> None:
+    found = point_parts.diagram(rattle.Gear(0.6, 0.1), direction)
+    assert 0 < found.x.size <= 2 * point_parts.MOST_POINTS
+    assert {each.stable for each in found.strokes} == {True, False}
+    along_a = [each for each in found.strokes if each.motion == "P(1,1,0), A"]
+    assert along_a
+    for each in along_a:  # v = 2πδ all along the branch
+        at = each.x if direction == "delta" else np.full_like(each.x, 0.6)
+        np.testing.assert_allclose(each.v, 2 * np.pi * at, rtol=1e-8)
+        assert not each.stable
+    assert set(found.marks.kind) <= {"SN", "PD", "GR"}
+    low, high = found.span
+    assert np.all((found.marks.x >= low) & (found.marks.x <= high))
+
+
+# State
+
+
+@pytest.mark.parametrize(
+    "state", [{}, {"attractor": "0"}, {"attractor": "3"}, {"tau": "0.25", "v": "4.5"}, {"direction": "delta"}]
+)
+def test_a_state_is_kept(state: dict[str, str]) -> None:
+    assert PointState.read(state).text() == state
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        {"attractor": "x"}, {"attractor": "-1"}, {"attractor": "1e9"}, {"tau": "nan", "v": "4"}, {"tau": "0.5"},
+        {"tau": "0.5", "v": "inf"}, {"tau": "1.5", "v": "3"}, {"tau": "0.5", "v": "0"}, {"tau": "0.5", "v": "1e300"},
+        {"direction": "<script>"}, {"other": "1"},
+    ],
+)  # fmt: skip
+def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) -> None:
+    assert PointState.read(state) == PointState()
+
+
+# The view
+
+
+def with_front(data: Path, body: Callable[[Front], Awaitable[None]], **settings: Any) -> None:
+    async def main() -> None:
+        app = create_app(Settings(data=data, **settings), no_cluster)
+        async with app.router.lifespan_context(app):
+            await body(app.state.front)
+
+    asyncio.run(main())
+
+
+async def until(holds: Callable[[], bool], seconds: float = 60) -> None:
+    deadline = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.02)
+
+
+def is_complete(view: PointView) -> bool:
+    texts = (view._likely, view._safe, view._under_basins, view._under_motion, view._under_diagram)
+    return (
+        all(text.object and "computing" not in text.object for text in texts) and "600 ×" in view._under_basins.object
+    )
+
+
+def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path) -> None:
+    async def body(front: Front) -> None:
+        await prepare(front)
+        ticks: list[float] = []
+
+        async def tick() -> None:
+            while True:
+                ticks.append(time.monotonic())
+                await asyncio.sleep(0.01)
+
+        ticking = asyncio.create_task(tick())
+        view = PointView(front, 0.6, 0.1, 0.6)
+        assert "region IV" in view._where.object
+        assert "2.602, 0.2109" in view._orbits.object
+        await until(lambda: is_complete(view))
+        ticking.cancel()
+        assert np.median(np.diff(ticks)) < 0.1  # the loop runs on
+        assert "probability 7" in view._likely.object
+        assert "<caption>Attractors from 1024 starts</caption>" in view._table.object
+        assert "chaotic" in view._under_motion.object  # the first that is not quiet
+        assert view.state == {}
+        states: list[dict[str, str]] = []
+        view.param.watch(lambda event: states.append(event.new), "state")
+        view._choice.value = 2
+        await until(lambda: view._under_motion.object.startswith('<p class="faint">P(1,1,0)'))
+        view._picture._tapped(type("Tap", (), {"x": 1.25, "y": 4.5}))
+        await until(lambda: "initial condition" in view._under_motion.object)
+        samples = view._motions._samples.data
+        expected = rattle.Gear(0.6, 0.1).trajectory(0.25, 4.5, float(samples["t"][-1]), len(samples["t"]))
+        np.testing.assert_array_equal(samples["phi"], expected.phi)
+        view._direction.value = "delta"
+        await until(lambda: "damping δ" in view._under_diagram.object)
+        start = {"tau": "0.25", "v": "4.5"}
+        assert states == [{"attractor": "2"}, start, start | {"direction": "delta"}]
+        again = PointView(front, 0.6, 0.1, 0.6, **view.state)
+        await until(lambda: again._under_motion.object == view._under_motion.object)
+        await until(lambda: again._under_diagram.object == view._under_diagram.object)
+        assert again._choice.value == view._choice.value
+        for each in (view, again):
+            each.stop()
+
+    with_front(tmp_path, body)
+
+
+def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refusing(_: rattle.Gear) -> None:
+        raise UnavailableError("a margin that takes <b>too long</b>")
+
+    async def body(front: Front) -> None:
+        view = PointView(front, 0.6, 0.1, 0.6)
+
+        async def compute(work: Any, *arguments: Any, what: str, slow: bool = False) -> Any:
+            return refusing(arguments[0]) if slow and what == "The margin" else work(*arguments)
+
+        monkeypatch.setattr(view._work, "compute", compute)
+        await until(lambda: is_complete(view))
+        assert "too long" in view._safe.object
+        assert "<b>" not in view._safe.object
+        assert 'role="alert"' in view._safe.object
+        assert "probability 7" in view._likely.object
+        view.stop()
+
+    with_front(tmp_path, body)
+
+
+def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Path) -> None:
+    async def body(front: Front) -> None:
+        view = PointView(front, 0.6, 0.1, 0.6)
+        await until(lambda: front.points.borrowed_tokens > 0)
+        view.stop()
+        said = view._likely.object
+        await until(lambda: front.points.borrowed_tokens == 0, 10)
+        await asyncio.sleep(0.2)
+        assert view._likely.object == said
+        assert front.points.statistics().tasks_waiting == 0
+
+    with_front(tmp_path, body)
+
+
+@pytest.mark.parametrize(("delta", "epsilon"), [(-1.0, 0.1), (0.6, float("nan")), (0.0, 0.1)])
+def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon: float) -> None:
+    async def body(front: Front) -> None:
+        view = PointView(front, delta, epsilon, 0.6)
+        (text,) = view.__panel__()
+        assert "must" in text.object
+        view.stop()
+
+    with_front(tmp_path, body)

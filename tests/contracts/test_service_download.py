@@ -1,0 +1,124 @@
+"""A survey as a file holds the numbers of its store, whatever program reads it."""
+
+import csv
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from fastapi.testclient import TestClient
+from service_support import BODY, assert_problem, front_end, front_of
+
+from service.database import DoneTile
+from service.estimate import cell_seconds, most_like
+from service.explorer.colouring import colouring
+from service.explorer.planes import Atlas
+from service.tables import State
+from workers import SurveyRequest, compute_tile, create_store, open_survey, tiles_of
+from workers.store import write_tile
+
+REQUEST = SurveyRequest(**BODY)
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    with front_end(tmp_path_factory.mktemp("data")) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def running(client: TestClient) -> str:
+    """The id of a survey with all tiles but the last."""
+    survey_id = str(client.post("/v1/surveys", json=BODY).json()["id"])
+    database = front_of(client).database
+    database.set_state(survey_id, State.RUNNING)
+    store = front_of(client).directory.store(survey_id)
+    create_store(REQUEST, store)
+    for tile in tiles_of(REQUEST)[:-1]:
+        arrays, _ = compute_tile(REQUEST, tile)
+        write_tile(REQUEST, str(store), tile, arrays)
+        database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    return survey_id
+
+
+def test_netcdf_holds_every_number(client: TestClient, running: str, tmp_path: Path) -> None:
+    answer = client.get(f"/v1/surveys/{running}/download.nc")
+    assert answer.status_code == 200
+    assert answer.headers["content-disposition"] == f'attachment; filename="survey-{running}.nc"'
+    assert int(answer.headers["content-length"]) == len(answer.content)
+    (tmp_path / "survey.nc").write_bytes(answer.content)
+    with (
+        open_survey(front_of(client).directory.store(running)) as store,
+        xr.open_dataset(tmp_path / "survey.nc", engine="h5netcdf") as found,
+    ):
+        for name, values in store.data_vars.items():
+            if np.iscomplexobj(values):
+                np.testing.assert_array_equal(found[f"{name}_real"] + 1j * found[f"{name}_imag"], values)
+                assert found[f"{name}_imag"].attrs["long_name"].endswith("imag part")
+            else:
+                np.testing.assert_array_equal(found[name], values)
+                assert found[name].attrs["long_name"] == values.attrs["long_name"]
+        assert np.iscomplexobj(store["orbit_multiplier"])
+        assert found.attrs["content_hash"] == store.attrs["content_hash"]
+        assert found["orbit"].values.tolist() == ["A", "B", "C", "D"]
+    again = client.get(f"/v1/surveys/{running}/download.nc", headers={"If-None-Match": answer.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+
+
+def test_csv_has_a_row_for_each_cell(client: TestClient, running: str) -> None:
+    answer = client.get(f"/v1/surveys/{running}/download.csv")
+    assert answer.headers["content-type"].startswith("text/csv")
+    rows = list(csv.DictReader(io.StringIO(answer.text)))
+    assert len(rows) == REQUEST.n_cells
+    with open_survey(front_of(client).directory.store(running)) as store:
+        for number, row in enumerate(rows):
+            i, j = divmod(number, REQUEST.delta.num)
+            cell = store.isel(epsilon=i, delta=j)
+            assert float(row["delta"]) == cell["delta"]
+            assert float(row["epsilon"]) == cell["epsilon"]
+            for name in ("region", "status", "n_attractors", "quiet_fraction", "lyapunov_max"):
+                value = np.asarray(row[name] or "nan", cell[name].dtype)
+                np.testing.assert_array_equal(value, cell[name])
+    assert "attractor_fraction" not in rows[0]
+
+
+@pytest.mark.parametrize("ending", ["nc", "csv"])
+def test_what_has_no_numbers_cannot_be_downloaded(client: TestClient, ending: str) -> None:
+    assert_problem(client.get(f"/v1/surveys/nothing/download.{ending}"), 404, "no survey")
+    waiting = client.post("/v1/surveys?force=true", json=BODY | {"seed": 9}).json()["id"]
+    assert_problem(client.get(f"/v1/surveys/{waiting}/download.{ending}"), 404, "no numbers yet")
+
+
+def test_a_map_of_a_survey_that_runs_grows_by_the_tiles_that_are_new(client: TestClient, running: str) -> None:
+    front = front_of(client)
+    atlas, survey = Atlas(front), front.database.job(running)
+    plane = atlas.plane(survey, "region", 0)
+    last = tiles_of(REQUEST)[-1]
+    done = np.ones(REQUEST.shape, bool)
+    done[last.epsilon, last.delta] = False
+    np.testing.assert_array_equal(plane.status > 0, done)
+    shades = {shade.label: shade.share for shade in colouring(plane, "auto", False).shades}
+    assert shades["not computed"] == pytest.approx(last.n_cells / REQUEST.n_cells)
+    arrays, _ = compute_tile(REQUEST, last)
+    write_tile(REQUEST, str(front.directory.store(running)), last, arrays)
+    assert plane.update(survey) == 1  # not before the tile is noted: its chunks may be half written
+    front.database.add_tile(running, DoneTile(last.index, last.n_cells, 0.5, 0, []))
+    assert atlas.plane(front.database.job(running), "region", 0) is plane
+    assert (plane.status > 0).all()
+    np.testing.assert_array_equal(plane.values[last.epsilon, last.delta], arrays["region"])
+
+
+def test_a_cost_is_taken_from_the_survey_most_like(client: TestClient, running: str) -> None:
+    front = front_of(client)
+    jobs, _ = front.database.jobs(10)
+    more = REQUEST.model_copy(update={"seed": 1})
+    assert (found := most_like(more, jobs)) is not None
+    assert found.id == running
+    assert front.database.tile_seconds(running) == pytest.approx(0.5 * found.tiles_done)
+    other = SurveyRequest(**BODY | {"quantities": ["region"]})
+    assert most_like(other, jobs) is None
+    many = SurveyRequest(**BODY | {"initial_conditions": {"count": 64}})
+    assert most_like(many, jobs) is None  # sixteen times the sample: not proportional
+    assert 0 < cell_seconds(other) < 1

@@ -1,0 +1,185 @@
+"""Windows of the plane without a cluster: their grid, their levels, their parts."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import workers.quantities
+import workers.window
+from rattle import RattleError
+from workers import (
+    SurveyError,
+    SurveyRequest,
+    Window,
+    compute_part,
+    compute_tile,
+    map_quantity,
+    tiles_of,
+    window_survey,
+)
+from workers.window import Frame, Grid, PartValues
+
+REQUEST = SurveyRequest(
+    delta={"start": 0.4, "stop": 1.0, "num": 7},
+    epsilon={"start": 0.01, "stop": 0.3, "num": 5},
+    quantities=["region", "orbits", "attractors", "lyapunov", "basins"],
+    initial_conditions={"count": 8, "v_max": 6.0},
+    seed=5,
+    tile={"delta": 7, "epsilon": 5},
+)
+WINDOW = Window((0.55, 0.65), (0.08, 0.12))
+
+
+def test_a_window_is_a_survey() -> None:
+    survey = window_survey(REQUEST, WINDOW, (70, 40))
+    assert survey.shape == (33, 65)
+    assert (survey.delta.start, survey.delta.stop) == WINDOW.delta
+    assert (survey.epsilon.start, survey.epsilon.stop) == WINDOW.epsilon
+    kept = {"beta", "quantities", "initial_conditions", "seed"}
+    assert survey.model_dump(include=kept) == REQUEST.model_dump(include=kept)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "cells"), [(2, 2), (3, 3), (4, 3), (9, 9), (20, 17), (33, 33), (64, 33), (800, 769)]
+)
+def test_an_axis_is_on_every_level(pixels: int, cells: int) -> None:
+    assert window_survey(REQUEST, WINDOW, (pixels, 2)).delta.num == cells
+
+
+def test_what_is_beyond_the_plane_is_cut_off() -> None:
+    survey = window_survey(REQUEST, Window((-0.5, 0.5), (-0.1, 0.1)), (100, 100))
+    assert survey.epsilon.start == 0
+    assert 0 < survey.delta.start <= 0.01
+    assert (survey.delta.stop, survey.epsilon.stop) == (0.5, 0.1)
+
+
+def test_an_axis_is_no_finer_than_double_precision() -> None:
+    survey = window_survey(REQUEST, Window((0.6, 0.6 + 1e-14), (0.1, 0.2)), (800, 800))
+    assert 2 <= survey.delta.num < 45
+    assert survey.epsilon.num == 769
+
+
+@pytest.mark.parametrize(
+    ("window", "pixels", "words"),
+    [
+        (Window((0.6, 0.5), (0.1, 0.2)), (9, 9), "no width along delta"),
+        (Window((0.5, 0.6), (0.1, 0.1)), (9, 9), "no width along epsilon"),
+        (Window((-0.6, -0.5), (0.1, 0.2)), (9, 9), "outside the plane"),
+        (Window((0.5, 0.6), (-0.2, 0.0)), (9, 9), "no width along epsilon|outside"),
+        (Window((0.6, 0.6 + 3e-16), (0.1, 0.2)), (9, 9), "zoom out"),
+        (Window((0.5, float("inf")), (0.1, 0.2)), (9, 9), "pair of numbers"),
+        (Window((0.5, float("nan")), (0.1, 0.2)), (9, 9), "pair of numbers"),
+        (Window(("a", "b"), (0.1, 0.2)), (9, 9), "delta"),
+        (Window((0.5, 0.6), (0.1, 0.2)), (1, 9), "pixels"),
+        (Window((0.5, 0.6), (0.1, 0.2)), (9, 10**6), "pixels"),
+    ],
+)
+def test_windows_that_cannot_be(window: Any, pixels: tuple[int, int], words: str) -> None:
+    with pytest.raises(RattleError, match=words):
+        window_survey(REQUEST, window, pixels)
+
+
+@pytest.mark.parametrize(
+    ("variable", "index"), [("weather", 0), ("grazing_epsilon", 0), ("orbit_phase", 4), ("region", 1)]
+)
+def test_maps_that_are_none(variable: str, index: int) -> None:
+    with pytest.raises(SurveyError, match="map"):
+        map_quantity(variable, index)
+
+
+def filled(grid: Grid, cells: int) -> list[tuple[int, Frame]]:
+    """Every level, each cell once, values that tell the cell."""
+    number = np.arange(grid.values.size).reshape(grid.values.shape)
+    frames = []
+    for level in grid.levels:
+        for block in grid.blocks(level):
+            for part in grid.parts(block, cells):
+                assert not grid.known[part].any()
+                assert 0 < number[part].size <= cells
+                grid.put(part, PartValues(number[part], 0, 0.0))
+        frames.append((level, grid.frame(level)))
+    return frames
+
+
+@pytest.mark.parametrize("pixels", [(2, 2), (33, 33), (65, 33), (97, 129), (17, 65)])
+@pytest.mark.parametrize("cells", [1, 10, 100, 10**6])
+def test_levels_cover_the_grid_and_each_cell_once(pixels: tuple[int, int], cells: int) -> None:
+    survey = window_survey(REQUEST, WINDOW, pixels)
+    grid = Grid(survey, map_quantity("lyapunov_max"))
+    number = np.arange(grid.values.size).reshape(grid.values.shape)
+    for level, frame in filled(grid, cells):
+        step = 2**level
+        np.testing.assert_array_equal(frame.values, number[::step, ::step])
+        np.testing.assert_array_equal(frame.delta, survey.delta.values()[::step])
+        np.testing.assert_array_equal(frame.epsilon, survey.epsilon.values()[::step])
+        assert (frame.delta[-1], frame.epsilon[-1]) == (survey.delta.stop, survey.epsilon.stop)
+        assert (frame.done == 1) == (level == 0)
+    assert grid.known.all()
+
+
+def test_meanwhile_a_cell_shows_its_neighbour_of_the_level_before() -> None:
+    grid = Grid(window_survey(REQUEST, WINDOW, (33, 33)), map_quantity("quiet_fraction"))
+    for part in grid.parts(*grid.blocks(grid.levels[0]), 10**6):
+        grid.put(part, PartValues(np.array([[0.0, 0.2], [0.4, 0.6]]), 0, 0.0))
+    frame = grid.frame(grid.levels[1])
+    np.testing.assert_allclose(frame.values, [[0, 0, 0.2], [0, 0, 0.2], [0.4, 0.4, 0.6]], rtol=1e-6)
+    assert frame.done == 4 / 33**2
+    assert grid.levels == (5, 4, 3, 2, 1, 0)
+    assert Grid(window_survey(REQUEST, WINDOW, (33, 33)), map_quantity("region")).levels == (0,)
+
+
+@pytest.mark.parametrize(
+    ("variable", "index"),
+    [
+        ("region", 0), ("orbit_stable", 2), ("orbit_velocity", 3), ("orbit_multiplier", 1), ("attractor_m", 1),
+        ("quiet_fraction", 0), ("fraction_error", 0), ("attractor_lyapunov", 1), ("sum_rule_error", 0),
+        ("crisis_side", 0), ("status", 0),
+    ],
+)  # fmt: skip
+def test_the_values_of_its_survey(variable: str, index: int) -> None:
+    """In parts of any size, a survey with more quantities and other tiles: to the bit."""
+    request = (
+        REQUEST if variable == "crisis_side" else REQUEST.model_copy(update={"quantities": REQUEST.quantities[:-1]})
+    )
+    survey = window_survey(request, WINDOW, (6, 4))
+    (tile,) = tiles_of(survey.model_copy(update={"tile": REQUEST.tile.model_copy(update={"delta": 5, "epsilon": 3})}))
+    stored = compute_tile(survey, tile)[0][variable]
+    plane = stored if stored.ndim == 2 else stored[(index, *(0,) * (stored.ndim - 3))]
+    grid = Grid(survey, map_quantity(variable, index))
+    for level in grid.levels:
+        for block in grid.blocks(level):
+            for part in grid.parts(block, 4):
+                delta, epsilon = grid.delta[part.delta], grid.epsilon[part.epsilon]
+                grid.put(part, compute_part(survey, variable, index, delta, epsilon))
+    assert grid.values.dtype == plane.dtype
+    np.testing.assert_array_equal(grid.values, plane)
+    assert grid.failed == 0
+
+
+@pytest.mark.parametrize(("variable", "lost"), [("lyapunov_max", np.nan), ("status", 3)])
+def test_a_cell_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch, variable: str, lost: float) -> None:
+    request = REQUEST.model_copy(update={"quantities": REQUEST.quantities[:-1]})
+    delta, epsilon = np.array([0.6, 0.7, 0.8]), np.array([0.09, 0.1])
+    whole = compute_part(REQUEST, "lyapunov_max", 0, delta, epsilon).values
+
+    def failing(cells: Any) -> np.ndarray:
+        if 0.7 in cells.delta and 0.1 in cells.epsilon:
+            raise ArithmeticError("a cell of this test")
+        return healthy.evaluate(cells)
+
+    healthy = map_quantity("lyapunov_max")
+    quantities = [replace(each, evaluate=failing) if each is healthy else each for each in workers.window.QUANTITIES]
+    monkeypatch.setattr(workers.window, "QUANTITIES", quantities)
+    monkeypatch.setattr(
+        workers.window, "stored", lambda _: (quantities[-1], map_quantity("lyapunov_max"), quantities[-1])
+    )
+    values, failed, _ = compute_part(request, variable, 0, delta, epsilon)
+    assert failed == 1
+    np.testing.assert_equal(values[1, 1], lost)
+    if variable == "lyapunov_max":
+        whole[1, 1] = np.nan
+        np.testing.assert_array_equal(values, whole)
+    else:
+        assert (np.delete(values.ravel(), 4) != 3).all()

@@ -1,0 +1,293 @@
+"""What protects from each fault of docs/reliability.md, and a test that must fail without it.
+
+    python tests/integration/protections.py [WORD …]
+
+takes out one protection after the other, in a copy of the project, and runs the test, which takes minutes. The words
+choose among the names. That every protection can still be taken out is a test of its own, and a quick one.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+COPIED = ("rattle", "workers", "service", "tests", "pyproject.toml", "docker-compose.yml")
+SECONDS = 150  # a test that hangs has failed
+
+WORKERS = "tests/integration/test_faults_workers.py"
+SERVICE = "tests/integration/test_faults_service.py"
+STORAGE = "tests/integration/test_faults_storage.py"
+ALONE = "tests/integration/test_service_alone.py"
+ENDS = "tests/integration/test_service_ends.py"
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One place of the code; `old` stands there once."""
+
+    file: str
+    old: str
+    new: str
+
+    def apply(self, root: Path) -> None:
+        path = root / self.file
+        text = path.read_text()
+        if (times := text.count(self.old)) != 1:
+            raise ValueError(f"{self.file}: {times} times, not once: {self.old}")
+        path.write_text(text.replace(self.old, self.new))
+
+
+@dataclass(frozen=True)
+class Protection:
+    """What is taken out, and the test that fails then."""
+
+    name: str
+    test: str
+    edits: tuple[Edit, ...]
+
+
+def _one(name: str, test: str, file: str, old: str, new: str) -> Protection:
+    return Protection(name, test, (Edit(file, old, new),))
+
+
+PROTECTIONS = (
+    _one(
+        "a killed worker may take long to come back",
+        f"{WORKERS}::test_workers_killed_at_random",
+        "workers/cluster.py",
+        '"distributed.deploy.lost-worker-timeout": RETURN_SECONDS',
+        '"distributed.deploy.lost-worker-timeout": 0.1',
+    ),
+    _one(
+        "a silent worker is replaced",
+        f"{WORKERS}::test_a_frozen_worker_is_replaced",
+        "workers/cluster.py",
+        '"worker_ttl": SILENT_SECONDS',
+        '"worker_ttl": 300',
+    ),
+    _one(
+        "a late tile is repeated elsewhere",
+        f"{WORKERS}::test_a_tile_of_a_frozen_worker_is_repeated_elsewhere",
+        "workers/submission.py",
+        "        if late:\n",
+        "        if False:\n",
+    ),
+    _one(
+        "a tile that kills workers is computed apart",
+        f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
+        "workers/submission.py",
+        "        if attempt.apart:\n",
+        "        if True:\n",
+    ),
+    _one(
+        "a tile apart goes on after the cell that killed it",
+        f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
+        "workers/isolation.py",
+        '({_cause(child.returncode)})"\n                first, deaths = first + 1, 0\n',
+        '({_cause(child.returncode)})"\n                first, deaths = first, 0\n',
+    ),
+    _one(
+        "a cell that raises fails alone",
+        f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
+        "workers/tiles.py",
+        "        except Exception:  # whatever the model raises is that cell's result\n",
+        "        except MemoryError:\n",
+    ),
+    _one(
+        "processes of unwanted tiles are ended",
+        f"{WORKERS}::test_unwanted_tiles_end_at_once",
+        "workers/submission.py",
+        "        end_processes(self._client, busy)\n",
+        "",
+    ),
+    _one(
+        "a dismissal ends processes",
+        f"{SERVICE}::test_a_dismissal_ends_the_work_and_a_deletion_the_store",
+        "service/jobs.py",
+        "self._interrupted, self._dismissed.is_set)",
+        "self._interrupted)",
+    ),
+    Protection(
+        "a lost scheduler is not the survey's fault",
+        "tests/integration/test_faults_scheduler.py",
+        (
+            Edit(
+                "service/jobs.py",
+                "except (ClusterLostError, CommClosedError, SQLAlchemyError,",
+                "except (SQLAlchemyError,",
+            ),
+            Edit("service/jobs.py", 'if client.status != "running":  # whatever', "if False:  # whatever"),
+        ),
+    ),
+    Protection(
+        "cancelled by nobody, or not answering, the scheduler is gone",
+        "tests/integration/test_workers_cluster.py::test_a_dead_scheduler_is_told_from_a_stop",
+        (
+            Edit(
+                "workers/submission.py",
+                "            raise _lost()\n        if future.status",
+                "            return None\n        if future.status",
+            ),
+            Edit(
+                "workers/submission.py",
+                "            raise _lost() from error\n        now",
+                "            return 0\n        now",
+            ),
+        ),
+    ),
+    _one(
+        "a store appears whole",
+        f"{SERVICE}::test_killed_at_every_instant",
+        "workers/location.py",
+        "            with self._beside(write) as sibling:\n                os.rename(sibling, self.path)\n",
+        "            write(self.path)\n",
+    ),
+    _one(
+        "an interrupted survey is taken up again",
+        f"{SERVICE}::test_killed_at_every_instant",
+        "service/database/surveys.py",
+        "select(JobRow).where(IS_ACTIVE).order_by",
+        "select(JobRow).where(JobRow.state == State.ACCEPTED).order_by",
+    ),
+    _one(
+        "a tile counts only if the database has its row",
+        f"{SERVICE}::test_killed_at_every_instant",
+        "service/jobs.py",
+        "self._database.tiles_done(survey_id) & tiles_done(request, path)",
+        "tiles_done(request, path)",
+    ),
+    _one(
+        "a tile counts only if the store has its numbers",
+        f"{SERVICE}::test_damage_is_repaired_on_request",
+        "service/jobs.py",
+        "self._database.tiles_done(survey_id) & tiles_done(request, path)",
+        "self._database.tiles_done(survey_id)",
+    ),
+    _one(
+        "published last",
+        f"{SERVICE}::test_killed_at_every_instant",
+        "service/jobs.py",
+        "            finish_store(path)\n            self._database.set_state(survey_id, State.SUCCESSFUL)\n",
+        "            self._database.set_state(survey_id, State.SUCCESSFUL)\n            finish_store(path)\n",
+    ),
+    _one(
+        "a run says that the disk is full",
+        f"{STORAGE}::test_a_run_on_a_full_disk_is_resumed",
+        "workers/submission.py",
+        "            if isinstance(error, OSError):\n",
+        "            if False:\n",
+    ),
+    _one(
+        "a service waits for its store",
+        f"{STORAGE}::test_a_service_waits_for_a_full_disk",
+        "service/jobs.py",
+        "        except StorageError as error:\n            if self",
+        "        except ZeroDivisionError as error:\n            if self",
+    ),
+    _one(
+        "every chunk has a checksum",
+        f"{STORAGE}::test_every_byte_of_a_chunk_is_under_its_checksum",
+        "workers/template.py",
+        "CODECS = (ZstdCodec(level=0), Crc32cCodec())",
+        "CODECS = (ZstdCodec(level=0),)",
+    ),
+    _one(
+        "every chunk has a file",
+        f"{STORAGE}::test_damaged_and_lost_chunks_are_found_and_computed_again",
+        "workers/store.py",
+        '"array.write_empty_chunks": True',
+        '"array.write_empty_chunks": False',
+    ),
+    _one(
+        "what the database does not own is left alone",
+        "tests/contracts/test_service_recovery.py::test_only_what_the_database_owns_is_swept",
+        "service/recovery.py",
+        "        if entry.survey_id not in known:\n",
+        "        if entry.survey_id not in known:\n            entry.remove()\n",
+    ),
+    _one(
+        "a deletion is noted before it begins",
+        "tests/contracts/test_service_recovery.py::test_a_deletion_is_noted_before_it_begins",
+        "service/jobs.py",
+        "            self._database.begin_deletion(survey_id)  # or a crash would leave a survey that seems whole\n",
+        "",
+    ),
+    _one(
+        "a deletion that was begun is ended",
+        "tests/contracts/test_service_recovery.py::test_a_deletion_that_was_begun_is_ended",
+        "service/recovery.py",
+        "        directory.remove_store(survey_id)\n        database.delete(survey_id)\n",
+        "        pass\n",
+    ),
+    _one(
+        "one service on one database",
+        f"{ALONE}::test_a_second_service_is_refused_by_data_directory_and_by_database",
+        "service/database/hold.py",
+        "fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)",
+        "pass",
+    ),
+    _one(
+        "one server on one data directory",
+        f"{ALONE}::test_several_workers_of_uvicorn_are_refused",
+        "service/datadir.py",
+        "fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)",
+        "pass",
+    ),
+    _one(
+        "surveys stop while open requests end",
+        f"{ENDS}::test_a_busy_service_ends_in_time_with_its_tiles",
+        "service/server.py",
+        "            front.end()\n",
+        "            pass\n",
+    ),
+)
+
+
+def _tail(output: str) -> str:
+    errors = [line for line in output.splitlines() if line.startswith("E  ")]
+    return (errors or output.splitlines() or ["nothing was said"])[0].removeprefix("E").strip()[:160]
+
+
+def try_out(protection: Protection) -> bool:
+    """Whether the test fails without the protection; prints how."""
+    with tempfile.TemporaryDirectory() as directory:
+        copy = Path(directory)
+        for name in COPIED:
+            source = ROOT / name
+            if source.is_dir():
+                shutil.copytree(source, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+            else:
+                shutil.copy2(source, copy / name)
+        for edit in protection.edits:
+            edit.apply(copy)
+        began = time.monotonic()
+        command = [sys.executable, "-m", "pytest", "-x", "-q", f"--timeout={SECONDS}", "-p", "no:cacheprovider"]
+        told = subprocess.run(
+            [*command, *protection.test.split()],
+            cwd=copy,
+            env=os.environ | {"PYTHONPATH": str(copy)},
+            capture_output=True,
+            text=True,
+        )
+    failed = told.returncode == 1  # 0: passed, others: it did not run
+    seconds = time.monotonic() - began
+    print(f"{'failed' if failed else 'NOT SEEN'} {seconds:4.0f} s  {protection.name}: {_tail(told.stdout)}", flush=True)
+    return failed
+
+
+def main() -> None:
+    words = sys.argv[1:]
+    chosen = [each for each in PROTECTIONS if not words or any(word in each.name for word in words)]
+    results = [try_out(protection) for protection in chosen]
+    sys.exit(0 if results and all(results) else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,24 @@
+"""The list of protections keeps up with the code: each can still be taken out, and its test is still there."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+from protections import PROTECTIONS, ROOT, Protection
+
+
+@pytest.mark.parametrize("protection", PROTECTIONS, ids=lambda protection: protection.name)
+def test_it_can_be_taken_out(protection: Protection, tmp_path: Path) -> None:
+    for file in {edit.file for edit in protection.edits}:
+        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / file, tmp_path / file)
+    for edit in protection.edits:
+        edit.apply(tmp_path)
+        compile((tmp_path / edit.file).read_text(), edit.file, "exec")
+    path, _, function = protection.test.partition("::")
+    assert f"def {function or 'test_'}" in (ROOT / path).read_text()
+
+
+def test_every_file_of_faults_has_one() -> None:
+    tested = {protection.test.partition("::")[0] for protection in PROTECTIONS}
+    assert {str(path.relative_to(ROOT)) for path in (ROOT / "tests/integration").glob("test_faults_*.py")} <= tested

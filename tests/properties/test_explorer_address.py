@@ -1,0 +1,68 @@
+"""The address of a view: read back it is the same view, and no address is an error."""
+
+from urllib.parse import parse_qs
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from service.explorer import axes
+from service.explorer.address import LIMITS, OVERLAYS, THEMES, View
+
+numbers = st.floats(-1e3, 1e3)
+windows = st.tuples(numbers, numbers).filter(lambda pair: pair[0] < pair[1])
+words = st.from_regex(r"[a-z][a-z_0-9]{0,20}", fullmatch=True)
+views = st.builds(
+    View,
+    survey=words,
+    variable=words,
+    index=st.integers(0, 64),
+    limits=st.sampled_from(LIMITS) | windows,
+    log=st.booleans(),
+    overlays=st.sets(st.sampled_from(OVERLAYS)).map(lambda chosen: tuple(n for n in OVERLAYS if n in chosen)),
+    delta=st.none() | windows.filter(lambda pair: pair[1] > 0),
+    epsilon=st.none() | windows,
+    point=st.tuples(st.floats(1e-3, 10.0), st.floats(0.0, 10.0)),
+    theme=st.sampled_from(THEMES),
+    point_state=st.dictionaries(words, words, max_size=4),
+)
+
+
+@given(views)
+def test_an_address_reproduces_its_view(view: View) -> None:
+    query = {name: [value.encode() for value in values] for name, values in parse_qs(view.query()[1:]).items()}
+    assert View.parse(query) == view
+
+
+names = ("survey", "variable", "index", "limits", "log", "overlays", "delta", "epsilon", "point", "theme")
+nonsense = st.binary(max_size=30) | st.sampled_from((b"nan,1", b"1,2", b"1e400,2", b"-1,-2", b"9" * 5000))
+
+
+@given(st.dictionaries(st.sampled_from(names) | st.text(max_size=5), st.lists(nonsense, max_size=2)))
+def test_no_address_is_an_error(query: dict[str, list[bytes]]) -> None:
+    view = View.parse(query)
+    assert View.parse({k: [v[0].encode()] for k, v in parse_qs(view.query()[1:]).items()}) == view
+    assert view.theme in THEMES
+
+
+@given(st.floats(1e-4, 1e4), st.floats(1e-12, 1e-6))
+def test_labels_of_a_narrow_axis_are_exact(middle: float, relative: float) -> None:
+    low, high = middle * (1 - relative), middle * (1 + relative)
+    found = axes.offset_of((low, high))
+    assert found is not None
+    offset, power = found
+    assert abs(offset - middle) <= high - low
+    assert 0.9 <= (high - low) / 10.0**power <= 10.3
+    ticks = np.linspace(low, high, 100)
+    assert len({axes.written(float(tick), (low, high)) for tick in ticks}) == 100 or relative < 1e-11
+
+
+def test_wide_axes_have_no_offset() -> None:
+    assert axes.offset_of((0.4, 1.0)) is None
+    assert axes.offset_of((0.0, 1e-9)) is None
+
+
+@pytest.mark.parametrize("name", ["delta", "point", "limits"])
+def test_a_window_the_wrong_way_round_is_left_out(name: str) -> None:
+    assert View.parse({name: [b"2,-1"]}) == View()

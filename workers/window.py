@@ -1,0 +1,203 @@
+"""A window of the (δ, ε) plane at screen resolution: its grid, what is computed first, what is seen meanwhile.
+
+A window is the grid of the survey that it would be, and its cells are evaluated as those of that survey. Every level
+has every other row and column of the next, up to the whole grid.
+"""
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from pydantic import ValidationError
+
+from rattle.errors import require_integer, require_pair
+from workers.cells import Cells
+from workers.errors import SurveyError
+from workers.evaluate import FAILED
+from workers.quantities import QUANTITIES, shape_of, stored
+from workers.request import Axis, SurveyRequest, TileShape, reason
+from workers.schema import SAMPLED, Group, Quantity
+from workers.tiles import MACHINE_FAILURES
+
+HALVINGS = 5  # from the coarsest level to the whole grid
+MOST_PIXELS = 4096
+RESOLVED = 4  # units in the last place between neighbouring values of an axis
+CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})  # at once at full resolution
+
+
+class Window(NamedTuple):
+    """A rectangle of the plane, (low, high) of each axis."""
+
+    delta: tuple[float, float]
+    epsilon: tuple[float, float]
+
+
+class Part(NamedTuple):
+    """Some cells of a window's grid: every so many rows and columns of it."""
+
+    epsilon: slice
+    delta: slice
+
+
+class PartValues(NamedTuple):
+    """What became of a part: values (n_epsilon, n_delta), cells that failed, and seconds."""
+
+    values: np.ndarray
+    failed: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A window as far as it is known: cell centres delta (n,) and epsilon (m,), values (m, n) in the dtype of the map.
+
+    Where a cell of this level is still to be computed, the value is that of a cell of the level before beside it. done:
+    share of the cells of the finest level that are computed, 1 in the last frame; failed: cells without a value because
+    they could not be computed.
+    """
+
+    delta: np.ndarray
+    epsilon: np.ndarray
+    values: np.ndarray
+    done: float
+    failed: int
+
+
+def map_quantity(variable: str, index: int = 0) -> Quantity:
+    """Return the variable of a map. Raises SurveyError if there is no such map, as of a survey."""
+    maps = {quantity.name: quantity for quantity in QUANTITIES if quantity.per_cell}
+    if variable not in maps:
+        raise SurveyError(f"no map of {variable!r}: there are {', '.join(maps)}")
+    count, *_ = (*shape_of(maps[variable], (1, 1))[:-2], 1)
+    if not 0 <= index < count:
+        raise SurveyError(f"{variable} has no map {index}: use an index from 0 to {count - 1}")
+    return maps[variable]
+
+
+def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int]) -> SurveyRequest:
+    """Return the survey of a window with about so many cells along (delta, epsilon): its cells are the window's.
+
+    What is beyond the plane (δ ≤ 0, ε < 0) is cut off, and no axis is finer than double precision tells values apart.
+    All else is as in `request`, but for the tile, which is the default one.
+
+    Raises:
+        ParameterError: the window or its pixels are no numbers, or out of range.
+        SurveyError: the window is empty, outside the plane or too narrow.
+    """
+    axes = {}
+    try:
+        for name, span, number in zip(("delta", "epsilon"), window, pixels, strict=True):
+            low, high = require_pair(name, span)
+            axes[name] = _axis(name, low, high, require_integer(f"pixels along {name}", number, 2, MOST_PIXELS))
+        return SurveyRequest.model_validate(request.model_dump() | axes | {"tile": TileShape()})
+    except ValidationError as error:
+        raise SurveyError(f"the window cannot be computed: {reason(error)}") from error
+
+
+def _axis(name: str, low: float, high: float, number: int) -> Axis:
+    """Return an axis of 2ᵖk + 1 values, p up to HALVINGS: so its ends are on every level."""
+    if not low < high:
+        raise SurveyError(f"the window has no width along {name} ({low} to {high}): choose another")
+    least = (high - low) / number if name == "delta" else 0.0
+    if high <= least:
+        raise SurveyError(f"the window lies outside the plane ({name} up to {high}): move it")
+    low = max(low, least)
+    number = min(number, int((high - low) / (RESOLVED * math.ulp(high))))
+    if number < 2:
+        raise SurveyError(f"the window is too narrow for double precision along {name} ({low} to {high}): zoom out")
+    step = 2 ** min(HALVINGS, (number - 1).bit_length() - 1)
+    return Axis(start=low, stop=high, num=step * max(1, (number - 1) // step) + 1)
+
+
+class Grid:
+    """The grid of a window while it fills."""
+
+    def __init__(self, survey: SurveyRequest, quantity: Quantity) -> None:
+        self.delta, self.epsilon = survey.delta.values(), survey.epsilon.values()
+        self.values = np.full(survey.shape, quantity.fill, quantity.dtype)
+        self.known = np.zeros(survey.shape, np.bool_)
+        self.failed = 0
+        whole = math.gcd(*(number - 1 for number in survey.shape))
+        halvings = min(HALVINGS, (whole & -whole).bit_length() - 1)
+        self.levels = (0,) if quantity.group in CLOSED_FORM else tuple(range(halvings, -1, -1))
+
+    def blocks(self, level: int) -> tuple[Part, ...]:
+        """The cells of a level that no level before has, as one or two parts."""
+        step = 2**level
+        if level == self.levels[0]:
+            return (Part(slice(0, None, step), slice(0, None, step)),)
+        odd, even, every = (slice(start, None, by) for start, by in ((step, 2 * step), (0, 2 * step), (0, step)))
+        return Part(odd, every), Part(even, odd)
+
+    def parts(self, block: Part, cells: int) -> Iterator[Part]:
+        """Cut a block into parts of about so many cells: bands of rows, or pieces of a row."""
+        rows, columns = range(self.epsilon.size)[block.epsilon], range(self.delta.size)[block.delta]
+        band = max(1, cells // max(len(columns), 1))
+        piece = len(columns) if cells >= len(columns) else max(1, cells)
+        for i in range(0, len(rows), band):
+            for j in range(0, len(columns), piece):
+                yield Part(*(_slice(some) for some in (rows[i : i + band], columns[j : j + piece])))
+
+    def put(self, part: Part, found: PartValues) -> None:
+        """Enter the values of a part."""
+        self.values[part] = found.values
+        self.known[part] = True
+        self.failed += found.failed
+
+    def frame(self, level: int) -> Frame:
+        """Return what is known, at this level, with the level before where it is not."""
+        step = 2**level
+        rows, columns = (np.arange(0, number, step) for number in self.values.shape)
+        at, known = self.values[np.ix_(rows, columns)], self.known[np.ix_(rows, columns)]
+        before = self.values[np.ix_(rows - rows % (2 * step), columns - columns % (2 * step))]
+        return Frame(
+            self.delta[columns], self.epsilon[rows], np.where(known, at, before), float(self.known.mean()), self.failed
+        )
+
+
+def _slice(some: range) -> slice:
+    return slice(some.start, some.stop, some.step)
+
+
+def compute_part(
+    request: SurveyRequest, variable: str, index: int, delta: np.ndarray, epsilon: np.ndarray
+) -> PartValues:
+    """Compute a map on the cells epsilon × delta: the task that a cluster runs. A cell that fails keeps the fill."""
+    began = time.perf_counter()
+    quantity = map_quantity(variable, index)
+    wanted = (quantity,) if quantity.group else stored(request.quantities)  # the status tells of all that are stored
+    groups = {each.group for each in wanted}
+    sample = request.initial_conditions
+    cells = Cells(
+        delta=delta,
+        epsilon=epsilon,
+        beta=request.beta,
+        count=sample.count if SAMPLED.intersection(groups) else 0,
+        v_max=sample.v_max,
+        seed=request.seed,
+    )
+    failed = 0
+    try:
+        values = _evaluated(wanted, index, cells)
+    except MACHINE_FAILURES:
+        raise
+    except Exception:  # whatever the model raises is that cell's result
+        values = np.full(cells.shape, quantity.fill if quantity.group else FAILED, quantity.dtype)
+        for cell in np.ndindex(cells.shape):
+            try:
+                values[cell] = _evaluated(wanted, index, cells.one(*cell))[0, 0]
+            except MACHINE_FAILURES:
+                raise
+            except Exception:
+                failed += 1
+    return PartValues(values, failed, time.perf_counter() - began)
+
+
+def _evaluated(wanted: tuple[Quantity, ...], index: int, cells: Cells) -> np.ndarray:
+    """Evaluate some variables, and return the map of the last."""
+    for quantity in (each for each in wanted if each.per_cell):
+        values = np.asarray(quantity.evaluate(cells)).astype(quantity.dtype)
+    return values[(index, *(0,) * (values.ndim - 3))] if values.ndim > 2 else values
