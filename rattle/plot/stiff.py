@@ -3,6 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 
+from rattle.branches import branch
 from rattle.errors import require
 from rattle.flight import wrapped
 from rattle.gear import Gear
@@ -54,8 +55,6 @@ def _motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit])
 
 def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
     delta, beta = limit.delta, limit.beta
-    from rattle.branches import branch
-
     span = 0.5 * limit.epsilon, 1.6 * limit.epsilon
     truth = {str(event.kind): event.epsilon for event in branch(limit, "epsilon", span).events}
     found: dict[str, list[tuple[float, float]]] = {"SN1": [], "SN2": [], "PD1": [], "quiet limit": []}

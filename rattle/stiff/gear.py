@@ -76,7 +76,7 @@ class StiffGear:
         time, tau = require_number("time", time), _phase(phase)
         require(time <= LONGEST_RUN, f"time must be at most {LONGEST_RUN:g} forcing periods, got {time}")
         wall = GAP
-        if abs(position) > self.beta:
+        if abs(position) >= self.beta:
             wall = SIGMA_PLUS if position > 0.0 else SIGMA_MINUS
         start = abs(position) - self.beta if wall != GAP else position
         status, end, x, w, n_plus, n_minus, *tangent = flow(

@@ -12,7 +12,7 @@ from rattle.errors import RattleError, require, require_finite, require_integer,
 from rattle.impact_equations import Array
 from rattle.orbits import multipliers_of
 from rattle.periodic import MOST_IMPACTS, PeriodicOrbit, at_parameters
-from rattle.stiff.contact import ENDS, contact_end
+from rattle.stiff.contact import ENDS, contact_end, responses
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.flow import OK, QUIET, departs, piece
 
@@ -84,8 +84,6 @@ def softness(kappa: float) -> float:
 
 def trace_of(itinerary: StiffItinerary, x: Array) -> float:
     """The trace of the tangent map (2, 2) in (Φ, Φ') over the period: a product of exact ones, each det e^(−δs)."""
-    from rattle.stiff.contact import responses
-
     c, p = itinerary.contacts, itinerary.softness
     delta, kappa = float(x[-2]), 0.5 / p**2
     ends = np.append(x[:c], x[0] + itinerary.m)

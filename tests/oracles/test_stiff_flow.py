@@ -8,7 +8,7 @@ from mpmath import mp, mpf
 from stiff_high_precision import Contact, integrated
 
 from rattle.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
-from rattle.stiff import contact, flow
+from rattle.stiff import StiffGear, contact, flow
 from rattle.stiff.quiet import quiet_depth, quiet_limit
 from rattle.stiff.returns import StiffPoint, step, step_tangent
 
@@ -168,6 +168,18 @@ def test_tangent_of_a_return_is_its_derivative() -> None:
         np.testing.assert_allclose(found, quotient, rtol=2e-5, atol=2e-5 * np.abs(found).max())
         v1 = step(tau, v, point)[2]
         assert np.linalg.det(found) == pytest.approx(math.exp(log_det) * v / v1, rel=1e-9)
+
+
+def test_a_return_is_a_flight_from_wall_to_wall() -> None:
+    for wall_speed in (0.5, 3.0, 6.0):
+        gear = StiffGear(0.6, 0.1, BETA, 1e4)
+        back = gear.impact(0.3, wall_speed)
+        end = gear.flight(BETA, -wall_speed, 0.3, back.time)
+        assert (end.position, end.velocity) == pytest.approx((BETA, -back.v), abs=1e-11)
+        assert (end.n_plus, end.n_minus) == (1, back.n_minus)
+        pressed = gear.flight(BETA, wall_speed, 0.3, 1e-3)  # starts in contact
+        assert pressed.position > BETA
+        assert np.linalg.det(pressed.tangent) == pytest.approx(math.exp(-0.6e-3))
 
 
 def test_runs_compose() -> None:

@@ -7,9 +7,19 @@ import pytest
 from stiff_high_precision import integrated
 
 import rattle
+from rattle.bifurcations import Kind
 from rattle.errors import ParameterError, RattleError
 from rattle.impact_equations import derivatives
-from rattle.stiff import StiffGear, from_limit, quiet_limit, saddle_node_1, stiff_branch, stiff_curve, stiff_orbit
+from rattle.stiff import (
+    StiffEvent,
+    StiffGear,
+    from_limit,
+    quiet_limit,
+    saddle_node_1,
+    stiff_branch,
+    stiff_curve,
+    stiff_orbit,
+)
 from rattle.stiff.returns import StiffPoint, step_tangent
 
 DELTA, EPSILON, BETA = 0.6, 0.075, 0.6
@@ -178,16 +188,9 @@ def test_curves_in_two_parameters_hold_the_saddle_nodes_of_branches() -> None:
     beside = from_limit(impacting("D", delta, epsilon + 0.005), kappa)
     folds = [e.orbit.epsilon for e in stiff_branch(beside, "epsilon", (epsilon - 0.01, epsilon + 0.02)).events]
     assert min(abs(fold - epsilon) for fold in folds) < 1e-9
-    line = stiff_curve(stiff_branch_event(saddle_node_1(0.6, kappa)), (0.5, 0.7), (0.02, 0.12), 12)
+    line = stiff_curve(StiffEvent(Kind.SADDLE_NODE, saddle_node_1(0.6, kappa), 0), (0.5, 0.7), (0.02, 0.12), 12)
     for x in line[:: max(len(line) // 4, 1)]:
         assert saddle_node_1(float(x[-2]), kappa).epsilon == pytest.approx(x[-1], abs=1e-10)
-
-
-def stiff_branch_event(orbit):
-    from rattle.bifurcations import Kind
-    from rattle.stiff import StiffEvent
-
-    return StiffEvent(Kind.SADDLE_NODE, orbit, 0)
 
 
 @pytest.mark.parametrize(("delta", "beta", "kappa"), [(5.0, 0.1, 1.0), (0.2, 0.6, 30.0), (5.0, 2.0, 1e10)])
