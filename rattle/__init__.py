@@ -3,7 +3,7 @@
 `Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and
 `quiet_limit` work on whole arrays. `periodic_orbit` solves for any periodic motion; `branch`, `doubled`, `beyond` and
 `cascade` follow it in one parameter, and `diagram` follows everything along a segment; `curves` has the bifurcation
-curves of the (δ, ε) plane.
+curves of the (δ, ε) plane; `rattle.stiff` is the gear with stiff contact, of which this is the limit.
 """
 
 from rattle import curves

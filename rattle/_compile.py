@@ -5,6 +5,7 @@ imports. Ours is keyed by the sources of the whole library, the compiler's versi
 """
 
 import hashlib
+import inspect
 import os
 import platform
 import sys
@@ -16,6 +17,7 @@ from typing import Any
 import llvmlite
 import numba
 import numpy as np
+from numba.extending import overload
 
 config: Any = numba.config  # its options are made at run time
 
@@ -88,6 +90,21 @@ class Kernel(Inline):
     def _first(self, *arguments: Any) -> Any:
         self._run = self._entry
         return _with_room(self._entry, *arguments)
+
+
+def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Say what a function is, inside kernels, whose last argument is a named tuple of this kind: the decorated one."""
+
+    def register(implementation: Callable[..., Any]) -> Callable[..., Any]:
+        def choose(*arguments: Any) -> Any:
+            return implementation if getattr(arguments[-1], "instance_class", None) is kind else None
+
+        choose.__signature__ = inspect.signature(implementation)  # type: ignore[attr-defined]
+        options: Any = {"forceinline": False, **_INSIDE}
+        overload(function, strict=False, jit_options=options)(choose)
+        return implementation
+
+    return register
 
 
 def kernel(function: Callable[..., Any]) -> Kernel:

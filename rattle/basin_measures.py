@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors import KINDS, UNDECIDED
-from rattle.basins import Basins, classified
+from rattle.basins import Basins, Plane, classified
 from rattle.errors import require, require_integer, require_number
 from rattle.sampling import Z_95, wilson_interval
 
@@ -127,14 +127,14 @@ def power_law(
     return slope, float(Z_95 * np.sqrt(max(scatter, 1.0) / spread))
 
 
-def uncertainty(delta: float, epsilon: float, beta: float, pairs: int, v_max: float, seed: int) -> Uncertainty:
+def uncertainty(plane: Plane, pairs: int, v_max: float, seed: int) -> Uncertainty:
     """See `rattle.Gear.uncertainty`."""
     pairs = require_integer("pairs", pairs, 1, MOST_PAIRS // 16)
     v_max = require_number("v_max", v_max, positive=True)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
     sizes = np.asarray(LARGEST_SIZE / 2.0 ** np.arange(SIZES), np.float64)
     tau, v = _pairs(sizes, pairs, v_max, seed)
-    table, rows, _impacts = classified((delta, epsilon, beta), tau.ravel(), v.ravel())
+    table, rows, _impacts = classified(plane, tau.ravel(), v.ravel())
     one, other = np.moveaxis(rows.reshape(tau.shape), 1, 0)
     decided = (table.kind[one] != UNDECIDED) & (table.kind[other] != UNDECIDED)
     uncertain, count = ((one != other) & decided).sum(axis=1), decided.sum(axis=1)

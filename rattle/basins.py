@@ -8,6 +8,7 @@ spreads over the grid in two ways: to neighbours, and to all cells that the map 
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,9 @@ from rattle.flight import wrapped
 from rattle.iterate import iterate
 from rattle.quiet import capture_invariant
 from rattle.sampling import initial_conditions
-from rattle.survey import followed
+from rattle.survey import Survey, followed
+
+Array = NDArray[np.float64]
 
 METHODS = ("cells", "direct", "refined")
 FINEST = 4096  # cells a side: 16 million trajectories, some gigabytes
@@ -29,7 +32,54 @@ LATTICE = 8  # refined: every so many cells along τ and v one is followed whate
 RETURNS = 8  # steps of the cell map that a state above v_max may take to come back before it is followed exactly
 MOST_IMPACTS = 1000
 
-Parameters = tuple[float, float, float]
+
+class Plane(Protocol):
+    """The states (τ, v) on Σ⁺ of one model at one parameter point; arrays (k,)."""
+
+    def followed(self, tau: Array, v: Array) -> Survey:
+        """The states as samples of one cell, each followed to its end."""
+
+    def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """The states after so many returns, and whether they have become quiet on the way."""
+
+    def located(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:
+        """The cell of every state: row-major (v, τ) of n × n, n² if it is sure to become quiet, −1 above v_max."""
+
+    def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
+        """So many initial conditions."""
+
+
+class ImpactingPlane(NamedTuple):
+    """The plane of the impacting model."""
+
+    delta: float
+    epsilon: float
+    beta: float
+
+    @property
+    def arrays(self) -> tuple[Array, Array, Array]:
+        """δ, ε, β (1,)."""
+        return np.array([self.delta]), np.array([self.epsilon]), np.array([self.beta])
+
+    def followed(self, tau: Array, v: Array) -> Survey:
+        """See `Plane`."""
+        return followed(*self.arrays, tau[None].copy(), v[None].copy())
+
+    def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """See `Plane`; a trajectory that becomes quiet goes on bouncing, and is located there."""
+        moved = iterate(self.delta, self.epsilon, tau, v, returns, self.beta)
+        return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
+
+    def located(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:
+        """See `Plane`."""
+        cell = np.empty(tau.size, np.int64)
+        locate(tau, v, n, v_max, self.delta, self.epsilon, capture_invariant(*self), cell)
+        return cell
+
+    def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
+        """See `Plane`."""
+        tau, v = initial_conditions(*self.arrays, count, v_max, 0)
+        return tau[0], v[0]
 
 
 @dataclass(frozen=True)
@@ -49,12 +99,9 @@ class Basins:
     method: str
 
 
-def classified(
-    parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64]
-) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
+def classified(plane: Plane, tau: Array, v: Array) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
     """The attractors that states (n,) go to, by the one classifier: the table, each state's row and impacts."""
-    delta, epsilon, beta = (np.array([x]) for x in parameters)
-    survey = followed(delta, epsilon, beta, tau[None].copy(), v[None].copy())
+    survey = plane.followed(tau, v)
     table, rows = tabulated(survey)
     return table, rows, survey.samples.impacts
 
@@ -76,27 +123,18 @@ def boundary(labels: NDArray[np.int64]) -> NDArray[np.bool_]:
     return found
 
 
-def _images(
-    parameters: Parameters, tau: NDArray[np.float64], v: NDArray[np.float64], n: int, v_max: float, impacts: int
-) -> NDArray[np.int64]:
+def _images(plane: Plane, tau: Array, v: Array, n: int, v_max: float, impacts: int) -> NDArray[np.int64]:
     """The map of cells (n² + 1,), the last the sink of quiet capture. A cell whose motion does not return below v_max
     maps to itself: a group of its own, which is then followed exactly.
     """
-    sink, (delta, epsilon, beta) = tau.size, parameters
-    capture = capture_invariant(delta, epsilon, beta)
-
-    def cells_of(t: NDArray[np.float64], speed: NDArray[np.float64]) -> NDArray[np.int64]:
-        cell = np.empty(t.size, np.int64)
-        locate(t, speed, n, v_max, delta, epsilon, capture, cell)
-        return cell
-
-    t, speed, *_ = iterate(delta, epsilon, tau, v, impacts, beta)
-    image = np.append(cells_of(t, speed), sink)
-    image[:-1][cells_of(tau, v) == sink] = sink
+    sink = tau.size
+    t, speed, rests = plane.iterated(tau, v, impacts)
+    image = np.append(np.where(rests, sink, plane.located(t, speed, n, v_max)), sink)
+    image[:-1][plane.located(tau, v, n, v_max) == sink] = sink
     outside = np.flatnonzero(image < 0)
     for _ in range(RETURNS):
-        t[outside], speed[outside], *_ = iterate(delta, epsilon, t[outside], speed[outside], impacts, beta)
-        image[outside] = cells_of(t[outside], speed[outside])
+        t[outside], speed[outside], rests = plane.iterated(t[outside], speed[outside], impacts)
+        image[outside] = np.where(rests, sink, plane.located(t[outside], speed[outside], n, v_max))
         outside = outside[image[outside] < 0]
     image[outside] = outside
     return image
@@ -105,8 +143,8 @@ def _images(
 class States:
     """States of one parameter point that are followed in several calls, with one table of their attractors."""
 
-    def __init__(self, parameters: Parameters) -> None:
-        self.parameters = parameters
+    def __init__(self, plane: Plane) -> None:
+        self.plane = plane
         n, x = np.zeros(0, np.int64), np.zeros(0)
         self.table = Attractors(n, n, n, n, n, n, x, x, x, x, x, n)
         self.tau, self.v = x, x  # a state that goes to each: followed again, it tells which one that is in a new call
@@ -114,7 +152,7 @@ class States:
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """As `classified`, but rows of the common table, in which what is known keeps its row."""
         known, tau, v = self.tau.size, np.append(self.tau, tau), np.append(self.v, v)
-        table, rows, impacts = classified(self.parameters, tau, v)
+        table, rows, impacts = classified(self.plane, tau, v)
         row_of = self._known(table, rows[:known])
         fresh = np.flatnonzero(row_of < 0)
         row_of[fresh] = known + np.arange(fresh.size)
@@ -138,28 +176,21 @@ class States:
 
 
 def _by_cells(
-    parameters: Parameters,
-    tau: NDArray[np.float64],
-    v: NDArray[np.float64],
-    n: int,
-    v_max: float,
-    impacts: int,
-    refine: bool,
+    plane: Plane, tau: Array, v: Array, n: int, v_max: float, impacts: int, refine: bool
 ) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
     """As `classified` for the centres of all cells, by simple cell mapping; if refine, a lattice of cells by their own
     trajectories, and every cell with another label among its neighbours, until there is none left.
     """
-    image = _images(parameters, tau, v, n, v_max, impacts)
+    image = _images(plane, tau, v, n, v_max, impacts)
     group, steps, members = groups_of_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
     chosen = np.concatenate([members[:-1], on_sink])  # the sink's group is the last, and may be empty
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])
-    delta, epsilon, beta = (np.array([x]) for x in parameters)
-    first, second = initial_conditions(delta, epsilon, beta, SAMPLE, v_max, 0)
-    states = States(parameters)
-    found, made = states.follow(np.append(first[0], tau[chosen]), np.append(second[0], v[chosen]))
+    first, second = plane.sample(SAMPLE, v_max)
+    states = States(plane)
+    found, made = states.follow(np.append(first, tau[chosen]), np.append(second, v[chosen]))
     # what is known of a cell that has been followed, and of the sink: its row, and impacts until it is certain
     row, needed, known = np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.int64), np.zeros(sink + 1, np.bool_)
     row[chosen], needed[chosen], known[chosen] = found[SAMPLE:], made[SAMPLE:], True
@@ -177,9 +208,7 @@ def _by_cells(
     return states.table, rows, _without_chaos(steps, states.table, rows)
 
 
-def basins(
-    delta: float, epsilon: float, beta: float, resolution: int, v_max: float, method: str, impacts: int
-) -> Basins:
+def basins(plane: Plane, resolution: int, v_max: float, method: str, impacts: int) -> Basins:
     """See `rattle.Gear.basins`."""
     n = require_integer("resolution", resolution, 1, FINEST)
     v_max = require_number("v_max", v_max, positive=True)
@@ -189,12 +218,11 @@ def basins(
     )
     centres = (np.arange(n) + 0.5) / n
     tau, v = np.tile(centres, n), np.repeat(v_max * centres, n)
-    parameters = (delta, epsilon, beta)
     if method == "direct":
-        table, rows, steps = classified(parameters, tau, v)
+        table, rows, steps = classified(plane, tau, v)
         steps = _without_chaos(steps, table, rows)
     else:
-        table, rows, steps = _by_cells(parameters, tau, v, n, v_max, impacts, method == "refined")
+        table, rows, steps = _by_cells(plane, tau, v, n, v_max, impacts, method == "refined")
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.argsort(-count, kind="stable")[: np.count_nonzero(count)]
     label = np.zeros(count.size, np.int64)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rattle.arclength import Problem
 from rattle.errors import RattleError
-from rattle.impact_equations import Array, Itinerary, bordered
+from rattle.impact_equations import Array, Equations, Itinerary, bordered
 from rattle.orbits import multipliers_of
 
 
@@ -24,13 +24,13 @@ class Kind(StrEnum):
 MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
 
 
-def condition(itinerary: Itinerary, kind: Kind, impact: int | None = None) -> Problem:
+def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Problem:
     """The equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters: times, δ and ε unknown.
 
     SN: det J(1) = 0. PD: det J(−1) = 0. GR: impact number `impact` is reached with velocity 0.
     """
     if kind is Kind.GRAZING:
-        if impact is None:
+        if impact is None or not isinstance(itinerary, Itinerary):
             raise RattleError("a graze needs the number of the impact that grazes")
         return Problem(lambda x: np.append(itinerary.residual(x), itinerary.flights(x).w1[..., impact - 1, None], -1))
     multiplier = MULTIPLIER[kind]

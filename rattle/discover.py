@@ -4,13 +4,21 @@ import math
 
 import numpy as np
 
-from rattle._compile import kernel
+from rattle._compile import for_type, kernel
 from rattle.basin_ball import ball
 from rattle.first_impact import OK
-from rattle.flight import DRIFT, wrapped
-from rattle.impact_map import impact
-from rattle.settle import LEFT, ORBIT, captor, mark
-from rattle.tangent_map import Point, fastest_point, log_multipliers, newton, power_map, shortest_return
+from rattle.flight import wrapped
+from rattle.settle import LEFT, ORBIT, Cells, captor, mark
+from rattle.tangent_map import (
+    Point,
+    fastest_point,
+    log_multipliers,
+    newton,
+    point_of,
+    power_map,
+    shortest_return,
+    step,
+)
 
 APPROACH = 0.5  # a trajectory must come this much closer to the orbit that Newton's method found ...
 ARRIVED = 1e-9  # ... or be here already
@@ -28,7 +36,7 @@ def approaches(tau, v, star_tau, star_v, k, most, point):
         return True
     for _ in range(k, most + 1, k):
         for _ in range(k):
-            status, tau, v, _time, _below = impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+            status, tau, v, _time, _below = step(tau, v, point)
             if status != OK:
                 return False
         distance = math.hypot(wrapped(tau - star_tau), v - star_v)
@@ -44,7 +52,7 @@ def first_return(tau, v, gap, point):
     """Impacts to the first return to (τ, v), at most the gap that is known to lead back."""
     t, speed = tau, v
     for j in range(1, gap):
-        status, t, speed, _time, _below = impact(t, speed, point.delta, point.epsilon, point.beta, DRIFT)
+        status, t, speed, _time, _below = step(t, speed, point)
         if status != OK:
             return gap
         if abs(speed - v) < CANDIDATE and abs(wrapped(t - tau)) < CANDIDATE:
@@ -87,7 +95,7 @@ def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
         for _ in range(n_plus):
             if abs(wrapped(t - orbits.tau[cell, j])) < SAME_POINT and abs(speed - orbits.v[cell, j]) < SAME_POINT:
                 return j
-            _status, t, speed, _time, _below = impact(t, speed, point.delta, point.epsilon, point.beta, DRIFT)
+            _status, t, speed, _time, _below = step(t, speed, point)
     return -1
 
 
@@ -112,7 +120,7 @@ def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits, balls, poi
                 balls.orbit[cell, p], balls.tau[cell, p], balls.v[cell, p] = j, tau, v
                 balls.c00[cell, p], balls.c01[cell, p], balls.c11[cell, p] = c00, c01, c11
                 balls.n[cell] = p + 1
-        _status, tau, v, _time, _below = impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+        _status, tau, v, _time, _below = step(tau, v, point)
     return j
 
 
@@ -127,15 +135,14 @@ def trace(which, impacts, cells, samples, footprints):
         point = point_of(samples.cell[k], cells)
         tau, v = samples.tau[k], samples.v[k]
         for _ in range(impacts):
-            status, tau, v, _time, _below = impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+            status, tau, v, _time, _below = step(tau, v, point)
             if status != OK:
                 break
             mark(tau, v, point.epsilon, footprints[j])
 
 
-@kernel
-def point_of(cell, cells):
-    """The parameter point of a cell."""
+@for_type(point_of, Cells)
+def _point_of(cell, cells):
     return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.capture[cell])
 
 

@@ -193,25 +193,31 @@ def impact_on_piece(s0, s1, start, end, guess, lower, upper, w, a, sin0, cos0, d
     return wall, root_in(s0, s1, guess, level, wall > 0, w, a, sin0, cos0, delta, epsilon)
 
 
+@inline
+def end_of_piece(s, longest, tau, arc, leave, length):
+    """Where a piece that starts after s ends: after `longest`, or before, where the contact force changes sign."""
+    e = s + longest
+    if arc:
+        to_exit = leave - tau - s
+        to_exit -= math.floor(to_exit)
+        ahead = to_exit - length if to_exit > length + SAME_PHASE else to_exit
+        if s + ahead > s:
+            e = min(e, s + ahead)
+    return e
+
+
 @kernel
-def searched_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta):
-    """First impact by pieces on which e^(δs) F' is monotone, so that F has one extremum at most: (status, wall, time).
+def searched_crossing(tau, w, a, sin0, cos0, delta, epsilon, lower, upper):
+    """First crossing of F = lower ≤ 0 downwards or F = upper ≥ 0 upwards by pieces on which e^(δs) F' is monotone, so
+    that F has one extremum at most: (status, +1 for the upper and −1 for the lower one, time).
 
     The pieces end where the contact force changes sign, and at least four times a period; each is cut at its extremum,
-    and the first monotone part that reaches a wall holds the impact.
+    and the first monotone part that reaches a level holds the crossing.
     """
-    upper = 0.0 if wall > 0 else 2.0 * beta
-    lower = upper - 2.0 * beta
     arc, leave, length, _entry, _exit = negative_arc(delta, epsilon)
     s, f0, f1 = 0.0, 0.0, w
     while s < LONGEST:
-        e = s + PIECE
-        if arc:
-            to_exit = leave - tau - s
-            to_exit -= math.floor(to_exit)
-            ahead = to_exit - length if to_exit > length + SAME_PHASE else to_exit
-            if s + ahead > s:
-                e = min(e, s + ahead)
+        e = end_of_piece(s, PIECE, tau, arc, leave, length)
         e0, e1, _f2, _d, _s, _c = evaluate(e, w, a, sin0, cos0, delta, epsilon)
         if not (abs(e0) < math.inf):
             break
@@ -235,7 +241,9 @@ def searched_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta):
 def safe_impact(wall, tau, w, sin0, cos0, delta, epsilon, beta, drift):
     """The search, with the state at the impact: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
     a = drift - TWO_PI * epsilon * sin0 - w
-    status, target, s = searched_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta)
+    upper = 0.0 if wall > 0 else 2.0 * beta
+    lower = upper - 2.0 * beta
+    status, target, s = searched_crossing(tau, w, a, sin0, cos0, delta, epsilon, lower, upper)
     _f0, w1, _f2, lost, sin1, cos1 = evaluate(s, w, a, sin0, cos0, delta, epsilon)
     w1 = target * max(target * w1, 0.0)  # a graze to the last bit arrives with speed 0, never backwards
     return status, s, target, w1, lost, sin1, cos1

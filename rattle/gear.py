@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle import first_impact, flight, impact_map, limits
 from rattle.attractors import Attractor, attractors
 from rattle.basin_measures import Uncertainty, uncertainty
-from rattle.basins import Basins, basins
+from rattle.basins import Basins, ImpactingPlane, basins
 from rattle.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.gamma import GammaPiece, gamma
@@ -172,7 +172,7 @@ class Gear:
         meet, until nothing changes. Only "direct" is sure to see a basin that is thin on the scale of a cell, and
         "refined" one of eight cells across (docs/decisions/0009-basins.md). Raises ParameterError.
         """
-        return basins(self.delta, self.epsilon, self.beta, resolution, v_max, method, impacts)
+        return basins(self._plane, resolution, v_max, method, impacts)
 
     def boundary_distance(self, v_max: float = 7.0) -> BoundaryDistance:
         """The least speed v < v_max, over all phases τ, of an impact that takes quiet motion to another attractor.
@@ -197,7 +197,11 @@ class Gear:
         Deterministic in all arguments. Raises ParameterError. Source: Grebogi, McDonald, Ott and Yorke, Physics Letters
         A 99 (1983) 415–418.
         """
-        return uncertainty(self.delta, self.epsilon, self.beta, pairs, v_max, seed)
+        return uncertainty(self._plane, pairs, v_max, seed)
+
+    @property
+    def _plane(self) -> ImpactingPlane:
+        return ImpactingPlane(self.delta, self.epsilon, self.beta)
 
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
         """The grazing curve Γ: all (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10, in pieces whose neighbouring

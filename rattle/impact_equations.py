@@ -18,6 +18,7 @@ wall. Everything here takes complex arguments, whose imaginary part carries exac
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ TWO_PI = 2 * np.pi
 COMPLEX_STEP = 1e-40
 
 Array = NDArray[np.float64]
+Turn = tuple[NDArray, NDArray]  # sine and cosine of 2π times
 Function = Callable[[NDArray], NDArray]
 
 
@@ -33,6 +35,24 @@ def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
     """A real-analytic function (…, N) → (…, M) at x (N,): its value (M,) and Jacobian (M, N), exact to rounding."""
     values = function(x + 1j * COMPLEX_STEP * np.eye(x.size))
     return values[0].real, values.imag.T / COMPLEX_STEP
+
+
+class Equations(Protocol):
+    """A periodic motion as n equations in n unknowns, with δ and ε after them: of either model."""
+
+    @property
+    def n(self) -> int:
+        """Unknowns."""
+
+    @property
+    def m(self) -> int:
+        """Forcing periods."""
+
+    def residual(self, x: NDArray) -> NDArray:
+        """R (…, n) of x (…, n + 2)."""
+
+    def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
+        """J(λ) = ∂R/∂unknowns (…, n, n), where what is a period later is λ times as large."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +65,29 @@ class Flights:
     decay: NDArray  # e^(−δs)
     w0_t0: NDArray  # ∂w₀/∂t₀ at fixed t₁
     w1_t1: NDArray  # ∂w₁/∂t₁ at fixed t₀
+
+
+def flights_between(
+    t0: NDArray, t1: NDArray, turn0: Turn, turn1: Turn, gaps: Array, delta: NDArray, epsilon: NDArray
+) -> Flights:
+    """The flights from times t0 to times t1 over distances `gaps`; turn0 and turn1 are theirs."""
+    (sin0, cos0), (sin1, cos1) = turn0, turn1
+    s = t1 - t0
+    decay = np.exp(-delta * s)
+    pull = -delta / np.expm1(-delta * s)
+    swing = -2 * np.sin(np.pi * (t0 + t1)) * np.sin(np.pi * s)  # cos 2πt₁ − cos 2πt₀
+    c = (2 * TWO_PI * s + epsilon * swing - gaps) * pull
+    w0 = 2 * TWO_PI - TWO_PI * epsilon * sin0 - c
+    w1 = 2 * TWO_PI - TWO_PI * epsilon * sin1 - c * decay
+    forcing = TWO_PI**2 * epsilon
+    return Flights(
+        w0=w0,
+        w1=w1,
+        pull=pull,
+        decay=decay,
+        w0_t0=w0 * pull + delta * c - forcing * cos0,
+        w1_t1=(delta * c - w1 * pull) * decay - forcing * cos1,
+    )
 
 
 @dataclass(frozen=True)
@@ -82,24 +125,9 @@ class Itinerary:
         """The flights between impacts at times x[…, :n] with δ = x[…, n], ε = x[…, n + 1]."""
         t0, delta, epsilon = x[..., : self.n], x[..., self.n, None], x[..., self.n + 1, None]
         t1 = np.concatenate([t0[..., 1:], t0[..., :1] + self.m], axis=-1)
-        sin0, cos0 = np.sin(TWO_PI * t0), np.cos(TWO_PI * t0)
-        sin1, cos1 = sin0[..., self.after], cos0[..., self.after]
-        s = t1 - t0
-        decay = np.exp(-delta * s)
-        pull = -delta / np.expm1(-delta * s)
-        swing = -2 * np.sin(np.pi * (t0 + t1)) * np.sin(np.pi * s)  # cos 2πt₁ − cos 2πt₀
-        c = (2 * TWO_PI * s + epsilon * swing - self.gaps) * pull
-        w0 = 2 * TWO_PI - TWO_PI * epsilon * sin0 - c
-        w1 = 2 * TWO_PI - TWO_PI * epsilon * sin1 - c * decay
-        forcing = TWO_PI**2 * epsilon
-        return Flights(
-            w0=w0,
-            w1=w1,
-            pull=pull,
-            decay=decay,
-            w0_t0=w0 * pull + delta * c - forcing * cos0,
-            w1_t1=(delta * c - w1 * pull) * decay - forcing * cos1,
-        )
+        turn0 = np.sin(TWO_PI * t0), np.cos(TWO_PI * t0)
+        turn1 = turn0[0][..., self.after], turn0[1][..., self.after]
+        return flights_between(t0, t1, turn0, turn1, self.gaps, delta, epsilon)
 
     def residual(self, x: NDArray) -> NDArray:
         """R (…, n): zero where every impact is elastic."""

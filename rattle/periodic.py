@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rattle import first_impact, flight
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
-from rattle.impact_equations import Array, Itinerary, derivatives
+from rattle.impact_equations import Array, Equations, Itinerary, derivatives
 from rattle.orbits import multipliers_of
 
 MOST_IMPACTS = 512
@@ -142,7 +142,7 @@ def _impact(
     return int(found[0]), float(found[1]), int(found[2]), float(found[3])
 
 
-def at_parameters(itinerary: Itinerary, x: Array) -> Array | None:
+def at_parameters(itinerary: Equations, x: Array) -> Array | None:
     """Newton on the impact equations for the times alone, δ and ε of x (n + 2,) fixed; None if it fails."""
     n, x = itinerary.n, x.copy()
     for _ in range(MOST_NEWTON):

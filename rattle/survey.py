@@ -44,8 +44,8 @@ class Chaos(NamedTuple):
 class Survey:
     """The samples of a block of cells on their way, and what is known of the cells."""
 
-    def __init__(self, cells: Cells, tau: NDArray[np.float64], v: NDArray[np.float64]) -> None:
-        """Take initial conditions of shape (n_cells, count)."""
+    def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+        """Take cells as the kernels do, and initial conditions of shape (n_cells, count)."""
         n_cells, self.count = tau.shape
         self.cells = cells
         counters = (np.zeros(tau.size, np.int64) for _ in range(6))
@@ -110,12 +110,27 @@ class Survey:
     def settle(self, which: NDArray[np.int64]) -> None:
         """Follow samples to their limits; those that recur find an orbit of their cell, or go on."""
         while which.size:
-            flights = CHUNK if self.samples.limit[which[0]] <= FIRST else LONG_CHUNK
-            settle(self.block, which, flights, self.cells, self.samples, self.balls, self.paths)
+            self.advance(which)
             which = which[self.samples.status[which] == RECURRENT]
             self.resolve(which)
             on = (self.samples.status[which] == LEFT) & (self.samples.impacts[which] < self.samples.limit[which])
             which = which[on]
+
+    def advance(self, which: NDArray[np.int64]) -> None:
+        """Follow samples to their ends or limits."""
+        flights = CHUNK if self.samples.limit[which[0]] <= FIRST else LONG_CHUNK
+        settle(self.block, which, flights, self.cells, self.samples, self.balls, self.paths)
+
+    def watch(
+        self,
+        which: NDArray[np.int64],
+        least: int,
+        periods: float,
+        sums: NDArray[np.float64],
+        prints: NDArray[np.uint64],
+    ) -> None:
+        """Follow samples with a tangent vector, for so many impacts and forcing periods at least."""
+        measure(self.block, which, least, periods, self.cells, self.samples, self.balls, sums, prints, self.paths)
 
     def resolve(self, which: NDArray[np.int64]) -> None:
         """Find the orbits of recurrent samples, with more room for them where a cell needs it."""
@@ -184,18 +199,7 @@ class Survey:
             longer = times * 2**extension
             samples.limit[now] = samples.impacts[now] + MOST_MEASURED * longer
             part, marks = np.zeros((todo.size, BATCHES, 3)), np.zeros((todo.size, GRID), np.uint64)
-            measure(
-                self.block,
-                now,
-                MEASURED * longer,
-                PERIODS * longer,
-                self.cells,
-                samples,
-                self.balls,
-                part,
-                marks,
-                self.paths,
-            )
+            self.watch(now, MEASURED * longer, PERIODS * longer, part, marks)
             self.resolve(now[samples.status[now] == RECURRENT])
             sums[todo], prints[todo] = part, marks
             left = samples.status[now] == LEFT

@@ -1,9 +1,12 @@
-"""Powers of the impact map with their tangent, and the periodic orbits that Newton's method finds (compiled)."""
+"""Powers of a return map with their tangent, and the periodic orbits that Newton's method finds (compiled).
+
+The type of the point says which model is meant: `step`, `step_tangent` and `point_of` are those of its kind.
+"""
 
 import math
 from typing import NamedTuple
 
-from rattle._compile import kernel
+from rattle._compile import for_type, kernel
 from rattle.first_impact import OK
 from rattle.flight import DRIFT, folded, wrapped
 from rattle.impact_map import impact, impact_tangent
@@ -21,14 +24,37 @@ class Point(NamedTuple):
     capture: float
 
 
+def step(tau, v, point):
+    """Π: (status, τ', v', time, contacts with Σ⁻)."""
+    raise NotImplementedError("for kernels only")
+
+
+def step_tangent(tau, v, point):
+    """Π with its tangent: (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln|det|)."""
+    raise NotImplementedError("for kernels only")
+
+
+def point_of(cell, cells):
+    """The parameter point of a cell."""
+    raise NotImplementedError("for kernels only")
+
+
+@for_type(step, Point)
+def _step(tau, v, point):
+    return impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+
+
+@for_type(step_tangent, Point)
+def _step_tangent(tau, v, point):
+    return impact_tangent(tau, v, point.delta, point.epsilon, point.beta, DRIFT, False)
+
+
 @kernel
 def power_map(tau, v, k, point):
     """Π^k with its tangent: (status, τ, v, time, Σ⁻ impacts, j00, j01, j10, j11, ln|det|)."""
     a00, a01, a10, a11, log_det, time, n_minus = 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0
     for _ in range(k):
-        status, tau, v, s, below, j00, j01, j10, j11, ln = impact_tangent(
-            tau, v, point.delta, point.epsilon, point.beta, DRIFT, False
-        )
+        status, tau, v, s, below, j00, j01, j10, j11, ln = step_tangent(tau, v, point)
         if status != OK:
             return status, tau, v, time, n_minus, a00, a01, a10, a11, log_det
         a00, a10 = j00 * a00 + j01 * a10, j10 * a00 + j11 * a10
@@ -92,7 +118,7 @@ def fastest_point(tau, v, k, point):
     """The orbit's impact of largest speed, so that the same orbit is always represented by the same point."""
     best_tau, best_v = tau, v
     for _ in range(k):
-        _status, tau, v, _time, _below = impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+        _status, tau, v, _time, _below = step(tau, v, point)
         if v > best_v:
             best_tau, best_v = tau, v
     return best_tau, best_v

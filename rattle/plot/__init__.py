@@ -15,5 +15,17 @@ from rattle.plot.crisis import crisis_figure
 from rattle.plot.diagram import diagram_figure
 from rattle.plot.drawing import Drawing, save
 from rattle.plot.paper_figures import FIGURES, PaperFigure, draw
+from rattle.plot.stiff import stiff_figure
 
-__all__ = ["FIGURES", "Drawing", "PaperFigure", "colour", "crisis_figure", "diagram_figure", "draw", "name_of", "save"]
+__all__ = [
+    "FIGURES",
+    "Drawing",
+    "PaperFigure",
+    "colour",
+    "crisis_figure",
+    "diagram_figure",
+    "draw",
+    "name_of",
+    "save",
+    "stiff_figure",
+]

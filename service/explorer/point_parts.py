@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 import rattle
 from rattle.attractors import listed
-from rattle.basins import classified
+from rattle.basins import ImpactingPlane, classified
 from rattle.flight import wrapped
 
 V_MAX = 7.0
@@ -115,8 +115,8 @@ def margin(gear: rattle.Gear) -> Margin:
     v, tau, undecided = gear.boundary_distance(V_MAX)
     leads_to = None
     if 0 < v < np.inf:
-        point = (gear.delta, gear.epsilon, gear.beta)
-        table, _, _ = classified(point, np.array([tau]), np.array([v]))
+        plane = ImpactingPlane(gear.delta, gear.epsilon, gear.beta)
+        table, _, _ = classified(plane, np.array([tau]), np.array([v]))
         (leads_to,) = listed(table, table.samples)
     return Margin(v, tau, undecided, leads_to)
 

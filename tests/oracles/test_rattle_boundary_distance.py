@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle.basins import classified
+from rattle.basins import ImpactingPlane, classified
 from rattle.images import lowest_preimages
 from rattle.manifolds import manifold
 from rattle.saddles import period_one_saddle
@@ -47,7 +47,7 @@ def test_no_state_of_a_dense_grid_is_lower(point):
     found = gear.boundary_distance()
     low = max(gear.capture_speed, 0.25 * found.v)
     tau, v = (x.ravel() for x in np.meshgrid((np.arange(120) + 0.5) / 120, np.geomspace(low, found.v, 80)[:-1]))
-    table, rows, _impacts = classified(point, tau, v)
+    table, rows, _impacts = classified(ImpactingPlane(*point), tau, v)
     assert set(np.unique(table.kind[rows])) == {rattle.KINDS.index("quiet")}
 
 
@@ -73,7 +73,7 @@ def test_thin_basins_are_not_missed(point):
     assert np.isfinite(found.v)
     rows = np.geomspace(gear.capture_speed, found.v / 1.04, 24)
     tau, v = (x.ravel() for x in np.meshgrid((np.arange(500) + 0.5) / 500, rows))
-    table, row, _impacts = classified(point, tau, v)
+    table, row, _impacts = classified(ImpactingPlane(*point), tau, v)
     assert set(np.unique(table.kind[row])) == {rattle.KINDS.index("quiet")}
     end = gear.iterate(found.tau, found.v, 30_000 + np.arange(64))
     assert end.v.max() > 2 * gear.capture_speed  # at rest it would be far below it by now

@@ -1,0 +1,100 @@
+"""The stiff gear and its limit: how motions, curves and the quiet limit converge, and where that is not uniform."""
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from rattle.branches import branch
+from rattle.errors import require
+from rattle.flight import wrapped
+from rattle.gear import Gear
+from rattle.limits import quiet_limit, sn1
+from rattle.orbits import orbits_at
+from rattle.periodic import PeriodicOrbit, periodic_orbit
+from rattle.plot.drawing import Drawing, new_figure
+from rattle.stiff import StiffGear, from_limit, saddle_node_1, stiff_branch
+from rattle.stiff import quiet_limit as stiff_quiet_limit
+
+COLOURS = {"A": "#1f5fa8", "B": "#e08214", "C": "#4d9221", "D": "#b2182b"}
+STIFFNESSES = 10.0 ** np.arange(2.0, 8.5, 0.5)
+SHOWN = (1e4, 1e5, 1e6)  # beside the limit, at a graze
+REACH = 0.003  # in v, either side of Γ
+
+
+def stiff_figure(delta: float = 0.6, epsilon: float = 0.075, beta: float = 0.6) -> Drawing:
+    """Distance of A–D, of their multipliers, and of bifurcations and the quiet limit from those of the impacting model
+    against κ; one return across Γ, where the square root becomes steep but smooth.
+
+    The impacting model must have A–D at (delta, epsilon). Raises ParameterError, RattleError.
+    """
+    limits = {orbit.name: orbit for orbit in orbits_at(delta, epsilon, beta)}
+    require(len(limits) == 4, f"A, B, C and D do not all exist at delta = {delta:g}, epsilon = {epsilon:g}")
+    motions = {name: periodic_orbit(delta, epsilon, x.tau, x.v, 1, beta) for name, x in limits.items()}
+    figure = new_figure(10.0, 8.0)
+    places, multipliers, curves, graze = figure.subplots(2, 2).ravel()
+    _motions(places, multipliers, motions)
+    _bifurcations(curves, motions["D"])
+    _graze(graze, Gear(delta, epsilon, beta))
+    return Drawing(figure)
+
+
+def _motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit]) -> None:
+    for name, limit in motions.items():
+        kappas, off, change = [], [], []
+        for kappa in STIFFNESSES[STIFFNESSES >= 1e3]:
+            found = from_limit(limit, float(kappa))
+            kappas.append(kappa)
+            off.append(np.hypot(wrapped(found.tau - limit.tau), found.v - limit.v))
+            change.append(abs(sum(found.multipliers) - sum(limit.multipliers)))
+        places.loglog(kappas, off, ".-", color=COLOURS[name], label=name)
+        multipliers.loglog(kappas, change, ".-", color=COLOURS[name], label=name)
+    for axes, title in ((places, "distance of the motion in (τ, v)"), (multipliers, "change of the trace")):
+        _slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
+        axes.set(xlabel="stiffness κ", title=title)
+        axes.legend(fontsize=8, frameon=False)
+
+
+def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
+    delta, beta = limit.delta, limit.beta
+    span = 0.5 * limit.epsilon, 1.6 * limit.epsilon
+    truth = {str(event.kind): event.epsilon for event in branch(limit, "epsilon", span).events}
+    found: dict[str, list[tuple[float, float]]] = {"SN1": [], "SN2": [], "PD1": [], "quiet limit": []}
+    for kappa in STIFFNESSES:
+        found["SN1"].append((kappa, saddle_node_1(delta, float(kappa), beta).epsilon - float(sn1(delta))))
+        found["quiet limit"].append((kappa, float(stiff_quiet_limit(delta, kappa) - quiet_limit(delta))))
+        if kappa < 1e3:
+            continue
+        events = stiff_branch(from_limit(limit, float(kappa)), "epsilon", span).events
+        for kind, name in (("SN", "SN2"), ("PD", "PD1")):
+            near = [event.orbit.epsilon for event in events if event.kind == kind]
+            if near and kind in truth:
+                found[name].append((kappa, min(near, key=lambda x: abs(x - truth[kind])) - truth[kind]))
+    for (name, points), colour in zip(found.items(), COLOURS.values(), strict=True):
+        if points:
+            kappas, off = np.array(points).T
+            axes.loglog(kappas, np.abs(off), ".-", color=colour, label=name)
+    _slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
+    _slope(axes, 1e3, -1.0, "κ$^{-1}$")
+    axes.set(xlabel="stiffness κ", title="distance in ε of curves and quiet limit")
+    axes.legend(fontsize=8, frameon=False)
+
+
+def _slope(axes: Axes, start: float, power: float, label: str) -> None:
+    """A line of this slope through the middle of what is drawn at the start."""
+    lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
+    heights = [float(line[np.searchsorted(line[:, 0], start), 1]) for line in lines]
+    ends = np.array([start, 1e8])
+    axes.loglog(ends, 2.0 * max(heights) * (ends / start) ** power, "k:", lw=1.0, label=label)
+
+
+def _graze(axes: Axes, gear: Gear) -> None:
+    piece = max(gear.gamma(), key=lambda each: each.tau.size)
+    i = piece.tau.size // 2
+    tau, middle = float(piece.tau[i]) % 1.0, float(piece.v[i])
+    v = middle + np.linspace(-REACH, REACH, 801)
+    for kappa, colour in zip(SHOWN, ("#fdae61", "#f46d43", "#a50026"), strict=True):
+        stiff = StiffGear(gear.delta, gear.epsilon, gear.beta, kappa)
+        axes.plot(v - middle, [stiff.impact(tau, x).v for x in v], color=colour, label=f"κ = {kappa:g}")
+    axes.plot(v - middle, [gear.impact(tau, x).v for x in v], "k", lw=1.0, label="impacting")
+    axes.locator_params(axis="x", nbins=5)
+    axes.set(xlabel="v − v on Γ", ylabel="v'", title=f"one return across Γ, τ = {tau:.3f}")
+    axes.legend(fontsize=8, frameon=False)

@@ -1,0 +1,25 @@
+"""The gear model with stiff contact, of which the impacting model is the limit (docs/stiff.md).
+
+Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
+"""
+
+from rattle.stiff.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
+from rattle.stiff.families import saddle_node_1
+from rattle.stiff.gear import Motion, StiffGear
+from rattle.stiff.motion import StiffOrbit, from_limit, stiff_orbit
+from rattle.stiff.quiet import quiet_depth, quiet_limit
+
+__all__ = [
+    "Motion",
+    "StiffBranch",
+    "StiffEvent",
+    "StiffGear",
+    "StiffOrbit",
+    "from_limit",
+    "quiet_depth",
+    "quiet_limit",
+    "saddle_node_1",
+    "stiff_branch",
+    "stiff_curve",
+    "stiff_orbit",
+]

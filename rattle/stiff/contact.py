@@ -1,0 +1,210 @@
+"""Contact with a wall in closed form, and where it ends (compiled).
+
+x ≥ 0 is the depth beyond the wall, outwards. In contact (paper 2.1, 2.2) x'' + δx' + 2κx = h(t), where h is ± the
+contact force of `rattle.flight`, ± the wall. With S the response to a unit velocity and C = S' + δS to a unit depth,
+x is C x₀ + S w₀ and the responses to the mean, the cosine and the sine of h. docs/stiff.md derives all, and why the
+search for the end cannot skip one.
+"""
+
+import math
+
+from rattle._compile import inline, kernel
+from rattle.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
+from rattle.flight import DRIFT, TWO_PI, versines
+from rattle.locate import negative_arc
+
+ENDS, LASTS, STAYS, TOO_LONG = range(4)  # it ends; it lasts to the horizon; it never ends; not told within LONGEST
+LONGEST = 1000.0  # forcing periods, beside DECAYS times the time in which a free motion decays by e
+DECAYS = 100.0
+SHORT = 0.5  # (δ + √(2κ)) s below which S is a Taylor series
+TERMS = 16
+SAFE = 0.999  # of a time in which contact is certain
+
+
+@inline
+def responses(s, delta, kappa):
+    """S, 1 − C and s − S after s, none with cancellation: over-, near-critically and underdamped contact alike."""
+    stiffness = 2.0 * kappa
+    if (delta + math.sqrt(stiffness)) * s < SHORT:
+        last, term, total, lost, defect = 0.0, s, s, 0.5 * stiffness * s * s, 0.0
+        for n in range(1, TERMS):
+            last, term = term, -(delta * s * term + stiffness * s * s / n * last) / (n + 1)
+            total += term
+            defect -= term
+            lost += stiffness * s * term / (n + 2)
+        return total, lost, defect
+    half = 0.5 * delta
+    square = half * half - stiffness
+    rate = math.sqrt(abs(square))
+    angle = rate * s
+    if square > 0.0 and angle > 0.5:
+        fast = half + rate
+        slow = stiffness / fast
+        gone_slow, gone_fast = -math.expm1(-slow * s), -math.expm1(-fast * s)
+        sine = (1.0 - gone_slow) * -math.expm1(-2.0 * angle) / (2.0 * rate)
+        return sine, (fast * gone_slow - slow * gone_fast) / (2.0 * rate), s - sine
+    decay = math.exp(-half * s)
+    if square > 0.0:
+        even, odd = math.cosh(angle), math.sinh(angle) / angle if angle > 0.0 else 1.0
+    else:
+        even, odd = math.cos(angle), math.sin(angle) / angle if angle > 0.0 else 1.0
+    sine = decay * s * odd
+    return sine, 1.0 - decay * (even + half * s * odd), s - sine
+
+
+@inline
+def forcing(wall, sin0, cos0, delta, epsilon):
+    """Mean, cosine and sine of h(s) = mean + a cos 2πs + b sin 2πs, from the phase of s = 0."""
+    size = wall * TWO_PI * epsilon
+    a = -size * (TWO_PI * cos0 + delta * sin0)
+    return wall * delta * DRIFT, a, size * (TWO_PI * sin0 - delta * cos0)
+
+
+@inline
+def compliance(delta, kappa):
+    """A/D and B/D, by which cos 2πs makes the depth (A cos 2πs + B sin 2πs)/D, and 1/√D."""
+    a, b = 2.0 * kappa - TWO_PI * TWO_PI, TWO_PI * delta
+    size = math.hypot(a, b)
+    return a / size / size, b / size / size, 1.0 / size
+
+
+@inline
+def depth(s, x0, w0, mean, a, b, delta, kappa):
+    """x, x' and h after s, with S, 1 − C there."""
+    sine, lost, defect = responses(s, delta, kappa)
+    omc, siny, forced_defect = versines(s)
+    in_phase, behind, _size = compliance(delta, kappa)
+    stiffness = 2.0 * kappa
+    p, q = lost - omc, TWO_PI * defect - forced_defect  # cos 2πs − C and sin 2πs − 2πS
+    dp, dq = stiffness * sine - TWO_PI * siny, TWO_PI * (lost + delta * sine - omc)
+    x = x0 * (1.0 - lost) + w0 * sine + mean * lost / stiffness
+    x += a * (in_phase * p + behind * q) + b * (in_phase * q - behind * p)
+    v = w0 * (1.0 - lost - delta * sine) + (mean - stiffness * x0) * sine
+    v += a * (in_phase * dp + behind * dq) + b * (in_phase * dq - behind * dp)
+    return x, v, mean + a * (1.0 - omc) + b * siny, sine, lost
+
+
+@inline
+def steady(s, mean, a, b, delta, kappa):
+    """x and x' of permanent contact after s: the periodic solution."""
+    omc, sine, _defect = versines(s)
+    cosine = 1.0 - omc
+    in_phase, behind, _size = compliance(delta, kappa)
+    c, d = a * in_phase - b * behind, a * behind + b * in_phase
+    return mean / (2.0 * kappa) + c * cosine + d * sine, TWO_PI * (d * cosine - c * sine)
+
+
+@inline
+def log_rate(s, delta, square, rate):
+    """u'/u at s from the middle of a piece, of a free motion u that is positive on it; u is even but for e^(−δs/2)."""
+    if square > 0.0:
+        return rate * math.tanh(rate * s) - 0.5 * delta
+    return -rate * math.tan(rate * s) - 0.5 * delta
+
+
+@kernel
+def turn_in(lo, hi, middle, x0, w0, mean, a, b, delta, kappa):
+    """The zero in (lo, hi) of q = x' − x u'/u, which has one sign on each side: an extremum of x/u.
+
+    q' = h − (δ + u'/u) q.
+    """
+    square = 0.25 * delta * delta - 2.0 * kappa
+    rate = math.sqrt(abs(square))
+    x, v, _h, _s, _l = depth(hi, x0, w0, mean, a, b, delta, kappa)
+    rising = v - x * log_rate(hi - middle, delta, square, rate) > 0.0
+    s = 0.5 * (lo + hi)
+    for k in range(1, MOST_STEPS + 1):
+        x, v, h, _s, _l = depth(s, x0, w0, mean, a, b, delta, kappa)
+        r = log_rate(s - middle, delta, square, rate)
+        q = v - x * r
+        if (q > 0.0) == rising:
+            hi = s
+        else:
+            lo = s
+        step = -q / (h - (delta + r) * q)
+        new = s + step
+        inside = lo <= new <= hi
+        if inside and abs(step) < 1e-9 * s:
+            return new
+        if not inside or k % BISECTED == 0:
+            new = 0.5 * (lo + hi)
+        if new == s or lo == hi:
+            return new
+        s = new
+    return s
+
+
+@kernel
+def fall_in(lo, hi, x0, w0, mean, a, b, delta, kappa):
+    """The zero of x in (lo, hi), the only one there, where x falls: Newton steps inside a shrinking bracket."""
+    s = 0.5 * (lo + hi)
+    for k in range(1, MOST_STEPS + 1):
+        x, v, h, _s, _l = depth(s, x0, w0, mean, a, b, delta, kappa)
+        if x > 0.0:
+            lo = s
+        else:
+            hi = s
+        step = -x / v
+        step /= 1.0 + 0.5 * step * (h - delta * v - 2.0 * kappa * x) / v
+        new = s + step
+        inside = lo <= new <= hi
+        if inside and abs(step) <= 1e-15 * s:
+            return new
+        if not inside or k % BISECTED == 0:
+            new = 0.5 * (lo + hi)
+        if new == s or lo == hi:
+            return new
+        s = new
+    return s
+
+
+@kernel
+def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
+    """Follow a contact from phase tau with depth x0 ≥ 0 and outward velocity w0 to where x first falls to 0.
+
+    Returns (ENDS, LASTS, STAYS or TOO_LONG; time, x, x' there, S, 1 − C). If x0 is 0 the motion must press on the wall.
+    """
+    omc, sin0, _defect = versines(tau)
+    mean, a, b = forcing(wall, sin0, 1.0 - omc, delta, epsilon)
+    arc, leave, length, _entry, _exit = negative_arc(delta, epsilon)
+    square = 0.25 * delta * delta - 2.0 * kappa
+    rate = math.sqrt(abs(square))
+    longest = PIECE if square >= 0.0 else min(PIECE, 0.75 * math.pi / rate)
+    slow = 0.5 * delta if square <= 0.0 else 2.0 * kappa / (0.5 * delta + rate)
+    latest = LONGEST + DECAYS / slow
+    swing = math.hypot(a, b) * compliance(delta, kappa)[2]  # of the depth in permanent contact
+    least = mean / (2.0 * kappa) - swing
+    s, x, v = 0.0, x0, w0
+    while s < horizon:
+        rest, rest_v = steady(s, mean, a, b, delta, kappa)
+        reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # from here on |x − rest| is below it
+        if reach < SAFE * least and horizon == math.inf:
+            return STAYS, s, x, v, 0.0, 0.0
+        if s > latest:
+            break
+        room = SAFE * rest - reach  # the depth of rest falls at 2π swing at most
+        ahead = math.inf if reach < SAFE * least else max(room, 0.0) / (TWO_PI * swing) if swing > 0.0 else 0.0
+        if ahead > longest:
+            s = min(s + ahead, horizon)
+            x, v, _h, _s, _l = depth(s, x0, w0, mean, a, b, delta, kappa)
+            continue
+        end = min(end_of_piece(s, longest, tau, arc, leave, length), horizon)
+        x1, v1, _h, _s, _l = depth(end, x0, w0, mean, a, b, delta, kappa)
+        middle = 0.5 * (s + end)
+        q0 = v - x * log_rate(s - middle, delta, square, rate)
+        q1 = v1 - x1 * log_rate(end - middle, delta, square, rate)
+        lo, hi = s, end
+        ends = not x1 > 0.0
+        if q0 < 0.0 < q1 or q1 < 0.0 < q0:
+            turn = turn_in(s, end, middle, x0, w0, mean, a, b, delta, kappa)
+            if q0 > 0.0:
+                lo = turn
+            elif not depth(turn, x0, w0, mean, a, b, delta, kappa)[0] > 0.0:
+                hi, ends = turn, True
+        if ends:
+            s = fall_in(lo, hi, x0, w0, mean, a, b, delta, kappa)
+            x, v, _h, sine, lost = depth(s, x0, w0, mean, a, b, delta, kappa)
+            return ENDS, s, 0.0, min(v, 0.0), sine, lost
+        s, x, v = end, x1, v1
+    x, v, _h, sine, lost = depth(s, x0, w0, mean, a, b, delta, kappa)
+    return (LASTS if s >= horizon else TOO_LONG), s, x, v, sine, lost

@@ -1,0 +1,138 @@
+"""The flow of the stiff gear: free flights and contacts in turn, with its exact tangent map (compiled).
+
+The vector field is continuous, so the tangent map of a motion is the product of those of its pieces, whose determinant
+is e^(−δs). On the way a state is (wall, position, w): in contact the wall and the depth beyond it outwards, in the gap
+wall 0 and Φ. A tangent map (j00, j01, j10, j11) is ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times.
+"""
+
+import math
+
+from rattle._compile import inline, kernel
+from rattle.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
+from rattle.flight import DRIFT, TWO_PI, contact_force, evaluate, folded, versines
+from rattle.stiff.contact import ENDS, LASTS, STAYS, contact_end
+
+GAP = SIGMA_PLUS - SIGMA_PLUS
+QUIET, STUCK = 3, 4  # beside OK: contact that never ends; a motion that cannot be followed farther
+MOST_PIECES = 1_000_000  # of one call
+
+
+@inline
+def outward_force(wall, tau, delta, epsilon):
+    """The contact force at this phase, positive where it presses on the wall."""
+    omc, sine, _defect = versines(tau)
+    return wall * contact_force(sine, 1.0 - omc, delta, epsilon, DRIFT)
+
+
+@inline
+def departs(wall, tau, position, w, delta, epsilon):
+    """True if a motion in contact has come to its end: at depth 0 it moves, or is drawn, away from the wall."""
+    if position != 0.0 or wall * w > 0.0:
+        return False
+    return wall * w < 0.0 or not outward_force(wall, tau, delta, epsilon) > 0.0
+
+
+@inline
+def multiplied(a00, a01, a10, a11, b00, b01, b10, b11):
+    """The matrix product a b."""
+    return a00 * b00 + a01 * b10, a00 * b01 + a01 * b11, a10 * b00 + a11 * b10, a10 * b01 + a11 * b11
+
+
+@kernel
+def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
+    """A free flight to the next wall or the horizon: (status, time, wall or GAP, position, w, 1 − e^(−δs)).
+
+    It starts in the gap, or on a wall (given, with velocity into the gap).
+    """
+    omc, sin0, _defect = versines(tau)
+    cos0, a = 1.0 - omc, DRIFT - TWO_PI * epsilon * sin0 - w
+    if wall != GAP:
+        position = wall * beta
+        status, s, target, w1, lost, _s0, _c0, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, DRIFT)
+    else:
+        status, target, s = searched_crossing(
+            tau, w, a, sin0, cos0, delta, epsilon, min(-beta - position, 0.0), max(beta - position, 0.0)
+        )
+        _f0, w1, _f2, lost, _s1, _c1 = evaluate(s, w, a, sin0, cos0, delta, epsilon)
+        w1 = target * max(target * w1, 0.0)
+    if status == OK and s <= horizon:
+        return OK, s, SIGMA_PLUS if target > 0 else SIGMA_MINUS, 0.0, w1, lost
+    if horizon == math.inf:
+        return STUCK, 0.0, GAP, position, w, 0.0
+    f0, w1, _f2, lost, _s1, _c1 = evaluate(horizon, w, a, sin0, cos0, delta, epsilon)
+    return OK, horizon, GAP, position + f0, w1, lost
+
+
+@kernel
+def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
+    """The next piece of a motion, to where it leaves it or to the horizon.
+
+    Returns (status, time, wall and position and w after it, whether it has left a contact, its tangent map). A motion
+    with depth 0 and velocity 0 is in contact if the contact force presses on the wall.
+    """
+    leaves = wall != GAP and departs(wall, tau, position, w, delta, epsilon)
+    if wall == GAP or leaves:
+        status, s, wall, position, w, lost = gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon)
+        return status, s, wall, position, w, leaves, 1.0, lost / delta, 0.0, 1.0 - lost
+    status, s, x, v, sine, lost = contact_end(wall, tau, position, wall * w, delta, epsilon, kappa, horizon)
+    w = wall * v
+    if status == STAYS:
+        return QUIET, s, wall, x, w, False, 1.0, 0.0, 0.0, 1.0
+    status = OK if status in (ENDS, LASTS) else STUCK
+    return status, s, wall, x, w, False, 1.0 - lost, sine, -2.0 * kappa * sine, 1.0 - lost - delta * sine
+
+
+@kernel
+def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
+    """A motion for so long: (status, wall, position, w, contacts begun with Σ⁺ and Σ⁻, tangent map).
+
+    A contact begins where a flight meets a wall.
+    """
+    j00, j01, j10, j11, n_plus, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0, 0.0
+    for _ in range(MOST_PIECES):
+        free = wall == GAP
+        status, s, after, position, w, left, m00, m01, m10, m11 = piece(
+            wall, folded(tau + time), position, w, delta, epsilon, beta, kappa, duration - time
+        )
+        if status != OK:
+            return status, wall, position, w, n_plus, n_minus, j00, j01, j10, j11
+        j00, j01, j10, j11 = multiplied(m00, m01, m10, m11, j00, j01, j10, j11)
+        if free or left:
+            n_plus += after == SIGMA_PLUS
+            n_minus += after == SIGMA_MINUS
+        wall, time = after, time + s
+        if time >= duration:
+            return OK, wall, position, w, n_plus, n_minus, j00, j01, j10, j11
+    return STUCK, wall, position, w, n_plus, n_minus, j00, j01, j10, j11
+
+
+@kernel
+def departure(tau, v, delta, epsilon, beta, kappa):
+    """The return map Π of states that leave Σ⁺ at phase tau with velocity −v < 0, to the next departure from Σ⁺.
+
+    Returns (status, τ', v', time, contacts with Σ⁻, tangent map at fixed times). QUIET: the contact with Σ⁺ at its end
+    lasts for ever; τ', v' are then phase and speed of the last departure.
+    """
+    j00, j01, j10, j11, n_minus, time = 1.0, 0.0, 0.0, 1.0, 0, 0.0
+    wall, position, w = SIGMA_PLUS, 0.0, -v
+    begun = False  # a contact with Σ⁺
+    for _ in range(MOST_PIECES):
+        phase = folded(tau + time)
+        if (
+            begun
+            and position == 0.0
+            and (w < 0.0 or (w == 0.0 and not outward_force(wall, phase, delta, epsilon) > 0.0))
+        ):
+            return OK, phase, -w, time, n_minus, j00, j01, j10, j11
+        status, s, after, position, w, left, m00, m01, m10, m11 = piece(
+            wall, phase, position, w, delta, epsilon, beta, kappa, math.inf
+        )
+        if status != OK:
+            return status, tau, v, time, n_minus, j00, j01, j10, j11
+        j00, j01, j10, j11 = multiplied(m00, m01, m10, m11, j00, j01, j10, j11)
+        time += s
+        if left:
+            n_minus += after == SIGMA_MINUS
+            begun = after == SIGMA_PLUS
+        wall = after
+    return STUCK, tau, v, time, n_minus, j00, j01, j10, j11

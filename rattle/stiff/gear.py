@@ -1,0 +1,143 @@
+"""StiffGear: one parameter point of the gear model with stiff contact, and what can be asked of it."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle import flight
+from rattle.attractors import LARGEST_SEED, MOST_SAMPLES, Attractor, listed, tabulated
+from rattle.basin_measures import Uncertainty, uncertainty
+from rattle.basins import Basins, basins
+from rattle.errors import RattleError, require, require_finite, require_integer, require_number
+from rattle.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
+from rattle.gear import Impact
+from rattle.sampling import initial_conditions
+from rattle.stiff import families, motion, quiet, returns
+from rattle.stiff.flow import GAP, QUIET, flow
+from rattle.stiff.plane import StiffPlane
+from rattle.stiff.survey import followed
+
+LONGEST_RUN = 1e5  # forcing periods of one call
+
+
+class Motion(NamedTuple):
+    """Where a motion is after a time: Φ, Φ', how many contacts with each wall it has begun on the way, and its tangent
+    map (2, 2), ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times, of determinant e^(−δ time).
+    """
+
+    position: float
+    velocity: float
+    n_plus: int
+    n_minus: int
+    tangent: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StiffGear:
+    """The gear model with stiff contact at damping delta > 0, eccentricity epsilon ≥ 0, half-backlash beta > 0 and
+    stiffness kappa > 0, all dimensionless.
+
+    Φ'' + δΦ' + 2κB(Φ) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt, where B(Φ) is the depth of Φ beyond ±β; time in forcing
+    periods. States are (Φ, Φ') at a time, or (τ, v): leave Σ⁺ (Φ = β) at phase τ ∈ [0, 1) with velocity −v, as in the
+    impacting model `rattle.Gear`, its limit κ → ∞. Raises ParameterError on other parameters. Source: Mason and
+    Piiroinen, SIAM J. Appl. Dyn. Syst. 8 (2009) 1694–1711, equations (2.1), (2.2); docs/stiff.md.
+    """
+
+    delta: float
+    epsilon: float
+    beta: float = 0.6
+    kappa: float = 1e4
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "delta", require_number("delta", self.delta, positive=True))
+        object.__setattr__(self, "epsilon", require_number("epsilon", self.epsilon))
+        object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
+        object.__setattr__(self, "kappa", require_number("kappa", self.kappa, positive=True))
+
+    @property
+    def quiet_limit(self) -> float:
+        """ε from which permanent contact with Σ⁺ is lost."""
+        return float(quiet.quiet_limit(self.delta, self.kappa))
+
+    @property
+    def sn1(self) -> float:
+        """ε at which A and C are born at this damping. Raises RattleError where they are not born so."""
+        return families.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
+
+    def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> Motion:
+        """The motion from (Φ, Φ') at this phase, after a time in forcing periods: the stroboscopic map, if it is whole.
+
+        Raises ParameterError, and RattleError where the numbers leave double precision.
+        """
+        position, velocity = require_finite("position", position), require_finite("velocity", velocity)
+        time, tau = require_number("time", time), _phase(phase)
+        require(time <= LONGEST_RUN, f"time must be at most {LONGEST_RUN:g} forcing periods, got {time}")
+        wall = GAP
+        if abs(position) >= self.beta:
+            wall = SIGMA_PLUS if position > 0.0 else SIGMA_MINUS
+        start = abs(position) - self.beta if wall != GAP else position
+        status, end, x, w, n_plus, n_minus, *tangent = flow(
+            wall, tau, start, velocity, time, self.delta, self.epsilon, self.beta, self.kappa
+        )
+        if status != OK or not (math.isfinite(x) and math.isfinite(w)):
+            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+        whole = x if end == GAP else end * (self.beta + x)
+        return Motion(float(whole), float(w), n_plus, n_minus, np.array(tangent).reshape(2, 2))
+
+    def impact(self, tau: float, v: float) -> Impact:
+        """The return map of departures from Σ⁺, (τ, v) with v > 0, with its tangent matrix (2, 2).
+
+        In (t, v²/2) the tangent has determinant e^(−δ time). Raises ParameterError, and RattleError where contact with
+        Σ⁺ never ends (quiet motion).
+        """
+        v = require_number("v", v, positive=True)
+        status, tau1, v1, time, n_minus, *tangent, _ = returns.step_tangent(_phase(tau), v, self._point)
+        if status == QUIET:
+            raise RattleError("the motion becomes quiet: its contact with Σ⁺ never ends")
+        if status != OK or not math.isfinite(time):
+            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+        return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
+
+    def orbits(self) -> tuple[families.Named, ...]:
+        """The counterparts of A, B, C and D that happen, with their letters; "P": another P(1,1,0)."""
+        return families.period_one(self.delta, self.epsilon, self.beta, self.kappa)
+
+    def orbit(self, tau: float, v: float, n_plus: int = 1) -> motion.StiffOrbit:
+        """The periodic motion near a departure (τ, v), with n_plus contacts with Σ⁺ a period; see `stiff_orbit`."""
+        return motion.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
+
+    def region(self) -> int:
+        """Region 1…5 (I…V) by the counterparts of A–D; 0 for another combination."""
+        return families.region(self.orbits())
+
+    def attractors(self, count: int = 256, v_max: float = 7.0, seed: int = 0) -> tuple[Attractor, ...]:
+        """The attractors that the sample of `Gear.attractors` finds, by falling fraction.
+
+        Quiet: contact that never ends, exactly. Periodic: labels P(m, n₊, n₋) count contacts. Near the limit a motion
+        needs some √κ returns to become quiet, and above κ ≈ 1e8 it may be left undecided. Raises ParameterError.
+        """
+        count = require_integer("count", count, 1, MOST_SAMPLES)
+        seed, v_max = require_integer("seed", seed, 0, LARGEST_SEED), require_number("v_max", v_max, positive=True)
+        d, e, b, k = (np.array([x]) for x in self._point)
+        table, _rows = tabulated(followed(d, e, b, k, *initial_conditions(d, e, b, count, v_max, seed)))
+        return listed(table, table.samples)
+
+    def basins(self, resolution: int = 400, v_max: float = 7.0, method: str = "cells", impacts: int = 16) -> Basins:
+        """Basins of attraction on cells of (τ, v), by the methods of `Gear.basins`. Raises ParameterError."""
+        return basins(StiffPlane(*self._point), resolution, v_max, method, impacts)
+
+    def uncertainty(self, pairs: int = 2048, v_max: float = 7.0, seed: int = 0) -> Uncertainty:
+        """The uncertainty exponent of the basin boundary, as `Gear.uncertainty`. Raises ParameterError."""
+        return uncertainty(StiffPlane(*self._point), pairs, v_max, seed)
+
+    @property
+    def _point(self) -> returns.StiffPoint:
+        return returns.StiffPoint(self.delta, self.epsilon, self.beta, self.kappa)
+
+
+def _phase(phase: float) -> float:
+    """One finite phase folded into [0, 1)."""
+    return float(flight.folded(require_finite("phase", phase)))

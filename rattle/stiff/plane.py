@@ -1,0 +1,46 @@
+"""The plane of states (τ, v) of the stiff gear, as `rattle.basins` asks for it."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.cell_map import locate
+from rattle.impact_equations import Array
+from rattle.sampling import initial_conditions
+from rattle.stiff.settle import iterate
+from rattle.stiff.survey import StiffSurvey, followed
+
+NEVER = 0.0  # no speed above 0 is sure to become quiet: contact tells
+
+
+class StiffPlane(NamedTuple):
+    """See `rattle.basins.Plane`."""
+
+    delta: float
+    epsilon: float
+    beta: float
+    kappa: float
+
+    def followed(self, tau: Array, v: Array) -> StiffSurvey:
+        """See `rattle.basins.Plane`."""
+        delta, epsilon, beta, kappa = (np.array([x]) for x in self)
+        return followed(delta, epsilon, beta, kappa, tau[None].copy(), v[None].copy())
+
+    def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """See `rattle.basins.Plane`."""
+        tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
+        iterate(tau, v, returns, quiet, *self)
+        return tau, v, quiet > 0
+
+    def located(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:
+        """See `rattle.basins.Plane`."""
+        cell = np.empty(tau.size, np.int64)
+        locate(tau, v, n, v_max, self.delta, self.epsilon, NEVER, cell)
+        return cell
+
+    def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
+        """See `rattle.basins.Plane`."""
+        delta, epsilon, beta = (np.array([x]) for x in self[:3])
+        tau, v = initial_conditions(delta, epsilon, beta, count, v_max, 0)
+        return tau[0], v[0]

@@ -1,0 +1,42 @@
+"""Quiet motion of the stiff gear: permanent contact with Σ⁺, a periodic solution of a linear equation.
+
+x = 2πδ/κ + ε (P cos 2πt + Q sin 2πt) with D = (2κ − 4π²)² + (2πδ)², P = −4π² (2κ − 4π² − δ²)/D, Q = −4πδκ/D; it is
+motion of the gear while x ≥ 0, so exactly for ε ≤ 2πδ/(κ √(P² + Q²)), and then it attracts.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.errors import ParameterError, real_array, require
+
+TWO_PI = 2.0 * np.pi
+
+
+def quiet_limit(delta: ArrayLike, kappa: ArrayLike) -> NDArray[np.float64]:
+    """The smallest ε at which permanent contact with Σ⁺ is lost: (δ/κ) √((2κ − 4π²)² + 4π²δ²)/√(4π² + δ²).
+
+    Damping δ > 0 and stiffness κ > 0 broadcast (dimensionless). For κ → ∞ it is `rattle.quiet_limit` times 1 − 2π²/κ.
+    Raises ParameterError.
+    """
+    try:
+        d, k = np.broadcast_arrays(real_array("delta", delta), real_array("kappa", kappa))
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(f"delta and kappa must broadcast: {error}") from None
+    for name, array in (("delta", d), ("kappa", k)):
+        require(bool(np.all(np.isfinite(array) & (array > 0))), f"{name} must be finite and greater than 0")
+    return d / k * np.hypot(2.0 * k - TWO_PI**2, TWO_PI * d) / np.hypot(TWO_PI, d)
+
+
+def quiet_depth(
+    delta: float, epsilon: float, kappa: float, time: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Depth x = Φ − β and velocity of permanent contact with Σ⁺ at times in forcing periods (any shape)."""
+    a, b = 2.0 * kappa - TWO_PI**2, TWO_PI * delta
+    size = np.hypot(a, b)
+    p = -(TWO_PI**2) * ((a - delta**2) / size) / size
+    q = -2.0 * TWO_PI * delta * (kappa / size) / size
+    angle = TWO_PI * np.asarray(time, np.float64)
+    depth = TWO_PI * delta / kappa + epsilon * (p * np.cos(angle) + q * np.sin(angle))
+    return depth, TWO_PI * epsilon * (q * np.cos(angle) - p * np.sin(angle))

@@ -1,0 +1,64 @@
+"""The return map of the stiff gear on Σ⁺, with its tangent map (compiled).
+
+A state (τ, v) leaves the contact with Σ⁺ at phase τ with velocity −v, as in the impacting model. In (t, v²/2) the
+tangent map of a return that takes the time s has determinant e^(−δs).
+"""
+
+from typing import NamedTuple
+
+from rattle import tangent_map
+from rattle._compile import for_type, kernel
+from rattle.first_impact import OK, SIGMA_PLUS
+from rattle.stiff.flow import departure, outward_force
+
+
+class StiffPoint(NamedTuple):
+    """A parameter point."""
+
+    delta: float
+    epsilon: float
+    beta: float
+    kappa: float
+
+
+@kernel
+def acceleration(tau, w, point):
+    """Φ'' on Σ⁺, where the contact exerts no force yet."""
+    return outward_force(SIGMA_PLUS, tau, point.delta, point.epsilon) - point.delta * w
+
+
+@kernel
+def step(tau, v, point):
+    """Π: (status, τ', v', time, contacts with Σ⁻)."""
+    status, tau1, v1, time, n_minus, _a, _b, _c, _d = departure(
+        tau, v, point.delta, point.epsilon, point.beta, point.kappa
+    )
+    return status, tau1, v1, time, n_minus
+
+
+@kernel
+def step_tangent(tau, v, point):
+    """Π with its tangent: (status, τ', v', time, contacts with Σ⁻, j00, j01, j10, j11, ln det in (t, v²/2)).
+
+    A change (dτ, dv) of the departure is (v dτ, −dv − Φ'' dτ) of (Φ, Φ') at time τ; at the end likewise, backwards.
+    """
+    status, tau1, v1, time, n_minus, j00, j01, j10, j11 = departure(
+        tau, v, point.delta, point.epsilon, point.beta, point.kappa
+    )
+    if status != OK:
+        return status, tau1, v1, time, n_minus, j00, j01, j10, j11, 0.0
+    before, after = acceleration(tau, -v, point), acceleration(tau1, -v1, point)
+    p_t, w_t = j00 * v - j01 * before, j10 * v - j11 * before
+    p_v, w_v = -j01, -j11
+    t_t, t_v = p_t / v1, p_v / v1
+    return OK, tau1, v1, time, n_minus, t_t, t_v, -(w_t + after * t_t), -(w_v + after * t_v), -point.delta * time
+
+
+@for_type(tangent_map.step, StiffPoint)
+def _step(tau, v, point):
+    return step(tau, v, point)
+
+
+@for_type(tangent_map.step_tangent, StiffPoint)
+def _step_tangent(tau, v, point):
+    return step_tangent(tau, v, point)

@@ -1,0 +1,147 @@
+"""Follow samples of the stiff gear until each is quiet, captured, recurs, or has made its contacts (compiled).
+
+As `rattle.settle` for the impacting model, sample by sample: quiet is a contact with Σ⁺ that never ends, and the
+tangent vector is one of (Φ, Φ') at fixed time.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rattle._compile import for_type, inline, kernel
+from rattle.first_impact import OK
+from rattle.flight import wrapped
+from rattle.lyapunov import BATCHES
+from rattle.settle import ALIGNMENT, FAILED, LEFT, ORBIT, QUIET, RECURRENCE, RECURRENT, captor, mark
+from rattle.stiff import flow
+from rattle.stiff.returns import StiffPoint
+from rattle.tangent_map import point_of, step
+
+
+class StiffCells(NamedTuple):
+    """Parameters of the cells (n,); capture: 1 where permanent contact is a motion, 0 where it is not."""
+
+    delta: Any
+    epsilon: Any
+    beta: Any
+    capture: Any
+    kappa: Any
+
+
+class Reference(NamedTuple):
+    """A state that a trajectory may come back to (Brent's cycle search), its number, and that of the next one."""
+
+    tau: float
+    v: float
+    n: int
+    following: int
+
+
+@for_type(point_of, StiffCells)
+def _point_of(cell, cells):
+    return StiffPoint(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.kappa[cell])
+
+
+@inline
+def begun(tau, v):
+    """The first reference of a trajectory."""
+    return Reference(tau, v, 0, 1)
+
+
+@inline
+def looked(tau, v, n, k, reference, samples, balls):
+    """What has become of sample k after n returns: (status, orbit, reference)."""
+    orbit = captor(tau, v, samples.cell[k], balls)
+    if orbit >= 0:
+        return ORBIT, orbit, reference
+    near = abs(v - reference.v) < RECURRENCE and abs(wrapped(tau - reference.tau)) < RECURRENCE
+    if near and n > reference.n and samples.impacts[k] + n >= samples.pause[k]:
+        samples.gap[k] = n - reference.n
+        return RECURRENT, -1, reference
+    if n >= reference.following:
+        return LEFT, -1, Reference(tau, v, n, 2 * reference.following)
+    return LEFT, -1, reference
+
+
+@inline
+def finish(tau, v, n, k, status, orbit, samples):
+    """Write the end of a stretch of n returns to sample k."""
+    samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = tau, v, status, orbit
+    samples.impacts[k] += n
+
+
+@inline
+def told(status):
+    """What a return that does not come back says of its sample."""
+    return QUIET if status == flow.QUIET else FAILED
+
+
+@kernel
+def settle(which, cells, samples, balls):
+    """Follow the samples `which` until they end; a sample that makes all its returns is LEFT."""
+    for j in range(which.size):
+        k = which[j]
+        point = point_of(samples.cell[k], cells)
+        tau, v, n = samples.tau[k], samples.v[k], 0
+        reference = begun(tau, v)
+        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls)
+        while status == LEFT and samples.impacts[k] + n < samples.limit[k]:
+            code, tau, v, _time, _below = step(tau, v, point)
+            if code != OK:
+                status = told(code)
+                break
+            n += 1
+            status, orbit, reference = looked(tau, v, n, k, reference, samples, balls)
+        finish(tau, v, n, k, status, orbit, samples)
+
+
+@kernel
+def measure(which, least, periods, cells, samples, balls, sums, footprints):
+    """As `settle`, with a tangent vector, for at least so many returns and so many forcing periods, or to the limit.
+
+    sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns,
+    footprints[j] the boxes that it visits.
+    """
+    for j in range(which.size):
+        k = which[j]
+        point = point_of(samples.cell[k], cells)
+        tau, v, n, x, y, total = samples.tau[k], samples.v[k], 0, 1.0, 0.0, 0.0
+        most = float(samples.limit[k] - samples.impacts[k])
+        reference = begun(tau, v)
+        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls)
+        while status == LEFT:
+            share = min((n - ALIGNMENT) / (least - ALIGNMENT), total / periods)
+            share = max(share, n / most)
+            if share >= 1.0:
+                break
+            code, tau, v, time, _below, j00, j01, j10, j11 = flow.departure(
+                tau, v, point.delta, point.epsilon, point.beta, point.kappa
+            )
+            if code != OK:
+                status = told(code)
+                break
+            n, total = n + 1, total + time
+            x, y = j00 * x + j01 * y, j10 * x + j11 * y
+            size = math.hypot(x, y)
+            x, y = x / size, y / size
+            if n > ALIGNMENT:
+                row = sums[j, min(int(max(share, 0.0) * BATCHES), BATCHES - 1)]
+                row[0] += time
+                row[1] += math.log(size)
+                row[2] += math.log(abs(j00 * j11 - j01 * j10))
+            mark(tau, v, point.epsilon, footprints[j])
+            status, orbit, reference = looked(tau, v, n, k, reference, samples, balls)
+        finish(tau, v, n, k, status, orbit, samples)
+
+
+@kernel
+def iterate(tau, v, n, quiet, delta, epsilon, beta, kappa):
+    """Π^n of flat arrays in place; quiet: 1 where contact never ends after at most n returns, which keeps its state."""
+    point = StiffPoint(delta, epsilon, beta, kappa)
+    for i in range(tau.size):
+        for _ in range(n):
+            code, tau[i], v[i], _time, _below = step(tau[i], v[i], point)
+            if code != OK:
+                quiet[i] = np.int8(code == flow.QUIET)
+                break

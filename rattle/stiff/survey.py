@@ -1,0 +1,45 @@
+"""Which attractors the samples of cells of the stiff gear go to: the races of `rattle.survey` with its return map."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.stiff.quiet import quiet_limit
+from rattle.stiff.settle import StiffCells, measure, settle
+from rattle.survey import Survey
+
+
+class StiffSurvey(Survey):
+    """The samples of a block of cells on their way, and what is known of the cells."""
+
+    def enter_period_one(self) -> None:
+        """No motion is known beforehand."""
+
+    def advance(self, which: NDArray[np.int64]) -> None:
+        """Follow samples to their ends or limits."""
+        settle(which, self.cells, self.samples, self.balls)
+
+    def watch(
+        self,
+        which: NDArray[np.int64],
+        least: int,
+        periods: float,
+        sums: NDArray[np.float64],
+        prints: NDArray[np.uint64],
+    ) -> None:
+        """Follow samples with a tangent vector."""
+        measure(which, least, periods, self.cells, self.samples, self.balls, sums, prints)
+
+
+def followed(
+    delta: NDArray[np.float64],
+    epsilon: NDArray[np.float64],
+    beta: NDArray[np.float64],
+    kappa: NDArray[np.float64],
+    tau: NDArray[np.float64],
+    v: NDArray[np.float64],
+) -> StiffSurvey:
+    """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end."""
+    rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
+    survey = StiffSurvey(StiffCells(delta, epsilon, beta, rests, kappa), tau, v)
+    survey.run()
+    return survey
