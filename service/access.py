@@ -86,13 +86,16 @@ class AccessMiddleware:
         except (RattleError, SQLAlchemyError, HTTPException) as error:
             if scope["type"] == "websocket":
                 await send({"type": "websocket.close", "code": 1008, "reason": ""})
-            elif isinstance(error, UnauthorizedError) and scope["path"] == EXPLORER and method in SAFE_METHODS:
+            elif isinstance(error, UnauthorizedError) and self._is_page(scope["path"]) and method in SAFE_METHODS:
                 there = login_url(EXPLORER, scope["query_string"].decode("ascii", "replace"))
                 await RedirectResponse(there, 303)(scope, receive, _with_headers(send))
             else:
                 await problems.answer(Request(scope), error)(scope, receive, _with_headers(send))
             return
         await self.app(scope, receive, _with_headers(send))
+
+    def _is_page(self, path: str) -> bool:
+        return self._settings.explorer and path == EXPLORER
 
     async def _caller(self, scope: Scope, headers: Headers, method: str) -> Caller | None:
         # Whatever address the settings name: a request from elsewhere is never taken for one of this machine.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, closing
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, closing, nullcontext
 from typing import TYPE_CHECKING
 
 from anyio import CapacityLimiter
@@ -67,7 +67,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.include_router(
             router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declared(401)
         )
-    app.state.explorer = Explorer(app, settings)
+    app.state.explorer = Explorer(app, settings) if settings.explorer else None
     return app
 
 
@@ -105,7 +105,7 @@ def _lifespan(
             )
             manager.start()
             try:
-                async with app.state.explorer.running(app.state.front):
+                async with app.state.explorer.running(app.state.front) if settings.explorer else nullcontext():
                     yield
             finally:
                 await run_in_threadpool(manager.stop)

@@ -33,7 +33,8 @@ class Server(uvicorn.Server):
         gc.collect()
         gc.freeze()  # or every full collection looks through all modules again, and nothing is answered meanwhile
         # the first who opens the explorer shall not wait for it; a reference, or the task may be collected
-        self._preparing = asyncio.ensure_future(self._app.state.explorer.prepare())
+        if explorer := self._app.state.explorer:
+            self._preparing = asyncio.ensure_future(explorer.prepare())
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """Begin to end; what cannot be interrupted, such as a cluster that is starting, is killed in time."""

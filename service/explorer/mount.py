@@ -54,6 +54,7 @@ class Explorer:
         self._front: Front | None = None
         self._news: News | None = None
         self._loading: asyncio.Future[BokehFastAPI] | None = None
+        self._warming: asyncio.Task[None] | None = None
         app.router.routes += [
             Route("/", self._page, methods=["GET"], include_in_schema=False),
             WebSocketRoute("/ws", self._socket),
@@ -83,9 +84,6 @@ class Explorer:
             while self._front.manager.cluster_state == "starting" and self._loading is None:
                 await asyncio.sleep(LOOK_SECONDS)
             await self.load()
-            from service.explorer.point_work import prepare
-
-            await prepare(self._front)
         except Exception:  # told again to whoever opens the page
             log.exception("the explorer cannot be loaded")
 
@@ -121,25 +119,29 @@ class Explorer:
     async def _page(self, request: Request) -> Response:
         from panel.io.fastapi import DocHandler
 
+        from service.explorer.point_work import prepare
         from service.explorer.viewer import CALLER
+
+        assert self._front is not None
 
         bokeh = await self.load()
         context = _context(bokeh)
         if len(list(context.sessions)) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
+        if self._warming is None:  # processes for the first click, which nobody needs where nobody looks
+            self._warming = asyncio.create_task(prepare(self._front))
         CALLER.set(request.state.caller)
         response: Response = await DocHandler(bokeh, application_context=context).get(request)
         response.headers.update({"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"})
         return response
 
     async def _socket(self, websocket: WebSocket) -> None:
-        from panel.io.fastapi import WSHandler
-
+        from service.explorer.socket import PageSocket
         from service.explorer.viewer import CALLER
 
         bokeh = await self.load()
         CALLER.set(websocket.state.caller)
-        handler: Any = WSHandler(bokeh, application_context=_context(bokeh))
+        handler: Any = PageSocket(bokeh, application_context=_context(bokeh))
         try:
             await handler.ws_connect(websocket)
         except Exception as error:  # bokeh_fastapi raises anything at a token that is not one of ours

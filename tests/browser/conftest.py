@@ -17,6 +17,7 @@ FLAGS = [
     *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-dev-shm-usage"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 ]
+EXPLORER = {"RATTLE_EXPLORER": "true"}
 PATIENCE_MS = 60_000  # of a busy machine; nothing waits for a time, everything for a condition
 SURVEY: dict[str, Any] = {
     "name": "small",
@@ -27,9 +28,9 @@ SURVEY: dict[str, Any] = {
 }
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Chromium, without a window."""
+    """Chromium, without a window. Not for the session: while Playwright is there, no other test can use asyncio.run."""
     path = shutil.which("chromium")
     if path is None:
         pytest.skip("Chromium is not installed (apt-get install chromium)")
@@ -43,7 +44,7 @@ def browser() -> Iterator[Browser]:
 def service() -> Iterator[str]:
     """URL of a service with one small survey that is done."""
     port = free_port()
-    with tempfile.TemporaryDirectory() as data, server(Path(data), port, "--workers", "1"):
+    with tempfile.TemporaryDirectory() as data, server(Path(data), port, "--workers", "1", settings=EXPLORER):
         url = f"http://127.0.0.1:{port}"
         here = httpx.post(f"{url}/v1/surveys", json=SURVEY).json()["links"]["self"]
         wait_until(lambda: httpx.get(url + here).json()["state"] == "successful")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import PATIENCE_MS, visiting
+from conftest import EXPLORER, PATIENCE_MS, visiting
 from playwright.sync_api import Browser, expect
 from service_processes import finish, free_port, server
 
@@ -22,7 +22,7 @@ def asking(tmp_path: Path) -> Iterator[tuple[str, dict[str, str], object]]:
         made = finish("key", "add", scope, "--scope", scope, "--data", str(tmp_path))
         tokens[scope] = next(word for word in made.stdout.split() if word.startswith("rattle_"))
     port = free_port()
-    with server(tmp_path, port, "--workers", "1", settings={"RATTLE_REQUIRE_KEYS": "true"}) as process:
+    with server(tmp_path, port, "--workers", "1", settings=EXPLORER | {"RATTLE_REQUIRE_KEYS": "true"}) as process:
         yield f"http://127.0.0.1:{port}", tokens, process
 
 

@@ -20,7 +20,12 @@ from workers import SurveyRequest, compute_tile, tiles_of
 
 ROOT = Path(__file__).parents[2]
 RATTLE = [sys.executable, "-c", "from service.cli import main; main()"]
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+ENVIRONMENT = {
+    **os.environ,
+    "PYTHONPATH": str(ROOT),
+    "PYTHONUNBUFFERED": "1",
+    "RATTLE_EXPLORER": "false",  # tests in a browser ask for it; the others start sooner
+}
 START_SECONDS = 120
 NO_SETTINGS: Mapping[str, str] = {}
 

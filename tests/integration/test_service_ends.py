@@ -16,6 +16,7 @@ from service_processes import FIELDS, free_port, server, wait_until
 from service.client import Client
 
 SECONDS = 5.0
+WHOLE = {"RATTLE_EXPLORER": "true"}
 #: Some seconds a tile on an idle core: a tile that is cut off is computed again.
 HEAVY: dict[str, Any] = FIELDS | {
     "epsilon": {"start": 0.2, "stop": 0.3, "num": 36},
@@ -54,7 +55,7 @@ def test_a_busy_service_ends_in_time_with_its_tiles(tmp_path: Path) -> None:
         except httpx.TransportError:
             ended.append("cut")
 
-    with server(tmp_path, port) as process, Client(url) as client:
+    with server(tmp_path, port, settings=WHOLE) as process, Client(url) as client:
         job = client.submit(HEAVY)
         events = job.document["links"]["events"]
         paths = [events] * 20 + [EXTREME] * 3 + [f"{job.document['links']['map']}?variable=orbit_phase"] * 2
@@ -64,7 +65,7 @@ def test_a_busy_service_ends_in_time_with_its_tiles(tmp_path: Path) -> None:
             thread.start()
         # Two workers, the resource tracker of multiprocessing, and two processes for the points.
         wait_until(lambda: len(psutil.Process(process.pid).children(recursive=True)) >= 5)
-        wait_until(lambda: begun.count(events) == 20)  # the explorer has a process for points before anybody asks
+        wait_until(lambda: begun.count(events) == 20)
         seconds = stop(process)
         for thread in asking:
             thread.join()
@@ -81,6 +82,6 @@ def test_a_busy_service_ends_in_time_with_its_tiles(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("after", [0.0, 1.0])
 def test_a_service_ends_in_time_while_its_cluster_starts(tmp_path: Path, after: float) -> None:
-    with server(tmp_path, free_port()) as process:
+    with server(tmp_path, free_port(), settings=WHOLE) as process:
         time.sleep(after)
         assert stop(process) < SECONDS
