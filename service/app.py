@@ -32,7 +32,7 @@ from service.state import Front
 if TYPE_CHECKING:
     from distributed import Client
 
-WORKERS_NICE = 10  # answers come before tiles
+WORKERS_NICE = 19  # answers come before tiles
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]

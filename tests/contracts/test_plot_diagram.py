@@ -14,7 +14,7 @@ from rattle.plot import diagram_figure
 
 @cache
 def pictured():
-    found = rattle.diagram((0.6, 0.055), (0.6, 0.08), steps=50)
+    found = rattle.diagram((0.6, 0.055), (0.6, 0.08), steps=25)
     return found, diagram_figure(found, (3.7, 4.7), (0.4, 1.0))
 
 

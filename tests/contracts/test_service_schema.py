@@ -29,7 +29,7 @@ from service.tables import Scope, State
 from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, tiles_of
 from workers.store import write_tile
 
-EXAMPLES = 10
+EXAMPLES = 7
 README = (Path(__file__).parents[2] / "README.md").read_text()
 #: Answers that are never 200 for data that fit the schema: what does not exist is not found, what is too large for the
 #: service's settings, or inconsistent in itself (an axis that falls), is refused.

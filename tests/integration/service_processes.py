@@ -33,12 +33,12 @@ NO_SETTINGS: Mapping[str, str] = {}
 FIELDS: dict[str, Any] = {
     "delta": {"start": 0.45, "stop": 0.9, "num": 12},
     "epsilon": {"start": 0.02, "stop": 0.25, "num": 12},
-    "initial_conditions": {"count": 2048},
+    "initial_conditions": {"count": 768},
     "tile": {"delta": 2, "epsilon": 2},
     "seed": 7,
 }
 REQUEST = SurveyRequest(**FIELDS)
-OPTIONS = ["--delta", "0.45:0.9:12", "--epsilon", "0.02:0.25:12", "--count", "2048", "--tile", "2x2", "--seed", "7"]
+OPTIONS = ["--delta", "0.45:0.9:12", "--epsilon", "0.02:0.25:12", "--count", "768", "--tile", "2x2", "--seed", "7"]
 
 
 def free_port() -> int:
