@@ -240,12 +240,13 @@ PROTECTIONS = (
         "fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)",
         "pass",
     ),
-    _one(
-        "surveys stop while open requests end",
+    Protection(
+        "surveys stop while open requests end, and what does not is killed in time",
         f"{ENDS}::test_a_busy_service_ends_in_time_with_its_tiles",
-        "service/server.py",
-        "            front.end()\n",
-        "            pass\n",
+        (
+            Edit("service/server.py", "            front.end()\n", "            pass\n"),
+            Edit("service/server.py", "        deadline.start()\n", ""),
+        ),
     ),
 )
 
