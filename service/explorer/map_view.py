@@ -226,20 +226,11 @@ class MapView:
         if first:
             self.map.window(*self.window)
             if self.view.point:
-                self._open_when_loaded()
+                self._point(*self.view.point)
             for name in self.view.overlays:
                 self._draw_line(name)
         if other:
             self._refine()
-
-    def _open_when_loaded(self) -> None:
-        """Show the point of the address. Parts that are put in while the browser still loads the page would be lost."""
-
-        def open_point() -> None:
-            if self.view.point:
-                self._point(*self.view.point)
-
-        pn.state.onload(open_point)
 
     def _show_limits(self, colours: Colouring | None) -> None:
         self._quiet = True
