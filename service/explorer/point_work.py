@@ -13,6 +13,7 @@ import anyio
 
 from rattle import RattleError
 from service.explorer import point_parts
+from service.explorer.viewer import change_and_wait
 from service.state import Front
 from service.turns import in_turn
 
@@ -107,13 +108,4 @@ class Work:
         if self._document is None or self._document.session_context is None:
             what()
             return
-        done = asyncio.Event()
-
-        def act() -> None:
-            try:
-                what()
-            finally:
-                done.set()
-
-        self._document.add_next_tick_callback(act)
-        await done.wait()
+        await change_and_wait(self._document, what)

@@ -108,19 +108,31 @@ class Viewer:
 
     async def changed(self, what: Callable[[], object]) -> None:
         """Change the document, and wait until that is done."""
-        done = asyncio.Event()
-
-        def act() -> None:
-            try:
-                what()
-            finally:
-                done.set()
-
-        self.change(act)
-        await done.wait()
+        await change_and_wait(self.document, what)
 
     def end(self) -> None:
         """The page was closed."""
         self.ended = True
         for task in tuple(self._tasks):
             task.cancel()
+
+
+async def change_and_wait(document: Document, what: Callable[[], object]) -> None:
+    """Change a document when nothing else does, and wait until that is done; raises what it raises."""
+    done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+    def act() -> None:
+        error: Exception | None = None
+        try:
+            what()
+        except Exception as raised:  # Bokeh would say nothing, and keep the document locked
+            error = raised
+        if done.done():  # whoever waited was given up
+            return
+        if error is None:
+            done.set_result(None)
+        else:
+            done.set_exception(error)
+
+    document.add_next_tick_callback(act)
+    await done
