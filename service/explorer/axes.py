@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 from bokeh.models import CustomJS, CustomJSTickFormatter, LinearAxis, Range1d
 from bokeh.plotting import figure
 
 from service.explorer.address import Pair
+from service.explorer.files import asset
 
-ASSETS = Path(__file__).parent / "assets"
 NAMES = ("damping δ", "eccentricity ε")
 NARROW = 1e-5  # of the values: narrower windows have an offset
 NARROWEST = 1e-13
@@ -19,8 +18,8 @@ NARROWEST = 1e-13
 def dress(plot: figure) -> None:
     """Give the axes of a map their labels and ticks."""
     for axis, span, name in zip((plot.xaxis[0], plot.yaxis[0]), (plot.x_range, plot.y_range), NAMES, strict=True):
-        axis.formatter = CustomJSTickFormatter(args={"range": span}, code=(ASSETS / "ticks.js").read_text())
-        naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=(ASSETS / "axis_label.js").read_text())
+        axis.formatter = CustomJSTickFormatter(args={"range": span}, code=asset("ticks.js"))
+        naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=asset("axis_label.js"))
         span.js_on_change("start", naming)
         span.js_on_change("end", naming)
 

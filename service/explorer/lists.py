@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import param
 from panel.custom import JSComponent
 
-ASSETS = Path(__file__).parent / "assets"
+from service.explorer.files import asset
 
 
 class SurveyList(JSComponent):
@@ -20,8 +19,8 @@ class SurveyList(JSComponent):
     ready = param.Boolean(default=False)
     signed_in = param.Boolean(default=False)
 
-    _esm = (ASSETS / "surveys.js").read_text()
-    _stylesheets = [(ASSETS / "surveys.css").read_text()]  # noqa: RUF012 - as Panel has it
+    _esm = asset("surveys.js")
+    _stylesheets = [asset("surveys.css")]  # noqa: RUF012 - as Panel has it
 
     def __init__(self, on_action: Callable[[str, str], None], **values: Any) -> None:
         super().__init__(**values)
@@ -39,5 +38,5 @@ class Key(JSComponent):
     overlays = param.List(default=[])
     chosen = param.List(default=[])
 
-    _esm = (ASSETS / "key.js").read_text()
-    _stylesheets = [(ASSETS / "key.css").read_text()]  # noqa: RUF012 - as Panel has it
+    _esm = asset("key.js")
+    _stylesheets = [asset("key.css")]  # noqa: RUF012 - as Panel has it

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import panel as pn
@@ -13,6 +12,7 @@ from bokeh.document import Document
 
 from service.actions import remove_survey
 from service.explorer.address import THEMES, View
+from service.explorer.files import asset
 from service.explorer.form import Form
 from service.explorer.lists import SurveyList
 from service.explorer.map_view import MapView
@@ -24,7 +24,6 @@ from service.state import Front
 from service.tables import Scope, State
 from workers import SurveyRequest
 
-ASSETS = Path(__file__).parent / "assets"
 THEME_NAMES = {"default": "Light", "dark": "Dark"}
 
 
@@ -70,7 +69,7 @@ class Page:
         self._standings: dict[str, Standing] = {}
         self._form: Form | None = None
         viewer.tell = self._tell
-        sheet = (ASSETS / "widgets.css").read_text()
+        sheet = asset("widgets.css")
         self._notice = pn.pane.HTML("", stylesheets=[sheet], margin=(0, 10), sizing_mode="stretch_width")
         self._list = SurveyList(
             self._act, chosen=view.survey, signed_in=viewer.signed_in, margin=0, sizing_mode="stretch_width"
@@ -85,8 +84,8 @@ class Page:
 
     def _laid_out(self, theme: str) -> pn.Template:
         other = THEMES[1 - THEMES.index(theme)]
-        template = _Template((ASSETS / "page.html").read_text(), location=True)
-        template.add_variable("page_css", (ASSETS / "page.css").read_text())
+        template = _Template(asset("page.html"), location=True)
+        template.add_variable("page_css", asset("page.css"))
         for name, value in {
             "theme": theme,
             "other_theme": other,
@@ -131,16 +130,15 @@ class Page:
         self._location.search = self._map.view.query()
 
     def _toggle_form(self) -> None:
-        opened = self._form is not None and self._form.panel in self._side
-        if opened:
-            self._side.remove(self._form.panel)  # type: ignore[union-attr]
+        if self._form is not None and self._form.panel in self._side:
+            self._side.remove(self._form.panel)
+            self._new.label = "New survey"
         else:
             self._opened_form()
-        self._new.label = "New survey" if opened else "Close the form"
 
     def _opened_form(self) -> Form:
         if self._form is None:
-            self._form = Form(self._viewer, self._submitted, (ASSETS / "widgets.css").read_text())
+            self._form = Form(self._viewer, self._submitted, asset("widgets.css"))
         if self._form.panel not in self._side:
             self._side.insert(1, self._form.panel)
             self._new.label = "Close the form"

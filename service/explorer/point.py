@@ -14,7 +14,7 @@ import param
 import rattle
 from rattle.plot.colours import colour, name_of
 from service.explorer import point_basins, point_diagram, point_motion, point_parts, point_words
-from service.explorer.axes import ASSETS
+from service.explorer.files import asset
 from service.explorer.point_parts import Chances, DiagramLines, Lines
 from service.explorer.point_state import PointState
 from service.explorer.point_work import Work
@@ -64,7 +64,7 @@ class PointView(pn.viewable.Viewer):
 
     @property
     def _sheets(self) -> list[str]:
-        return [(ASSETS / name).read_text() for name in ("widgets.css", "point.css")]
+        return [asset(name) for name in ("widgets.css", "point.css")]
 
     def _lay_out(self) -> None:
         gear = self._gear
