@@ -19,8 +19,27 @@ GRAZING_TIME = 1e-4  # and what that speed does to the time
 MOST_NEWTON = 30
 
 
+class Periodic:
+    """What a periodic motion of either model says of itself."""
+
+    m: int
+    walls: tuple[int, ...]
+    multipliers: tuple[complex, complex]
+    admissible: bool
+
+    @property
+    def label(self) -> tuple[int, int, int]:
+        """(m, n_plus, n_minus)."""
+        return self.m, self.walls.count(1), self.walls.count(-1)
+
+    @property
+    def stable(self) -> bool:
+        """Whether the motion exists and attracts."""
+        return self.admissible and abs(self.multipliers[0]) < 1.0
+
+
 @dataclass(frozen=True)
-class PeriodicOrbit:
+class PeriodicOrbit(Periodic):
     """A periodic motion P(m, n_plus, n_minus) at one parameter point.
 
     walls (n,): +1 or −1 of each impact, Σ⁺ first; times (n,) in forcing periods, the first in [0, 1); speeds (n,)
@@ -37,16 +56,6 @@ class PeriodicOrbit:
     speeds: NDArray[np.float64]
     multipliers: tuple[complex, complex]
     admissible: bool
-
-    @property
-    def label(self) -> tuple[int, int, int]:
-        """(m, n_plus, n_minus)."""
-        return self.m, self.walls.count(1), self.walls.count(-1)
-
-    @property
-    def stable(self) -> bool:
-        """Whether the motion exists and attracts."""
-        return self.admissible and abs(self.multipliers[0]) < 1.0
 
     @property
     def tau(self) -> float:

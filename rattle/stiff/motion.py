@@ -11,7 +11,7 @@ from rattle.arclength import Bound, Follower, Path, Problem, tangent_at
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.impact_equations import Array
 from rattle.orbits import multipliers_of
-from rattle.periodic import MOST_IMPACTS, PeriodicOrbit, at_parameters
+from rattle.periodic import MOST_IMPACTS, Periodic, PeriodicOrbit, at_parameters
 from rattle.stiff.contact import ENDS, contact_end, responses
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.flow import OK, QUIET, departs, piece
@@ -26,7 +26,7 @@ MOST_STEPS = 200
 
 
 @dataclass(frozen=True)
-class StiffOrbit:
+class StiffOrbit(Periodic):
     """A periodic motion P(m, n_plus, n_minus) of the stiff gear at one parameter point.
 
     walls (c,): of each contact, Σ⁺ first; times (c,) at which they begin, in forcing periods, the first in [0, 1);
@@ -45,16 +45,6 @@ class StiffOrbit:
     speeds: NDArray[np.float64]
     multipliers: tuple[complex, complex]
     admissible: bool
-
-    @property
-    def label(self) -> tuple[int, int, int]:
-        """(m, n_plus, n_minus)."""
-        return self.m, self.walls.count(1), self.walls.count(-1)
-
-    @property
-    def stable(self) -> bool:
-        """Whether the motion exists and attracts."""
-        return self.admissible and abs(self.multipliers[0]) < 1.0
 
     @property
     def tau(self) -> float:
