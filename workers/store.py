@@ -117,7 +117,11 @@ def _arrays(path: str, request: SurveyRequest) -> dict[str, zarr.Array]:
     _require_same(request, place)
     with zarr.config.set({"array.write_empty_chunks": True}), place.reaching():  # see template.WHOLE
         arrays = dict(zarr.open_group(place.zarr(), mode="r+", zarr_format=3).arrays())
-    return {quantity.name: arrays[quantity.name] for quantity in stored(request.quantities) if quantity.per_cell}
+    return {
+        quantity.name: arrays[quantity.name]
+        for quantity in stored(request.quantities, request.model)
+        if quantity.per_cell
+    }
 
 
 def finish_store(where: str | Path | Place) -> None:

@@ -27,3 +27,5 @@ __all__ = [
     "stiff_curve",
     "stiff_orbit",
 ]
+
+NAMES = ()
