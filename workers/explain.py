@@ -77,9 +77,7 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES) -> Explanation:
     most_curves: how many curves of other than period-one motions may be computed. Raises SurveyError.
     """
     if dataset.attrs.get("model") == Model.STIFF:
-        raise SurveyError(
-            "boundaries are explained in surveys of the impacting model only, which this one is not"
-        )
+        raise SurveyError("boundaries are explained in surveys of the impacting model only, which this one is not")
     search = _Search(Grid(dataset), most_curves)
     why = dict(search.run())
     region = search.covers_region()

@@ -134,6 +134,7 @@ class PointView(pn.viewable.Viewer):
             await self._part(self._safe, partial(self._margin, self._gear))
             await self._part(self._about_lines, partial(self._some_lines, self._gear))
         else:
+            await self._work.change(partial(_tell, self._safe, f"<p>{point_words.NO_MARGIN}</p>"))
             await self._part(self._orbits, self._continued)
         await self._part(self._under_basins, partial(self._some_basins, 300, "refined"))
         await self._part(self._under_diagram, self._one_diagram)

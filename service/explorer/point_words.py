@@ -13,6 +13,7 @@ from service.explorer.point_parts import Chances, Margin, PeriodOne
 
 REGIONS = ("no region of the paper", "region I", "region II", "region III", "region IV", "region V")
 MINUS = "\N{MINUS SIGN}"
+NO_MARGIN = "How hard an impact ends quiet running is known of the impacting model only."
 ENOUGH = 5e-4  # a share below it is not said to be 0
 
 

@@ -12,7 +12,8 @@ import pytest
 from service_support import no_cluster
 
 import rattle
-from rattle.models import Impacting
+from rattle.models import Impacting, Stiff
+from rattle.stiff import StiffGear
 from service.app import create_app
 from service.errors import UnavailableError
 from service.explorer import point_parts, point_words
@@ -262,6 +263,36 @@ def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon
         view = PointView(front, delta, epsilon, Impacting(0.6))
         (text,) = view.__panel__()
         assert "must" in text.object
+        view.stop()
+
+    with_front(tmp_path, body)
+
+
+def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def body(front: Front) -> None:
+        view = PointView(front, 0.6, 0.075, Stiff(0.6, 1e4))
+        asked: list[str] = []
+
+        async def compute(work: Any, *arguments: Any, what: str, slow: bool = False) -> Any:
+            asked.append(what)
+            if work is point_parts.basins:
+                arguments = (arguments[0], 40, "cells")
+            if work is point_parts.chances:
+                arguments = (arguments[0], 64)
+            return work(*arguments)
+
+        monkeypatch.setattr(view._work, "compute", compute)
+        assert "stiffness κ = 10000" in view._where.object
+        await until(lambda: "diagram" in asked[-1] and "computing" not in view._under_diagram.object)
+        gear = StiffGear(0.6, 0.075, 0.6, 1e4)
+        quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
+        assert point_words.percent(quiet.fraction) in view._likely.object
+        assert "region III" in view._orbits.object
+        assert point_words.number(gear.orbits()[0].v) in view._orbits.object
+        samples = view._motions._samples.data
+        assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
+        assert "impacting model only" in view._safe.object
+        assert "The margin" not in asked
         view.stop()
 
     with_front(tmp_path, body)
