@@ -273,7 +273,7 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         view = PointView(front, 0.6, 0.075, Stiff(0.6, 1e4))
         asked: list[str] = []
 
-        async def compute(work: Any, *arguments: Any, what: str, slow: bool = False) -> Any:
+        async def compute(work: Any, *arguments: Any, what: str, **_slow: bool) -> Any:
             asked.append(what)
             if work is point_parts.basins:
                 arguments = (arguments[0], 40, "cells")
