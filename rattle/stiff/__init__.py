@@ -4,6 +4,7 @@ Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 """
 
 from rattle.stiff.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
+from rattle.stiff.curves import NAMES, trace
 from rattle.stiff.gear import Motion, StiffGear
 from rattle.stiff.motion import StiffOrbit, from_limit, stiff_orbit
 from rattle.stiff.orbits import period_one, regions, saddle_node_1
@@ -11,6 +12,7 @@ from rattle.stiff.quiet import quiet_depth, quiet_limit
 from rattle.stiff.survey import attractors_of
 
 __all__ = [
+    "NAMES",
     "Motion",
     "StiffBranch",
     "StiffEvent",
@@ -26,4 +28,5 @@ __all__ = [
     "stiff_branch",
     "stiff_curve",
     "stiff_orbit",
+    "trace",
 ]
