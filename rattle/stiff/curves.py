@@ -88,26 +88,31 @@ def _traced(name: str, beta: float, kappa: float, window: Window, dampings: Arra
         return Described(orbit.tau, orbit.v, np.array(orbit.multipliers))
 
     starts = _starts(name, beta, kappa, window, dampings)
-    return traced(name, beta, condition(itinerary, kind), starts, window, left, described, lambda _, reason: reason)
+    problem, times = condition(itinerary, kind), itinerary.contacts
+    return traced(name, beta, problem, starts, window, left, described, lambda _, reason: reason, times)
 
 
 def _starts(name: str, beta: float, kappa: float, window: Window, dampings: Array) -> Iterator[Array]:
-    """Guesses of the unknowns (2c + 2,) on a curve at these dampings: of several, that with the longest time to Σ⁻."""
+    """Guesses of the unknowns (2c + 2,) on a curve at these dampings."""
     span = span_of(window.epsilon[1])
     for delta in dampings.tolist():
-        found = [y for family in families(delta, beta, kappa, span) for y in _events(name, family)]
-        if found:
-            y = min(found, key=lambda y: float(y[0] - y[1]))
-            yield np.insert(y, y.size - 1, delta)
+        for family in families(delta, beta, kappa, span):
+            for y in _events(name, family):
+                yield np.insert(y, y.size - 1, delta)
 
 
 def _events(name: str, family: Family) -> list[Array]:
-    """The motions (2c + 1,) of a family that are on a curve."""
+    """The motions (2c + 1,) of a family that are on a curve. Σ⁻ comes later than half a period after Σ⁺, from middle to
+    middle of the contacts: at 1/2 is the pole of the limit's P(1,1,1), and the paper's curves are beyond.
+    """
     if name == FLIP:
-        return _flips(family)
-    pairs = ("".join(sorted(family.letters[i : i + 2])) for i in range(family.folds.size))
-    folds = [family.points[k] for k, pair in zip(family.folds, pairs, strict=True) if pair == FOLDS[name]]
-    return [y for y in folds if happens(y, family.cycle)]
+        found = _flips(family)
+    else:
+        pairs = ("".join(sorted(family.letters[i : i + 2])) for i in range(family.folds.size))
+        found = [family.points[k] for k, pair in zip(family.folds, pairs, strict=True) if pair == FOLDS[name]]
+    half = 0.5 * softness(family.cycle.kappa)
+    late = [y for y in found if y.size == 3 or y[1] - y[0] + half * (y[3] - y[2]) > 0.5]
+    return [y for y in late if happens(y, family.cycle)]
 
 
 def _flips(family: Family) -> list[Array]:
@@ -122,8 +127,7 @@ def _flips(family: Family) -> list[Array]:
                 continue
             points = family.points[edges[i] : edges[i + 1] + 1][::step]
             for k in crossings(np.array([trace_of(y, cycle) + flip for y in points]))[:1]:
-                y = _bisected(points[k], points[k + 1], cycle, flip)
-                found += [y] if happens(y, cycle) else []
+                found.append(_bisected(points[k], points[k + 1], cycle, flip))
     return found
 
 
