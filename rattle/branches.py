@@ -5,6 +5,7 @@ virtual one, whose motion would have to pass a wall or leave from behind it, and
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from rattle.arclength import CLOSED, Bound, Follower, Path, newton, tangent_at
 from rattle.bifurcations import Kind, along
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
 from rattle.events import Event, Line, between_twins, find_events, is_twice, origin_of_doubling
-from rattle.impact_equations import Array, Itinerary
+from rattle.impact_equations import Array, Itinerary, twins
 from rattle.periodic import PeriodicOrbit, at_parameters, orbit_of
 
 LONGEST = 0.05  # of a step, in the unknowns
@@ -225,7 +226,7 @@ def _follower(itinerary: Itinerary, line: Line) -> Follower:
 
     problem = along(itinerary, line.origin, line.direction)
     bounds = (Bound(-1, *line.span),)
-    return Follower(problem, bounds, lambda y: _degenerate(itinerary, y) is None, longest, itinerary.twins)
+    return Follower(problem, bounds, lambda y: _degenerate(itinerary, y) is None, longest, partial(twins, itinerary))
 
 
 def _degenerate(itinerary: Itinerary, y: Array) -> str | None:

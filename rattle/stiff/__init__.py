@@ -6,6 +6,7 @@ Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 from rattle.stiff.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
 from rattle.stiff.families import saddle_node_1
 from rattle.stiff.gear import Motion, StiffGear
+from rattle.stiff.iterate import iterate, iterate_tangent
 from rattle.stiff.motion import StiffOrbit, from_limit, stiff_orbit
 from rattle.stiff.quiet import quiet_depth, quiet_limit
 
@@ -16,6 +17,8 @@ __all__ = [
     "StiffGear",
     "StiffOrbit",
     "from_limit",
+    "iterate",
+    "iterate_tangent",
     "quiet_depth",
     "quiet_limit",
     "saddle_node_1",

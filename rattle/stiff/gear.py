@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rattle import flight
 from rattle.attractors import LARGEST_SEED, MOST_SAMPLES, Attractor, listed, tabulated
@@ -14,9 +14,11 @@ from rattle.basins import Basins, basins
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.gear import Impact
+from rattle.iterate import Iterates
 from rattle.sampling import initial_conditions
 from rattle.stiff import families, motion, quiet, returns
 from rattle.stiff.flow import GAP, QUIET, flow
+from rattle.stiff.iterate import iterate
 from rattle.stiff.plane import StiffPlane
 from rattle.stiff.survey import followed
 
@@ -100,6 +102,10 @@ class StiffGear:
         if status != OK or not math.isfinite(time):
             raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
+
+    def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
+        """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast, as `rattle.stiff.iterate`. Raises ParameterError."""
+        return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
 
     def orbits(self) -> tuple[families.Named, ...]:
         """The counterparts of A, B, C and D that happen, with their letters; "P": another P(1,1,0)."""
