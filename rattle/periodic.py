@@ -24,8 +24,24 @@ class Periodic:
 
     m: int
     walls: tuple[int, ...]
+    speeds: NDArray[np.float64]
     multipliers: tuple[complex, complex]
     admissible: bool
+
+    @property
+    def departures(self) -> Array:
+        """When it leaves the walls (n,), with these speeds."""
+        raise NotImplementedError
+
+    @property
+    def tau(self) -> float:
+        """Phase at which it first leaves Σ⁺, in [0, 1)."""
+        return float(flight.folded(self.departures[0]))
+
+    @property
+    def v(self) -> float:
+        """Speed with which it does."""
+        return float(self.speeds[0])
 
     @property
     def label(self) -> tuple[int, int, int]:
@@ -58,14 +74,9 @@ class PeriodicOrbit(Periodic):
     admissible: bool
 
     @property
-    def tau(self) -> float:
-        """Phase of the first impact on Σ⁺, in [0, 1)."""
-        return float(self.times[0])
-
-    @property
-    def v(self) -> float:
-        """Speed after the first impact on Σ⁺."""
-        return float(self.speeds[0])
+    def departures(self) -> Array:
+        """When it leaves the walls (n,): at the impacts."""
+        return self.times
 
     @property
     def itinerary(self) -> Itinerary:

@@ -1,7 +1,7 @@
 """Bifurcation diagrams as the paper draws them: impact speed and phase against the parameter (Figures 5 and 9)."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from rattle.attractors import KINDS
 from rattle.bifurcations import Kind
-from rattle.branches import Branch
 from rattle.curves import name_of
-from rattle.diagrams import Diagram, diagram, names
+from rattle.diagrams import Diagram, diagram
 from rattle.errors import require
-from rattle.events import Event
 from rattle.flight import wrapped
 from rattle.impact_equations import Array
 from rattle.plot import paper_ranges as ranges
@@ -51,7 +49,7 @@ class ImpactCurve(NamedTuple):
     name: tuple[str, ...]
 
 
-def diagram_figure(diagram: Diagram, v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
+def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
     """The figure: (a) v and (b) τ against the parameter, limits of the panels given or found.
 
     Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked, with their
@@ -98,7 +96,7 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
     return Drawing(diagram_figure(found, *limits), tuple(notes))
 
 
-def parameter_axis(diagram: Diagram) -> tuple[str, float, float]:
+def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
     """Label of the axis, and scale and offset that take a position to it."""
     (delta, epsilon), (last_delta, last_epsilon) = diagram.start, diagram.end
     if delta == last_delta:
@@ -109,18 +107,18 @@ def parameter_axis(diagram: Diagram) -> tuple[str, float, float]:
     return way, 1.0, 0.0
 
 
-def impacts_at(event: Event) -> tuple[Array, Array]:
+def impacts_at(event: Any) -> tuple[Array, Array]:
     """Phases and speeds (n,) of the impacts on Σ⁺ at an event."""
-    upper = np.array(event.itinerary.walls) > 0
-    speeds = -event.itinerary.flights(event.unknowns).w0
-    return event.unknowns[:-2][upper] % 1.0, speeds[upper]
+    orbit = event.orbit
+    upper = np.array(orbit.walls) > 0
+    return orbit.departures[upper] % 1.0, orbit.speeds[upper]
 
 
-def curves_along(diagram: Diagram, branch: Branch, scale: float, offset: float) -> Iterator[ImpactCurve]:
+def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
     """Every impact of a branch on Σ⁺, with the events put in between its points."""
-    x, name = offset + scale * diagram.positions(branch), names(branch)
+    x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
-        tau, v = branch.times[:, impact] % 1.0, branch.speeds[:, impact]
+        tau, v = branch.departures[:, impact] % 1.0, branch.speeds[:, impact]
         rows = []
         for i in range(len(branch)):
             rows.append((x[i], v[i], tau[i], branch.stable[i], branch.admissible[i], name[i]))
@@ -158,7 +156,7 @@ def _draw(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
         panel.plot(curve.x[part], y[part], color=colour, lw=width, ls=STYLES[stable], zorder=3)
 
 
-def _attractors(panel: Axes, diagram: Diagram, which: str, x: Array) -> None:
+def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
     """The points of the sweeps, the backward ones smaller on top of the forward ones."""
     points = diagram.points
     y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
@@ -168,7 +166,7 @@ def _attractors(panel: Axes, diagram: Diagram, which: str, x: Array) -> None:
             panel.scatter(x[at], y[at], s=size * factor, c=colour, lw=0, rasterized=True, zorder=2)
 
 
-def _marks(panel: Axes, labels: Labels, diagram: Diagram, which: str, scale: float, offset: float) -> None:
+def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, scale: float, offset: float) -> None:
     for event in diagram.events:
         phases, speeds = impacts_at(event)
         y = speeds if which == "v" else phases
@@ -182,7 +180,7 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram, which: str, scale: flo
                 labels.add(name, (float(x[seen][0]), float(y[seen][0])), size=SIZE)
 
 
-def _names(panel: Axes, labels: Labels, curves: list[tuple[Branch, list[ImpactCurve]]], which: str) -> None:
+def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str) -> None:
     """A to D beside what is seen of them; in one word where they are one curve, as A and C in v."""
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
@@ -212,7 +210,7 @@ def _lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 
 
-def _fitting(diagram: Diagram) -> tuple[float, float]:
+def _fitting(diagram: Diagram[Any, Any]) -> tuple[float, float]:
     """Limits of v that hold everything."""
     speeds = [diagram.points.v, *(branch.speeds[branch.admissible].ravel() for branch in diagram.branches)]
     top = max((float(each.max()) for each in speeds if each.size), default=1.0)

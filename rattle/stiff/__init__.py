@@ -4,6 +4,7 @@ Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 """
 
 from rattle.stiff.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
+from rattle.stiff.diagrams import diagram
 from rattle.stiff.families import saddle_node_1
 from rattle.stiff.gear import Motion, StiffGear
 from rattle.stiff.iterate import iterate, iterate_tangent
@@ -16,6 +17,7 @@ __all__ = [
     "StiffEvent",
     "StiffGear",
     "StiffOrbit",
+    "diagram",
     "from_limit",
     "iterate",
     "iterate_tangent",

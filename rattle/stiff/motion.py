@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,14 +48,9 @@ class StiffOrbit(Periodic):
     admissible: bool
 
     @property
-    def tau(self) -> float:
-        """Phase at which the first contact with Σ⁺ ends, in [0, 1)."""
-        return float(flight.folded(self.times[0] + self.durations[0]))
-
-    @property
-    def v(self) -> float:
-        """Speed with which the first contact with Σ⁺ ends."""
-        return float(self.speeds[0])
+    def departures(self) -> Array:
+        """When it leaves the walls (c,): at the ends of its contacts."""
+        return self.times + self.durations
 
     @property
     def itinerary(self) -> StiffItinerary:
@@ -87,33 +83,51 @@ def trace_of(itinerary: StiffItinerary, x: Array) -> float:
     return float(np.trace(product))
 
 
+class Failure(NamedTuple):
+    """What does not happen in a motion: its contact, or flight, of this number ends at this wall and time instead; wall
+    0: it does not even begin.
+    """
+
+    piece: int
+    contact: bool
+    wall: int
+    time: float
+
+
 def admissible(itinerary: StiffItinerary, x: Array) -> bool:
     """Whether the motion of x happens: each contact and each flight ends first where the equations say."""
+    return first_failure(itinerary, x) is None
+
+
+def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
+    """The first contact or flight of x (2c + 2,) that ends elsewhere than the equations say, None if all happen."""
     c, p, walls = itinerary.contacts, itinerary.softness, itinerary.walls
     delta, epsilon = float(x[-2]), float(x[-1])
     if not (np.isfinite(x).all() and delta > 0.0 and epsilon >= 0.0 and np.min(x[c : 2 * c]) > LEAST_CONTACT):
-        return False
+        return Failure(0, True, 0, 0.0)
     flights = itinerary.flights(x, np.array([p]))
     begins = np.append(x[:c], x[0] + itinerary.m)
     for i in range(c):
         sign, lasts = walls[i], p * x[c + i]
         w0, length = float(flights.w0[i]), float(begins[i + 1] - begins[i] - lasts)
         u = float(itinerary.signs[i] * flights.w1[i - 1])
+        leaves = float(begins[i] + lasts)
         if not (length > 0.0 and sign * w0 < 0.0 < u):
-            return False
+            return Failure(i, length > 0.0, 0, leaves)
         start = float(flight.folded(begins[i]))
         found = contact_end(sign, start, 0.0, u, delta, epsilon, 0.5 / p**2, np.inf)
         if found[0] != ENDS or abs(found[1] - lasts) > SAME_TIME * p * np.pi + SAME_END:
-            return False
-        leaves = float(flight.folded(begins[i] + lasts))
-        status, s, wall, *_ = first_impact.first_impact(sign, leaves, w0, delta, epsilon, itinerary.beta, flight.DRIFT)
+            return Failure(i, True, sign if found[0] == ENDS else 0, float(begins[i] + found[1]))
+        status, s, wall, *_ = first_impact.first_impact(
+            sign, float(flight.folded(leaves)), w0, delta, epsilon, itinerary.beta, flight.DRIFT
+        )
         if status != OK:
-            return False
+            return Failure(i, False, 0, leaves)
         arrival = float(itinerary.signs[(i + 1) % c] * flights.w1[i])
         missed = wall != walls[(i + 1) % c] or abs(s - length) > SAME_TIME
         if missed and not (arrival < GRAZING and s > length - SAME_TIME):
-            return False
-    return True
+            return Failure(i, False, int(wall), leaves + float(s))
+    return None
 
 
 def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
