@@ -216,7 +216,7 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[Piece, NDA
                 np.array([np.interp(position[inside], at[run][order], x[order, j]) for j in upper]).T
                 for x in (np.unwrap(found.departures[run], period=1.0, axis=0), found.speeds[run])
             )
-            yield Piece(i, low, float(high)), inside, tau, v
+            yield Piece(i, float(low), float(high)), inside, tau, v
 
 
 def _nearest(known: list[Known], label: tuple[int, int, int], tau: Array, v: Array, within: float) -> Known | None:

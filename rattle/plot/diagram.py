@@ -15,6 +15,7 @@ from rattle.bifurcations import Kind
 from rattle.curves import name_of
 from rattle.diagrams import Diagram, diagram
 from rattle.errors import require
+from rattle.events import Event
 from rattle.flight import wrapped
 from rattle.impact_equations import Array
 from rattle.plot import paper_ranges as ranges
@@ -78,7 +79,7 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (
         lines = [line for _, parts in curves for curve in parts for line in _lines(panel, curve, getattr(curve, which))]
         labels = Labels(panel, lines)
         _marks(panel, labels, diagram, which, scale, offset)
-        _names(panel, labels, curves, which)
+        _names(panel, labels, curves, which, one=which == "v" and bool(np.isinf(diagram.kappa).all()))
     figure.set_layout_engine("none")  # labels lie where they were put
     return figure
 
@@ -99,12 +100,20 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
 def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
     """Label of the axis, and scale and offset that take a position to it."""
     (delta, epsilon), (last_delta, last_epsilon) = diagram.start, diagram.end
-    if delta == last_delta:
-        return f"eccentricity $ε$ (δ = {delta:g}, β = {diagram.beta:g})", last_epsilon - epsilon, epsilon
-    if epsilon == last_epsilon:
-        return f"damping $δ$ (ε = {epsilon:g}, β = {diagram.beta:g})", last_delta - delta, delta
-    way = f"way from (δ, ε) = ({delta:g}, {epsilon:g}) to ({last_delta:g}, {last_epsilon:g}), β = {diagram.beta:g}"
-    return way, 1.0, 0.0
+    kappa, last_kappa = diagram.kappa[[0, -1]]
+    rest = f"β = {diagram.beta:g}"
+    if kappa != last_kappa:
+        rest += f", κ {kappa:g} to {last_kappa:g}"
+    elif np.isfinite(kappa):
+        rest += f", κ = {kappa:g}"
+    if (delta, epsilon) == (last_delta, last_epsilon):
+        root, last_root = kappa**-0.5, last_kappa**-0.5
+        return f"softness $κ^{{-1/2}}$ (δ = {delta:g}, ε = {epsilon:g}, {rest})", last_root - root, root
+    if kappa == last_kappa and delta == last_delta:
+        return f"eccentricity $ε$ (δ = {delta:g}, {rest})", last_epsilon - epsilon, epsilon
+    if kappa == last_kappa and epsilon == last_epsilon:
+        return f"damping $δ$ (ε = {epsilon:g}, {rest})", last_delta - delta, delta
+    return f"way from (δ, ε) = ({delta:g}, {epsilon:g}) to ({last_delta:g}, {last_epsilon:g}), {rest}", 1.0, 0.0
 
 
 def impacts_at(event: Any) -> tuple[Array, Array]:
@@ -171,7 +180,7 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, 
         phases, speeds = impacts_at(event)
         y = speeds if which == "v" else phases
         x = np.full(y.size, offset + scale * float(diagram.positions(event)))
-        name = name_of(event)
+        name = name_of(event) if isinstance(event, Event) else None  # curves are those of the impacting model
         size, face = (26.0, "black") if name else (5.0, "white")
         panel.scatter(x, y, s=size, marker=MARKS[event.kind], c=face, ec="black", lw=0.5, zorder=5 if name else 4)
         if name:
@@ -180,8 +189,8 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, 
                 labels.add(name, (float(x[seen][0]), float(y[seen][0])), size=SIZE)
 
 
-def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str) -> None:
-    """A to D beside what is seen of them; in one word where they are one curve, as A and C in v."""
+def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool) -> None:
+    """A to D beside what is seen of them; in one word where they are one curve, as A and C in v are in the limit."""
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
         for curve in parts:
@@ -190,7 +199,7 @@ def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve
                 on = np.flatnonzero(_seen(panel, curve.x, y) & curve.admissible & (np.array(curve.name) == name))
                 on = on[:: max(1, on.size // ANCHORS)]
                 places.setdefault(name, []).extend(zip(curve.x[on].tolist(), y[on].tolist(), strict=True))
-    if which == "v" and {"A", "C"} <= set(places):
+    if one and {"A", "C"} <= set(places):
         places["A, C"] = places.pop("C")
         del places["A"]
     for name, points in places.items():

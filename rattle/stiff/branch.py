@@ -1,6 +1,7 @@
 """A branch of periodic motions of the stiff gear, and what happens on it."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,8 @@ from rattle.impact_equations import Array
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.line import Line
 from rattle.stiff.motion import StiffOrbit, orbit_of, softness
+
+SAME_SPEED = 1e-6
 
 
 class StiffEvent(NamedTuple):
@@ -141,6 +144,23 @@ class StiffBranch:
                 attracts[event.point] = attracts[max(event.point - 1, 0)] or attracts[event.point + 1]
         return attracts
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A, B, C or D for every point of a period-one branch, "" for those of any other, and of the P(1,1,0) that no
+        impacting motion becomes: the letter of the stretch between folds that it is on (`rattle.stiff.families`).
+        """
+        from rattle.stiff import families  # which follows branches itself
+
+        folds = [event.point for event in self.events if event.kind is Kind.SADDLE_NODE]
+        edges = [0, *folds, len(self)]
+        if self.label == (1, 1, 0):
+            stretches = [_letter(self.orbit((i + j) // 2)) for i, j in pairwise(edges)]
+        elif self.label == (1, 1, 1):
+            stretches = families.letters(self)
+        else:
+            stretches = [""] * (len(edges) - 1)
+        return tuple(name for name, (i, j) in zip(stretches, pairwise(edges), strict=True) for _ in range(j - i))
+
     def motion(self, index: int) -> tuple[StiffItinerary, Array]:
         """Itinerary and unknowns (2c + 3,) of one point."""
         return self.itinerary, self.unknowns[index]
@@ -163,3 +183,16 @@ class StiffBranch:
                 if y is not None:
                     found.append((k, line.plane(y)))
         return found
+
+
+def _letter(orbit: StiffOrbit) -> str:
+    """A or C for the fastest P(1,1,0) that is a saddle with a multiplier above 1, or is not."""
+    from rattle.stiff import families
+
+    def saddle(each: StiffOrbit) -> bool:
+        large = each.multipliers[0]
+        return bool(large.imag == 0.0 and large.real > 1.0)
+
+    beside = families.without_minus(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa)
+    fastest = max(each.v for each in (*beside, orbit) if saddle(each) == saddle(orbit))
+    return ("A" if saddle(orbit) else "C") if orbit.v > fastest - SAME_SPEED else ""

@@ -14,7 +14,7 @@ from rattle.branches import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_throu
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.impact_equations import Array
 from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
-from rattle.stiff.grazes import Graze, graze
+from rattle.stiff.grazes import LIGHT, Graze, graze
 from rattle.stiff.line import TWICE, Line
 from rattle.stiff.motion import LONGEST, StiffOrbit, admissible, softness
 
@@ -22,6 +22,9 @@ __all__ = ["StiffBranch", "StiffEvent", "both_ways", "doubled", "stiff_branch", 
 
 POINTS_ACROSS = 50  # at least, over the span
 MOST_POINTS = 1000
+NEARLY_TWICE = 1e-2  # where the equations of a doubled branch are too nearly singular to go on to its flip
+FLIP_WITHIN = 1e-3  # of the span from there
+LEAST_FLIGHT = 1e-6  # of a period
 LOST = "is lost"  # what ends a branch at a graze
 
 
@@ -108,18 +111,20 @@ class _End(NamedTuple):
 
 def _end(line: Line, path: Path, span: tuple[float, float]) -> _End:
     """The end of a path."""
+    last, c = path.points[-1], len(line.walls)
+    if path.outside is not None and not span[0] <= path.outside[-1] <= span[1]:
+        return _End("span")
+    half = line.halved(last)
+    if half is not None and half[2] < (NEARLY_TWICE if path.outside is None else 2 * TWICE):
+        flip = half[0].flip_near(half[1], FLIP_WITHIN * (span[1] - span[0]))
+        if flip is not None:
+            return _End(HALF_PERIOD, flip=half[0].orbit(flip))
     if path.outside is None:
         return _End("followed far enough" if len(path.points) >= MOST_POINTS else "the equations become singular")
-    if not span[0] <= path.outside[-1] <= span[1]:
-        return _End("span")
-    last = path.points[-1]
-    half = line.halved(path.outside)
-    if half is not None and half[2] < TWICE:
-        flip = half[0].flip_near(half[1], span[1] - span[0])
-        return _End(HALF_PERIOD, flip=None if flip is None else half[0].orbit(flip))
-    c = len(line.walls)
+    if c == 1 and line.m - line.itinerary(last).softness * last[1] < LEAST_FLIGHT:
+        return _End("it becomes quiet")
     shortest = int(np.argmin(last[c : 2 * c]))
-    grazes = last[c + shortest] < 1e-2
+    grazes = last[c + shortest] < LIGHT
     why = f"contact {shortest} with {_name(line.walls[shortest])} {LOST}" if grazes else "a contact is made"
     return _End(f"graze: {why}", graze=graze(line, last, path.tangents[-1]))
 
@@ -132,16 +137,20 @@ def _built(line: Line, points: Array, tangents: Array, start: int, ends: tuple[_
     """The branch through solutions, with its saddle-nodes among the points."""
     problem = line.problem
     folds = np.flatnonzero((tangents[:-1, -1] < 0) != (tangents[1:, -1] < 0))
-    marked: list[tuple[int, Kind]] = []
+    marked: list[int] = []
     for k in folds[::-1].tolist():
         a, b = points[k], points[k + 1]
         y = located(problem, a, b, _fold(problem, a, b))
-        if y is not None:
-            points = np.insert(points, k + 1, y, axis=0)
-            start += int(k < start)
-            marked = [(k + 1, Kind.SADDLE_NODE), *((i + 1, kind) for i, kind in marked)]
+        if y is None:
+            continue
+        if np.array_equal(y, a) or np.array_equal(y, b):
+            marked = [k + int(np.array_equal(y, b)), *marked]
+            continue
+        points = np.insert(points, k + 1, y, axis=0)
+        start += int(k < start)
+        marked = [k + 1, *(i + 1 for i in marked)]
     flips = np.array([line.flip(y) for y in points])
-    events = [StiffEvent(kind, line.orbit(points[i]), i) for i, kind in marked]
+    events = [StiffEvent(Kind.SADDLE_NODE, line.orbit(points[i]), i) for i in marked]
     for i in np.flatnonzero((flips[:-1] < 0) != (flips[1:] < 0)).tolist():
         y = located(problem, points[i], points[i + 1], line.flip)
         if y is not None:

@@ -1,4 +1,4 @@
-"""Where a motion of the stiff gear gains or loses a contact: the field is continuous and it goes on, with another label.
+"""Where a motion of the stiff gear gains or loses a contact: the field is continuous, so it goes on with another label.
 
 A contact is lost as its duration falls to 0, and gained where a flight touches a wall. Two contacts with one wall
 become one as the flight between them falls to 0, and one becomes two where its depth falls to 0 on the way. At each of
@@ -10,15 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.arclength import newton
+from rattle.arclength import newton, tangent_at
 from rattle.impact_equations import Array, begun_at
 from rattle.stiff.line import Line
 from rattle.stiff.motion import Failure, first_failure
 
 LIGHT = 1e-5  # a contact (σ) or a flight (in times p) that is no longer has come to its end
 BEGUN = 0.04  # duration at which one begins (σ over p; flights over p²): below that of the fold of C and B, 2.1
-NEAREST, FARTHEST = 1e-10, 1e-4  # from a graze, in δ and ε: where the motion without the contact is looked for
-TOUCHED = 1e-9  # step along the branch to where a contact more is made
+NEAREST = 10.0 ** np.arange(-9, -3)  # from a graze, in the unknowns: where the motion without the contact is, or not
 
 
 class Graze(NamedTuple):
@@ -41,10 +40,8 @@ def graze(line: Line, y: Array, tangent: Array) -> Graze | None:
     else:
         found = _with_one_more(line, y, tangent)
         return None if found is None else Graze(_on_plus(line, y), _on_plus(*found))
-    there = fewer[0].solved(fewer[1])
-    if there is None:
-        return None
-    return Graze(_on_plus(fewer[0], there), _happening(*_on_plus(fewer[0], there)))
+    here = _on_plus(*fewer)
+    return Graze(here, _happening(*here))
 
 
 def _on_plus(line: Line, y: Array) -> tuple[Line, Array]:
@@ -70,26 +67,28 @@ def _merged(line: Line, y: Array, contact: int) -> tuple[Line, Array]:
 
 def _happening(line: Line, y: Array) -> tuple[Line, Array] | None:
     """The motion of this itinerary to one side of a graze, as near as it happens."""
-    unit = 1.0 / float(np.linalg.norm(line.direction))
-    for reach in 10.0 ** np.arange(np.log10(NEAREST), np.log10(FARTHEST) + 0.5):
-        for side in (1.0, -1.0):
-            found = line.solved(np.append(y[:-1], y[-1] + side * reach * unit))
-            if found is not None and line.happens(found):
-                return line, found
+    rising = np.zeros(y.size)
+    rising[-1] = 1.0
+    tangent = tangent_at(line.problem, y, rising)
+    for reach in NEAREST:
+        for side in (reach, -reach):
+            found = newton(line.problem, y + side * tangent, tangent)
+            if found is not None and line.happens(found[0]):
+                return line, found[0]
     return None
 
 
 def _with_one_more(line: Line, y: Array, tangent: Array) -> tuple[Line, Array] | None:
     """The motion that makes the contact more which the branch does not know of beyond y."""
-    there = newton(line.problem, y + TOUCHED * tangent, tangent)
-    if there is None:
-        return None
-    failure = first_failure(line.itinerary(there[0]), line.plane(there[0])[:-1])
-    if failure is None or failure.wall == 0:
-        return None
-    more, guess, constraint = (_split if failure.contact else _touching)(line, y, failure)
-    found = newton(more.problem, guess, constraint)
-    return (more, found[0]) if found is not None and more.happens(found[0]) else None
+    for reach in NEAREST:
+        there = newton(line.problem, y + reach * tangent, tangent)
+        failure = None if there is None else first_failure(line.itinerary(there[0]), line.plane(there[0])[:-1])
+        if failure is not None and failure.wall != 0:
+            more, guess, constraint = (_split if failure.contact else _touching)(line, y, failure)
+            found = newton(more.problem, guess, constraint)
+            if found is not None and more.happens(found[0]):
+                return more, found[0]
+    return None
 
 
 def _inserted(line: Line, y: Array, after: int, wall: int, time: float, duration: float) -> tuple[Line, Array]:
