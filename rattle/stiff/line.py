@@ -44,7 +44,10 @@ class Line:
 
         def equations(y: NDArray) -> NDArray:
             x = self.plane(y)
-            return any_softness.residual_at(x[..., :-1], x[..., -1:])
+            with np.errstate(
+                divide="ignore", invalid="ignore"
+            ):  # at a flight of length 0, which Newton's method refuses
+                return any_softness.residual_at(x[..., :-1], x[..., -1:])
 
         return Problem(equations)
 
