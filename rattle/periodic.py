@@ -3,6 +3,7 @@ that each flight is a true first impact.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from rattle import first_impact, flight
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.impact_equations import Array, Equations, Itinerary, derivatives
 from rattle.orbits import multipliers_of
+from rattle.tangent_map import Point
 
 MOST_IMPACTS = 512
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight
@@ -31,6 +33,11 @@ class Periodic:
     @property
     def departures(self) -> Array:
         """When it leaves the walls (n,), with these speeds."""
+        raise NotImplementedError
+
+    @property
+    def point(self) -> Any:
+        """Its parameters, as kernels take them."""
         raise NotImplementedError
 
     @property
@@ -77,6 +84,11 @@ class PeriodicOrbit(Periodic):
     def departures(self) -> Array:
         """When it leaves the walls (n,): at the impacts."""
         return self.times
+
+    @property
+    def point(self) -> Point:
+        """Its parameters; nothing is taken to be quiet."""
+        return Point(self.delta, self.epsilon, self.beta, 0.0)
 
     @property
     def itinerary(self) -> Itinerary:

@@ -16,6 +16,7 @@ from rattle.periodic import MOST_IMPACTS, Periodic, PeriodicOrbit, at_parameters
 from rattle.stiff.contact import ENDS, contact_end, responses
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.flow import OK, QUIET, departs, piece
+from rattle.stiff.returns import StiffPoint
 
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight, and likewise a contact
 LEAST_CONTACT = 1e-6  # σ; a shorter one is a graze, at σ = 0, where a branch has a turning point in σ²
@@ -51,6 +52,11 @@ class StiffOrbit(Periodic):
     def departures(self) -> Array:
         """When it leaves the walls (c,): at the ends of its contacts."""
         return self.times + self.durations
+
+    @property
+    def point(self) -> StiffPoint:
+        """Its parameters."""
+        return StiffPoint(self.delta, self.epsilon, self.beta, self.kappa)
 
     @property
     def itinerary(self) -> StiffItinerary:
