@@ -22,6 +22,7 @@ from rattle.plot import paper_ranges as ranges
 from rattle.plot.colours import name_of as name_of_type
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.plot.labels import Labels
+from rattle.stiff.diagrams import diagram as stiff_diagram
 
 FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
 MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
@@ -29,7 +30,7 @@ MEANINGS = {Kind.SADDLE_NODE: "SN", Kind.FLIP: "PD", Kind.GRAZING: "G"}
 STYLES = {True: "-", False: (0, (4.0, 2.0))}
 Limits = tuple[float, float] | None
 SIZE, ANCHORS = 10, 40  # of labels, in points; points of a curve that its name may stand at
-STEPS = 500
+STEPS, STIFF_STEPS = 500, 250
 #: Steps, and the limits of v and τ, of the paper's figures.
 WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limits]] = {
     (*ranges.FIGURE_5, ranges.BETA): (1000, (3.7, 4.9), (0.4, 1.0)),
@@ -91,10 +92,20 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
     """
     steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
     found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, steps)
-    notes = []
-    if found.left_out:
-        notes.append(f"branches not followed, as too long or too many: {', '.join(map(name_of_type, found.left_out))}")
-    return Drawing(diagram_figure(found, *limits), tuple(notes))
+    return Drawing(diagram_figure(found, *limits), _notes(found))
+
+
+def stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
+    """The same of the stiff gear, in the same windows. Raises ParameterError."""
+    _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
+    found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
+    return Drawing(diagram_figure(found, *limits), _notes(found))
+
+
+def _notes(found: Diagram[Any, Any]) -> tuple[str, ...]:
+    if not found.left_out:
+        return ()
+    return (f"branches not followed, as too long or too many: {', '.join(map(name_of_type, found.left_out))}",)
 
 
 def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
