@@ -48,7 +48,7 @@ class Segment:
         return np.asarray(np.sum((parameters - self.start) * rate, axis=-1) / (rate @ rate), np.float64)
 
 
-class Model(Protocol):
+class Motions(Protocol):
     """One model along a segment. A step is a point of it: δ, ε, β and what else the model has, arrays (n,) for many.
 
     Branches and events are the model's own: `rattle.Branch` and `rattle.Event` say what is asked of them.
@@ -96,29 +96,29 @@ class Model(Protocol):
 
 
 @dataclass(frozen=True)
-class Impacting:
-    """The impacting model: see `Model`."""
+class ImpactingMotions:
+    """The impacting model: see `Motions`."""
 
     segment: Segment
     beta: float
 
     def steps(self, position: Array) -> tuple[Array, ...]:
-        """See `Model`."""
+        """See `Motions`."""
         delta, epsilon = np.ascontiguousarray(self.segment.at(position).T)
         return delta, epsilon, np.full_like(delta, self.beta)
 
     def sampled(self, steps: tuple[Array, ...], count: int, v_max: float, seed: int) -> Attractors:
-        """See `Model`."""
+        """See `Motions`."""
         delta, epsilon, beta = steps
         return attractors_of(delta, epsilon, beta, count, v_max, seed)
 
     def followed(self, steps: tuple[Array, ...], tau: Array, v: Array) -> Survey:
-        """See `Model`."""
+        """See `Motions`."""
         delta, epsilon, beta = steps
         return followed(delta, epsilon, beta, tau, v)
 
     def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
-        """See `Model`."""
+        """See `Motions`."""
         delta, epsilon, beta = steps
         moved = iterate(delta, epsilon, tau, v, 1, beta)
         return moved.tau, moved.v
@@ -131,7 +131,7 @@ class Impacting:
                 yield found
 
     def near(self, step: tuple[float, ...], tau: float, v: float, n_plus: int) -> Motion | None:
-        """See `Model`; None also where rounding does not let it be one."""
+        """See `Motions`; None also where rounding does not let it be one."""
         delta, epsilon, beta = step
         try:
             itinerary, x = follow_impacts(delta, epsilon, beta, tau, v, n_plus)
@@ -141,24 +141,24 @@ class Impacting:
         return None if solved is None else (itinerary, orbit_of(itinerary, solved).unknowns)
 
     def problem(self, itinerary: Itinerary) -> Problem:
-        """See `Model`."""
+        """See `Motions`."""
         return along(itinerary, self.segment.start, self.segment.direction)
 
     def solved(self, itinerary: Itinerary, y: Array) -> PeriodicOrbit | None:
-        """See `Model`."""
+        """See `Motions`."""
         found = at_parameters(itinerary, np.append(y[:-1], self.segment.at(y[-1])))
         return None if found is None else orbit_of(itinerary, found)
 
     def through(self, motion: Motion, span: tuple[float, float]) -> Branch:
-        """See `Model`."""
+        """See `Motions`."""
         return through(*motion, self._direction, span, POINTS_ACROSS)
 
     def doubled(self, event: Event, span: tuple[float, float]) -> Branch:
-        """See `Model`."""
+        """See `Motions`."""
         return doubled(event, self._direction, span, POINTS_ACROSS)
 
     def events(self, found: Branch) -> tuple[Event, ...]:
-        """See `Model`."""
+        """See `Motions`."""
         return found.events
 
     def beside(self, event: Event) -> Iterator[Motion]:

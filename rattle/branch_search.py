@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rattle.along_segment import Model, Motion
+from rattle.along_segment import Motion, Motions
 from rattle.arclength import LARGEST_TURN, between
 from rattle.bifurcations import Kind
 from rattle.impact_equations import Array, Equations, begun_at
@@ -50,7 +50,7 @@ def _twins(motion: Motion, like: Equations, phase: float) -> Iterator[Array]:
 class Search:
     """Branches found so far, and what is still to be looked at."""
 
-    def __init__(self, model: Model, impacts: int, most: int) -> None:
+    def __init__(self, model: Motions, impacts: int, most: int) -> None:
         """Keep motions of at most so many impacts per period, and at most so many branches."""
         self.model, self.impacts, self.most = model, impacts, most
         self.branches: list[Any] = []

@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.along_segment import Impacting, Model, Motion, Segment, runs
+from rattle.along_segment import ImpactingMotions, Motion, Motions, Segment, runs
 from rattle.attractors import PERIODIC, Attractors
 from rattle.branch_search import Search
 from rattle.branches import Branch
@@ -99,11 +99,11 @@ def diagram(
     """
     beta = require_number("beta", beta, positive=True)
     segment = Segment(require_end("start", start), require_end("end", end))
-    return along(Impacting(segment, beta), beta, steps, count, v_max, impacts, most, seed)
+    return along(ImpactingMotions(segment, beta), beta, steps, count, v_max, impacts, most, seed)
 
 
 def along(
-    model: Model, beta: float, steps: int, count: int, v_max: float, impacts: int, most: int, seed: int
+    model: Motions, beta: float, steps: int, count: int, v_max: float, impacts: int, most: int, seed: int
 ) -> Diagram[Any, Any]:
     """The diagram of a model along its segment; the other arguments as those of `diagram`."""
     segment = model.segment

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.along_segment import Model
+from rattle.along_segment import Motions
 from rattle.attractors import PERIODIC, QUIET, UNDECIDED, Attractors, tabulated
 
 FORWARD, BACKWARD = 0, 1
@@ -83,7 +83,7 @@ class _Run:
 class Sweeps:
     """Sweeps over steps of a model; to begin with, a table of what samples find there is known, cell by cell."""
 
-    def __init__(self, model: Model, steps: tuple[Array, ...], table: Attractors) -> None:
+    def __init__(self, model: Motions, steps: tuple[Array, ...], table: Attractors) -> None:
         self.model, self.steps = model, steps
         self.known: list[list[Known]] = [[] for _ in steps[0]]
         self.visits: list[Visit] = []

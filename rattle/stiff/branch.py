@@ -9,12 +9,15 @@ from numpy.typing import NDArray
 
 from rattle.arclength import located
 from rattle.bifurcations import Kind
+from rattle.flight import wrapped
 from rattle.impact_equations import Array
+from rattle.orbits import NAMES
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.line import Line
 from rattle.stiff.motion import StiffOrbit, orbit_of, softness
+from rattle.stiff.orbits import orbits_at
 
-SAME_SPEED = 1e-6
+SAME_MOTION = 1e-6  # in τ and v
 
 
 class StiffEvent(NamedTuple):
@@ -149,17 +152,11 @@ class StiffBranch:
         """A, B, C or D for every point of a period-one branch, "" for those of any other, and of the P(1,1,0) that no
         impacting motion becomes: the letter of the stretch between folds that it is on (`rattle.stiff.families`).
         """
-        from rattle.stiff import families  # which follows branches itself
-
         folds = [event.point for event in self.events if event.kind is Kind.SADDLE_NODE]
-        edges = [0, *folds, len(self)]
-        if self.label == (1, 1, 0):
-            stretches = [_letter(self.orbit((i + j) // 2)) for i, j in pairwise(edges)]
-        elif self.label == (1, 1, 1):
-            stretches = families.letters(self)
-        else:
-            stretches = [""] * (len(edges) - 1)
-        return tuple(name for name, (i, j) in zip(stretches, pairwise(edges), strict=True) for _ in range(j - i))
+        edges, names = [0, *folds, len(self)], list[str]()
+        for i, j in pairwise(edges):
+            names += [_letter(self.orbit((i + j) // 2)) if self.label[:2] == (1, 1) else ""] * (j - i)
+        return tuple(names)
 
     def motion(self, index: int) -> tuple[StiffItinerary, Array]:
         """Itinerary and unknowns (2c + 3,) of one point."""
@@ -186,13 +183,8 @@ class StiffBranch:
 
 
 def _letter(orbit: StiffOrbit) -> str:
-    """A or C for the fastest P(1,1,0) that is a saddle with a multiplier above 1, or is not."""
-    from rattle.stiff import families
-
-    def saddle(each: StiffOrbit) -> bool:
-        large = each.multipliers[0]
-        return bool(large.imag == 0.0 and large.real > 1.0)
-
-    beside = families.without_minus(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa)
-    fastest = max(each.v for each in (*beside, orbit) if saddle(each) == saddle(orbit))
-    return ("A" if saddle(orbit) else "C") if orbit.v > fastest - SAME_SPEED else ""
+    """The letter of a motion P(1,1,0) or P(1,1,1)."""
+    for name, other in orbits_at(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa):
+        if other.label == orbit.label and abs(wrapped(other.tau - orbit.tau)) + abs(other.v - orbit.v) < SAME_MOTION:
+            return name if name in NAMES else ""
+    return ""

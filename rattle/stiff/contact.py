@@ -69,18 +69,25 @@ def compliance(delta, kappa):
 
 
 @inline
-def depth(s, x0, w0, mean, a, b, delta, kappa):
-    """x, x' and h after s, with S, 1 − C there."""
+def driven(s, delta, kappa):
+    """S and 1 − C after s, the depth and velocity that cos 2πs and sin 2πs make by then, and 1 − cos 2πs, sin 2πs."""
     sine, lost, defect = responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
     in_phase, behind, _size = compliance(delta, kappa)
-    stiffness = 2.0 * kappa
     p, q = lost - omc, TWO_PI * defect - forced_defect  # cos 2πs − C and sin 2πs − 2πS
-    dp, dq = stiffness * sine - TWO_PI * siny, TWO_PI * (lost + delta * sine - omc)
-    x = x0 * (1.0 - lost) + w0 * sine + mean * lost / stiffness
-    x += a * (in_phase * p + behind * q) + b * (in_phase * q - behind * p)
-    v = w0 * (1.0 - lost - delta * sine) + (mean - stiffness * x0) * sine
-    v += a * (in_phase * dp + behind * dq) + b * (in_phase * dq - behind * dp)
+    dp, dq = 2.0 * kappa * sine - TWO_PI * siny, TWO_PI * (lost + delta * sine - omc)
+    x_c, x_s = in_phase * p + behind * q, in_phase * q - behind * p
+    v_c, v_s = in_phase * dp + behind * dq, in_phase * dq - behind * dp
+    return sine, lost, x_c, x_s, v_c, v_s, omc, siny
+
+
+@inline
+def depth(s, x0, w0, mean, a, b, delta, kappa):
+    """x, x' and h after s, with S, 1 − C there."""
+    sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
+    stiffness = 2.0 * kappa
+    x = x0 * (1.0 - lost) + w0 * sine + mean * lost / stiffness + (a * x_c + b * x_s)
+    v = w0 * (1.0 - lost - delta * sine) + (mean - stiffness * x0) * sine + (a * v_c + b * v_s)
     return x, v, mean + a * (1.0 - omc) + b * siny, sine, lost
 
 

@@ -6,30 +6,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattle.along_segment import POINTS_ACROSS, Motion, Segment, where_period_one
+from rattle.along_segment import POINTS_ACROSS, Motion, Segment
 from rattle.arclength import Problem
-from rattle.attractors import Attractors, tabulated
+from rattle.attractors import Attractors
 from rattle.bifurcations import Kind
 from rattle.diagrams import Diagram, along, require_end
 from rattle.errors import RattleError, require_number, require_pair
 from rattle.impact_equations import Array
-from rattle.periodic import periodic_orbit
-from rattle.sampling import initial_conditions
-from rattle.stiff import families
 from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
 from rattle.stiff.branches import both_ways, doubled
+from rattle.stiff.closure import softness
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.iterate import returned
 from rattle.stiff.line import Line
-from rattle.stiff.motion import StiffOrbit, from_limit, softness, stiff_orbit
-from rattle.stiff.survey import StiffSurvey, followed
+from rattle.stiff.motion import StiffOrbit, stiff_orbit
+from rattle.stiff.orbits import orbits_at
+from rattle.stiff.survey import StiffSurvey, attractors_of, followed
 
-SEEDS = 9  # steps at which P(1,1,0) are looked for
+SEEDS = 5  # steps at which A to D are looked for
 
 
 @dataclass(frozen=True)
-class Stiff:
-    """The stiff gear along a segment of (δ, ε, p), p = 1/√(2κ): see `rattle.along_segment.Model`."""
+class StiffMotions:
+    """The stiff gear along a segment of (δ, ε, p), p = 1/√(2κ): see `rattle.along_segment.Motions`."""
 
     segment: Segment
     beta: float
@@ -40,36 +39,33 @@ class Stiff:
         return delta, epsilon, np.full_like(delta, self.beta), 0.5 / p**2
 
     def sampled(self, steps: tuple[Array, ...], count: int, v_max: float, seed: int) -> Attractors:
-        """See `Model`."""
-        delta, epsilon, beta, _kappa = steps
-        return tabulated(self.followed(steps, *initial_conditions(delta, epsilon, beta, count, v_max, seed)))[0]
+        """See `Motions`."""
+        delta, epsilon, beta, kappa = steps
+        return attractors_of(delta, epsilon, beta, kappa, count, v_max, seed)
 
     def followed(self, steps: tuple[Array, ...], tau: Array, v: Array) -> StiffSurvey:
-        """See `Model`."""
+        """See `Motions`."""
         delta, epsilon, beta, kappa = steps
         return followed(delta, epsilon, beta, kappa, tau, v)
 
     def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
-        """See `Model`."""
+        """See `Motions`."""
         tau, v, counts = tau.copy(), v.copy(), (np.zeros(tau.size, np.int64) for _ in range(2))
         returned(tau, v, np.ones(tau.size), *steps, np.zeros(tau.size, np.int8), *counts)
         return tau, v
 
     def period_one(self, steps: tuple[Array, ...]) -> Iterator[Motion]:
-        """What A to D of the impacting model become, wherever they begin or end to be, and P(1,1,0) at some steps."""
+        """A to D at some steps, wherever a family can be followed, and P(1,1,0) beside them."""
         delta, epsilon, beta, kappa = steps
-        for k, tau, v in where_period_one((delta, epsilon, beta)):
-            try:
-                limit = periodic_orbit(float(delta[k]), float(epsilon[k]), tau, v, 1, self.beta)
-                yield self._motion(from_limit(limit, float(kappa[k])))
-            except RattleError:  # it folds back before that stiffness, or makes other contacts there
-                continue
         for k in np.unique(np.linspace(0, delta.size - 1, SEEDS).astype(int)):
-            for orbit in families.without_minus(float(delta[k]), float(epsilon[k]), self.beta, float(kappa[k])):
-                yield self._motion(orbit)
+            try:
+                for _name, orbit in orbits_at(float(delta[k]), float(epsilon[k]), float(beta[k]), float(kappa[k])):
+                    yield self._motion(orbit)
+            except RattleError:  # a family is lost there; other steps, and the attractors, may lead to its motions
+                continue
 
     def near(self, step: tuple[float, ...], tau: float, v: float, n_plus: int) -> Motion | None:
-        """See `Model`."""
+        """See `Motions`."""
         delta, epsilon, beta, kappa = step
         try:
             return self._motion(stiff_orbit(delta, epsilon, kappa, tau, v, n_plus, beta))
@@ -77,23 +73,23 @@ class Stiff:
             return None
 
     def problem(self, itinerary: StiffItinerary) -> Problem:
-        """See `Model`."""
+        """See `Motions`."""
         return self._line(itinerary).problem
 
     def solved(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
-        """See `Model`."""
+        """See `Motions`."""
         line = self._line(itinerary)
         found = line.solved(y)
         return None if found is None else line.orbit(found)
 
     def through(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
-        """See `Model`."""
+        """See `Motions`."""
         itinerary, x = motion
         line = Line(itinerary.walls, itinerary.m, self.beta, x[-3:], self.segment.direction)
         return both_ways(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)
 
     def doubled(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
-        """See `Model`."""
+        """See `Motions`."""
         return doubled(event, self.segment.direction, span, POINTS_ACROSS)
 
     def events(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
@@ -138,4 +134,4 @@ def diagram(
         np.append(require_end(name, value), softness(require_number("kappa", each, positive=True)))
         for name, value, each in zip(("start", "end"), (start, end), at_ends, strict=True)
     ]
-    return along(Stiff(Segment(*ends), beta), beta, steps, count, v_max, impacts, most, seed)
+    return along(StiffMotions(Segment(*ends), beta), beta, steps, count, v_max, impacts, most, seed)

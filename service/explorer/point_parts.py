@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,9 @@ import rattle
 from rattle.attractors import listed
 from rattle.basins import ImpactingPlane, classified
 from rattle.flight import wrapped
+from rattle.models import AnyGear
+from rattle.periodic import PeriodicOrbit
+from rattle.stiff import StiffOrbit
 
 V_MAX = 7.0
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
@@ -28,6 +32,13 @@ class Chances(NamedTuple):
     attractors: tuple[rattle.Attractor, ...]
     multipliers: tuple[tuple[complex, complex] | None, ...]
     letters: tuple[str, ...]
+
+
+class PeriodOne(NamedTuple):
+    """The number of the region, 1 to 5 or 0, and the motions A to D that happen."""
+
+    region: int
+    orbits: tuple[rattle.Orbit, ...]
 
 
 class Margin(NamedTuple):
@@ -85,26 +96,36 @@ class DiagramLines(NamedTuple):
     tau: Array
 
 
-def chances(gear: rattle.Gear, count: int) -> Chances:
-    """The attractors of a sample of so many initial conditions."""
+def chances(gear: AnyGear, count: int) -> Chances:
+    """The attractors of a sample of so many initial conditions; letters only in the impacting model, at no cost."""
     found = gear.attractors(count)
     multipliers = tuple(_multipliers(gear, each) for each in found)
-    return Chances(count, found, multipliers, tuple(_letter(gear, each) for each in found))
+    orbits = gear.orbits() if isinstance(gear, rattle.Gear) else ()
+    return Chances(count, found, multipliers, tuple(_letter(orbits, each) for each in found))
 
 
-def _multipliers(gear: rattle.Gear, attractor: rattle.Attractor) -> tuple[complex, complex] | None:
+def period_one(gear: AnyGear) -> PeriodOne:
+    """The period-one motions and their region: at once in the impacting model, by continuation in the stiff one."""
+    return PeriodOne(gear.region(), gear.orbits())
+
+
+def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, complex] | None:
     if attractor.kind != "periodic":
         return None
+    state = attractor.tau, attractor.v, attractor.n_plus
     try:
-        orbit = rattle.periodic_orbit(gear.delta, gear.epsilon, attractor.tau, attractor.v, attractor.n_plus, gear.beta)
+        if isinstance(gear, rattle.Gear):
+            orbit: PeriodicOrbit | StiffOrbit = rattle.periodic_orbit(gear.delta, gear.epsilon, *state, gear.beta)
+        else:
+            orbit = gear.orbit(*state)
     except rattle.RattleError:  # too close to grazing for Newton's method: the table says nothing then
         return None
     first, second = orbit.multipliers
     return complex(first), complex(second)
 
 
-def _letter(gear: rattle.Gear, attractor: rattle.Attractor) -> str:
-    for orbit in gear.orbits():
+def _letter(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
+    for orbit in orbits:
         if abs(orbit.v - attractor.v) < SAME_ORBIT and abs(wrapped(orbit.tau - attractor.tau)) < SAME_ORBIT:
             return orbit.name
     return ""
@@ -173,12 +194,12 @@ def diagram(gear: rattle.Gear, direction: str) -> DiagramLines:
     )
 
 
-def basins(gear: rattle.Gear, side: int, method: str) -> rattle.Basins:
+def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
     """Basins on side × side cells."""
     return gear.basins(side, V_MAX, method)
 
 
-def motion(gear: rattle.Gear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
+def motion(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
     """The motion from one state."""
     return gear.trajectory(tau, v, periods, points)
 
