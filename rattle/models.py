@@ -9,8 +9,11 @@ from numpy.typing import ArrayLike
 
 from rattle import curves, stiff
 from rattle.attractors import Attractors, attractors_of
+from rattle.branches import Branch
 from rattle.curves import CodimensionTwo, Curve
+from rattle.diagrams import Diagram, diagram
 from rattle.errors import RattleError, require_number
+from rattle.events import Event
 from rattle.gear import Gear
 from rattle.orbits import PeriodOne, period_one
 
@@ -60,6 +63,10 @@ class Impacting:
     ) -> Attractors:
         """The attractors of all cells."""
         return attractors_of(delta, epsilon, self.beta, count, v_max, seed)
+
+    def diagram(self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64) -> Diagram[Branch, Event]:
+        """The bifurcation diagram from start to end, both (δ, ε)."""
+        return diagram(start, end, self.beta, steps, count)
 
     def limits(self, delta: float) -> Limits:
         """SN1, flip and quiet limit at one damping."""
@@ -111,6 +118,12 @@ class Stiff:
     ) -> Attractors:
         """The attractors of all cells."""
         return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed)
+
+    def diagram(
+        self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64
+    ) -> Diagram[stiff.StiffBranch, stiff.StiffEvent]:
+        """The bifurcation diagram from start to end, both (δ, ε)."""
+        return stiff.diagram(start, end, self.beta, self.kappa, steps, count)
 
     def limits(self, delta: float) -> Limits:
         """SN1 and quiet limit at one damping."""

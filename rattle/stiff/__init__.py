@@ -5,7 +5,9 @@ Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 
 from rattle.stiff.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
 from rattle.stiff.curves import NAMES, describe, trace
+from rattle.stiff.diagrams import diagram
 from rattle.stiff.gear import Motion, StiffGear
+from rattle.stiff.iterate import iterate, iterate_tangent
 from rattle.stiff.motion import StiffOrbit, from_limit, stiff_orbit
 from rattle.stiff.orbits import period_one, regions, saddle_node_1
 from rattle.stiff.quiet import quiet_depth, quiet_limit
@@ -20,7 +22,10 @@ __all__ = [
     "StiffOrbit",
     "attractors_of",
     "describe",
+    "diagram",
     "from_limit",
+    "iterate",
+    "iterate_tangent",
     "period_one",
     "quiet_depth",
     "quiet_limit",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rattle import flight
 from rattle.attractors import Attractor, listed
@@ -14,9 +14,11 @@ from rattle.basins import Basins, basins
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.gear import Impact
+from rattle.iterate import Iterates
 from rattle.orbits import Orbit
 from rattle.stiff import motion, orbits, quiet, returns
 from rattle.stiff.flow import GAP, QUIET, flow
+from rattle.stiff.iterate import iterate
 from rattle.stiff.plane import StiffPlane
 from rattle.stiff.survey import attractors_of
 from rattle.stiff.trajectory import trajectory
@@ -102,6 +104,10 @@ class StiffGear:
         if status != OK or not math.isfinite(time):
             raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
+
+    def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
+        """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast, as `rattle.stiff.iterate`. Raises ParameterError."""
+        return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
         """Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times over these periods.
