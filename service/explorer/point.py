@@ -132,10 +132,10 @@ class PointView(pn.viewable.Viewer):
         self._show_motion()
         if isinstance(self._gear, rattle.Gear):
             await self._part(self._safe, partial(self._margin, self._gear))
-            await self._part(self._about_lines, partial(self._some_lines, self._gear))
         else:
             await self._work.change(partial(_tell, self._safe, f"<p>{point_words.NO_MARGIN}</p>"))
             await self._part(self._orbits, self._continued)
+        await self._part(self._about_lines, self._some_lines)
         await self._part(self._under_basins, partial(self._some_basins, 300, "refined"))
         await self._part(self._under_diagram, self._one_diagram)
         await self._part(self._under_basins, partial(self._some_basins, 600, "refined"))
@@ -179,8 +179,8 @@ class PointView(pn.viewable.Viewer):
 
         await self._work.change(show)
 
-    async def _some_lines(self, gear: rattle.Gear) -> None:
-        found = await self._work.compute(point_parts.lines, gear, what="The manifolds", slow=True)
+    async def _some_lines(self) -> None:
+        found = await self._work.compute(point_parts.lines, self._gear, what="The manifolds", slow=True)
 
         def show() -> None:
             self._lines = found

@@ -293,6 +293,8 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
         assert "impacting model only" in view._safe.object
         assert "The margin" not in asked
+        assert view._lines is not None
+        assert [line.name for line in view._lines.lines] == ["Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"]
         view.stop()
 
     with_front(tmp_path, body)
