@@ -283,7 +283,8 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
         monkeypatch.setattr(view._work, "compute", compute)
         assert "stiffness κ = 10000" in view._where.object
-        await until(lambda: asked[-1:] == ["The basins"] and "The diagram" in asked and "computing" not in view._under_diagram.object)
+        texts = (view._under_motion, view._under_diagram, view._orbits)
+        await until(lambda: asked.count("The basins") == 3 and not any("computing" in each.object for each in texts))
         gear = StiffGear(0.6, 0.075, 0.6, 1e4)
         quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
         assert point_words.percent(quiet.fraction) in view._likely.object
