@@ -131,31 +131,40 @@ def trace_of(y, cycle):
 
 
 @kernel
-def happens(y, cycle):
-    """Whether the motion of a solution happens: each contact and each flight ends first where the equations say."""
+def first_failure(y, cycle):
+    """The first flight or contact of a solution that ends elsewhere than the equations say: (its number, whether it is
+    a contact, the wall and the time at which it ends instead); wall 0 if it does not even begin, number −1 if there is
+    none, and the motion happens.
+    """
     c, delta, epsilon, beta, kappa = cycle.walls.size, cycle.delta, y[y.size - 1], cycle.beta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
     if not (np.isfinite(y).all() and delta > 0.0 and epsilon >= 0.0 and y[c : 2 * c].min() > LEAST_CONTACT):
-        return False
+        return 0, True, 0, 0.0
     for i in range(c):
         after, t0, t1, gap = follower(i, y, cycle)
         if not t1 > t0:
-            return False
+            return i, False, 0, t0
         w0, w1, _by_t0, _by_t1, _by_e = flight(t0, t1, gap, delta, epsilon)
         wall, target = cycle.walls[i], cycle.walls[after]
         u, lasts = target * w1, p * y[c + after]
         if not (wall * w0 < 0.0 < u):
-            return False
+            return i, False, 0, t0
         status, s, met, _w, _d, _s, _c, _t, _k = first_impact(wall, folded(t0), w0, delta, epsilon, beta, DRIFT)
         if status != OK:
-            return False
+            return i, False, 0, t0
         missed = met != target or abs(s - (t1 - t0)) > SAME_TIME
         if missed and not (u < GRAZING and s > t1 - t0 - SAME_TIME):
-            return False
+            return i, False, met, t0 + s
         status, s, _x, _v, _s, _l = contact_end(target, folded(t1), 0.0, u, delta, epsilon, kappa, math.inf)
         if status != ENDS or abs(s - lasts) > SAME_TIME * p * math.pi + SAME_END:
-            return False
-    return True
+            return after, True, target if status == ENDS else 0, y[after] + s
+    return -1, False, 0, 0.0
+
+
+@kernel
+def happens(y, cycle):
+    """Whether the motion of a solution happens: each contact and each flight ends first where the equations say."""
+    return first_failure(y, cycle)[0] < 0
 
 
 @kernel

@@ -26,7 +26,15 @@ from rattle.stiff.quiet import quiet_limit
 #: The letters that meet in each fold.
 FOLDS = {"SN1": "AC", "SN2": "BD", "G1": "BC", "G2": "AD"}
 FLIP, QUIET = "PD1", "quiet_limit"
-NAMES = ("SN1", "SN2", FLIP, "G1", "G2", QUIET)
+MEANINGS = {
+    "SN1": "saddle-node at which A and C, P(1,1,0), are born as ε grows; goes on as G2 where they are born grazing",
+    "SN2": "saddle-node at which B and D, P(1,1,1), are born as ε grows; ends with G1 in a cusp",
+    FLIP: "flip at which D, P(1,1,1), loses stability beside its birth",
+    "G1": "saddle-node at which C, which has begun to touch Σ⁻, and B meet, next to the graze; ends with SN2 in a cusp",
+    "G2": "saddle-node at which A, which has begun to touch Σ⁻, and D meet, next to the graze; goes on as SN1",
+    QUIET: "limit of permanent contact with Σ⁺: above it the teeth separate",
+}
+NAMES = tuple(MEANINGS)
 GOES_ON = {"SN1": ", it goes on as G2", "G2": ", it goes on as SN1"}  # at a graze
 NEAR = 1e-2  # of the shortest contact, beside a fold: whether ε is least or greatest there
 BISECTIONS = 30
@@ -58,6 +66,12 @@ def trace(
         raise RattleError(
             f"{name} cannot be followed for beta = {beta}, kappa = {kappa} in {window}: {error}"
         ) from error
+
+
+def describe(name: str) -> str:
+    """What happens on a curve, to which motions. Raises ParameterError on an unknown name."""
+    require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
+    return f"{MEANINGS[name]} (docs/stiff.md)"
 
 
 def _traced(name: str, beta: float, kappa: float, window: Window, dampings: Array) -> Curve:

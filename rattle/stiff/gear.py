@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rattle import flight
 from rattle.attractors import Attractor, listed
@@ -14,10 +14,15 @@ from rattle.basins import Basins, basins
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.gear import Impact
+from rattle.iterate import Iterates
+from rattle.orbits import Orbit
 from rattle.stiff import motion, orbits, quiet, returns
 from rattle.stiff.flow import GAP, QUIET, flow
+from rattle.stiff.iterate import iterate
 from rattle.stiff.plane import StiffPlane
 from rattle.stiff.survey import attractors_of
+from rattle.stiff.trajectory import trajectory
+from rattle.trajectory import Trajectory
 
 LONGEST_RUN = 1e5  # forcing periods of one call
 
@@ -100,9 +105,24 @@ class StiffGear:
             raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
-    def orbits(self) -> tuple[orbits.Named, ...]:
-        """The counterparts of A, B, C and D that happen, with their letters; "P": another P(1,1,0)."""
-        return orbits.orbits_at(self.delta, self.epsilon, self.beta, self.kappa)
+    def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
+        """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast, as `rattle.stiff.iterate`. Raises ParameterError."""
+        return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
+
+    def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
+        """Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times over these periods.
+
+        As `Gear.trajectory`, with the contacts that it begins for impacts; rest: when the contact begins that never
+        ends. Raises ParameterError, and RattleError where the numbers leave double precision.
+        """
+        return trajectory(*self._point, _phase(tau), v, periods, points)
+
+    def orbits(self) -> tuple[Orbit, ...]:
+        """The counterparts of A, B, C and D that happen, by their letters; "P": another P(1,1,0)."""
+        return tuple(
+            Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable)
+            for name, found in orbits.orbits_at(*self._point)
+        )
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> motion.StiffOrbit:
         """The periodic motion near a departure (τ, v), with n_plus contacts with Σ⁺ a period; see `stiff_orbit`."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from rattle.stiff import closure
 from rattle.stiff.closure import Cycle, softness
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.flow import OK, QUIET, departs, piece
+from rattle.stiff.returns import StiffPoint
 
 LONGEST = 0.1  # of a step, in the unknowns
 STEPS_TO_LIMIT = 20  # at least
@@ -44,14 +46,14 @@ class StiffOrbit(Periodic):
     admissible: bool
 
     @property
-    def tau(self) -> float:
-        """Phase at which the first contact with Σ⁺ ends, in [0, 1)."""
-        return float(flight.folded(self.times[0] + self.durations[0]))
+    def departures(self) -> Array:
+        """When it leaves the walls (c,): at the ends of its contacts."""
+        return self.times + self.durations
 
     @property
-    def v(self) -> float:
-        """Speed with which the first contact with Σ⁺ ends."""
-        return float(self.speeds[0])
+    def point(self) -> StiffPoint:
+        """Its parameters."""
+        return StiffPoint(self.delta, self.epsilon, self.beta, self.kappa)
 
     @property
     def itinerary(self) -> StiffItinerary:
@@ -69,9 +71,26 @@ def trace_of(itinerary: StiffItinerary, x: Array) -> float:
     return float(closure.trace_of(np.delete(x, -2), _cycle(itinerary, x)))
 
 
+class Failure(NamedTuple):
+    """What does not happen in a motion: its contact, or flight, of this number ends at this wall and time instead; wall
+    0: it does not even begin.
+    """
+
+    piece: int
+    contact: bool
+    wall: int
+    time: float
+
+
 def admissible(itinerary: StiffItinerary, x: Array) -> bool:
     """Whether the motion of x happens: each contact and each flight ends first where the equations say."""
     return bool(closure.happens(np.delete(x, -2), _cycle(itinerary, x)))
+
+
+def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
+    """The first flight or contact of x (2c + 2,) that ends elsewhere than the equations say, None if all happen."""
+    number, contact, wall, time = closure.first_failure(np.delete(x, -2), _cycle(itinerary, x))
+    return None if number < 0 else Failure(int(number), bool(contact), int(wall), float(time))
 
 
 def _cycle(itinerary: StiffItinerary, x: Array) -> Cycle:

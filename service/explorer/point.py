@@ -12,6 +12,7 @@ import panel as pn
 import param
 
 import rattle
+from rattle.models import AnyModel
 from rattle.plot.colours import colour, name_of
 from service.explorer import point_basins, point_diagram, point_motion, point_parts, point_words
 from service.explorer.files import asset
@@ -37,7 +38,7 @@ class PointView(pn.viewable.Viewer):
 
     state = param.Dict(default={})
 
-    def __init__(self, front: Front, delta: float, epsilon: float, beta: float, **state: str) -> None:
+    def __init__(self, front: Front, delta: float, epsilon: float, model: AnyModel, **state: str) -> None:
         self._chosen = PointState.read(state)
         super().__init__(state=self._chosen.text())
         self._front, self._work = front, Work(front, pn.state.curdoc)
@@ -48,7 +49,7 @@ class PointView(pn.viewable.Viewer):
         self._basins: rattle.Basins | None = None
         self._quiet = False  # a widget that changes says what is shown, not what to show
         try:
-            self._gear = rattle.Gear(delta, epsilon, beta)
+            self._gear = model.gear(delta, epsilon)
         except rattle.RattleError as error:
             self._panel = pn.Column(self._text(f'<p class="wrong">{escape(str(error))}</p>'), css_classes=["point"])
             return
@@ -70,7 +71,7 @@ class PointView(pn.viewable.Viewer):
         gear = self._gear
         self._where = self._text(f"<p>{escape(point_words.where(gear))}</p>")
         self._likely, self._safe = self._text(_waiting("how likely quiet running is")), self._text()
-        self._table, self._orbits = self._text(), self._text(point_words.orbits_table(gear))
+        self._table, self._orbits = self._text(), self._text(_waiting("the period-one orbits"))
         self._under_basins = self._text(_waiting("the basins"))
         self._about_lines = self._text()
         self._under_motion = self._text(_waiting("a motion"))
@@ -95,10 +96,11 @@ class PointView(pn.viewable.Viewer):
             sizing_mode="stretch_width",
             margin=0,
         )
+        if isinstance(gear, rattle.Gear):  # in closed form
+            self._show_orbits(point_parts.period_one(gear))
 
     def _basins_part(self) -> pn.pane.Bokeh:
         self._picture = point_basins.BasinsPicture(self._theme, self._on_tap)
-        self._picture.show_orbits(self._gear.orbits())
         return pn.pane.Bokeh(self._picture.figure, **WIDE)
 
     def _motion_parts(self) -> tuple[pn.widgets.Select, pn.Row]:
@@ -128,7 +130,11 @@ class PointView(pn.viewable.Viewer):
         await self._part(self._under_basins, partial(self._some_basins, 100, "cells"))
         await answer
         self._show_motion()
-        await self._part(self._safe, self._margin)
+        if isinstance(self._gear, rattle.Gear):
+            await self._part(self._safe, partial(self._margin, self._gear))
+        else:
+            await self._work.change(partial(_tell, self._safe, f"<p>{point_words.NO_MARGIN}</p>"))
+            await self._part(self._orbits, self._continued)
         await self._part(self._about_lines, self._some_lines)
         await self._part(self._under_basins, partial(self._some_basins, 300, "refined"))
         await self._part(self._under_diagram, self._one_diagram)
@@ -149,9 +155,17 @@ class PointView(pn.viewable.Viewer):
 
         await self._work.change(show)
 
-    async def _margin(self) -> None:
-        found = await self._work.compute(point_parts.margin, self._gear, what="The margin", slow=True)
-        said = f"<p>{escape(point_words.how_safe(self._gear, found))}</p>"
+    async def _continued(self) -> None:
+        found = await self._work.compute(point_parts.period_one, self._gear, what="The period-one orbits", slow=True)
+        await self._work.change(partial(self._show_orbits, found))
+
+    def _show_orbits(self, found: point_parts.PeriodOne) -> None:
+        self._orbits.object = point_words.orbits_table(found)
+        self._picture.show_orbits(found.orbits)
+
+    async def _margin(self, gear: rattle.Gear) -> None:
+        found = await self._work.compute(point_parts.margin, gear, what="The margin", slow=True)
+        said = f"<p>{escape(point_words.how_safe(gear, found))}</p>"
         await self._work.change(partial(_tell, self._safe, said))
 
     async def _some_basins(self, side: int, method: str) -> None:

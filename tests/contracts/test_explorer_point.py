@@ -12,6 +12,8 @@ import pytest
 from service_support import no_cluster
 
 import rattle
+from rattle.models import Impacting, Stiff
+from rattle.stiff import StiffGear
 from service.app import create_app
 from service.errors import UnavailableError
 from service.explorer import point_parts, point_words
@@ -187,7 +189,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path) -> None:
                 await asyncio.sleep(0.01)
 
         ticking = asyncio.create_task(tick())
-        view = PointView(front, 0.6, 0.1, 0.6)
+        view = PointView(front, 0.6, 0.1, Impacting(0.6))
         assert "region IV" in view._where.object
         assert "2.602, 0.2109" in view._orbits.object
         await until(lambda: is_complete(view))
@@ -210,7 +212,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path) -> None:
         await until(lambda: "damping δ" in view._under_diagram.object)
         start = {"tau": "0.25", "v": "4.5"}
         assert states == [{"attractor": "2"}, start, start | {"direction": "delta"}]
-        again = PointView(front, 0.6, 0.1, 0.6, **view.state)
+        again = PointView(front, 0.6, 0.1, Impacting(0.6), **view.state)
         await until(lambda: again._under_motion.object == view._under_motion.object)
         await until(lambda: again._under_diagram.object == view._under_diagram.object)
         assert again._choice.value == view._choice.value
@@ -225,7 +227,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
         raise UnavailableError("a margin that takes <b>too long</b>")
 
     async def body(front: Front) -> None:
-        view = PointView(front, 0.6, 0.1, 0.6)
+        view = PointView(front, 0.6, 0.1, Impacting(0.6))
 
         async def compute(work: Any, *arguments: Any, what: str, slow: bool = False) -> Any:
             return refusing(arguments[0]) if slow and what == "The margin" else work(*arguments)
@@ -243,7 +245,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 
 def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
-        view = PointView(front, 0.6, 0.1, 0.6)
+        view = PointView(front, 0.6, 0.1, Impacting(0.6))
         await until(lambda: front.points.borrowed_tokens > 0)
         view.stop()
         said = view._likely.object
@@ -258,9 +260,42 @@ def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Pat
 @pytest.mark.parametrize(("delta", "epsilon"), [(-1.0, 0.1), (0.6, float("nan")), (0.0, 0.1)])
 def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon: float) -> None:
     async def body(front: Front) -> None:
-        view = PointView(front, delta, epsilon, 0.6)
+        view = PointView(front, delta, epsilon, Impacting(0.6))
         (text,) = view.__panel__()
         assert "must" in text.object
+        view.stop()
+
+    with_front(tmp_path, body)
+
+
+def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def body(front: Front) -> None:
+        view = PointView(front, 0.6, 0.075, Stiff(0.6, 1e4))
+        asked: list[str] = []
+
+        async def compute(work: Any, *arguments: Any, what: str, **_slow: bool) -> Any:
+            asked.append(what)
+            if work is point_parts.basins:
+                arguments = (arguments[0], 40, "cells")
+            if work is point_parts.chances:
+                arguments = (arguments[0], 64)
+            return work(*arguments)
+
+        monkeypatch.setattr(view._work, "compute", compute)
+        assert "stiffness κ = 10000" in view._where.object
+        texts = (view._under_motion, view._under_diagram, view._orbits)
+        await until(lambda: asked.count("The basins") == 3 and not any("computing" in each.object for each in texts))
+        gear = StiffGear(0.6, 0.075, 0.6, 1e4)
+        quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
+        assert point_words.percent(quiet.fraction) in view._likely.object
+        assert "region III" in view._orbits.object
+        assert point_words.number(gear.orbits()[0].v) in view._orbits.object
+        samples = view._motions._samples.data
+        assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
+        assert "impacting model only" in view._safe.object
+        assert "The margin" not in asked
+        assert view._lines is not None
+        assert [line.name for line in view._lines.lines] == ["Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"]
         view.stop()
 
     with_front(tmp_path, body)
