@@ -7,7 +7,7 @@ import rattle
 from rattle.errors import ParameterError
 from rattle.impact_equations import derivatives
 from rattle.stiff import StiffGear, attractors_of, period_one, regions, saddle_node_1
-from rattle.stiff.closure import Cycle, closure
+from rattle.stiff.closure import Cycle, closure, departure_of
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.families import families, members
 from rattle.stiff.returns import StiffPoint, step_tangent
@@ -87,10 +87,27 @@ def test_what_samples_find_is_among_the_motions(kappa: float) -> None:
         assert near[0].n_minus == table.n_minus[row]
 
 
-def test_a_family_that_only_a_graze_leads_to_is_found() -> None:
-    """At small backlash D lives between a fold and a graze of A; its neighbours in the limit do not happen."""
-    found = members(1.079, 0.8, 0.3, 1e6)
-    assert [member.name for member in found if len(member.cycle.walls) == 2]
+@pytest.mark.parametrize(
+    ("delta", "epsilon", "beta", "kappa", "names"),
+    [(0.557, 0.4, 0.396, 21.5, "BCD"), (1.42, 0.6, 0.079, 68.7, "D")],
+)
+def test_a_family_that_only_a_graze_leads_to_is_found(delta, epsilon, beta, kappa, names) -> None:
+    """So near resonance the limit leads to no P(1,1,1), but a P(1,1,0) touches Σ⁻. The return map knows them."""
+    found = members(delta, epsilon, beta, kappa)
+    assert "".join(member.name for member in found) == names
+    for member in found:
+        tau, v = departure_of(member.y, member.cycle)
+        again = step_tangent(tau, v, StiffPoint(delta, epsilon, beta, kappa))
+        assert again[:3] == pytest.approx((0, tau, v), abs=1e-9)
+        assert again[4] == member.cycle.walls.size - 1
+
+
+def test_sn1_is_the_fold_of_the_shortest_contact() -> None:
+    """At κ = 1e5 and large damping folds of contacts that swing two or three times have speeds nearer to 2πδ."""
+    delta = np.linspace(0.9, 1.2, 4)
+    np.testing.assert_array_equal(regions(delta, 0.25, 1.2, 1e5), rattle.regions(delta, 0.25, 1.2))
+    off = [[saddle_node_1(x, kappa, 1.2).epsilon - float(rattle.sn1(x)) for x in delta] for kappa in (1e5, 1e7)]
+    np.testing.assert_allclose(np.divide(*off), 10.0, rtol=0.05)
 
 
 def test_letters_go_through_the_graze_to_the_fold() -> None:
