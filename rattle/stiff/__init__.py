@@ -4,6 +4,7 @@ Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 """
 
 from rattle.stiff.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
+from rattle.stiff.curves import NAMES, describe, trace
 from rattle.stiff.diagrams import diagram
 from rattle.stiff.gear import Motion, StiffGear
 from rattle.stiff.iterate import iterate, iterate_tangent
@@ -13,12 +14,14 @@ from rattle.stiff.quiet import quiet_depth, quiet_limit
 from rattle.stiff.survey import attractors_of
 
 __all__ = [
+    "NAMES",
     "Motion",
     "StiffBranch",
     "StiffEvent",
     "StiffGear",
     "StiffOrbit",
     "attractors_of",
+    "describe",
     "diagram",
     "from_limit",
     "iterate",
@@ -31,6 +34,5 @@ __all__ = [
     "stiff_branch",
     "stiff_curve",
     "stiff_orbit",
+    "trace",
 ]
-
-NAMES = ()

@@ -197,7 +197,7 @@ def stiff_curve(
     def left(x: Array) -> str | None:
         return None if admissible(itinerary, x) else "the motion does not happen"
 
-    found = pieces(condition(itinerary, event.kind), [event.orbit.unknowns], window, left)
+    found = pieces(condition(itinerary, event.kind), [event.orbit.unknowns], window, left, itinerary.contacts)
     if not found:
         raise RattleError("the event is outside the window, or no solution: choose delta and epsilon around it")
     return found[0].points

@@ -69,6 +69,12 @@ class Family:
             found.append(trace_of(y, self.cycle) > 1.0 + np.exp(-self.cycle.delta * self.cycle.m))
         return found
 
+    @property
+    def breaks(self) -> list[Array]:
+        """The motions that happen where it could not be followed on, or anywhere if a fold of it was lost."""
+        ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
+        return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if happens(y, self.cycle)]
+
     def at(self, epsilon: float) -> list[Member]:
         """The motions of this eccentricity that happen. Raises RattleError where one is lost."""
         found = []
@@ -101,7 +107,7 @@ def span_of(epsilon: float) -> float:
 
 
 def through(y: Array, cycle: Cycle, span: float) -> Family:
-    """The family through a solution, both ways to its ends. Raises RattleError where it breaks off."""
+    """The family through a solution, both ways to its ends."""
     direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
     direction[y.size // 2] = 1.0
     k, on = follow(y, direction, cycle, span, room)
@@ -111,11 +117,9 @@ def through(y: Array, cycle: Cycle, span: float) -> Family:
         points = np.concatenate([room[k - 1 : 0 : -1], points])
     before = np.empty(len(points), np.int64)
     folds, all_located = folds_of(points, cycle, before)
-    for end, why in ((0, back), (-1, on)):
-        if not all_located or (why == BROKEN and happens(points[end], cycle)):
-            raise lost(cycle, float(points[end, -1]))
+    ends = (back, on) if all_located else (BROKEN, BROKEN)
     before = before[: len(folds)]
-    return Family(cycle, np.insert(points, before + 1, folds, axis=0), before + 1 + np.arange(before.size), (back, on))
+    return Family(cycle, np.insert(points, before + 1, folds, axis=0), before + 1 + np.arange(before.size), ends)
 
 
 def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
@@ -139,7 +143,7 @@ def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
 
 
 def _at_sn1(cycle: Cycle) -> Array | None:
-    """Near the fold of P(1,1,0) at SN1, whose speed is next to 2πδ, that of A and C in the limit: unknowns (3,)."""
+    """Near the fold of P(1,1,0) at SN1: unknowns (3,). Others have contacts that swing more than once: σ beyond 2π."""
     p = softness(cycle.kappa)
     hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # σ − π is about 2p times force over speed
     duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
@@ -147,9 +151,8 @@ def _at_sn1(cycle: Cycle) -> Array | None:
     found = explicit(cycle, np.zeros((duration.size, 1)), duration[:, None])
     size = found[:, -1]
     least = np.flatnonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])) + 1
-    if not least.size:
-        return None
-    return found[min(least, key=lambda i: abs(departure_of(found[i], cycle)[1] - 2 * np.pi * cycle.delta))]
+    folds = [found[i] for i in least if departure_of(found[i], cycle)[1] > 0.0]
+    return min(folds, key=lambda y: abs(float(y[1]) - np.pi), default=None)
 
 
 def without_minus(cycle: Cycle, span: float) -> list[Family]:
@@ -174,11 +177,12 @@ def slow(cycle: Cycle, span: float) -> list[Family]:
     duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS)])
     known, found = without_minus(cycle, span), list[Family]()
     for guess in explicit(cycle, np.zeros((duration.size, 1)), duration[:, None]):
-        if not (guess[-1] < span and happens(guess, cycle)):
+        if not (happens(guess, cycle) and edge(guess, cycle, span)[0] < 0):
             continue
         if corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) and not held(guess, (*known, *found)):
             family = through(guess, cycle, span)
-            found.append(replace(family, letters=(SLOW,) * (family.folds.size + 1)))
+            if not family.breaks:  # where contact lasts nearly all the time, equations are nearly singular
+                found.append(replace(family, letters=(SLOW,) * (family.folds.size + 1)))
     return found
 
 
@@ -256,9 +260,13 @@ def held(y: Array, families: Sequence[Family]) -> bool:
 
 @lru_cache(maxsize=256)
 def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Family, ...]:
-    """The families that hold the counterparts of A–D, as far as ε goes up to a span."""
+    """The families that hold the counterparts of A–D, with ε up to a span. Raises RattleError where one breaks off."""
     plus = without_minus(Cycle(PLUS, 1, delta, beta, kappa), span)
-    return *plus, *with_minus(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
+    found = *plus, *with_minus(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
+    for family in found:
+        for y in family.breaks:
+            raise lost(family.cycle, float(y[-1]))
+    return found
 
 
 def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Member]:

@@ -225,7 +225,8 @@ def follow(start, direction, cycle, largest, points):
         why, index = edge(new, cycle, largest)
         if why >= 0:
             if why == FLIGHT:
-                return k, FLIGHT
+                points[k] = new
+                return k + 1, FLIGHT
             level = LEAST_CONTACT if why == LOST else largest if new[index] > 0.0 else 0.0
             return k + located(x, new, index, level, cycle, points[k]), why
         points[k], tangent[:], k = new, new_tangent, k + 1
