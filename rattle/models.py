@@ -151,6 +151,11 @@ AnyModel = Impacting | Stiff
 AnyGear = Gear | stiff.StiffGear
 
 
+def model_at(gear: AnyGear) -> AnyModel:
+    """The model that a gear is one point of."""
+    return Impacting(gear.beta) if isinstance(gear, Gear) else Stiff(gear.beta, gear.kappa)
+
+
 def model_of(beta: float = 0.6, kappa: float | None = None) -> AnyModel:
     """The impacting model, or with a stiffness kappa the stiff one. Raises ParameterError."""
     return Impacting(beta) if kappa is None else Stiff(beta, kappa)

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from rattle import Gear, ParameterError, RattleError
+from rattle import ParameterError, RattleError
 from rattle.curves import Curve
-from rattle.models import AnyModel, model_of
-from rattle.stiff import StiffGear
+from rattle.models import AnyGear, AnyModel, model_at
 
 Pair = tuple[float, float]
 
@@ -56,9 +55,9 @@ def _points(curve: Curve) -> dict[str, Any]:
     }
 
 
-def orbits_document(gear: Gear | StiffGear, kappa: float | None) -> dict[str, Any]:
+def orbits_document(gear: AnyGear) -> dict[str, Any]:
     """What the body of `GET /v1/orbits` says of a point, by its gear."""
-    limits = model_of(gear.beta, kappa).limits(gear.delta)._asdict()
+    limits = model_at(gear).limits(gear.delta)._asdict()
     return {
         "region": gear.region(),
         **{name: None if value is None else number(value) for name, value in limits.items()},

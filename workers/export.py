@@ -1,7 +1,7 @@
-"""A survey as a file for other programs, without ever holding more of it than one variable."""
+"""A survey as a file for other programs, a band of rows at a time: however large it is, it takes little memory."""
 
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from pathlib import Path
 from typing import IO
 
@@ -10,7 +10,8 @@ import xarray as xr
 
 from workers.schema import CELL
 
-ROWS = 64  # of the grid that are written at a time
+ROWS = 32  # of the grid, where the store does not say how many its chunks have
+CELLS = 16_384  # that are text at the same time
 
 
 def write_netcdf(dataset: xr.Dataset) -> IO[bytes]:
@@ -19,25 +20,37 @@ def write_netcdf(dataset: xr.Dataset) -> IO[bytes]:
     Returns:
         The file, open at its beginning. It has no name any more: it is gone when it is closed, whatever happens.
     """
+    rows = _rows(dataset)
     with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
         path = Path(directory) / "survey.nc"
         bare = dataset.drop_vars(list(dataset.data_vars))
         bare.attrs = {name: value for name, value in dataset.attrs.items() if value is not None}
-        _append(bare, path, "w")
+        _append(bare, path, "w", rows)
         for name in dataset.data_vars:
-            _append(_without_complex(dataset[[name]]), path, "a")
+            one = dataset[[name]]
+            _append(_without_complex(one.chunk(epsilon=rows) if "epsilon" in one.dims else one), path, "a", rows)
         return path.open("rb")
 
 
-def _append(dataset: xr.Dataset, path: Path, mode: str) -> None:
-    compressed = {name: {"zlib": True, "complevel": 1} for name, values in dataset.data_vars.items() if values.ndim}
-    for values in dataset.variables.values():
-        values.encoding = {}  # zarr's means nothing here
-    dataset.to_netcdf(path, mode=mode, engine="h5netcdf", encoding=compressed)  # type: ignore[call-overload]
+def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int) -> None:
+    encoding: dict[Hashable, dict[str, object]] = {}
+    for each in dataset.variables.values():
+        each.encoding = {}  # zarr's means nothing here
+    for name, values in dataset.data_vars.items():
+        encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
+        if values.dims[-2:] == CELL:  # or HDF5 would compress what a band is a part of again and again
+            height, width = min(rows, values.shape[-2]), values.shape[-1]
+            encoding[name]["chunksizes"] = (*(1 for _ in values.shape[:-2]), height, width)
+    written = dataset.to_netcdf(path, mode=mode, engine="h5netcdf", encoding=encoding, compute=False)  # type: ignore[call-overload]
+    written.compute(scheduler="synchronous")  # one band after the other, here, whatever cluster this process knows
+
+
+def _rows(dataset: xr.Dataset) -> int:
+    """Rows of the grid that one row of tiles has."""
+    return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
 
 
 def _without_complex(dataset: xr.Dataset) -> xr.Dataset:
-    dataset = dataset.load().copy()
     for name in [name for name, values in dataset.data_vars.items() if np.iscomplexobj(values)]:
         values = dataset[name]
         for part in ("real", "imag"):
@@ -52,13 +65,15 @@ def csv_lines(dataset: xr.Dataset) -> Iterator[str]:
     """The variables of an open survey over (epsilon, delta) alone as lines of CSV, a cell each, δ running first."""
     names = [str(name) for name, values in dataset.data_vars.items() if values.dims == CELL]
     delta, epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
+    rows = _rows(dataset)
     yield ",".join(["delta", "epsilon", *names]) + "\r\n"
-    for start in range(0, epsilon.size, ROWS):
-        some = dataset[names].isel(epsilon=slice(start, start + ROWS)).load()
+    for start in range(0, epsilon.size, rows):
+        some = dataset[names].isel(epsilon=slice(start, start + rows)).load()
         columns = [np.tile(delta, some.sizes["epsilon"]), np.repeat(some["epsilon"].values, delta.size)]
         columns += [some[name].values.ravel() for name in names]
-        texts = [_texts(column) for column in columns]
-        yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
+        for first in range(0, columns[0].size, CELLS):
+            texts = [_texts(column[first : first + CELLS]) for column in columns]
+            yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
 
 
 def _texts(column: np.ndarray) -> list[str]:

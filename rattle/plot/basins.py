@@ -17,8 +17,9 @@ from rattle.errors import RattleError, require
 from rattle.flight import wrapped
 from rattle.gear import Gear
 from rattle.manifolds import manifold
-from rattle.models import model_of
+from rattle.models import AnyGear, model_of
 from rattle.orbits import Orbit
+from rattle.periodic import Periodic
 from rattle.plot.colours import colour, name_of, order
 from rattle.plot.drawing import Drawing, new_figure, outlined
 from rattle.plot.labels import ROOM, Labels
@@ -196,7 +197,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
 
 
 def manifold_line(
-    gear: Gear,
+    gear: AnyGear,
     orbit: Orbit | None,
     name: str,
     kind: str = "stable",
@@ -211,14 +212,19 @@ def manifold_line(
     sides, why = [], None
     for side in (1, -1):
         try:
-            saddle = period_one_saddle(name, gear.delta, gear.epsilon, gear.beta)
-            grown = manifold(saddle, kind, side, arclength, spacing)
+            grown = manifold(_saddle(gear, orbit), kind, side, arclength, spacing)
         except RattleError as error:
             why = f"a side of the {kind} manifold of {name} is left out: {error}"
             continue
         for start, end in _connected(grown.pieces, grown.gap):
             sides.append(folded(grown.tau[start:end], grown.v[start:end]))
     return _joined(sides), why
+
+
+def _saddle(gear: AnyGear, orbit: Orbit) -> Periodic:
+    if isinstance(gear, Gear):
+        return period_one_saddle(orbit.name, gear.delta, gear.epsilon, gear.beta)
+    return gear.orbit(orbit.tau, orbit.v)
 
 
 def _connected(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, int]]:

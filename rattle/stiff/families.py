@@ -77,14 +77,16 @@ class Family:
 
     def at(self, epsilon: float) -> list[Member]:
         """The motions of this eccentricity that happen. Raises RattleError where one is lost."""
-        found = []
+        found, y = [], np.empty(self.points.shape[1])
         for k in crossings(self.points[:, -1] - epsilon):
-            y = np.empty(self.points.shape[1])
-            if not located(self.points[k], self.points[k + 1], y.size - 1, epsilon, self.cycle, y):
+            ends = self.points[k : k + 2]
+            if located(*ends, y.size - 1, epsilon, self.cycle, y):
+                y[-1] = epsilon
+                if happens(y, self.cycle):
+                    name = self.letters[int(np.searchsorted(self.folds, k, side="right"))]
+                    found.append(Member(name, self.cycle, y.copy()))
+            elif any(happens(end, self.cycle) for end in ends):
                 raise lost(self.cycle, epsilon)
-            y[-1] = epsilon
-            if happens(y, self.cycle):
-                found.append(Member(self.letters[int(np.searchsorted(self.folds, k, side="right"))], self.cycle, y))
         return found
 
 

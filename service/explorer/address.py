@@ -17,7 +17,7 @@ CRISIS, POINTS = "crisis", "points"
 #: What may be drawn over a map: bifurcation curves, the boundary crisis, the codimension-two points.
 OVERLAYS = (*NAMES, CRISIS, POINTS)
 DEFAULT_OVERLAYS = (*NAMES, POINTS)
-THEMES = ("default", "dark")
+THEMES = ("light", "dark")
 LONGEST = 200
 POINT_STATE = "p."
 
@@ -26,7 +26,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class View:
-    """What a page shows. Limits are a rule, or (low, high); `point_state` is what the view of the point keeps."""
+    """What a page shows. Limits are a rule, or (low, high); `point_state` is what the view of the point keeps.
+
+    No theme is that of the viewer's system.
+    """
 
     survey: str = ""
     variable: str = ""
@@ -37,7 +40,7 @@ class View:
     delta: Pair | None = None
     epsilon: Pair | None = None
     point: Pair | None = None
-    theme: str = "default"
+    theme: str = ""
     point_state: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -61,7 +64,7 @@ class View:
             delta=read("delta", _positive_window, None),
             epsilon=read("epsilon", _window, None),
             point=read("point", _point, None),
-            theme=text.get("theme", "") if text.get("theme") in THEMES else "default",
+            theme=text["theme"] if text.get("theme") in THEMES else "",
             point_state={
                 name.removeprefix(POINT_STATE): value
                 for name, value in list(text.items())[:50]
@@ -80,7 +83,7 @@ class View:
             pairs["overlays"] = ",".join(self.overlays) or "none"
         for name, pair in (("delta", self.delta), ("epsilon", self.epsilon), ("point", self.point)):
             pairs[name] = _written(pair) if pair else ""
-        pairs["theme"] = self.theme if self.theme != "default" else ""
+        pairs["theme"] = self.theme
         if self.point:
             pairs |= {POINT_STATE + name: str(value) for name, value in self.point_state.items()}
         said = {name: value for name, value in pairs.items() if value}

@@ -12,10 +12,12 @@ from rattle.models import AnyModel
 from service.explorer.address import Pair
 from service.explorer.planes import Plane
 from service.explorer.point import PointView
+from service.explorer.point_panel import PointPanel
 from service.explorer.readout import readout
+from service.explorer.text import Text
 from service.explorer.viewer import Viewer
 
-RESERVED = frozenset({"self", "front", "delta", "epsilon", "model"})  # an address may name anything
+RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room
 
 
@@ -25,45 +27,59 @@ class Beside:
     def __init__(
         self,
         viewer: Viewer,
-        text: pn.pane.HTML,
+        theme: str,
+        text: Text,
         sheet: str,
         on_close: Callable[[], None],
         on_state: Callable[[dict[str, Any]], None],
     ) -> None:
         self._viewer, self._text, self._on_close, self._on_state = viewer, text, on_close, on_state
-        self._zoom = pn.pane.HTML("", stylesheets=[sheet], margin=0, sizing_mode="stretch_width")
+        self._theme = theme
+        self._zoom = Text("", sheet)
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
         )
         self._close.on_click(lambda _event: self.close(tell=True))
         self._view: PointView | None = None
+        self._points: PointPanel | None = None
         self._point = pn.Column(sizing_mode="stretch_width", margin=0)
-        self.panel = pn.Column(self._zoom, self._close, self._point, text, sizing_mode="stretch_width", margin=0)
+        self.panel = pn.Column(
+            self._zoom.pane, self._close, self._point, text.pane, sizing_mode="stretch_width", margin=0
+        )
 
     def say(self, text: str) -> None:
         """What the finer computation of the window does."""
-        self._zoom.object = f'<p class="faint" role="status">{escape(text)}</p>' if text else ""
+        self._zoom.html = f'<p class="faint" role="status">{escape(text)}</p>' if text else ""
 
     async def read(self, plane: Plane, delta: float, epsilon: float, window: tuple[Pair, Pair]) -> None:
         """Show what is known at a point."""
         model = plane.request.gear_model
         found = await self._viewer.read(lambda: readout(plane.cell(delta, epsilon), delta, epsilon, model, window))
-        self._viewer.change(lambda: self._text.param.update(object=found))
+
+        def show() -> None:
+            self._text.html = found
+
+        self._viewer.change(show)
 
     def open(self, delta: float, epsilon: float, model: AnyModel, state: Mapping[str, str]) -> None:
         """Show the view of a point."""
         self._drop()
+        points = self._points or PointPanel(self._theme)
         known = {name: value for name, value in state.items() if name not in RESERVED}
-        self._view = view = PointView(self._viewer.front, delta, epsilon, model, **known)
+        self._view = view = PointView(points, self._viewer.front, delta, epsilon, model, **known)
         view.param.watch(lambda event: self._on_state(event.new), "state")
-        self._point[:] = [view]
-        self._close.visible = True
         self.panel.css_classes = [OPENED]
+        self._close.visible = self._point.visible = True
+        if self._points is None:
+            self._points = points
+            self._point.append(points.column)
 
     def close(self, tell: bool = False) -> None:
         """Put the view of the point away."""
         self._drop()
-        self._close.visible = False
+        self._close.visible = self._point.visible = False
+        if self._points is not None:
+            self._points.clear()
         self.panel.css_classes = []
         if tell:
             self._on_close()
@@ -72,4 +88,3 @@ class Beside:
         if self._view is not None:
             self._view.stop()
             self._view = None
-        self._point.clear()

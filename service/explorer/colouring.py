@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.colors import to_hex
 
 from service.explorer.address import Limits, Pair
-from service.explorer.planes import Plane
+from service.explorer.planes import Block, Plane
 from workers.figure import region_places
 from workers.maps import WITHOUT_VALUE, scale_of, title_of, valueless_layers
 
@@ -47,16 +47,28 @@ class Colouring:
     names: Mapping[str, Pair] = field(default_factory=dict)  # of regions, and where they are written
 
 
-def colouring(plane: Plane, limits: Limits | Pair, log: bool) -> Colouring:
-    """The colours of a map as it is now. Blocks: for a thread."""
-    values, variable = plane.values, str(plane.plane.name)
-    layers = valueless_layers(variable, values, plane.status, WITHOUT_VALUE.get(variable, "none"))
+def layers_of(plane: Plane, block: Block) -> dict[str, tuple[np.ndarray, str]]:
+    """Which cells have no value, and the colour for each reason."""
+    variable = str(plane.plane.name)
+    return valueless_layers(variable, block.values, block.status, WITHOUT_VALUE.get(variable, "none"))
+
+
+def values_shown(plane: Plane, block: Block) -> np.ndarray:
+    """The values of a block; NaN where a cell has none."""
+    without = np.logical_or.reduce([mask for mask, _ in layers_of(plane, block).values()])
+    return np.where(without, np.float32(np.nan), block.values)
+
+
+def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> Colouring:
+    """The colours of a map, of which this is drawn. Blocks: for a thread."""
+    values, variable = block.values, str(plane.plane.name)
+    layers = layers_of(plane, block)
     reasons = np.zeros(values.shape, np.uint8)
     for number, (mask, _) in enumerate(layers.values(), start=1):
         reasons[mask] = number
     shown = values[reasons == 0].astype(float)
     cmap, norm, codes, labels = scale_of(plane.plane, shown)
-    computed = int((plane.status != 0).sum())
+    computed = int((block.status != 0).sum())
     shades = tuple(
         Shade(label, colour, float((reasons == number).sum() / reasons.size))
         for number, (label, (_, colour)) in enumerate(layers.items(), start=1)
@@ -73,7 +85,7 @@ def colouring(plane: Plane, limits: Limits | Pair, log: bool) -> Colouring:
         low, high = codes[0] - 0.5, codes[-1] + 0.5
         return Colouring(
             title_of(plane.plane), palette, low, high, False, True, named + shades, reasons, reason_colours,
-            names=region_places(values, plane.delta, plane.epsilon) if variable == "region" else {},
+            names=region_places(values, block.delta, block.epsilon) if variable == "region" else {},
         )  # fmt: skip
     low, high, note = _limits(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
     if log:

@@ -108,9 +108,21 @@ def names(source: ColumnDataSource) -> Any:
 
 def cross(source: ColumnDataSource) -> list[Any]:
     """A cross with a white edge."""
+    return _edged(source, "cross", (26, "white", 5), (24, "#d40078", 2))
+
+
+def ring(source: ColumnDataSource) -> list[Any]:
+    """A ring with a white edge."""
+    return _edged(source, "circle", (17, "white", 5), (17, "black", 2))
+
+
+def _edged(source: ColumnDataSource, marker: str, *strokes: tuple[int, str, int]) -> list[Any]:
     return [
-        _rendered(source, Scatter(x="x", y="y", marker="cross", size=size, line_color=colour, line_width=width))
-        for size, colour, width in ((26, "white", 5), (24, "#d40078", 2))
+        _rendered(
+            source,
+            Scatter(x="x", y="y", marker=marker, size=size, line_color=colour, line_width=width, fill_color=None),
+        )
+        for size, colour, width in strokes
     ]
 
 

@@ -20,6 +20,7 @@ from rattle.plot.plane import MARKERS, STYLES
 from service.explorer import axes, glyphs
 from service.explorer.address import CRISIS, Pair
 from service.explorer.colouring import Colouring
+from service.explorer.planes import Block
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 #: Where the name of a point is: those that lie close together are named on different sides.
@@ -27,7 +28,7 @@ BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("rig
 UNSEEN = (700, 550)
 POINTER_MS, WINDOW_MS = 50, 200
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
-INK = {"default": ("#1d2733", "#ffffff", "#c4ccd4"), "dark": ("#e4e9ee", "#171c22", "#47525e")}
+INK = {"light": ("#1d2733", "#ffffff", "#c4ccd4"), "dark": ("#e4e9ee", "#171c22", "#47525e")}
 
 
 class Map:
@@ -67,6 +68,7 @@ class Map:
             source = glyphs.source_of(glyphs.LINE)
             self._lines[name] = source, glyphs.line(source, name)
         self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))
+        self._cursor = glyphs.source_of(("x", "y"))
         self._names = glyphs.source_of(("x", "y", "name"))
         self._marks = glyphs.points(self._points)
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
@@ -78,6 +80,7 @@ class Map:
             glyphs.names(self._names),
             *self._marks,
             *glyphs.cross(self._cross),
+            *glyphs.ring(self._cursor),
         ]
         for scale in self._scales.values():
             plot.add_layout(scale.bar, "right")
@@ -158,19 +161,19 @@ class Map:
         except UnsetValueError:
             return UNSEEN
 
-    def cells(self, delta: np.ndarray, epsilon: np.ndarray, values: np.ndarray, colours: Colouring) -> None:
-        """Draw the cells of a survey; values float32 (epsilon, delta)."""
-        self._box, where = box_of(delta, epsilon), image_at(delta, epsilon)
+    def cells(self, block: Block, colours: Colouring) -> None:
+        """Draw the cells of a survey."""
+        self._box, where = block.box, image_at(block.box)
         self._colour(colours)
-        shown = np.where(colours.reasons == 0, values, np.float32(np.nan))
+        shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
         places = list(colours.names.values())
         self._names.data = {"x": [x for x, _ in places], "y": [y for _, y in places], "name": list(colours.names)}
         self._values.data = {"image": [shown], **where}
         self._reasons.data = {"image": [colours.reasons], **where}
 
-    def frame(self, delta: np.ndarray, epsilon: np.ndarray, values: np.ndarray) -> None:
-        """Draw a finer block over the cells."""
-        self._fine.data = {"image": [np.asarray(values, np.float32)], **image_at(delta, epsilon)}
+    def frame(self, values: np.ndarray, box: tuple[Pair, Pair]) -> None:
+        """Draw a finer block over the cells: values (epsilon, delta), and what they cover."""
+        self._fine.data = {"image": [np.asarray(values, np.float32)], **image_at(box)}
 
     def no_frame(self) -> None:
         glyphs.empty(self._fine)
@@ -217,19 +220,23 @@ class Map:
 
     def cross(self, point: Pair | None) -> None:
         """Mark the point that was clicked."""
-        self._cross.data = {"x": [point[0]], "y": [point[1]]} if point else {"x": [], "y": []}
+        _put(self._cross, point)
+
+    def cursor(self, point: Pair | None) -> None:
+        """Mark the cell that the keyboard has come to."""
+        _put(self._cursor, point)
 
 
-def box_of(delta: np.ndarray, epsilon: np.ndarray) -> tuple[Pair, Pair]:
-    """What the cells cover: half a cell more on each side."""
-    halves = ((axis[-1] - axis[0]) / (2 * max(axis.size - 1, 1)) for axis in (delta, epsilon))
-    dx, dy = (float(half) for half in halves)
-    return (float(delta[0]) - dx, float(delta[-1]) + dx), (float(epsilon[0]) - dy, float(epsilon[-1]) + dy)
+def _put(source: ColumnDataSource, point: Pair | None) -> None:
+    if point is None:
+        glyphs.empty(source)
+    else:
+        source.data = {"x": [point[0]], "y": [point[1]]}
 
 
-def image_at(delta: np.ndarray, epsilon: np.ndarray) -> dict[str, list[float]]:
-    """Where Bokeh puts an image of these cells."""
-    (left, right), (bottom, top) = box_of(delta, epsilon)
+def image_at(box: tuple[Pair, Pair]) -> dict[str, list[float]]:
+    """Where Bokeh puts an image that covers this."""
+    (left, right), (bottom, top) = box
     return {"x": [left], "y": [bottom], "dw": [right - left], "dh": [top - bottom]}
 
 

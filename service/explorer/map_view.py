@@ -8,6 +8,7 @@ from dataclasses import replace
 from html import escape
 from typing import Any
 
+import numpy as np
 import panel as pn
 
 from rattle import RattleError
@@ -15,13 +16,16 @@ from rattle.models import AnyModel, Impacting
 from service.explorer import overlays
 from service.explorer.address import CRISIS, LIMITS, POINTS, Pair, View
 from service.explorer.beside import Beside
-from service.explorer.colouring import Colouring, colouring
+from service.explorer.colouring import Colouring, colouring, values_shown
+from service.explorer.cursor import Cursor
 from service.explorer.lists import Key
-from service.explorer.map import Map, box_of
+from service.explorer.map import Map
 from service.explorer.news import Standing
-from service.explorer.planes import Plane, maps_of
+from service.explorer.planes import Block, Plane, box_of, maps_of
+from service.explorer.readout import in_words
+from service.explorer.text import Text
 from service.explorer.viewer import Viewer
-from service.explorer.zoom import Zoom
+from service.explorer.zoom import Zoom, coarser
 from service.tables import JobRow, State
 from workers import Frame, SurveyRequest
 
@@ -38,6 +42,7 @@ class MapView:
         shared: Any,
         viewer: Viewer,
         view: View,
+        theme: str,
         sheet: str,
         remember: Callable[[View], None],
         save_window: Callable[[], None],
@@ -51,9 +56,15 @@ class MapView:
         self._lines: dict[str, asyncio.Task[None]] = {}
         self._overlays = overlays.entries()
         self._quiet = False  # the controls are being set, not used
-        self.map = Map(view.theme, self._point, self._hover, self._moved, self._reset)
+        self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
         self._zoom = Zoom(viewer, self._frame, self._say_zoom)
         self.map.choose(view.overlays)
+        words: dict[str, Callable[[Pair], None]] = {
+            "all": lambda _at: self._reset(),
+            "open": lambda at: self._point(*at),
+            "close": lambda _at: self._beside.close(tell=True),
+        }
+        self._cursor = Cursor(viewer.document, self.map.figure, self._shown, self._look, self._go, words)
         self._hovering: asyncio.Task[None] | None = None
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self._variable = pn.widgets.Select(label="Map", options=[], width=230, **styled)
@@ -69,7 +80,7 @@ class MapView:
             label="Save window as survey", **{**styled, "margin": (2, 0, 2, 8)}, css_classes=["save"]
         )
         self._save.on_click(lambda _event: save_window())
-        self._title = pn.pane.HTML("", stylesheets=[sheet], margin=0, sizing_mode="stretch_width")
+        self._title = Text("", sheet)
         for widget, act in (
             (self._variable, self._on_variable), (self._index, self._on_index), (self._rule, self._on_limits),
             (self._low, self._on_own), (self._high, self._on_own), (self._log, self._on_limits),
@@ -77,21 +88,20 @@ class MapView:
             widget.param.watch(lambda _event, act=act: None if self._quiet else act(), "value")
         self._key = Key(overlays=self._overlays, chosen=list(view.overlays), margin=0, sizing_mode="stretch_width")
         self._key.param.watch(lambda _event: self._on_overlays(), "chosen")
-        self._readout = pn.pane.HTML(
-            "<p class=faint>Point at the map to read a cell, click it to look closer.</p>",
-            stylesheets=[sheet], margin=0, sizing_mode="stretch_width", css_classes=["readout"],
-        )  # fmt: skip
-        self._beside = Beside(viewer, self._readout, sheet, self._close_point, self._remember_point)
+        self._said = Text("", sheet, is_spoken=True)
+        readout = Text("<p class=faint>Point at the map to read a cell, click it to look closer.</p>", sheet)
+        self._beside = Beside(viewer, theme, readout, sheet, self._close_point, self._remember_point)
         self.parts = {
             "controls": pn.Column(
                 pn.FlexBox(
                     self._variable, self._index, self._rule, self._low, self._high, self._log, self._save,
                     margin=0, sizing_mode="stretch_width", align_items="flex-end",
                 ),
-                self._title,
+                self._title.pane,
                 sizing_mode="stretch_width", margin=0,
             ),
             "plot": pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0),
+            "said": self._said.pane,
             "key": self._key,
             "beside": self._beside.panel,
         }  # fmt: skip
@@ -107,7 +117,7 @@ class MapView:
         """(low, high) of δ and of ε that is shown."""
         if self.view.delta and self.view.epsilon:
             return self.view.delta, self.view.epsilon
-        return box_of(self._plane.delta, self._plane.epsilon) if self._plane else ((0.4, 1.0), (0.0, 0.3))
+        return self._plane.box if self._plane else ((0.4, 1.0), (0.0, 0.3))
 
     def choose(self, job: JobRow) -> None:
         """Show another survey; the window and the point stay only with the one they were chosen on."""
@@ -129,7 +139,7 @@ class MapView:
         elif self.view.survey and self._job is not None:
             self._job, self._plane = None, None
             self.map.no_cells()
-            self._title.object = "<p>This survey is no longer there. Choose another one.</p>"
+            self._title.html = "<p>This survey is no longer there. Choose another one.</p>"
             self._shared.atlas.forget(lambda survey_id: survey_id != self.view.survey)
 
     def _follow(self, job: JobRow) -> None:
@@ -178,26 +188,30 @@ class MapView:
             job = self._job
             if job is None:
                 return
-            await self._draw_once(job, self.view)
-            self._drawn = wanted
+            if await self._draw_once(job, self.view):
+                self._drawn = wanted
             if not State(job.state).final:
                 await asyncio.sleep(PAUSE)
 
-    async def _draw_once(self, job: JobRow, view: View) -> None:
-        def prepare() -> tuple[Plane, Colouring]:
-            plane = self._shared.atlas.plane(job, view.variable, view.index)
-            return plane, colouring(plane, view.limits, view.log)
+    async def _draw_once(self, job: JobRow, view: View) -> bool:
+        """Draw what is known; whether that is all there is by now."""
+
+        def prepare() -> tuple[Plane, bool, Block, Colouring]:
+            plane, is_whole = self._shared.atlas.plane(job, view.variable, view.index)
+            block = plane.block()
+            return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
 
         if job.state == State.ACCEPTED and not job.started:
             self._viewer.change(self._show_waiting)
-            return
+            return True
         try:
-            plane, colours = await self._viewer.read(prepare)
+            plane, is_whole, block, colours = await self._viewer.read(prepare)
         except RattleError as error:
             text = str(error)
             self._viewer.change(lambda: self._fail(text))
-        else:
-            await self._viewer.changed(lambda: self._draw(plane, colours))
+            return True
+        await self._viewer.changed(lambda: self._draw(plane, block, colours))
+        return is_whole
 
     def _wanted(self) -> tuple[Any, ...]:
         job, view = self._job, self.view
@@ -207,19 +221,19 @@ class MapView:
 
     def _show_waiting(self) -> None:
         self.map.no_cells()
-        self._title.object = "<p class=faint>This survey waits for its turn.</p>"
+        self._title.html = "<p class=faint>This survey waits for its turn.</p>"
 
     def _fail(self, text: str) -> None:
         self.map.no_cells()
-        self._title.object = f'<p class="notice" role="alert">{escape(text)}</p>'
+        self._title.html = f'<p class="notice" role="alert">{escape(text)}</p>'
 
-    def _draw(self, plane: Plane, colours: Colouring) -> None:
+    def _draw(self, plane: Plane, block: Block, colours: Colouring) -> None:
         first = self._plane is None or self._plane.id != plane.id
         other = first or self._plane is not plane
         self._plane, self._colours = plane, colours
-        self.map.cells(plane.delta, plane.epsilon, plane.values, colours)
+        self.map.cells(block, colours)
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
-        self._title.object = f"<p>{escape(colours.title)}{note}</p>"
+        self._title.html = f"<p>{escape(colours.title)}{note}</p>"
         self._key.shades = [
             {"label": each.label, "colour": each.colour, "share": each.share} for each in colours.shades
         ]
@@ -314,6 +328,20 @@ class MapView:
             self._overlays = entries
             self._viewer.change(lambda: self._key.param.update(overlays=entries))
 
+    def _shown(self) -> tuple[Plane, tuple[Pair, Pair], Pair | None] | None:
+        return (self._plane, self.window, self.view.point) if self._plane is not None else None
+
+    def _look(self, at: Pair) -> None:
+        assert self._plane is not None
+        self.map.cursor(at)
+        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window))}</p>"
+        self._read(*at)
+
+    def _go(self, window: tuple[Pair, Pair]) -> None:
+        if window != self.window and window[0][1] > 0:
+            self.map.window(*window)
+            self._moved(*window)
+
     def _moved(self, delta: Pair, epsilon: Pair) -> None:
         if delta[0] >= delta[1] or epsilon[0] >= epsilon[1]:
             return
@@ -334,18 +362,39 @@ class MapView:
     def _refine(self) -> None:
         self.map.no_frame()
         self._say_zoom("")
-        if self._plane is not None and self.view.delta and self.view.epsilon:
+        self._zoom.stop()
+        if self._plane is None or not (self.view.delta and self.view.epsilon):
+            return
+        if coarser(self._plane, self.window, self.map.pixels):
             self._zoom.start(self._plane, self.view.variable, self.view.index, self.window, self.map.pixels)
-        else:
-            self._zoom.stop()
+        elif self._plane.is_thinned:
+            self._viewer.start(self._all_cells(self._plane, self.window))
+
+    async def _all_cells(self, plane: Plane, window: tuple[Pair, Pair]) -> None:
+        """Draw those cells of a window that are left out where the whole survey is drawn."""
+
+        def prepare() -> tuple[np.ndarray, tuple[Pair, Pair]]:
+            block = plane.block(window)
+            return values_shown(plane, block), block.box
+
+        values, box = await self._viewer.read(prepare)
+        self._viewer.change(
+            lambda: self.map.frame(values, box) if (plane, window) == (self._plane, self.window) else None
+        )
 
     def _frame(self, frame: Frame) -> None:
-        self._viewer.change(lambda: self.map.frame(frame.delta, frame.epsilon, frame.values))
+        self._viewer.change(lambda: self.map.frame(frame.values, box_of(frame.delta, frame.epsilon)))
 
     def _say_zoom(self, text: str) -> None:
         self._viewer.change(lambda: self._beside.say(text))
 
     def _hover(self, delta: float, epsilon: float) -> None:
+        self._cursor.forget()
+        self.map.cursor(None)
+        self._said.html = ""
+        self._read(delta, epsilon)
+
+    def _read(self, delta: float, epsilon: float) -> None:
         if self._hovering is not None and not self._hovering.done():
             self._hovering.cancel()
         if self._plane is not None:
@@ -355,10 +404,10 @@ class MapView:
         if delta <= 0 or epsilon < 0:
             return
         state = self.view.point_state if self.view.point == (delta, epsilon) else {}
-        self._change(point=(delta, epsilon), point_state=state)
-        self.map.cross((delta, epsilon))
         self._beside.open(delta, epsilon, self.model, state)
-        self._hover(delta, epsilon)
+        self.map.cross((delta, epsilon))
+        self._change(point=(delta, epsilon), point_state=state)
+        self._read(delta, epsilon)
 
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""

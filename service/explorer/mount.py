@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI, Request, Response, WebSocket
 from starlette.concurrency import run_in_threadpool
+from starlette.responses import StreamingResponse
 from starlette.routing import Route, WebSocketRoute
-from starlette.types import Receive, Scope, Send
 
 from service.errors import UnavailableError
 from service.explorer import login
+from service.explorer.address import View
+from service.explorer.assets_route import Assets
+from service.explorer.head import COOKIE, SCHEME, body_of, following, head_of
 from service.explorer.news import News
 from service.settings import Settings
 from service.state import Front
@@ -54,12 +57,14 @@ class Explorer:
         self._front: Front | None = None
         self._news: News | None = None
         self._loading: asyncio.Future[BokehFastAPI] | None = None
+        self._head = ""
         self._warming: asyncio.Task[None] | None = None
+        self._assets = Assets(self.load)
         app.router.routes += [
             Route("/", self._page, methods=["GET"], include_in_schema=False),
             WebSocketRoute("/ws", self._socket),
-            Route("/static/{path:path}", _Assets(self), methods=["GET"], include_in_schema=False),
-            Route("/components/{path:path}", _Assets(self), methods=["GET"], include_in_schema=False),
+            Route("/static/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
+            Route("/components/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             *login.ROUTES,
         ]
 
@@ -95,6 +100,7 @@ class Explorer:
         return await asyncio.shield(self._loading)
 
     def _build(self) -> BokehFastAPI:
+        from bokeh.settings import settings
         from panel.io.application import build_applications
         from panel.io.fastapi import BokehFastAPI
 
@@ -104,6 +110,7 @@ class Explorer:
 
         assert self._front is not None
         assert self._news is not None
+        settings.perform_document_validation.set_value(False)  # a tenth of the time of every page, to warn nobody
         shared = Shared(self._front, self._news, Atlas(self._front), Crises(self._front))
         found: Any = BokehFastAPI(
             build_applications({"/": lambda: open_page(shared)}, title=TITLE),
@@ -113,6 +120,7 @@ class Explorer:
             include_headers=[],  # they would be written into the page, the key among them
             include_cookies=[],
         )
+        self._head = head_of(found)
         gc.freeze()  # as in service.server, for what has just been loaded
         return found
 
@@ -130,10 +138,20 @@ class Explorer:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
         if self._warming is None:  # processes for the first click, which nobody needs where nobody looks
             self._warming = asyncio.create_task(prepare(self._front))
-        CALLER.set(request.state.caller)
-        response: Response = await DocHandler(bokeh, application_context=context).get(request)
-        response.headers.update({"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"})
-        return response
+
+        async def parts() -> AsyncIterator[str]:
+            scheme = request.cookies.get(COOKIE, "")
+            given = request.query_params
+            query = {name: [value.encode() for value in given.getlist(name)] for name in given}
+            yield following(self._head, View.parse(query), scheme)
+            await self._assets.quiet()
+            CALLER.set(request.state.caller)
+            SCHEME.set(scheme)
+            page: Response = await DocHandler(bokeh, application_context=context).get(request)
+            yield body_of(bytes(page.body).decode())
+
+        headers = {"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"}
+        return StreamingResponse(parts(), media_type="text/html", headers=headers)
 
     async def _socket(self, websocket: WebSocket) -> None:
         from service.explorer.socket import PageSocket
@@ -166,14 +184,3 @@ UNUSED_MILLISECONDS = 15_000  # without a browser
 
 def _context(bokeh: BokehFastAPI) -> ApplicationContext:
     return bokeh._applications["/"]
-
-
-class _Assets:
-    """Scripts and styles of Bokeh and Panel, from the installed packages."""
-
-    def __init__(self, explorer: Explorer) -> None:
-        self._explorer = explorer
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        bokeh = await self._explorer.load()
-        await bokeh.app({**scope, "app": bokeh.app, "router": bokeh.app.router}, receive, send)

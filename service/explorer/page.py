@@ -11,9 +11,10 @@ import panel as pn
 from bokeh.document import Document
 
 from service.actions import remove_survey
-from service.explorer.address import THEMES, View
+from service.explorer.address import View
 from service.explorer.files import asset
 from service.explorer.form import Form
+from service.explorer.head import SCHEME, theme_of
 from service.explorer.lists import SurveyList
 from service.explorer.map_view import MapView
 from service.explorer.news import News, Standing
@@ -23,8 +24,6 @@ from service.explorer.viewer import CALLER, Viewer
 from service.state import Front
 from service.tables import Scope, State
 from workers import SurveyRequest
-
-THEME_NAMES = {"default": "Light", "dark": "Dark"}
 
 
 @dataclass(frozen=True)
@@ -53,7 +52,11 @@ def open_page(shared: Shared) -> pn.Template:
     document = pn.state.curdoc
     assert document is not None  # Panel has set it
     viewer = Viewer(shared.front, CALLER.get(), document)
-    page = Page(shared, viewer, View.parse(pn.state.session_args))
+    view = View.parse(pn.state.session_args)
+    theme = theme_of(view, SCHEME.get())
+    config: Any = pn.config
+    config.theme = "dark" if theme == "dark" else "default"  # of this page
+    page = Page(shared, viewer, view, theme)
     document.on_session_destroyed(lambda _context: page.end())
     return page.template
 
@@ -61,7 +64,7 @@ def open_page(shared: Shared) -> pn.Template:
 class Page:
     """The parts of a page."""
 
-    def __init__(self, shared: Shared, viewer: Viewer, view: View) -> None:
+    def __init__(self, shared: Shared, viewer: Viewer, view: View, theme: str) -> None:
         self._shared, self._viewer = shared, viewer
         location: Any = pn.state.location
         self._location = location
@@ -77,19 +80,16 @@ class Page:
         self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
         self._new.on_click(lambda _event: self._toggle_form())
         self._side = pn.Column(self._new, self._notice, self._list, sizing_mode="stretch_width", margin=0)
-        self._map = MapView(shared, viewer, view, sheet, self._remember, self._save_window)
+        self._map = MapView(shared, viewer, view, theme, sheet, self._remember, self._save_window)
         self._list.param.watch(lambda event: self._choose(event.new), "chosen")
-        self.template = self._laid_out(view.theme)
+        self.template = self._laid_out(theme)
         shared.news.listen(self._on_news)
 
     def _laid_out(self, theme: str) -> pn.Template:
-        other = THEMES[1 - THEMES.index(theme)]
         template = _Template(asset("page.html"), location=True)
-        template.add_variable("page_css", asset("page.css"))
         for name, value in {
             "theme": theme,
-            "other_theme": other,
-            "other_theme_name": THEME_NAMES[other],
+            "other_theme": "Light" if theme == "dark" else "Dark",
             "signed_in": self._viewer.signed_in,
         }.items():
             template.add_variable(name, value)

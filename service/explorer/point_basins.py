@@ -12,6 +12,7 @@ from bokeh.models import ColumnDataSource, CustomJSHover, HoverTool, LinearColor
 import rattle
 from rattle.plot.basins import MANIFOLDS
 from rattle.plot.colours import colour, name_of
+from service.explorer.glyphs import empty
 from service.explorer.point_figures import new_figure
 from service.explorer.point_parts import V_MAX, Line
 
@@ -111,6 +112,11 @@ class BasinsPicture:
         """Draw Γ and the manifolds."""
         for line in lines:
             self._lines[line.name].data = {"tau": line.points[:, 0], "v": line.points[:, 1]}
+
+    def clear(self) -> None:
+        """Show nothing."""
+        for source in (self._cells, self._orbits, self._chosen, *self._lines.values()):
+            empty(source)
 
     def show_chosen(self, tau: float, v: float) -> None:
         """Ring the state that the motion shown begins with."""

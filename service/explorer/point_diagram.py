@@ -8,13 +8,14 @@ import numpy as np
 from bokeh.models import ColumnDataSource, HoverTool
 from bokeh.models.annotations import Span
 
+from service.explorer.glyphs import empty
 from service.explorer.point_figures import ink_of, new_figure
 from service.explorer.point_parts import DiagramLines
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
 NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
-SEEN = {"default": "#5b9bd5", "dark": "#7fb3e0"}
+SEEN = {"light": "#5b9bd5", "dark": "#7fb3e0"}
 
 
 class DiagramPicture:
@@ -24,7 +25,7 @@ class DiagramPicture:
         self.figure: Any = new_figure("diagram", theme, NAMES["epsilon"], "impact speed v", 320, (0.0, 1.0), (0.0, 7.0))
         ink = ink_of(theme)
         self._seen = ColumnDataSource({"x": [], "v": []})
-        self.figure.scatter("x", "v", source=self._seen, size=2.2, color=SEEN.get(theme, SEEN["default"]), alpha=0.7)
+        self.figure.scatter("x", "v", source=self._seen, size=2.2, color=SEEN[theme], alpha=0.7)
         self._strokes = {}
         drawn = []
         for stable, dash in ((False, "dashed"), (True, "solid")):
@@ -46,6 +47,11 @@ class DiagramPicture:
         self.figure.add_tools(HoverTool(renderers=drawn, tooltips=tooltips))
         self._here = Span(location=0.0, dimension="height", line_color="#d7191c", line_width=1.5, line_alpha=0.8)
         self.figure.add_layout(self._here)
+
+    def clear(self) -> None:
+        """Show nothing."""
+        for source in (self._seen, *self._strokes.values(), *self._marks.values()):
+            empty(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
         """Draw a diagram; `at` is where the point is on its axis."""

@@ -103,9 +103,9 @@ class Work:
         await self.change(lambda: tell(f'<p class="wrong" role="alert">{escape(message)}</p>'))
 
     async def change(self, what: Callable[[], object]) -> None:
-        """Change the document when nothing else does, and wait until that is done."""
+        """Change the document when nothing else does, and wait until that is done; not if the view is put away."""
         self._require()
         if self._document is None or self._document.session_context is None:
             what()
             return
-        await change_and_wait(self._document, what)
+        await change_and_wait(self._document, lambda: None if self.stopped else what())

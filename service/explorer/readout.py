@@ -15,8 +15,10 @@ from rattle.plot import name_of
 from rattle.plot.plane import REGIONS
 from service.explorer.address import Pair
 from service.explorer.axes import written
+from service.explorer.planes import Plane
 from workers import QUANTITIES
 from workers.evaluate import FAILED, KINDS, STATUS
+from workers.maps import WITHOUT_VALUE, title_of
 from workers.schema import CELL
 
 Row = tuple[str, str]
@@ -44,14 +46,31 @@ def readout(cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyMod
     return "".join(tables)
 
 
+def in_words(plane: Plane, delta: float, epsilon: float, window: tuple[Pair, Pair]) -> str:
+    """Where a cell is, and what the map shows there: a sentence to be read out."""
+    place = f"δ {written(delta, window[0])}, ε {written(epsilon, window[1])}"
+    at = plane.at(delta, epsilon)
+    if at is None:
+        return f"{place}: outside of the survey"
+    value, status = at
+    if status in (0, FAILED):
+        said = STATUS[status].replace("_", " ")
+    elif np.isnan(value):
+        said = WITHOUT_VALUE.get(str(plane.plane.name), "none")
+    else:
+        said = _value(value, plane.plane)
+    return f"{place}: {title_of(plane.plane)}, {said}"
+
+
+def _value(number: float, variable: xr.DataArray) -> str:
+    if meanings := variable.attrs.get("flag_meanings"):
+        return str(meanings).split()[int(number)].replace("_", " ")
+    return _number(bool(number) if variable.dtype == bool else number)
+
+
 def _scalars(cell: xr.Dataset) -> Iterator[Row]:
     for name in (quantity.name for quantity in QUANTITIES if quantity.dims == CELL and quantity.name in cell):
-        value = cell[name]
-        number = value.item()
-        if meanings := value.attrs.get("flag_meanings"):
-            yield name.replace("_", " "), meanings.split()[int(number)].replace("_", " ")
-        else:
-            yield name.replace("_", " "), _number(number)
+        yield name.replace("_", " "), _value(cell[name].item(), cell[name])
 
 
 def _attractors(cell: xr.Dataset) -> str:

@@ -27,10 +27,9 @@ class Zoom:
     def start(
         self, plane: Plane, variable: str, index: int, window: tuple[Pair, Pair], pixels: tuple[int, int]
     ) -> None:
-        """Refine this window if the survey is coarser than the screen; what was refined before is given up."""
+        """Refine this window; what was refined before is given up."""
         self.stop()
-        if coarser(plane, window, pixels):
-            self._task = self._viewer.start(self._refine(plane, variable, index, window, pixels))
+        self._task = self._viewer.start(self._refine(plane, variable, index, window, pixels))
 
     def stop(self) -> None:
         if self._task is not None:

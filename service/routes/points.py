@@ -113,11 +113,9 @@ GearQuery = Annotated[AnyGear, Depends(gear_of_query)]
 )
 async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
     if isinstance(gear, rattle.Gear):
-        found = await run_in_threadpool(orbits_document, gear, None)
+        found = await run_in_threadpool(orbits_document, gear)
     else:
-        found = await in_turn(
-            front, orbits_document, gear, gear.kappa, what="The orbits", advice="Choose another point."
-        )
+        found = await in_turn(front, orbits_document, gear, what="The orbits", advice="Choose another point.")
     return Orbits(**_point(gear), **found)
 
 

@@ -144,7 +144,9 @@ def test_a_saved_address_shows_the_same_view(page: Page, service: str, survey_id
     assert query(page) == view
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(15, 19, 23)"
     page.get_by_role("button", name="Light theme").click()
-    page.wait_for_function("() => getComputedStyle(document.body).backgroundColor === 'rgb(244, 246, 248)'")
+    page.wait_for_function(
+        "() => document.body && getComputedStyle(document.body).backgroundColor === 'rgb(244, 246, 248)'"
+    )
 
 
 def test_nonsense_in_the_address_is_left_out(page: Page, service: str) -> None:

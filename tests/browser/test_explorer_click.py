@@ -41,7 +41,7 @@ def click_basins(page: Page, tau: float, v: float) -> None:
     page.mouse.click(x, y)
 
 
-@pytest.mark.parametrize("theme", ["default", "dark"])
+@pytest.mark.parametrize("theme", ["light", "dark"])
 def test_a_click_shows_the_point(page: Page, service: str, theme: str) -> None:
     open_view(page, service, theme=theme)
     page.mouse.click(*place_of(page, 0.6, 0.1))
@@ -53,7 +53,7 @@ def test_a_click_shows_the_point(page: Page, service: str, theme: str) -> None:
     expect(page.get_by_role("table", name=re.compile("Attractors from 1024 starts"))).to_be_visible()
     expect(page.get_by_role("table", name="Period-one orbits").get_by_role("row")).to_have_count(5)
     paper = figure(page, "basins", "background_fill_color")
-    assert (paper == "#ffffff") == (theme == "default")
+    assert (paper == "#ffffff") == (theme == "light")
 
 
 def test_a_motion_is_chosen_in_the_basins_and_its_address_shows_it_again(page: Page, service: str) -> None:

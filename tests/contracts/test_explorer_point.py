@@ -18,6 +18,7 @@ from service.app import create_app
 from service.errors import UnavailableError
 from service.explorer import point_parts, point_words
 from service.explorer.point import PointView
+from service.explorer.point_panel import PointPanel
 from service.explorer.point_state import PointState
 from service.explorer.point_work import prepare
 from service.settings import Settings
@@ -172,10 +173,14 @@ async def until(holds: Callable[[], bool], seconds: float = 60) -> None:
 
 
 def is_complete(view: PointView) -> bool:
-    texts = (view._likely, view._safe, view._under_basins, view._under_motion, view._under_diagram)
-    return (
-        all(text.object and "computing" not in text.object for text in texts) and "600 ×" in view._under_basins.object
+    texts = (
+        view.panel.likely,
+        view.panel.safe,
+        view.panel.under_basins,
+        view.panel.under_motion,
+        view.panel.under_diagram,
     )
+    return all(text.html and "computing" not in text.html for text in texts) and "600 ×" in view.panel.under_basins.html
 
 
 def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path) -> None:
@@ -189,33 +194,33 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path) -> None:
                 await asyncio.sleep(0.01)
 
         ticking = asyncio.create_task(tick())
-        view = PointView(front, 0.6, 0.1, Impacting(0.6))
-        assert "region IV" in view._where.object
-        assert "2.602, 0.2109" in view._orbits.object
+        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
+        assert "region IV" in view.panel.where.html
+        assert "2.602, 0.2109" in view.panel.orbits.html
         await until(lambda: is_complete(view))
         ticking.cancel()
         assert np.median(np.diff(ticks)) < 0.1  # the loop runs on
-        assert "probability 7" in view._likely.object
-        assert "<caption>Attractors from 1024 starts</caption>" in view._table.object
-        assert "chaotic" in view._under_motion.object  # the first that is not quiet
+        assert "probability 7" in view.panel.likely.html
+        assert "<caption>Attractors from 1024 starts</caption>" in view.panel.table.html
+        assert "chaotic" in view.panel.under_motion.html  # the first that is not quiet
         assert view.state == {}
         states: list[dict[str, str]] = []
         view.param.watch(lambda event: states.append(event.new), "state")
-        view._choice.value = 2
-        await until(lambda: view._under_motion.object.startswith('<p class="faint">P(1,1,0)'))
-        view._picture._tapped(type("Tap", (), {"x": 1.25, "y": 4.5}))
-        await until(lambda: "initial condition" in view._under_motion.object)
-        samples = view._motions._samples.data
+        view.panel.choice.value = 2
+        await until(lambda: view.panel.under_motion.html.startswith('<p class="faint">P(1,1,0)'))
+        view.panel.picture._tapped(type("Tap", (), {"x": 1.25, "y": 4.5}))
+        await until(lambda: "initial condition" in view.panel.under_motion.html)
+        samples = view.panel.motions._samples.data
         expected = rattle.Gear(0.6, 0.1).trajectory(0.25, 4.5, float(samples["t"][-1]), len(samples["t"]))
         np.testing.assert_array_equal(samples["phi"], expected.phi)
-        view._direction.value = "delta"
-        await until(lambda: "damping δ" in view._under_diagram.object)
+        view.panel.direction.value = "delta"
+        await until(lambda: "damping δ" in view.panel.under_diagram.html)
         start = {"tau": "0.25", "v": "4.5"}
         assert states == [{"attractor": "2"}, start, start | {"direction": "delta"}]
-        again = PointView(front, 0.6, 0.1, Impacting(0.6), **view.state)
-        await until(lambda: again._under_motion.object == view._under_motion.object)
-        await until(lambda: again._under_diagram.object == view._under_diagram.object)
-        assert again._choice.value == view._choice.value
+        again = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6), **view.state)
+        await until(lambda: again.panel.under_motion.html == view.panel.under_motion.html)
+        await until(lambda: again.panel.under_diagram.html == view.panel.under_diagram.html)
+        assert again.panel.choice.value == view.panel.choice.value
         for each in (view, again):
             each.stop()
 
@@ -227,17 +232,17 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
         raise UnavailableError("a margin that takes <b>too long</b>")
 
     async def body(front: Front) -> None:
-        view = PointView(front, 0.6, 0.1, Impacting(0.6))
+        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
 
         async def compute(work: Any, *arguments: Any, what: str, slow: bool = False) -> Any:
             return refusing(arguments[0]) if slow and what == "The margin" else work(*arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
         await until(lambda: is_complete(view))
-        assert "too long" in view._safe.object
-        assert "<b>" not in view._safe.object
-        assert 'role="alert"' in view._safe.object
-        assert "probability 7" in view._likely.object
+        assert "too long" in view.panel.safe.html
+        assert "<b>" not in view.panel.safe.html
+        assert 'role="alert"' in view.panel.safe.html
+        assert "probability 7" in view.panel.likely.html
         view.stop()
 
     with_front(tmp_path, body)
@@ -245,13 +250,13 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 
 def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
-        view = PointView(front, 0.6, 0.1, Impacting(0.6))
+        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
         await until(lambda: front.points.borrowed_tokens > 0)
         view.stop()
-        said = view._likely.object
+        said = view.panel.likely.html
         await until(lambda: front.points.borrowed_tokens == 0, 10)
         await asyncio.sleep(0.2)
-        assert view._likely.object == said
+        assert view.panel.likely.html == said
         assert front.points.statistics().tasks_waiting == 0
 
     with_front(tmp_path, body)
@@ -260,9 +265,8 @@ def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Pat
 @pytest.mark.parametrize(("delta", "epsilon"), [(-1.0, 0.1), (0.6, float("nan")), (0.0, 0.1)])
 def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon: float) -> None:
     async def body(front: Front) -> None:
-        view = PointView(front, delta, epsilon, Impacting(0.6))
-        (text,) = view.__panel__()
-        assert "must" in text.object
+        view = PointView(PointPanel("light"), front, delta, epsilon, Impacting(0.6))
+        assert "must" in view.panel.where.html
         view.stop()
 
     with_front(tmp_path, body)
@@ -270,7 +274,7 @@ def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon
 
 def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     async def body(front: Front) -> None:
-        view = PointView(front, 0.6, 0.075, Stiff(0.6, 1e4))
+        view = PointView(PointPanel("light"), front, 0.6, 0.075, Stiff(0.6, 1e4))
         asked: list[str] = []
 
         async def compute(work: Any, *arguments: Any, what: str, **_slow: bool) -> Any:
@@ -282,17 +286,20 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             return work(*arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
-        assert "stiffness κ = 10000" in view._where.object
-        await until(lambda: "diagram" in asked[-1] and "computing" not in view._under_diagram.object)
+        assert "stiffness κ = 10000" in view.panel.where.html
+        texts = (view.panel.under_motion, view.panel.under_diagram, view.panel.orbits)
+        await until(lambda: asked.count("The basins") == 3 and not any("computing" in each.html for each in texts))
         gear = StiffGear(0.6, 0.075, 0.6, 1e4)
         quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
-        assert point_words.percent(quiet.fraction) in view._likely.object
-        assert "region III" in view._orbits.object
-        assert point_words.number(gear.orbits()[0].v) in view._orbits.object
-        samples = view._motions._samples.data
+        assert point_words.percent(quiet.fraction) in view.panel.likely.html
+        assert "region III" in view.panel.orbits.html
+        assert point_words.number(gear.orbits()[0].v) in view.panel.orbits.html
+        samples = view.panel.motions._samples.data
         assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
-        assert "impacting model only" in view._safe.object
+        assert "impacting model only" in view.panel.safe.html
         assert "The margin" not in asked
+        assert view._lines is not None
+        assert [line.name for line in view._lines.lines] == ["Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"]
         view.stop()
 
     with_front(tmp_path, body)

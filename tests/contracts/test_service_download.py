@@ -94,18 +94,20 @@ def test_what_has_no_numbers_cannot_be_downloaded(client: TestClient, ending: st
 def test_a_map_of_a_survey_that_runs_grows_by_the_tiles_that_are_new(client: TestClient, running: str) -> None:
     front = front_of(client)
     atlas, survey = Atlas(front), front.database.job(running)
-    plane = atlas.plane(survey, "region", 0)
+    plane, whole = atlas.plane(survey, "region", 0)
+    assert whole
     last = tiles_of(REQUEST)[-1]
     done = np.ones(REQUEST.shape, bool)
     done[last.epsilon, last.delta] = False
     np.testing.assert_array_equal(plane.status > 0, done)
-    shades = {shade.label: shade.share for shade in colouring(plane, "auto", False).shades}
+    shades = {shade.label: shade.share for shade in colouring(plane, plane.block(), "auto", False).shades}
     assert shades["not computed"] == pytest.approx(last.n_cells / REQUEST.n_cells)
     arrays, _ = compute_tile(REQUEST, last)
     write_tile(REQUEST, str(front.directory.store(running)), last, arrays)
-    assert plane.update(survey) == 1  # not before the tile is noted: its chunks may be half written
+    assert plane.update(survey)
+    np.testing.assert_array_equal(plane.status > 0, done)  # not before the tile is noted: it may be half written
     front.database.add_tile(running, DoneTile(last.index, last.n_cells, 0.5, 0, []))
-    assert atlas.plane(front.database.job(running), "region", 0) is plane
+    assert atlas.plane(front.database.job(running), "region", 0)[0] is plane
     assert (plane.status > 0).all()
     np.testing.assert_array_equal(plane.values[last.epsilon, last.delta], arrays["region"])
 

@@ -1,0 +1,219 @@
+"""How long the explorer keeps a viewer waiting: the first map, and a click, in Chromium against a real server.
+
+    python benchmarks/explorer_times.py [--side 600] [--trials 7] [--chromium PATH]
+
+Prints medians and ranges in milliseconds, as the page's own clock sees them, frame by frame; of every step also the
+time that the server's process and the page's main thread were at work, which depends less on others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import httpx
+import psutil
+from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
+
+FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
+POINTS = ((0.6, 0.1), (0.55, 0.08), (0.7, 0.12))  # clicked one after the other
+PARTS = ("words", "probability", "motion", "everything")
+IDLE, PATIENCE = 200.0, 30  # milliseconds of work in a second, and seconds until then
+
+#: Notes, at every frame, since when something has been on the screen.
+WATCH = r"""
+window.seen = {}
+const text = (node) => node.nodeType === 3 ? node.data : node.tagName === "STYLE" || node.tagName === "SCRIPT" ? "" :
+  [...(node.shadowRoot?.childNodes ?? []), ...node.childNodes].map(text).join("")
+const steps = {  // of the view of a point, one after the other
+  words: (all) => Math.abs(Number(/Damping δ = ([\d.]+)/.exec(all)?.[1]) - clicked.delta) < 0.005,
+  probability: (all) => /probability|never comes to rest/.test(all),
+  motion: (all) => /impacts on the wall|at rest against/.test(all),
+  everything: (all) => all.includes("600 × 600 cells") && all.includes("periodic motions"),
+}
+function look() {
+  const map = window.Bokeh?.documents?.map((each) => each.get_model_by_name("map")).find((each) => each)
+  const drawn = map && Bokeh.index?.find_one(map) &&
+    map.renderers.some((each) => each.name?.startsWith("cells") && each.data_source.data.image.length)
+  if (drawn && !seen.drawn) seen.drawn = true  // the next frame has it on the screen
+  else if (drawn && !seen.map) seen.map = performance.now()
+  if (window.clicked?.at) {
+    const all = [...document.querySelectorAll(".beside")].map(text).join("")
+    const now = performance.now() - clicked.at
+    for (const [name, holds] of Object.entries(steps)) {
+      if (!(name in clicked) && !holds(all)) break
+      clicked[name] ??= now
+    }
+  }
+  requestAnimationFrame(look)
+}
+requestAnimationFrame(look)
+addEventListener("pointerup", () => { if (window.clicked) clicked.at = performance.now() }, true)
+"""
+PLACE = """([delta, epsilon]) => {
+  const map = Bokeh.documents.map((each) => each.get_model_by_name("map")).find((each) => each)
+  const view = Bokeh.index.find_one(map), box = view.canvas_view.el.getBoundingClientRect()
+  return [box.x + view.frame.x_scale.compute(delta), box.y + view.frame.y_scale.compute(epsilon)]
+}"""
+
+
+class Work:
+    """Milliseconds that the server's process and the main thread of a page have been at work."""
+
+    def __init__(self, server: psutil.Process, cdp: CDPSession) -> None:
+        self._server, self._cdp = server, cdp
+        cdp.send("Performance.enable")
+
+    def now(self) -> tuple[float, float]:
+        """(server, page), since they began."""
+        times = self._server.cpu_times()
+        metrics = {each["name"]: each["value"] for each in self._cdp.send("Performance.getMetrics")["metrics"]}
+        return 1e3 * (times.user + times.system), 1e3 * metrics["TaskDuration"]
+
+
+class Table(dict[str, list[float]]):
+    """Measured values by name."""
+
+    def add(self, name: str, value: float) -> None:
+        self.setdefault(name, []).append(value)
+
+    def __str__(self) -> str:
+        rows = ["| ms | median | least | most |", "|---|---|---|---|"]
+        for name, values in self.items():
+            rows.append(f"| {name} | {statistics.median(values):.0f} | {min(values):.0f} | {max(values):.0f} |")
+        return "\n".join(rows)
+
+
+@contextmanager
+def server(data: Path) -> Iterator[tuple[str, psutil.Process]]:
+    """URL and process of a service that answers."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-c", "from service.cli import main; main()", "serve", "--port", str(port)]
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+    process = subprocess.Popen(
+        [*command, "--data", str(data), "--workers", "1"],
+        env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    url = f"http://127.0.0.1:{port}"
+    try:
+        wait_until(lambda: is_answering(url))
+        yield url, psutil.Process(process.pid)
+    finally:
+        process.terminate()
+        process.wait(timeout=60)
+
+
+def is_answering(url: str) -> bool:
+    try:
+        return httpx.get(f"{url}/v1/health").is_success
+    except httpx.TransportError:
+        return False
+
+
+def wait_until(condition: Callable[[], Any], seconds: float = 300.0) -> Any:
+    """Poll until the condition is true; its value."""
+    deadline = time.monotonic() + seconds
+    while not (value := condition()):
+        assert time.monotonic() < deadline, "it took too long"
+        time.sleep(0.1)
+    return value
+
+
+def submitted(url: str, side: int) -> str:
+    """The id of a survey of side × side cells that is done."""
+    body = {
+        "delta": {"start": 0.4, "stop": 1.0, "num": side},
+        "epsilon": {"start": 0.005, "stop": 0.3, "num": side},
+        "quantities": ["region", "orbits"],
+        "tile": {"delta": min(side, 100), "epsilon": min(side, 100)},
+    }
+    answer = httpx.post(f"{url}/v1/surveys", json=body).json()
+    wait_until(lambda: httpx.get(url + answer["links"]["self"]).json()["state"] == "successful")
+    return str(answer["id"])
+
+
+def settled(page: Page, work: Work) -> None:
+    """Wait until neither the server nor the page has much to do."""
+    before = work.now()
+    for _ in range(PATIENCE):
+        page.wait_for_timeout(1000)
+        after = work.now()
+        if all(later - earlier < IDLE for earlier, later in zip(before, after, strict=True)):
+            return
+        before = after
+
+
+def visit(browser: Browser, url: str, process: psutil.Process, waited: Table, worked: Table) -> None:
+    """One visitor without a memory: the first map, the same again, and some clicks."""
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    context.set_default_timeout(120_000)
+    try:
+        page = context.new_page()
+        page.add_init_script(WATCH)
+        work = Work(process, context.new_cdp_session(page))
+
+        def took(name: str, before: tuple[float, float]) -> None:
+            settled(page, work)
+            for whose, later, earlier in zip(("server", "page"), work.now(), before, strict=True):
+                worked.add(f"{name}: {whose}", later - earlier)
+
+        for name in ("first map", "map again"):
+            before = work.now()[0], 0.0  # a new page
+            page.goto(url)
+            page.wait_for_function("() => seen.map")
+            waited.add(name, page.evaluate("seen.map"))
+            took(name, before)
+        for number, (delta, epsilon) in enumerate(POINTS, start=1):
+            name = f"click {number}"
+            x, y = page.evaluate(PLACE, [delta, epsilon])
+            page.evaluate("(delta) => { window.clicked = {delta} }", delta)
+            before = work.now()
+            page.mouse.click(x, y)
+            page.wait_for_function("() => clicked.everything")
+            for part in PARTS:
+                waited.add(f"{name}: {part}", page.evaluate(f"clicked.{part}"))
+            took(name, before)
+    finally:
+        context.close()
+
+
+def main() -> None:
+    """Measure, and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--side", type=int, default=600, help="cells along each axis of the survey")
+    parser.add_argument("--trials", type=int, default=7)
+    parser.add_argument("--chromium", default=shutil.which("chromium"))
+    parser.add_argument("--data", type=Path, help="keep the service's data here, and use what is there")
+    given = parser.parse_args()
+    waited, worked = Table(), Table()
+    with (
+        tempfile.TemporaryDirectory() as temporary,
+        server(given.data or Path(temporary)) as (url, process),
+        sync_playwright() as playwright,
+    ):
+        page = f"{url}/?survey={submitted(url, given.side)}"
+        browser = playwright.chromium.launch(executable_path=given.chromium, args=FLAGS)
+        visit(browser, page, process, Table(), Table())  # the service warms up
+        for _ in range(given.trials):
+            visit(browser, page, process, waited, worked)
+            print(".", end="", file=sys.stderr, flush=True)
+        browser.close()
+    print(f"{given.side} × {given.side} cells, {given.trials} visits; load average {os.getloadavg()[0]:.1f}\n")
+    print(f"Waited\n\n{waited}\n\nAt work\n\n{worked}")
+
+
+if __name__ == "__main__":
+    main()

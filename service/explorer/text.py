@@ -1,0 +1,35 @@
+"""Text on the page that changes often."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import panel as pn
+from bokeh.models.widgets import Div
+
+FONT = ":host { font: 14px/1.45 system-ui, sans-serif; }"  # a little smaller than the page's
+
+
+class Text:
+    """HTML; of a change only the text is sent, and not, as by Panel's own pane, all styles with it."""
+
+    def __init__(self, html: str = "", *sheets: str, margin: Any = 0, is_spoken: bool = False) -> None:
+        spoken = {"role": "status", "aria-live": "polite"} if is_spoken else {}
+        self._model = Div(
+            text=html,
+            stylesheets=[FONT, *sheets],
+            margin=0,
+            disable_math=True,
+            html_attributes=spoken,
+            sizing_mode="stretch_width",
+        )
+        self.pane = pn.pane.Bokeh(self._model, sizing_mode="stretch_width", margin=margin)
+
+    @property
+    def html(self) -> str:
+        """What it says."""
+        return str(self._model.text)
+
+    @html.setter
+    def html(self, html: str) -> None:
+        self._model.text = html

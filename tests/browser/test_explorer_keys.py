@@ -1,0 +1,77 @@
+"""The map by the keyboard, and the theme of the viewer's system."""
+
+import numpy as np
+import pytest
+from conftest import visiting
+from explorer_support import of_map, open_view, wait_for_map
+from playwright.sync_api import Browser, Page, expect
+
+import rattle
+from rattle.plot.plane import REGIONS
+
+expect.set_options(timeout=60_000)
+COLUMN = "renderers.find((each) => each.glyph.marker?.value === 'circle' && each.glyph.size?.value === 17).data_source"
+
+
+def test_the_map_is_used_with_the_keyboard(page: Page, service: str) -> None:
+    open_view(page, service)
+    plot = page.get_by_role("application", name="map over damping")
+    plot.focus()
+    expect(plot).to_have_attribute("data-keys", "heard")
+    said = page.get_by_role("status").filter(has_text="δ")
+    for key in ("ArrowRight", "ArrowUp", "ArrowUp", "ArrowLeft", "ArrowRight", "ArrowDown"):  # from the middle
+        page.keyboard.press(key)
+    delta, epsilon = 0.72, 0.16
+    region = REGIONS[int(rattle.regions(np.array([delta]), np.array([epsilon]), 0.6)[0])]
+    expect(said).to_have_text(f"δ 0.7200, ε 0.1600: region of the plane, by the period-one orbits that exist, {region}")
+    expect(said).to_have_attribute("aria-live", "polite")
+    assert of_map(page, f"{COLUMN}.data.x[0]") == pytest.approx(delta)
+    assert of_map(page, f"{COLUMN}.data.y[0]") == pytest.approx(epsilon)
+    expect(page.locator(".beside")).to_contain_text("Cell at δ 0.72, ε 0.16")
+    before = [of_map(page, f"{name}_range.{end}") for name in "xy" for end in ("start", "end")]
+    page.keyboard.press("+")
+    page.wait_for_url("**delta=**")
+    after = [of_map(page, f"{name}_range.{end}") for name in "xy" for end in ("start", "end")]
+    assert after == pytest.approx(
+        [(old + at) / 2 for old, at in zip(before, (delta, delta, epsilon, epsilon), strict=True)]
+    )
+    for _ in range(9):  # a cell each: a tenth of the window is hardly more
+        page.keyboard.press("Shift+ArrowLeft")
+    at = delta - 9 * 0.02
+    wait_for_map(page, f"{COLUMN}.data.x.some((x) => Math.abs(x - {at}) < 1e-9)")
+    assert of_map(page, "x_range.start") < at < after[0]  # the window has come along
+    assert of_map(page, "x_range.end - Bokeh.documents[0].get_model_by_name('map').x_range.start") == pytest.approx(
+        after[1] - after[0]
+    )
+    page.keyboard.press("Enter")
+    expect(page.locator(".beside")).to_contain_text(f"Damping δ = {at:.6g}, eccentricity ε = 0.16,")
+    page.keyboard.press("Escape")
+    expect(page.locator(".beside")).not_to_contain_text("Damping δ = ")
+    page.keyboard.press("0")
+    wait_for_map(page, f"x_range.start === {before[0]}")
+
+
+def paper(page: Page) -> tuple[str, str]:
+    """Colours of the page and of its map."""
+    page.wait_for_function(
+        "() => document.body && window.Bokeh?.documents?.some((each) => each.get_model_by_name('map'))"
+    )
+    return page.evaluate("getComputedStyle(document.body).backgroundColor"), of_map(page, "background_fill_color")
+
+
+def test_the_theme_is_the_system_s_unless_somebody_says_otherwise(browser: Browser, service: str) -> None:
+    light, dark = ("rgb(244, 246, 248)", "#ffffff"), ("rgb(15, 19, 23)", "#171c22")
+    with visiting(browser, service, color_scheme="dark") as context:
+        page = context.new_page()
+        open_view(page, service)
+        assert paper(page) == dark
+        assert "theme=" not in page.url
+        open_view(page, service, theme="light")
+        assert paper(page) == light
+        page.get_by_role("button", name="Dark theme").click()
+        page.wait_for_url(lambda url: "theme=" not in url)
+        assert paper(page) == dark
+        assert "theme=" not in page.url  # it is the system's again
+        with page.expect_navigation():
+            page.emulate_media(color_scheme="light")  # the sun rises
+        assert paper(page) == light
