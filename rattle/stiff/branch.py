@@ -1,6 +1,7 @@
 """A branch of periodic motions of the stiff gear, and what happens on it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ from rattle.bifurcations import Kind
 from rattle.flight import wrapped
 from rattle.impact_equations import Array
 from rattle.orbits import NAMES
+from rattle.stiff.curves import FLIP, FOLDS
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.line import Line
 from rattle.stiff.motion import StiffOrbit, orbit_of, softness
@@ -147,7 +149,7 @@ class StiffBranch:
                 attracts[event.point] = attracts[max(event.point - 1, 0)] or attracts[event.point + 1]
         return attracts
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """A, B, C or D for every point of a period-one branch, "" for those of any other, and of the P(1,1,0) that no
         impacting motion becomes: the letter of the stretch between folds that it is on (`rattle.stiff.families`).
@@ -157,6 +159,19 @@ class StiffBranch:
         for i, j in pairwise(edges):
             names += [_letter(self.orbit((i + j) // 2)) if self.label[:2] == (1, 1) else ""] * (j - i)
         return tuple(names)
+
+    def curve_of(self, event: StiffEvent) -> str | None:
+        """The curve of `rattle.stiff.trace` that an event of the branch is on, None if it is on none of them."""
+        k, letters, x = event.point, self.names, event.unknowns
+        if self.label[:2] != (1, 1) or (len(self.walls) > 1 and x[1] - x[0] + 0.5 * x[-1] * (x[3] - x[2]) < 0.5):
+            return None  # beyond the pole of the limit's P(1,1,1), at half a period from Σ⁺ to Σ⁻
+        if event.kind is Kind.SADDLE_NODE and 0 < k < len(self) - 1:
+            pair = "".join(sorted((letters[k - 1], letters[k + 1])))
+            return next((name for name, meet in FOLDS.items() if meet == pair), None)
+        if event.kind is not Kind.FLIP or letters[k] != "D":
+            return None
+        i = next(i for i, each in enumerate(self.events) if each is event)
+        return FLIP if any(each.kind is Kind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]) else None
 
     def motion(self, index: int) -> tuple[StiffItinerary, Array]:
         """Itinerary and unknowns (2c + 3,) of one point."""

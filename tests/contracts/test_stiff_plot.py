@@ -47,7 +47,7 @@ def test_a_diagram_is_drawn_as_that_of_the_impacting_model() -> None:
         for k in np.flatnonzero((x[:-1] - 0.08) * (x[1:] - 0.08) <= 0):
             share = (0.08 - x[k]) / (x[k + 1] - x[k])
             drawn.append((y[k] + share * (y[k + 1] - y[k]), line.get_linestyle() == "-"))
-    for _name, orbit in StiffGear(0.6, 0.08, 0.6, 1e4).orbits():
+    for orbit in StiffGear(0.6, 0.08, 0.6, 1e4).orbits():
         tau, stable = min(drawn, key=lambda each: abs(each[0] - orbit.tau))
         assert tau == pytest.approx(orbit.tau, abs=2e-3)
         assert stable == orbit.stable

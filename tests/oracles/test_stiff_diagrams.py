@@ -140,6 +140,9 @@ def test_saddle_nodes_flips_and_letters() -> None:
     first = next(event for event in found.events if event.orbit.label == (1, 1, 0))
     assert first.orbit.epsilon == pytest.approx(saddle_node_1(0.6, 1e4).epsilon, abs=1e-10)
     flips = [event.orbit for event in found.events if event.kind is Kind.FLIP and event.orbit.m == 1]
+    named = {branch.curve_of(event): event.orbit.epsilon for branch in found.branches for event in branch.events}
+    assert named.items() >= {"SN1": first.orbit.epsilon, "PD1": flips[0].epsilon}.items()
+    assert named["SN2"] == pytest.approx(0.0688360290, abs=1e-9)  # docs/stiff.md
     doubled = next(each for each in found.branches if each.m == 2)
     assert doubled.epsilon[0] == pytest.approx(flips[0].epsilon, abs=1e-12)
     size = np.abs(doubled.unknowns[:, 2] - doubled.unknowns[:, 0] - 1.0)[1:6]
