@@ -143,6 +143,9 @@ def test_a_saved_address_shows_the_same_view(page: Page, service: str, survey_id
     expect(page.get_by_role("checkbox", name="log scale")).to_be_checked()
     assert query(page) == view
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(15, 19, 23)"
+    page.get_by_role("button", name="Save window as survey").click()
+    for label, value in {"δ from": "0.5", "δ to": "0.75", "ε from": "0.05", "ε to": "0.2"}.items():
+        expect(page.get_by_label(label, exact=True)).to_have_value(value)
     page.get_by_role("button", name="Light theme").click()
     page.wait_for_function(
         "() => document.body && getComputedStyle(document.body).backgroundColor === 'rgb(244, 246, 248)'"
@@ -161,6 +164,7 @@ def test_a_survey_is_downloaded(page: Page, service: str, survey_id: str, tmp_pa
     store = xr.open_zarr(f"{service}/v1/surveys/{survey_id}/store")
     with page.expect_download() as download:
         page.get_by_role("link", name="NetCDF").click()
+    assert download.value.suggested_filename == f"survey-{survey_id}.nc"
     download.value.save_as(tmp_path / "survey.nc")
     with xr.open_dataset(tmp_path / "survey.nc", engine="h5netcdf") as found:
         np.testing.assert_array_equal(found["lyapunov_max"], store["lyapunov_max"])

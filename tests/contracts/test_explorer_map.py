@@ -1,0 +1,202 @@
+"""What the explorer draws of a survey, without a browser: cells, limits, legends, overlays, what a click means."""
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from bokeh.document import Document
+from fastapi.testclient import TestClient
+from service_support import BODY, front_end, front_of
+
+from rattle.plot.plane import REGIONS
+from service.database import DoneTile
+from service.explorer import planes
+from service.explorer.colouring import colouring, values_shown
+from service.explorer.cursor import following, stepped, zoomed
+from service.explorer.glyphs import style_of
+from service.explorer.map import Map
+from service.explorer.planes import Atlas, Plane
+from service.explorer.readout import in_words
+from service.tables import State
+from workers import SurveyRequest, compute_tile, create_store, tiles_of
+from workers.maps import REGION_COLOURS
+from workers.store import write_tile
+
+REQUEST = SurveyRequest(
+    **BODY | {
+        "delta": {"start": 0.42, "stop": 0.98, "num": 29},
+        "epsilon": {"start": 0.01, "stop": 0.29, "num": 15},
+        "quantities": ["region", "orbits"],
+        "tile": {"delta": 5, "epsilon": 4},
+    }
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    with front_end(tmp_path_factory.mktemp("data")) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def survey(client: TestClient) -> str:
+    """The id of a survey that is done."""
+    survey_id = str(client.post("/v1/surveys", json=REQUEST.model_dump(mode="json")).json()["id"])
+    front = front_of(client)
+    store = front.directory.store(survey_id)
+    create_store(REQUEST, store)
+    for tile in tiles_of(REQUEST):
+        write_tile(REQUEST, str(store), tile, compute_tile(REQUEST, tile)[0])
+        front.database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    front.database.set_state(survey_id, State.SUCCESSFUL)
+    return survey_id
+
+
+@pytest.fixture
+def plane(client: TestClient, survey: str) -> Plane:
+    front = front_of(client)
+    found, whole = Atlas(front).plane(front.database.job(survey), "region", 0)
+    assert whole
+    return found
+
+
+def new_map(**heard: Any) -> Map:
+    names = ("on_point", "on_pointer", "on_window", "on_reset")
+    found = Map("light", *(heard.get(name, lambda *_: None) for name in names))
+    Document().add_root(found.figure)
+    return found
+
+
+def test_cells_are_drawn_where_they_are(plane: Plane) -> None:
+    drawn = new_map()
+    drawn.cells(plane.block(), colouring(plane, plane.block(), "auto", False))
+    source = drawn.figure.select_one({"name": "cells0"}).data_source.data
+    rows, columns = source["image"][0].shape
+    x = source["x"][0] + (np.arange(columns) + 0.5) * source["dw"][0] / columns
+    y = source["y"][0] + (np.arange(rows) + 0.5) * source["dh"][0] / rows
+    np.testing.assert_allclose(x, REQUEST.delta.values())
+    np.testing.assert_allclose(y, REQUEST.epsilon.values())
+    np.testing.assert_array_equal(source["image"][0], plane.values)
+
+
+def test_a_large_survey_is_drawn_thinned_and_whole_where_one_looks_closer(
+    plane: Plane, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(planes, "SIDE", 8)
+    assert plane.is_thinned
+    block = plane.block()
+    assert block.values.shape == (8, 8)  # of 15 × 29
+    assert block.box == plane.box
+    for (low, high), axis, centres in zip(
+        block.box, (plane.delta, plane.epsilon), (block.delta, block.epsilon), strict=True
+    ):
+        places = low + (np.arange(8) + 0.5) * (high - low) / 8
+        assert np.abs(places - centres).max() <= (axis[1] - axis[0]) * 1.01  # in the place of a neighbour at most
+    i, j = (np.searchsorted(axis, some) for axis, some in ((plane.epsilon, block.epsilon), (plane.delta, block.delta)))
+    np.testing.assert_array_equal(block.values, plane.values[np.ix_(i, j)])
+    window = ((plane.delta[9] - 1e-3, plane.delta[13] + 1e-3), (plane.epsilon[2], plane.epsilon[6]))
+    close = plane.block(window)
+    np.testing.assert_array_equal(values_shown(plane, close), plane.values[2:7, 9:14])
+    np.testing.assert_array_equal(close.delta, plane.delta[9:14])
+
+
+def test_a_map_that_takes_long_is_read_a_piece_at_a_time(
+    client: TestClient, survey: str, plane: Plane, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(planes, "BAND", 1)
+    clock = iter(np.arange(0.0, 1e3, 0.6))
+    monkeypatch.setattr(planes, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    job = front_of(client).database.job(survey)
+    slow = Plane(front_of(client), job, "region", 0)
+    known = []
+    while not slow.update(job):
+        known.append(int((slow.status > 0).sum()))
+    assert 0 < known[0] < known[-1] < REQUEST.n_cells
+    np.testing.assert_array_equal(slow.values, plane.values)
+    assert (slow.status > 0).all()
+
+
+def test_legend_colours_and_limits_are_the_map_s(plane: Plane) -> None:
+    block = plane.block()
+    found = colouring(plane, block, "auto", False)
+    for shade in found.shades:
+        code = REGIONS.index(shade.label)
+        assert shade.colour == REGION_COLOURS[code]
+        assert shade.share == pytest.approx((plane.values == code).mean())
+        assert found.palette[int(code - found.low - 0.5)] == shade.colour
+    own = colouring(plane, block, (2.0, 3.0), False)
+    assert (own.low, own.high) == (found.low, found.high)  # codes have none of their own
+    drawn = new_map()
+    drawn.cells(block, found)
+    mapper = drawn.figure.select_one({"name": "cells0"}).glyph.color_mapper
+    assert (mapper.low, mapper.high, list(mapper.palette)) == (found.low, found.high, list(found.palette))
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_own_limits_and_the_scale_of_colours(client: TestClient, survey: str, log: bool) -> None:
+    front = front_of(client)
+    speeds, _ = Atlas(front).plane(front.database.job(survey), "orbit_velocity", 0)
+    found = colouring(speeds, speeds.block(), (1.5, 4.0), log)
+    drawn = new_map()
+    drawn.cells(speeds.block(), found)
+    shown, other = (drawn.figure.select_one({"name": f"cells{number:d}"}) for number in (log, not log))
+    assert (shown.visible, other.visible) == (True, False)
+    mapper = shown.glyph.color_mapper
+    assert type(mapper).__name__ == ("LogColorMapper" if log else "LinearColorMapper")
+    assert (mapper.low, mapper.high) == (1.5, 4.0)
+    (bar,) = [each for each in drawn.figure.right if each.visible]
+    assert bar.color_mapper is mapper
+
+
+def test_lines_have_the_colours_of_the_key_and_their_points() -> None:
+    drawn = new_map()
+    pieces = [np.array([[0.5, 0.1], [0.6, 0.2]])]
+    for name in ("SN1", "G1"):
+        drawn.line(name, pieces)
+        line = drawn.figure.select_one({"name": name})
+        assert line.glyph.line_color == style_of(name)[0]
+        np.testing.assert_array_equal(line.data_source.data["xs"][0], [0.5, 0.6])
+        np.testing.assert_array_equal(line.data_source.data["ys"][0], [0.1, 0.2])
+    drawn.choose(["SN1"])
+    assert drawn.figure.select_one({"name": "SN1"}).visible
+    assert not drawn.figure.select_one({"name": "G1"}).visible
+
+
+def test_what_is_clicked_is_delta_and_epsilon() -> None:
+    clicked = []
+    drawn = new_map(on_point=lambda *point: clicked.append(point))
+    for callback in drawn.figure._event_callbacks["tap"]:
+        callback(SimpleNamespace(x=0.6, y=0.1))
+        callback(SimpleNamespace(x=None, y=0.1))
+    assert clicked == [(0.6, 0.1)]
+
+
+def test_the_cursor_steps_through_cells(plane: Plane) -> None:
+    window = plane.box
+    at = (plane.delta[10], plane.epsilon[5])
+    assert stepped(plane, at, window, [2, -1, 0, 0]) == (plane.delta[12], plane.epsilon[4])
+    assert stepped(plane, at, window, [0, 0, 1, -1]) == (plane.delta[13], plane.epsilon[3])  # tenths of the window
+    assert stepped(plane, at, window, [-99, 99, 0, 0]) == (plane.delta[0], plane.epsilon[-1])
+    narrow = ((at[0], at[0] + 4e-3), (at[1], at[1] + 4e-3))
+    assert stepped(plane, at, narrow, [1, 2, 0, 0]) == pytest.approx((at[0] + 1e-4, at[1] + 2e-4))
+    assert following(narrow, at) == narrow
+    (low, high), (bottom, top) = following(narrow, (at[0] + 5e-3, at[1]))
+    assert (high - low, bottom, top) == pytest.approx((4e-3, *narrow[1]))
+    assert low < at[0] + 5e-3 < high
+    (low, high), _ = zoomed(window, at, 0.5, plane.box)
+    assert high - low == pytest.approx((window[0][1] - window[0][0]) / 2)
+    assert (at[0] - low) / (high - low) == pytest.approx((at[0] - window[0][0]) / (window[0][1] - window[0][0]))
+    (low, high), _ = zoomed(window, at, 1e6, plane.box)
+    assert high - low == pytest.approx(3 * (window[0][1] - window[0][0]))
+
+
+def test_a_cell_in_words(plane: Plane) -> None:
+    said = in_words(plane, 0.6, 0.11, plane.box)
+    assert said.startswith("δ 0.6000, ε 0.1100: region of the plane")
+    assert said.endswith(f", {REGIONS[int(plane.values[5, 9])]}")
+    assert in_words(plane, 2.0, 0.11, plane.box).endswith("outside of the survey")
+    cell = plane.cell(0.607, 0.113)
+    assert cell is not None
+    assert (float(cell["delta"]), float(cell["epsilon"])) == (plane.delta[9], plane.epsilon[5])
