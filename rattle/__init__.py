@@ -13,7 +13,8 @@ from rattle.attractors import KINDS, Attractor, Attractors, attractors_of
 from rattle.basin_measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
 from rattle.basins import Basins
 from rattle.boundary_distance import BoundaryDistance, boundary_distances
-from rattle.branches import Branch, beyond, branch, cascade, doubled, fate
+from rattle.branches import Branch, beyond, branch, doubled, fate
+from rattle.cascades import cascade
 from rattle.crisis_side import CRISIS_SIDES, crisis_side
 from rattle.curves.codimension import robust_chaos_interval
 from rattle.diagrams import Diagram, diagram

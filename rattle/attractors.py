@@ -1,5 +1,6 @@
 """The attractors of cells of the parameter plane, with the share of initial conditions that each one wins."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -112,12 +113,23 @@ def attractors_of(
 
     A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
     """
+    return of_samples(followed, parameters(delta, epsilon, beta), count, v_max, seed)
+
+
+def of_samples(
+    followed: Callable[..., Survey], cells: Sequence[NDArray[np.float64]], count: int, v_max: float, seed: int
+) -> Attractors:
+    """The attractors of cells with these parameters (δ, ε, β and what the model has besides), where `followed` takes
+    them and the sample of each. Raises ParameterError.
+    """
     count = require_integer("count", count, 1, MOST_SAMPLES)
     seed = require_integer("seed", seed, 0, LARGEST_SEED)
     v_max = require_number("v_max", v_max, positive=True)
-    d, e, b = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon, beta))
-    require(d.size * count <= 64 * MOST_SAMPLES, f"{d.size} cells of {count} samples are too many at once: use tiles")
-    table, _rows = tabulated(followed(d, e, b, *initial_conditions(d, e, b, count, v_max, seed)))
+    flat = [np.array(x, order="C").ravel() for x in cells]
+    n = flat[0].size
+    require(n * count <= 64 * MOST_SAMPLES, f"{n} cells of {count} samples are too many at once: use tiles")
+    d, e, b = flat[:3]
+    table, _rows = tabulated(followed(*flat, *initial_conditions(d, e, b, count, v_max, seed)))
     return table
 
 

@@ -5,6 +5,7 @@ virtual one, whose motion would have to pass a wall or leave from behind it, and
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from rattle.arclength import CLOSED, Bound, Follower, Path, newton, tangent_at
 from rattle.bifurcations import Kind, along
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
 from rattle.events import Event, Line, between_twins, find_events, is_twice, origin_of_doubling
-from rattle.impact_equations import Array, Itinerary
+from rattle.impact_equations import Array, Itinerary, twins
 from rattle.periodic import PeriodicOrbit, at_parameters, orbit_of
 
 LONGEST = 0.05  # of a step, in the unknowns
@@ -26,7 +27,6 @@ FIRST_OF_DOUBLED = 1e-4  # its size grows as the root of the distance from the f
 MOST_POINTS = 1000
 HALF_PERIOD = "the period halves: a flip"
 LEAST_DAMPING = 1e-3  # of the orbit's, to which a line may go
-MOST_DOUBLINGS = 8  # time grows by six with each
 NEAR = 0.02  # span by default, either way
 DIRECTIONS = {"delta": (1.0, 0.0), "epsilon": (0.0, 1.0)}
 
@@ -66,9 +66,40 @@ class Branch:
         """(m, n_plus, n_minus)."""
         return self.itinerary.m, self.itinerary.walls.count(1), self.itinerary.walls.count(-1)
 
+    @property
+    def departures(self) -> Array:
+        """When the motions leave the walls (k, n): at the impacts."""
+        return self.times
+
+    @property
+    def parameters(self) -> Array:
+        """δ and ε (k, 2)."""
+        return np.column_stack([self.delta, self.epsilon])
+
+    @property
+    def unfolded(self) -> Array:
+        """Times (k, n) that do not jump along the branch."""
+        return self.times - self.times[:, :1] + np.unwrap(self.times[:, 0], period=1.0)[:, None]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """A, B, C or D for every point of a period-one branch, "" for the points of any other.
+
+        A and B are the saddles with a multiplier above 1; at saddle-nodes they become C and D.
+        """
+        pair = {(1, 1, 0): "CA", (1, 1, 1): "BD"}.get(self.label)
+        if pair is None:
+            return ("",) * len(self)
+        index = np.linalg.det(self.itinerary.jacobian(np.hstack([self.times, self.parameters])))
+        return tuple(pair[int(above)] for above in index > 0.0)  # 0 at saddle-nodes, finite at grazes
+
+    def motion(self, index: int) -> tuple[Itinerary, Array]:
+        """Itinerary and unknowns (n + 2,) of one point."""
+        return self.itinerary, np.append(self.times[index], [self.delta[index], self.epsilon[index]])
+
     def orbit(self, index: int) -> PeriodicOrbit:
         """The motion at one point."""
-        return orbit_of(self.itinerary, np.append(self.times[index], [self.delta[index], self.epsilon[index]]))
+        return orbit_of(*self.motion(index))
 
 
 def branch(
@@ -82,7 +113,7 @@ def branch(
     is no solution.
     """
     require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
-    line = _line(orbit.delta, orbit.epsilon, parameter, span, resolution)
+    line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
     start = np.append(orbit.times, 0.0)
     fixed = np.append(np.zeros(orbit.times.size), 1.0)
     solved = newton(along(orbit.itinerary, line.origin, line.direction), start, fixed)
@@ -98,7 +129,7 @@ def doubled(
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.kind is not Kind.FLIP:
         raise RattleError(f"the period doubles at a flip (PD), not at {event.kind}")
-    line = _line(event.delta, event.epsilon, parameter, span, resolution)
+    line = line_through(event.delta, event.epsilon, parameter, span, resolution)
     times = event.unknowns[:-2]
     mode = np.linalg.svd(event.itinerary.jacobian(event.unknowns, -1.0))[2][-1]
     start = np.concatenate([times, times + event.itinerary.m, [0.0]])
@@ -116,7 +147,7 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     if event.impact is None:
         raise RattleError(f"motions of different itineraries meet at a graze (GR), not at {event.kind}")
-    line = _line(event.delta, event.epsilon, parameter, span)
+    line = line_through(event.delta, event.epsilon, parameter, span)
     misses, touches = np.delete(event.unknowns, event.impact)[:-2], event.unknowns[:-2]
     return (
         _both_ways(event.itinerary.without(event.impact), line, np.append(misses, 0.0)),
@@ -126,40 +157,8 @@ def beyond(event: Event, parameter: Parameter = "epsilon", span: Span = None) ->
 
 def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, resolution: int) -> Branch:
     """The branch through a solution x (n + 2,) of the impact equations; other arguments and errors as `branch`."""
-    line = _line(float(x[-2]), float(x[-1]), parameter, span, resolution)
+    line = line_through(float(x[-2]), float(x[-1]), parameter, span, resolution)
     return _both_ways(itinerary, line, np.append(x[:-2], 0.0))
-
-
-def cascade(
-    orbit: PeriodicOrbit, parameter: Parameter = "epsilon", span: Span = None, doublings: int = 6
-) -> tuple[Event, ...]:
-    """The period-doubling cascade of a stable motion as the parameter grows: the flip at which it loses stability, that
-    of the doubled motion and so on, for so many doublings, or up to the graze or saddle-node that ends a stable branch.
-
-    Arguments and errors as `branch`.
-    """
-    doublings = require_integer("doublings", doublings, 1, MOST_DOUBLINGS)
-    here, found = branch(orbit, parameter, span), list[Event]()
-    last = orbit.delta, orbit.epsilon
-    while True:
-        event = _loss_of_stability(here)
-        if event is not None:
-            found.append(event)
-        if event is None or event.kind is not Kind.FLIP or len(found) >= doublings:
-            return tuple(found)
-        gap = np.hypot(event.delta - last[0], event.epsilon - last[1])
-        last = event.delta, event.epsilon
-        here = doubled(event, *_around(event, parameter, span, 2 * gap if len(found) > 1 else np.inf))
-
-
-def _around(
-    event: Event, parameter: Parameter, span: Span, reach: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Direction and span of the part of a line within this reach of an event: the next doubling is nearer."""
-    line = _line(event.delta, event.epsilon, parameter, span)
-    reach /= float(np.hypot(*line.direction))
-    low, high = max(line.span[0], -reach), min(line.span[1], reach)
-    return (float(line.direction[0]), float(line.direction[1])), (low, high)
 
 
 def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
@@ -186,17 +185,9 @@ def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | 
     return here.orbit(-1) if arrived else None
 
 
-def _loss_of_stability(here: Branch) -> Event | None:
-    """The first event, from where the branch was begun on, at which it stops being stable."""
-    stable = [*here.stable[here.start :], False]
-    if True not in stable:
-        return None
-    last = here.start + stable.index(False, stable.index(True)) - 1
-    events = [event for event in here.events if event.after == last]
-    return events[0] if events else None
-
-
-def _line(delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS) -> Line:
+def line_through(
+    delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS
+) -> Line:
     """The line through a point that these arguments of `branch` mean, where δ is positive and ε not negative."""
     origin = np.array([delta, epsilon])
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
@@ -225,7 +216,7 @@ def _follower(itinerary: Itinerary, line: Line) -> Follower:
 
     problem = along(itinerary, line.origin, line.direction)
     bounds = (Bound(-1, *line.span),)
-    return Follower(problem, bounds, lambda y: _degenerate(itinerary, y) is None, longest, itinerary.twins)
+    return Follower(problem, bounds, lambda y: _degenerate(itinerary, y) is None, longest, partial(twins, itinerary))
 
 
 def _degenerate(itinerary: Itinerary, y: Array) -> str | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rattle.arclength import Problem, between, last_inside, located, newton, tangent_at
 from rattle.bifurcations import Kind, condition, smooth_multipliers
 from rattle.impact_equations import Array, Itinerary
-from rattle.periodic import admissible, first_failure
+from rattle.periodic import PeriodicOrbit, admissible, first_failure, orbit_of
 
 SAME_HALVES = 0.02  # a motion this close to one of half the period, where its branch turns, is that one there
 NEARLY = 0.5  # of its value: a parabola that comes so much nearer to 0 is looked at
@@ -72,6 +72,16 @@ class Event:
     def epsilon(self) -> float:
         """Eccentricity of the event."""
         return float(self.unknowns[-1])
+
+    @property
+    def parameters(self) -> Array:
+        """δ and ε (2,)."""
+        return self.unknowns[-2:]
+
+    @property
+    def orbit(self) -> PeriodicOrbit:
+        """The motion of the event, which begins with an impact on Σ⁺."""
+        return orbit_of(self.itinerary, self.unknowns)
 
     @property
     def wall(self) -> int | None:

@@ -4,13 +4,13 @@ import numpy as np
 
 from rattle._compile import kernel
 from rattle.first_impact import OK
-from rattle.flight import DRIFT
-from rattle.impact_map import impact, inverse_impact
+from rattle.impact_map import inverse_impact
+from rattle.tangent_map import inverse_step, step
 
 
 @kernel
-def images(tau, v, steps, turns, backwards, delta, epsilon, beta):
-    """Π^steps, or Π^−steps if backwards, of flat arrays: (ok, τ, v, word, impacts on Σ⁻).
+def images(tau, v, steps, turns, backwards, point):
+    """Π^steps, or Π^−steps if backwards, of flat arrays at one parameter point: (ok, τ, v, word, impacts on Σ⁻).
 
     τ is not folded: the time taken less `turns` forcing periods for all the steps, so that it depends continuously on
     the state. word is a hash of the numbers of impacts on Σ⁻ in each step: equal words, one smooth piece.
@@ -22,10 +22,10 @@ def images(tau, v, steps, turns, backwards, delta, epsilon, beta):
         t, w, at, letters = tau[i], v[i], tau[i], np.int64(0)
         for _ in range(steps):
             if backwards:
-                status, t, w, time, number = inverse_impact(t, w, delta, epsilon, beta)
+                status, t, w, time, number = inverse_step(t, w, point)
                 at -= time
             else:
-                status, t, w, time, number = impact(t, w, delta, epsilon, beta, DRIFT)
+                status, t, w, time, number = step(t, w, point)
                 at += time
             letters = letters * 1000003 + number + 1
             bounces[i] += number

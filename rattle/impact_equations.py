@@ -18,7 +18,7 @@ wall. Everything here takes complex arguments, whose imaginary part carries exac
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,14 @@ def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
 
 
 class Equations(Protocol):
-    """A periodic motion as n equations in n unknowns, with δ and ε after them: of either model."""
+    """A periodic motion as n equations in n unknowns, with δ and ε after them: of either model.
+
+    The unknowns are the times of its impacts, or contacts, then whatever else each of them has.
+    """
+
+    @property
+    def walls(self) -> tuple[int, ...]:
+        """The wall of each impact of a period, +1 or −1."""
 
     @property
     def n(self) -> int:
@@ -53,6 +60,30 @@ class Equations(Protocol):
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
         """J(λ) = ∂R/∂unknowns (…, n, n), where what is a period later is λ times as large."""
+
+    def begun_at(self, first: int) -> Self:
+        """The itinerary of the same motion, begun at impact number `first`."""
+
+    def doubled(self) -> Self:
+        """The itinerary twice over."""
+
+
+def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
+    """Unknowns and what follows them (N,) of the same motion, begun at impact number `first`."""
+    each = x[: itinerary.n].reshape(-1, len(itinerary.walls))
+    turned = np.concatenate([each[:, first:], each[:, :first]], axis=1)
+    turned[0, len(itinerary.walls) - first :] += itinerary.m
+    return np.concatenate([turned.ravel(), x[itinerary.n :]])
+
+
+def twins(itinerary: Equations, start: Array, x: Array) -> Array:
+    """All ways (…, N) to write the motion with unknowns start (N,), times first: it may begin at another impact, if the
+    walls are the same from there, and some forcing periods earlier or later, near x.
+    """
+    n, walls = len(itinerary.walls), itinerary.walls
+    found = np.array([begun_at(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
+    found[:, :n] -= np.rint(found[:, :1] - x[0])
+    return found
 
 
 @dataclass(frozen=True)
@@ -165,15 +196,9 @@ class Itinerary:
                 product = np.array(energy) @ product
         return product
 
-    def twins(self, start: Array, x: Array) -> Array:
-        """All ways (…, N) to write the motion with unknowns start (N,), times first: it may begin at another impact, if
-        the walls are the same from there, and some forcing periods earlier or later, near x.
-        """
-        times, n = start[: self.n], self.n
-        begins = [k for k in range(n) if self.walls[k:] + self.walls[:k] == self.walls]
-        rolled = np.array([np.append(times[k:], times[:k] + self.m) for k in begins])
-        rolled -= np.rint(rolled[:, :1] - x[0])
-        return np.column_stack([rolled, np.tile(start[n:], (len(begins), 1))])
+    def begun_at(self, first: int) -> "Itinerary":
+        """The itinerary of the same motion, begun at impact number `first`."""
+        return Itinerary(self.walls[first:] + self.walls[:first], self.m, self.beta)
 
     def without(self, impact: int) -> "Itinerary":
         """The itinerary of the motion that just fails to make this impact."""

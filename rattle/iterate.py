@@ -1,6 +1,7 @@
 """The impact map on whole arrays: every element its own trajectory and its own parameters, all flown in lanes."""
 
 import threading
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -33,6 +34,17 @@ class Stretched(NamedTuple):
     n_minus: NDArray[np.int64]
     time: NDArray[np.float64]
     lyapunov: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> "Stretched":
+        """From the flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each trajectory."""
+        time = growth[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first = growth[1] / time
+            second = growth[2] / time - first
+        tau, v, n_plus, n_minus = (x.reshape(shape) for x in flat)
+        exponents = np.stack([first, second]).reshape(2, *shape)
+        return cls(tau, v, n_plus, n_minus, time.reshape(shape), exponents)
 
 
 class _Memory(threading.local):
@@ -101,26 +113,26 @@ def fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(folded < 1.0, folded, 0.0)
 
 
-def _checked(
-    delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike
+def checked(
+    delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike, **more: ArrayLike
 ) -> tuple[list[NDArray[Any]], tuple[int, ...]]:
-    """Flat contiguous (τ, v, n, δ, ε, β) and the broadcast shape."""
-    named = {"tau": tau, "v": v, "delta": delta, "epsilon": epsilon, "beta": beta}
+    """Flat contiguous copies of (τ, v, n, δ, ε, β) and more parameters above 0, and the broadcast shape."""
+    named = {"delta": delta, "epsilon": epsilon, "tau": tau, "v": v, "beta": beta, **more}
     steps = np.asarray(n)
     try:
         arrays = [real_array(name, value) for name, value in named.items()]
-        phases, speeds, d, e, b, steps = np.broadcast_arrays(*arrays, steps)
+        d, e, phases, speeds, b, *others, steps = np.broadcast_arrays(*arrays, steps)
     except ParameterError:
         raise
     except (TypeError, ValueError) as error:
-        raise ParameterError(f"delta, epsilon, tau, v, n and beta must broadcast: {error}") from None
+        raise ParameterError(f"{', '.join(named)} and n must broadcast: {error}") from None
     require(bool(np.isfinite(phases).all()), "tau must be finite")
-    for name, array in (("v", speeds), ("delta", d), ("beta", b)):
+    for name, array in (("v", speeds), ("delta", d), ("beta", b), *zip(more, others, strict=True)):
         require(bool((np.isfinite(array) & (array > 0)).all()), f"{name} must be finite and greater than 0")
     require(bool((np.isfinite(e) & (e >= 0)).all()), "epsilon must be finite and at least 0")
     require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
     require(bool((steps < 1 << 53).all()), "n must be below 2**53")
-    flat = [np.array(x, np.float64, order="C").ravel() for x in (fold(phases), speeds, steps, d, e, b)]
+    flat = [np.array(x, np.float64, order="C").ravel() for x in (fold(phases), speeds, steps, d, e, b, *others)]
     return flat, phases.shape
 
 
@@ -132,7 +144,7 @@ def iterate(
     A trajectory that comes to rest keeps its last state and has n_plus < n. An element's result does not depend on the
     others. Raises ParameterError. Source: Mason and Piiroinen (2009), equation 3.16; docs/kernel.md.
     """
-    flat, shape = _checked(delta, epsilon, tau, v, n, beta)
+    flat, shape = checked(delta, epsilon, tau, v, n, beta)
     _status, *out, _growth = _drive_plain(working_block(), *flat, np.zeros(2, np.int64))
     return Iterates(*(x.reshape(shape) for x in out))
 
@@ -145,22 +157,16 @@ def iterate_tangent(
     The vector starts along phase, in (t, v²/2), where a flight's determinant is e^(−δs); the second exponent is the
     mean ln|determinant|, from the tangent matrices, less the first. NaN where n is 0. Raises ParameterError.
     """
-    flat, shape = _checked(delta, epsilon, tau, v, n, beta)
+    flat, shape = checked(delta, epsilon, tau, v, n, beta)
     _status, *out, growth = _drive_tangent(working_block(), *flat, np.zeros(2, np.int64))
-    time = growth[0]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first = growth[1] / time
-        second = growth[2] / time - first
-    tau_, v_, n_plus, n_minus = (x.reshape(shape) for x in out)
-    exponents = np.stack([first, second]).reshape(2, *shape)
-    return Stretched(tau_, v_, n_plus, n_minus, time.reshape(shape), exponents)
+    return Stretched.of(out, growth, shape)
 
 
 def paths(
     delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike = 0.6
 ) -> tuple[int, int, int]:
     """How many flights of `iterate` there are in all, took the scan, and took the search: what proof costs."""
-    flat, _shape = _checked(delta, epsilon, tau, v, n, beta)
+    flat, _shape = checked(delta, epsilon, tau, v, n, beta)
     counted = np.zeros(2, np.int64)
     _status, _tau, _v, n_plus, n_minus, _growth = _drive_plain(working_block(), *flat, counted)
     return int(n_plus.sum() + n_minus.sum()), int(counted[SCANNED]), int(counted[SAFE])

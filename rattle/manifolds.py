@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require, require_number
-from rattle.periodic import PeriodicOrbit
+from rattle.periodic import Periodic
 from rattle.saddles import Array, Local, local_manifold
 
 MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
@@ -32,7 +32,7 @@ class Manifold:
     twice, unless their ends are `gap` (p − 1,) apart. length: arclength of it all.
     """
 
-    orbit: PeriodicOrbit
+    orbit: Periodic
     kind: str
     side: int
     tau: Array
@@ -105,7 +105,7 @@ class _Level:
 
 
 def manifold(
-    orbit: PeriodicOrbit, kind: str, side: int, arclength: float, spacing: float = 0.02, angle: float = 0.2
+    orbit: Periodic, kind: str, side: int, arclength: float, spacing: float = 0.02, angle: float = 0.2
 ) -> Manifold:
     """One side of the "stable" or "unstable" manifold of a saddle, up to this arclength in (τ, v) (dimensionless).
 
@@ -142,7 +142,7 @@ def _rows(level: _Level, end: int) -> Array:
     return np.asarray(rows[:, (1 if level.j else 0) : end], np.float64)
 
 
-def _assembled(orbit: PeriodicOrbit, kind: str, side: int, rows: Array, arclength: float, joined: float) -> Manifold:
+def _assembled(orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, joined: float) -> Manifold:
     """Cut to length, and every corner given to both its pieces, from the side that misses Σ⁻, where it is exact."""
     walked = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rows[:2], axis=1)))])
     rows = rows[:, : int(np.searchsorted(walked, arclength, side="right"))]

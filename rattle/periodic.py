@@ -3,6 +3,7 @@ that each flight is a true first impact.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from rattle import first_impact, flight
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.impact_equations import Array, Equations, Itinerary, derivatives
 from rattle.orbits import multipliers_of
+from rattle.tangent_map import Point
 
 MOST_IMPACTS = 512
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight
@@ -24,8 +26,29 @@ class Periodic:
 
     m: int
     walls: tuple[int, ...]
+    speeds: NDArray[np.float64]
     multipliers: tuple[complex, complex]
     admissible: bool
+
+    @property
+    def departures(self) -> Array:
+        """When it leaves the walls (n,), with these speeds."""
+        raise NotImplementedError
+
+    @property
+    def point(self) -> Any:
+        """Its parameters, as kernels take them."""
+        raise NotImplementedError
+
+    @property
+    def tau(self) -> float:
+        """Phase at which it first leaves Σ⁺, in [0, 1)."""
+        return float(flight.folded(self.departures[0]))
+
+    @property
+    def v(self) -> float:
+        """Speed with which it does."""
+        return float(self.speeds[0])
 
     @property
     def label(self) -> tuple[int, int, int]:
@@ -58,14 +81,14 @@ class PeriodicOrbit(Periodic):
     admissible: bool
 
     @property
-    def tau(self) -> float:
-        """Phase of the first impact on Σ⁺, in [0, 1)."""
-        return float(self.times[0])
+    def departures(self) -> Array:
+        """When it leaves the walls (n,): at the impacts."""
+        return self.times
 
     @property
-    def v(self) -> float:
-        """Speed after the first impact on Σ⁺."""
-        return float(self.speeds[0])
+    def point(self) -> Point:
+        """Its parameters; nothing is taken to be quiet."""
+        return Point(self.delta, self.epsilon, self.beta, 0.0)
 
     @property
     def itinerary(self) -> Itinerary:

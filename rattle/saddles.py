@@ -1,4 +1,4 @@
-"""Saddles of Π^k and their manifolds close by, as power series in the parameter that the map multiplies.
+"""Saddles of Π^k of either model, and their manifolds close by: power series in the parameter that the map multiplies.
 
 F is Π^k on the unstable side and Π^−k on the stable one, twice that where the multiplier is negative, so that λ > 1.
 The local manifold W(s) solves F(W(s)) = W(λs), W(0) the saddle, W'(0) its unit eigenvector: then W(s) = F^j(W(s/λ^j))
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
-from rattle import impact_map
 from rattle.errors import RattleError, require
-from rattle.flight import DRIFT, folded
+from rattle.flight import folded
 from rattle.images import images
 from rattle.orbits import orbits_at
-from rattle.periodic import PeriodicOrbit, periodic_orbit
+from rattle.periodic import Periodic, PeriodicOrbit, periodic_orbit
+from rattle.tangent_map import power_map
 
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25
@@ -32,7 +32,7 @@ class Local:
     Σ⁺, forwards or backwards, in `turns` forcing periods. residual: largest |F(W(s/λ)) − W(s)|.
     """
 
-    orbit: PeriodicOrbit
+    orbit: Periodic
     backwards: bool
     powers: Array
     size: float
@@ -47,10 +47,9 @@ class Local:
 
     def map(self, states: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
         """F^times of states (2, n): which exist (n,), images (2, n), word and number of impacts on Σ⁻ (n,)."""
-        orbit = self.orbit
         tau, v = (np.ascontiguousarray(x) for x in states)
         steps, turns = times * self.steps, times * self.turns
-        ok, tau, v, word, bounces = images(tau, v, steps, turns, self.backwards, orbit.delta, orbit.epsilon, orbit.beta)
+        ok, tau, v, word, bounces = images(tau, v, steps, turns, self.backwards, self.orbit.point)
         return ok, np.stack([tau, v]), word, bounces
 
     def image(self, s: Array, times: int) -> tuple[NDArray[np.bool_], Array, NDArray[np.int64], NDArray[np.int64]]:
@@ -67,17 +66,17 @@ def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6
     raise RattleError(f"there is no {name} at delta = {delta}, epsilon = {epsilon}, beta = {beta}")
 
 
-def tangent(orbit: PeriodicOrbit) -> Array:
+def tangent(orbit: Periodic) -> Array:
     """DΠ^k (2, 2) of the orbit in (τ, v); infinite at a graze."""
     product, tau, v = np.eye(2), float(folded(orbit.tau)), orbit.v
     for _ in range(orbit.label[1]):
-        found = impact_map.impact_tangent(tau, v, orbit.delta, orbit.epsilon, orbit.beta, DRIFT, False)
+        found = power_map(tau, v, 1, orbit.point)
         tau, v = found[1:3]
         product = np.array(found[5:9]).reshape(2, 2) @ product
     return product
 
 
-def eigenvectors(orbit: PeriodicOrbit) -> tuple[Array, Array]:
+def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
     """Unit eigenvectors (2,) in (τ, v) of the unstable and the stable multiplier, towards rising v (rising τ where
     v does not change).
     """
@@ -87,7 +86,7 @@ def eigenvectors(orbit: PeriodicOrbit) -> tuple[Array, Array]:
     return unstable, stable
 
 
-def local_manifold(orbit: PeriodicOrbit, stable: bool) -> Local:
+def local_manifold(orbit: Periodic, stable: bool) -> Local:
     """The local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-12 of its size.
 
     Raises ParameterError if the orbit is no saddle, RattleError if it is too close to grazing.

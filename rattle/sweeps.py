@@ -1,4 +1,4 @@
-"""Attractors followed step by step along a line in the (δ, ε) plane, forward and backward, as in an experiment.
+"""Attractors followed step by step along a line of parameters, forward and backward, as in an experiment.
 
 The state at one step starts the next one. All attractors at both ends of the line are followed into it. A motion that
 is lost, or becomes one that was followed that way before, is followed back from there. What has then been reached
@@ -13,9 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rattle.along_segment import Motions
 from rattle.attractors import PERIODIC, QUIET, UNDECIDED, Attractors, tabulated
-from rattle.iterate import iterate
-from rattle.survey import followed
 
 FORWARD, BACKWARD = 0, 1
 STEP = (1, -1)
@@ -82,13 +81,11 @@ class _Run:
 
 
 class Sweeps:
-    """Sweeps over steps with parameters delta, epsilon, beta (n,); to begin with, a table of what samples find there is
-    known, cell by cell.
-    """
+    """Sweeps over steps of a model; to begin with, a table of what samples find there is known, cell by cell."""
 
-    def __init__(self, delta: Array, epsilon: Array, beta: Array, table: Attractors) -> None:
-        self.parameters = delta, epsilon, beta
-        self.known: list[list[Known]] = [[] for _ in delta]
+    def __init__(self, model: Motions, steps: tuple[Array, ...], table: Attractors) -> None:
+        self.model, self.steps = model, steps
+        self.known: list[list[Known]] = [[] for _ in steps[0]]
         self.visits: list[Visit] = []
         self._runs: list[_Run] = []
         for cell, kind, m, n_plus, n_minus, tau, v in zip(
@@ -133,9 +130,8 @@ class Sweeps:
         states = [[(run.tau, run.v), *((known.tau, known.v) for known in self.known[run.step])] for run in runs]
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
-        steps = [run.step for run in runs]
-        delta, epsilon, beta = (np.ascontiguousarray(x[steps]) for x in self.parameters)
-        survey = followed(delta, epsilon, beta, tau, v)
+        at = [run.step for run in runs]
+        survey = self.model.followed(tuple(np.ascontiguousarray(x[at]) for x in self.steps), tau, v)
         table, rows = tabulated(survey)
         for i, run in enumerate(runs):
             first = i * count
@@ -181,30 +177,28 @@ class Sweeps:
         label = np.array([visit.label for visit in visits], np.int64).reshape(-1, 3)
         label[kind != PERIODIC] = 0
         size = np.where(kind == PERIODIC, label[:, 1], chaotic)
-        owner, tau, v = _impacts(visits, size, *(x[step] for x in self.parameters))
+        owner, tau, v = self._impacts(visits, size, tuple(x[step] for x in self.steps))
         m, n_plus, n_minus = label[owner].T
         at = step[owner]
         return Points(at, position[at], tau, v, kind[owner], m, n_plus, n_minus, direction[owner] == FORWARD)
 
-
-def _impacts(
-    visits: Iterable[Visit], size: NDArray[np.int64], delta: Array, epsilon: Array, beta: Array
-) -> tuple[NDArray[np.int64], Array, Array]:
-    """So many states (size,) from each visit's on: number of the visit, τ, v, in the order of the visits."""
-    states = np.array([(visit.tau, visit.v) for visit in visits]).reshape(-1, 2)
-    owner, order, tau, v = [], [], [], []
-    which, (t, speed) = np.arange(size.size), states.T
-    for i in range(int(size.max(initial=0))):
-        on = size[which] > i
-        which, t, speed = which[on], t[on], speed[on]
-        owner.append(which)
-        order.append(np.full(which.size, i))
-        tau.append(t)
-        v.append(speed)
-        moved = iterate(delta[which], epsilon[which], t, speed, 1, beta[which])
-        t, speed = moved.tau, moved.v
-    if not owner:
-        return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
-    numbers = np.concatenate(owner)
-    sort = np.lexsort((np.concatenate(order), numbers))
-    return numbers[sort], np.concatenate(tau)[sort], np.concatenate(v)[sort]
+    def _impacts(
+        self, visits: Iterable[Visit], size: NDArray[np.int64], steps: tuple[Array, ...]
+    ) -> tuple[NDArray[np.int64], Array, Array]:
+        """So many states (size,) from each visit's on: number of the visit, τ, v, in the order of the visits."""
+        states = np.array([(visit.tau, visit.v) for visit in visits]).reshape(-1, 2)
+        owner, order, tau, v = [], [], [], []
+        which, (t, speed) = np.arange(size.size), states.T
+        for i in range(int(size.max(initial=0))):
+            on = size[which] > i
+            which, t, speed = which[on], t[on], speed[on]
+            owner.append(which)
+            order.append(np.full(which.size, i))
+            tau.append(t)
+            v.append(speed)
+            t, speed = self.model.returned(tuple(x[which] for x in steps), t, speed)
+        if not owner:
+            return np.zeros(0, np.int64), np.zeros(0), np.zeros(0)
+        numbers = np.concatenate(owner)
+        sort = np.lexsort((np.concatenate(order), numbers))
+        return numbers[sort], np.concatenate(tau)[sort], np.concatenate(v)[sort]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rattle._compile import for_type, kernel
 from rattle.first_impact import OK
 from rattle.flight import DRIFT, folded, wrapped
-from rattle.impact_map import impact, impact_tangent
+from rattle.impact_map import impact, impact_tangent, inverse_impact
 
 NEWTON_STEPS = 15
 SAME = 1e-8  # an orbit that closes to this is closed
@@ -34,6 +34,11 @@ def step_tangent(tau, v, point):
     raise NotImplementedError("for kernels only")
 
 
+def inverse_step(tau, v, point):
+    """Π⁻¹: (status, τ, v, time, contacts with Σ⁻)."""
+    raise NotImplementedError("for kernels only")
+
+
 def point_of(cell, cells):
     """The parameter point of a cell."""
     raise NotImplementedError("for kernels only")
@@ -47,6 +52,11 @@ def _step(tau, v, point):
 @for_type(step_tangent, Point)
 def _step_tangent(tau, v, point):
     return impact_tangent(tau, v, point.delta, point.epsilon, point.beta, DRIFT, False)
+
+
+@for_type(inverse_step, Point)
+def _inverse_step(tau, v, point):
+    return inverse_impact(tau, v, point.delta, point.epsilon, point.beta)
 
 
 @kernel

@@ -6,10 +6,16 @@ from rattle.grazing import grazing
 from rattle.iterate import iterate_tangent
 
 
-def warm_up() -> None:
+def warm_up(kappa: float | None = None) -> None:
     """Run every kernel once, but those of basins and Γ, which compile when first used (seconds when they must be
-    compiled, well under a second from the disk cache).
+    compiled, well under a second from the disk cache). With a stiffness kappa also what surveys of the stiff gear need.
     """
+    if kappa is not None:
+        from rattle.stiff import StiffGear  # not for who has no use for it
+
+        stiff = StiffGear(0.6, 0.1, kappa=kappa)
+        stiff.attractors(count=16)
+        stiff.orbits()
     gear = Gear(0.6, 0.1)
     gear.attractors(count=16)
     step = gear.impact(0.3, 4.0)

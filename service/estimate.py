@@ -65,6 +65,7 @@ def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
         for job in jobs
         if job.cells_done >= LEAST_CELLS
         and set(job.request["quantities"]) == wanted
+        and _same_model(request, job)
         and 1.0 / SIMILAR <= _ratio(request, job) <= SIMILAR
     ]
     return min(like, key=lambda job: abs(math.log(_ratio(request, job))), default=None)
@@ -75,6 +76,14 @@ def _ratio(request: SurveyRequest, job: JobRow) -> float:
         return 1.0
     count: int = job.request["initial_conditions"]["count"]
     return request.initial_conditions.count / count
+
+
+def _same_model(request: SurveyRequest, job: JobRow) -> bool:
+    """Whether it is the same model, the stiff one with like stiffness; surveys from before there were two have none."""
+    stiffness = job.request.get("kappa")
+    if request.kappa is None or stiffness is None:
+        return request.kappa is stiffness
+    return 1.0 / SIMILAR <= request.kappa / float(stiffness) <= SIMILAR
 
 
 def cell_seconds(request: SurveyRequest) -> float:

@@ -35,7 +35,8 @@ SURVEY: dict[str, Any] = {
     "links": {"self": HERE, "events": f"{HERE}/events", "store": f"{HERE}/store", "map": f"{HERE}/map.png"},
 }
 DETAIL: dict[str, Any] = SURVEY | {
-    "request": REQUEST | {"quantities": ["region", "orbits", "attractors", "lyapunov", "grazing"]},
+    "request": REQUEST
+    | {"model": "impacting", "kappa": None, "quantities": ["region", "orbits", "attractors", "lyapunov", "grazing"]},
     "failures": [],
 }
 LIST: dict[str, Any] = {"surveys": [SURVEY], "count": 1, "next": None}
@@ -52,6 +53,7 @@ ORBITS: dict[str, Any] = {
     "delta": 0.6,
     "epsilon": 0.1,
     "beta": 0.6,
+    "kappa": None,
     "region": 4,
     "sn1": 0.05964305819304494,
     "flip": 0.20552585488857852,
@@ -73,6 +75,7 @@ ATTRACTORS: dict[str, Any] = {
     "delta": 0.6,
     "epsilon": 0.1,
     "beta": 0.6,
+    "kappa": None,
     "count": 16,
     "v_max": 7.0,
     "seed": 0,
@@ -93,6 +96,7 @@ ATTRACTORS: dict[str, Any] = {
 }
 CURVES: dict[str, Any] = {
     "beta": 0.6,
+    "kappa": None,
     "window": {"delta": [0.7, 0.8], "epsilon": [0.0, 1.0]},
     "curves": [
         {

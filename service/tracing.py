@@ -1,4 +1,4 @@
-"""The bifurcation curves of one half-backlash as plain values; imports the library alone, for a process that starts."""
+"""Curves of a model and motions at a point as plain values; imports the library alone, for a process that starts."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 
 from rattle import ParameterError, RattleError
-from rattle.curves import NAMES, Curve, codimension_two, describe, trace
+from rattle.curves import Curve
+from rattle.models import AnyGear, AnyModel, model_at
 
 Pair = tuple[float, float]
 
 
 @lru_cache(maxsize=64)
-def curves_document(beta: float, delta: Pair, epsilon: Pair) -> dict[str, Any]:
+def curves_document(model: AnyModel, delta: Pair, epsilon: Pair) -> dict[str, Any]:
     """Curves and codimension-two points of the body of `GET /v1/curves`. Raises ParameterError."""
     with np.errstate(all="ignore"):  # extreme windows overflow on the way
         return {
-            "curves": [_curve(name, beta, delta, epsilon) for name in NAMES],
+            "curves": [_curve(name, model, delta, epsilon) for name in model.curve_names],
             "points": [
                 {
                     "name": point.name,
@@ -29,15 +30,15 @@ def curves_document(beta: float, delta: Pair, epsilon: Pair) -> dict[str, Any]:
                     "curves": point.curves,
                     "tangency": [{"curves": pair, "order": number(p)} for pair, p in point.tangency.items()],
                 }
-                for point in codimension_two(beta)
+                for point in model.codimension_two()
             ],
         }
 
 
-def _curve(name: str, beta: float, delta: Pair, epsilon: Pair) -> dict[str, Any]:
-    head = {"name": name, "meaning": describe(name)}
+def _curve(name: str, model: AnyModel, delta: Pair, epsilon: Pair) -> dict[str, Any]:
+    head = {"name": name, "meaning": model.describe(name)}
     try:
-        return head | _points(trace(name, beta, delta, epsilon)) | {"missing": None}
+        return head | _points(model.trace(name, delta, epsilon)) | {"missing": None}
     except ParameterError:
         raise
     except RattleError as error:
@@ -48,10 +49,36 @@ def _curve(name: str, beta: float, delta: Pair, epsilon: Pair) -> dict[str, Any]
 def _points(curve: Curve) -> dict[str, Any]:
     columns = {name: getattr(curve, name).tolist() for name in ("delta", "epsilon", "tau", "v", "arclength", "piece")}
     return columns | {
-        "multipliers": [[{"re": number(z.real), "im": number(z.imag)} for z in pair] for pair in curve.multipliers.T],
+        "multipliers": [[_complex(z) for z in pair] for pair in curve.multipliers.T],
         "folds": curve.folds,
         "ends": [{"index": end.index, "reason": end.reason} for end in curve.ends],
     }
+
+
+def orbits_document(gear: AnyGear) -> dict[str, Any]:
+    """What the body of `GET /v1/orbits` says of a point, by its gear."""
+    limits = model_at(gear).limits(gear.delta)._asdict()
+    return {
+        "region": gear.region(),
+        **{name: None if value is None else number(value) for name, value in limits.items()},
+        "orbits": [
+            {
+                "name": orbit.name,
+                "m": orbit.m,
+                "n_plus": orbit.n_plus,
+                "n_minus": orbit.n_minus,
+                "tau": number(orbit.tau),
+                "v": number(orbit.v),
+                "multipliers": [_complex(value) for value in orbit.multipliers],
+                "stable": orbit.stable,
+            }
+            for orbit in gear.orbits()
+        ],
+    }
+
+
+def _complex(value: complex) -> dict[str, float | None]:
+    return {"re": number(value.real), "im": number(value.imag)}
 
 
 def number(value: float) -> float | None:

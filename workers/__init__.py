@@ -1,12 +1,13 @@
-"""A survey of the (δ, ε) plane: its request, its tiles, its zarr store, and the dask cluster that fills it."""
+"""A survey of the (δ, ε) plane: its request, its tiles, its zarr store, and the dask cluster that fills it.
+
+Pictures are apart, in `workers.figure` and `workers.maps`: processes that compute need not load what draws.
+"""
 
 from workers.bucket import Bucket
 from workers.cluster import connect, embedded_cluster
 from workers.errors import ClusterLostError, StorageError, SurveyError
-from workers.figure import survey_figure
 from workers.integrity import Integrity, examine
 from workers.location import Directory, Place, place_of
-from workers.maps import map_png
 from workers.quantities import QUANTITIES
 from workers.refinement import refined
 from workers.request import Axis, InitialConditions, SurveyRequest, TileShape
@@ -42,13 +43,11 @@ __all__ = [
     "embedded_cluster",
     "examine",
     "finish_store",
-    "map_png",
     "map_quantity",
     "open_survey",
     "place_of",
     "refined",
     "run_tiles",
-    "survey_figure",
     "tiles_done",
     "tiles_of",
     "window_survey",

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 import rattle
+from rattle.models import AnyModel, Impacting
 from rattle.quiet import rests_late
 
 GRAZING_CURVES = ("G1", "G2")
@@ -16,13 +17,13 @@ BASIN_RESOLUTION = 100  # cells a side of the (τ, v) plane, in boxes of 5 × 5 
 class Cells:
     """The cells `epsilon` × `delta`; what is asked of them is evaluated once, when first asked for.
 
-    No cell knows its block: every value follows from (δ, ε, β) and, for attractors, the sample's count, v_max and
-    seed, so the same cell holds the same bits in any block.
+    No cell knows its block: every value follows from (δ, ε), the model and, for attractors, the sample's count, v_max
+    and seed, so the same cell holds the same bits in any block.
     """
 
     delta: np.ndarray  # (n_delta,)
     epsilon: np.ndarray  # (n_epsilon,)
-    beta: float
+    model: AnyModel
     count: int  # initial conditions per cell; 0 where no attractors are asked for
     v_max: float
     seed: int
@@ -39,28 +40,30 @@ class Cells:
     @cached_property
     def region(self) -> np.ndarray:
         """Regions I to V as int8, shape (n_epsilon, n_delta)."""
-        return rattle.regions(self.delta, self.epsilon[:, None], self.beta)
+        return rattle.classify_regions(self.period_one)
 
     @cached_property
     def period_one(self) -> rattle.PeriodOne:
         """The orbits A to D; shapes end in (n_epsilon, n_delta)."""
-        return rattle.period_one(self.delta, self.epsilon[:, None], self.beta)
+        return self.model.period_one(self.delta, self.epsilon[:, None])
 
     @cached_property
     def attractors(self) -> rattle.Attractors:
-        """The attractors of all cells, row by row: each cell's are those of `Gear.attractors`, to the bit."""
-        return rattle.attractors_of(self.delta, self.epsilon[:, None], self.beta, self.count, self.v_max, self.seed)
+        """The attractors of all cells, row by row: each cell's are those of the gear at its point, to the bit."""
+        return self.model.attractors_of(self.delta, self.epsilon[:, None], self.count, self.v_max, self.seed)
 
     @cached_property
     def boundary_distance(self) -> rattle.BoundaryDistance:
         """Least speeds from which quiet motion is lost, with phases, shapes (n_epsilon, n_delta)."""
-        return rattle.boundary_distances(self.delta, self.epsilon[:, None], self.beta, self.v_max)
+        return rattle.boundary_distances(self.delta, self.epsilon[:, None], self.model.beta, self.v_max)
 
     @cached_property
     def rests_late(self) -> np.ndarray:
         """Whether quiet motion takes too many impacts to be told from chaos, shape (n_epsilon, n_delta)."""
+        if not isinstance(self.model, Impacting):  # contact that never ends is seen when it begins
+            return np.zeros(self.shape, np.bool_)
         delta, epsilon = (np.ascontiguousarray(x).ravel() for x in np.meshgrid(self.delta, self.epsilon))
-        return rests_late(delta, epsilon, np.full(delta.size, self.beta)).reshape(self.shape)
+        return rests_late(delta, epsilon, np.full(delta.size, self.model.beta)).reshape(self.shape)
 
     @cached_property
     def basin_entropy(self) -> np.ndarray:
@@ -71,25 +74,27 @@ class Cells:
         found = np.full((2, *self.shape), np.nan)
         for (i, j), late in np.ndenumerate(self.rests_late):
             if not late:
-                gear = rattle.Gear(float(self.delta[j]), float(self.epsilon[i]), self.beta)
-                found[:, i, j] = rattle.basin_entropy(gear.basins(BASIN_RESOLUTION, self.v_max, "refined"))[:2]
+                basins = self.model.gear(float(self.delta[j]), float(self.epsilon[i])).basins(
+                    BASIN_RESOLUTION, self.v_max, "refined"
+                )
+                found[:, i, j] = rattle.basin_entropy(basins)[:2]
         return found
 
     @cached_property
     def crisis_side(self) -> np.ndarray:
         """Indices of `rattle.CRISIS_SIDES`, shape (n_epsilon, n_delta)."""
-        return rattle.crisis_side(self.delta, self.epsilon[:, None], self.beta)
+        return rattle.crisis_side(self.delta, self.epsilon[:, None], self.model.beta)
 
     @cached_property
     def grazing(self) -> tuple[rattle.Grazing, ...]:
         """The grazing curves G1 and G2 at each δ of the block."""
-        return tuple(rattle.grazing(curve, self.delta, self.beta) for curve in GRAZING_CURVES)
+        return tuple(rattle.grazing(curve, self.delta, self.model.beta) for curve in GRAZING_CURVES)
 
     @cached_property
     def robust_chaos(self) -> np.ndarray:
         """Whether each δ lies inside the robust-chaos interval, which not every β has."""
         try:
-            low, high = rattle.robust_chaos_interval(self.beta)
+            low, high = rattle.robust_chaos_interval(self.model.beta)
         except rattle.RattleError:
             return np.zeros(len(self.delta), dtype=bool)
         return (low < self.delta) & (self.delta < high)

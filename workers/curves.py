@@ -1,4 +1,4 @@
-"""The curves and points that divide the plane of a survey, for its store and its picture: those of `rattle.curves`.
+"""The curves and points that divide the plane of a survey, for its store and its picture: those of `rattle.models`.
 
 The bare names delta, epsilon and multiplier are coordinates of the survey, which xarray's groups inherit: a variable of
 that name in a group would be hidden. So theirs begin with `point_`.
@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle import RattleError
-from rattle.curves import CodimensionTwo, Curve, describe, trace
+from rattle.curves import CodimensionTwo, Curve
+from rattle.models import AnyModel
 from workers.quantities import DOI
 
 LOWEST_DELTA = 0.1  # of the axis' start: where half a cell reaches 0, which no curve does
@@ -60,8 +61,8 @@ POINT, END, PAIR = ("point",), ("end",), ("pair",)
 CURVE_VARIABLES: tuple[Variable, ...] = (
     Variable("point_delta", POINT, float, "damping δ of the point", lambda curve: curve.delta),
     Variable("point_epsilon", POINT, float, "eccentricity ε of the point", lambda curve: curve.epsilon),
-    Variable("phase", POINT, float, "phase τ of the impact on Σ+, in forcing periods", lambda curve: curve.tau),
-    Variable("velocity", POINT, float, "speed v after the impact on Σ+", lambda curve: curve.v),
+    Variable("phase", POINT, float, "phase τ of the departure from Σ+, in forcing periods", lambda curve: curve.tau),
+    Variable("velocity", POINT, float, "speed v of the departure from Σ+", lambda curve: curve.v),
     Variable(
         "point_multiplier",
         ("multiplier", "point"),
@@ -152,18 +153,18 @@ def _around(axis: np.ndarray) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=128)
-def traced(name: str, beta: float, window: Window) -> Curve | Missing:
+def traced(name: str, model: AnyModel, window: Window) -> Curve | Missing:
     """A curve inside a window; kept, because the pictures of a survey that runs need it again and again."""
     try:
         with np.errstate(all="ignore"):  # what overflows on the way in an extreme window is no curve
-            return trace(name, beta, window.delta, window.epsilon)
+            return model.trace(name, window.delta, window.epsilon)
     except RattleError as error:
         return Missing(f"not traced: {error}")
 
 
-def curve_attributes(name: str, curve: Curve | Missing) -> dict[str, str]:
+def curve_attributes(name: str, model: AnyModel, curve: Curve | Missing) -> dict[str, str]:
     """What a curve is, and why its group is empty if it is; the reference is the model's, which lacks some curves."""
-    attributes = {"long_name": f"{name}: {describe(name)}", "references": f"https://doi.org/{DOI}"}
+    attributes = {"long_name": f"{name}: {model.describe(name)}", "references": f"https://doi.org/{DOI}"}
     if isinstance(curve, Missing):
         attributes["comment"] = curve.reason
     elif not len(curve):

@@ -16,8 +16,10 @@ from rattle import RattleError, curves, period_one, quiet_limit
 from rattle.branches import fate
 from rattle.curves import Curve
 from rattle.events import Event
+from rattle.models import Model
 from rattle.periodic import PeriodicOrbit, periodic_orbit
 from workers.boundaries import KINDS, ROMAN, Attractor, Grid, Label, Pairs, crossed, name_of
+from workers.errors import SurveyError
 
 QUIET, PERIODIC, CHAOTIC = (KINDS.index(kind) for kind in ("quiet", "periodic", "chaotic"))
 QUIET_LABEL: Label = (QUIET, 0, 0, 0)
@@ -74,6 +76,8 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES) -> Explanation:
 
     most_curves: how many curves of other than period-one motions may be computed. Raises SurveyError.
     """
+    if dataset.attrs.get("model") == Model.STIFF:
+        raise SurveyError("boundaries are explained in surveys of the impacting model only, which this one is not")
     search = _Search(Grid(dataset), most_curves)
     why = dict(search.run())
     region = search.covers_region()

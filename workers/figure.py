@@ -9,7 +9,7 @@ from rattle.plot.drawing import HALO, new_figure
 from rattle.plot.plane import REGIONS
 from workers.errors import SurveyError
 from workers.maps import draw_legend, draw_map
-from workers.overlay import CURVES_ON, draw_curves, draw_points
+from workers.overlay import CURVES_ON, draw_curves, draw_points, surveyed_model
 
 PANELS = {
     "region": "Regions",
@@ -28,7 +28,6 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     if not panels:
         raise SurveyError(f"nothing to draw: ask for a survey with one of {', '.join(PANELS)}")
     figure = new_figure(5.6 * len(panels), 5.0)
-    beta = float(dataset.attrs["beta"])
     curves: dict[str, tuple[Axes, list[np.ndarray]]] = {}
     for axes, name in zip(np.atleast_1d(figure.subplots(1, len(panels), sharey=True)), panels, strict=True):
         draw_map(axes, dataset, dataset[name], nothing="only quiet")
@@ -36,7 +35,7 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
         axes.label_outer()
         curves[name] = axes, draw_curves(axes, dataset, CURVES_ON[name])
         draw_legend(axes)
-    figure.suptitle(f"Gear model, half-backlash β = {beta:g}", fontsize=13)
+    figure.suptitle(f"Gear model, {surveyed_model(dataset)}", fontsize=13)
     if "region" in curves:
         axes, drawn = curves["region"]
         _name_regions(axes, dataset)

@@ -7,6 +7,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from rattle.curves import NAMES
+from rattle.models import AnyModel, model_of
 from rattle.plot import plane
 from workers.curves import Missing, Window, traced, window_around
 
@@ -23,14 +24,20 @@ CURVES_ON: dict[str, tuple[str, ...]] = {
 
 def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str]) -> list[np.ndarray]:
     """Draw the curves that cross the map; returns them, (k, 2) each, NaN between pieces."""
-    beta, window, drawn = float(dataset.attrs["beta"]), _window(dataset), []
+    model, window, drawn = surveyed_model(dataset), _window(dataset), []
     limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
-    for name in names:
-        curve = traced(name, beta, window)
+    for name in (name for name in names if name in model.curve_names):
+        curve = traced(name, model, window)
         if not isinstance(curve, Missing) and len(curve):
             drawn.append(plane.draw_curve(axes, curve))
     axes.set(**limits)
     return drawn
+
+
+def surveyed_model(dataset: xr.Dataset) -> AnyModel:
+    """The model of a survey, by its attributes: those of surveys from before there were two have no stiffness."""
+    stiffness = dataset.attrs.get("kappa")
+    return model_of(float(dataset.attrs["beta"]), None if stiffness is None else float(stiffness))
 
 
 def _window(dataset: xr.Dataset) -> Window:
@@ -39,4 +46,4 @@ def _window(dataset: xr.Dataset) -> Window:
 
 def draw_points(axes: Axes, dataset: xr.Dataset, curves: Sequence[np.ndarray]) -> None:
     """Mark and name the codimension-two points, away from the curves and from what is written already."""
-    plane.draw_points(axes, float(dataset.attrs["beta"]), curves)
+    plane.draw_points(axes, surveyed_model(dataset).codimension_two(), curves)

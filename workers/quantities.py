@@ -6,6 +6,7 @@ To add a variable, add one `Quantity` to `QUANTITIES`. A new dimension needs one
 from collections.abc import Iterable
 
 import rattle
+from rattle.models import Model
 from workers import evaluate
 from workers.cells import GRAZING_CURVES
 from workers.schema import CELL, Coordinate, Group, Quantity
@@ -35,6 +36,9 @@ _SUM_RULE = f"tangent map of {_MAP}"
 _ORBIT = ("orbit", *CELL)
 _SLOT = ("attractor", *CELL)
 _CURVE = ("grazing_curve", "delta")
+
+#: What is defined by a graze, or by rest that an impact speed decides.
+IMPACTING = frozenset({Model.IMPACTING})
 
 _nan = float("nan")
 
@@ -67,7 +71,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         Group.ORBITS,
         _ORBIT,
         "float64",
-        "phase τ of the impact on Σ+, in forcing periods",
+        "phase τ of the departure from Σ+, in forcing periods",
         _ORBITS,
         evaluate.orbits("tau"),
     ),
@@ -76,7 +80,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         Group.ORBITS,
         _ORBIT,
         "float64",
-        "speed v after the impact on Σ+",
+        "speed v of the departure from Σ+",
         _ORBITS,
         evaluate.orbits("v"),
     ),
@@ -113,7 +117,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         Group.ATTRACTORS,
         _SLOT,
         "int16",
-        "n+ of P(m, n+, n-), impacts on Σ+; 0 unless periodic",
+        "n+ of P(m, n+, n-), impacts on or contacts with Σ+; 0 unless periodic",
         _ORBITS,
         evaluate.slots("n_plus", "int16"),
     ),
@@ -122,7 +126,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         Group.ATTRACTORS,
         _SLOT,
         "int16",
-        "n- of P(m, n+, n-), impacts on Σ-; 0 unless periodic",
+        "n- of P(m, n+, n-), impacts on or contacts with Σ-; 0 unless periodic",
         _ORBITS,
         evaluate.slots("n_minus", "int16"),
     ),
@@ -242,6 +246,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "ε on the grazing curve",
         _PLANE,
         evaluate.grazing("epsilon"),
+        models=IMPACTING,
     ),
     Quantity(
         "grazing_phase",
@@ -251,6 +256,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "phase τ of the grazing orbit, in forcing periods",
         _PLANE,
         evaluate.grazing("tau"),
+        models=IMPACTING,
     ),
     Quantity(
         "grazing_multiplier",
@@ -260,6 +266,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "Floquet multiplier of the grazing orbit, without the square root",
         _PLANE,
         evaluate.grazing("multipliers"),
+        models=IMPACTING,
     ),
     Quantity(
         "robust_chaos",
@@ -269,6 +276,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "whether δ lies inside the robust-chaos interval",
         _PLANE,
         lambda cells: cells.robust_chaos,
+        models=IMPACTING,
     ),
     Quantity(
         "basin_entropy",
@@ -296,6 +304,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "least impact speed that loses quiet motion; inf: none found, 0: no quiet motion",
         _QUIET,
         lambda cells: cells.boundary_distance.v,
+        models=IMPACTING,
     ),
     Quantity(
         "boundary_distance_phase",
@@ -305,6 +314,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "phase τ of the least impact that loses quiet motion, in forcing periods",
         _QUIET,
         lambda cells: cells.boundary_distance.tau,
+        models=IMPACTING,
     ),
     Quantity(
         "crisis_side",
@@ -315,15 +325,21 @@ QUANTITIES: tuple[Quantity, ...] = (
         _ORBITS,
         lambda cells: cells.crisis_side,
         rattle.CRISIS_SIDES,
+        IMPACTING,
     ),
     Quantity("status", None, CELL, "int8", "what became of the cell", "this survey", evaluate.status, evaluate.STATUS),
 )
 
 
-def stored(groups: Iterable[Group]) -> tuple[Quantity, ...]:
-    """Return the variables of these groups, and `status`."""
+def groups_of(model: Model) -> tuple[Group, ...]:
+    """Return the groups of which a model has variables."""
+    return tuple(group for group in Group if any(each.group is group and model in each.models for each in QUANTITIES))
+
+
+def stored(groups: Iterable[Group], model: Model) -> tuple[Quantity, ...]:
+    """Return the variables of these groups that a model has, and `status`."""
     wanted = {*groups, None}
-    return tuple(quantity for quantity in QUANTITIES if quantity.group in wanted)
+    return tuple(quantity for quantity in QUANTITIES if quantity.group in wanted and model in quantity.models)
 
 
 def shape_of(quantity: Quantity, cells: tuple[int, int]) -> tuple[int, ...]:

@@ -3,12 +3,14 @@
 import json
 import math
 from hashlib import sha256
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from rattle.models import AnyModel, Model, model_of
 from workers.errors import SurveyError
+from workers.quantities import groups_of
 from workers.schema import DEFAULT, SAMPLED, Group
 from workers.version import code_version
 
@@ -19,10 +21,12 @@ Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
 LEAST_TILES = 64  # by default, so that the workers end together and progress is seen
 DEFAULT_SAMPLES = 65_536  # of a default tile: some seconds where all is chaotic, so that a stop is soon obeyed
+STIFF_SAMPLES = 4096  # the same of the stiff model, whose returns take a hundred times as long
 BASIN_SIDE = 8  # cells along a side of a default tile with basins: a second or two
 BASIN_SAMPLES = 4096  # states at a time of each such cell
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
 MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
+MOST_STIFF = 1e10  # a motion needs some √κ returns to become quiet
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
 
 
@@ -76,10 +80,16 @@ class TileShape(_Strict):
 
 
 class SurveyRequest(_Strict):
-    """A survey of the (δ, ε) plane: the body of `POST /v1/surveys`; all but the axes has a default."""
+    """A survey of the (δ, ε) plane: the body of `POST /v1/surveys`; all but the axes has a default.
+
+    model: the impacting one, or the stiff one, which needs the stiffness kappa of its walls. quantities: by default all
+    that the model has, but those that cost several times what all others do.
+    """
 
     name: Annotated[str, Field(max_length=200)] = ""
+    model: Model = Model.IMPACTING
     beta: Annotated[Real, Field(gt=0)] = 0.6
+    kappa: Annotated[Real, Field(gt=0, le=MOST_STIFF)] | None = None
     delta: Axis
     epsilon: Axis
     quantities: tuple[Group, ...] = DEFAULT
@@ -108,6 +118,14 @@ class SurveyRequest(_Strict):
             raise ValueError(f"epsilon must not be negative: raise start ({epsilon.start}) to 0 or more")
         return epsilon
 
+    @model_validator(mode="before")
+    @classmethod
+    def _by_model(cls, given: Any) -> Any:
+        """The default quantities of the stiff model lack what it does not have."""
+        if isinstance(given, dict) and given.get("model") == Model.STIFF and "quantities" not in given:
+            return given | {"quantities": [str(group) for group in DEFAULT if group in groups_of(Model.STIFF)]}
+        return given
+
     @field_validator("quantities")
     @classmethod
     def _distinct(cls, quantities: tuple[Group, ...]) -> tuple[Group, ...]:
@@ -116,6 +134,17 @@ class SurveyRequest(_Strict):
         if len(set(quantities)) < len(quantities):
             raise ValueError("each quantity may be named once: remove the duplicates")
         return tuple(group for group in Group if group in quantities)
+
+    @model_validator(mode="after")
+    def _of_the_model(self) -> Self:
+        if self.model is Model.STIFF and self.kappa is None:
+            raise ValueError("the stiff model needs kappa, the stiffness of its walls: give one, such as 1e4")
+        if self.model is Model.IMPACTING and self.kappa is not None:
+            raise ValueError('kappa is of the stiff model: set model to "stiff", or leave kappa out')
+        if unknown := set(self.quantities).difference(groups_of(self.model)):
+            names = ", ".join(sorted(unknown))
+            raise ValueError(f"the {self.model} model has no {names}: name some of {', '.join(groups_of(self.model))}")
+        return self
 
     @model_validator(mode="after")
     def _tiles_fit(self) -> Self:
@@ -132,6 +161,11 @@ class SurveyRequest(_Strict):
         return self
 
     @property
+    def gear_model(self) -> AnyModel:
+        """The model with its parameters."""
+        return model_of(self.beta, self.kappa)
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Cells of the grid along (epsilon, delta)."""
         return self.epsilon.num, self.delta.num
@@ -146,7 +180,8 @@ class SurveyRequest(_Strict):
     def _default_side(self) -> int:
         side = min(DEFAULT_TILE, math.isqrt(self.n_cells // LEAST_TILES))
         if SAMPLED.intersection(self.quantities):
-            side = min(side, math.isqrt(DEFAULT_SAMPLES // self.initial_conditions.count))
+            samples = DEFAULT_SAMPLES if self.model is Model.IMPACTING else STIFF_SAMPLES
+            side = min(side, math.isqrt(samples // self.initial_conditions.count))
         if Group.BASINS in self.quantities:
             side = min(side, BASIN_SIDE)
         return max(side, SMALLEST_DEFAULT)

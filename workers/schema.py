@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rattle.models import Model
 from workers.evaluate import Evaluate
 
 CELL = ("epsilon", "delta")
@@ -49,6 +50,7 @@ class Quantity:
     reference: str
     evaluate: Evaluate
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
+    models: frozenset[Model] = frozenset(Model)  # that have it
 
     @property
     def fill(self) -> int | float | complex | bool:

@@ -1,12 +1,13 @@
 """The zarr store of a survey: created once, filled tile by tile, resumed, finished and opened."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 import zarr
 from zarr.storage import StoreLike
 
@@ -19,6 +20,9 @@ from workers.request import SurveyRequest
 from workers.template import consolidate, now, write_template
 from workers.tiles import Tile
 from workers.version import code_version
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def create_store(request: SurveyRequest, where: str | Path | Place) -> None:
@@ -113,7 +117,11 @@ def _arrays(path: str, request: SurveyRequest) -> dict[str, zarr.Array]:
     _require_same(request, place)
     with zarr.config.set({"array.write_empty_chunks": True}), place.reaching():  # see template.WHOLE
         arrays = dict(zarr.open_group(place.zarr(), mode="r+", zarr_format=3).arrays())
-    return {quantity.name: arrays[quantity.name] for quantity in stored(request.quantities) if quantity.per_cell}
+    return {
+        quantity.name: arrays[quantity.name]
+        for quantity in stored(request.quantities, request.model)
+        if quantity.per_cell
+    }
 
 
 def finish_store(where: str | Path | Place) -> None:
@@ -157,6 +165,8 @@ def open_survey(path_or_url: str | Path | Place) -> xr.Dataset:
     Raises:
         SurveyError: there is no survey, or it cannot be read.
     """
+    import xarray as xr  # a third of a second, which no process that only computes has to wait for
+
     try:
         dataset = xr.open_zarr(_readable(path_or_url), chunks=None, consolidated=True)
     except Exception as error:  # what the disk, the network or a foreign format raises

@@ -13,7 +13,6 @@ from zarr.core.array_spec import ArrayConfigParams
 from zarr.errors import ZarrUserWarning
 from zarr.storage import StoreLike
 
-from rattle.curves import NAMES, codimension_two
 from workers.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
 from workers.quantities import COORDINATES, DOI, shape_of, stored
 from workers.request import SurveyRequest
@@ -34,7 +33,7 @@ def write_template(request: SurveyRequest, store: StoreLike) -> None:
     disk and over HTTP while it runs, and nothing is left to go stale.
     """
     root = zarr.create_group(store, zarr_format=3, attributes=_attributes(request))
-    quantities = stored(request.quantities)
+    quantities = stored(request.quantities, request.model)
     _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
     for quantity in quantities:
         _create(root, request, quantity)
@@ -54,7 +53,7 @@ def _attributes(request: SurveyRequest) -> dict[str, Any]:
     """Return the attributes of the whole survey: text and numbers, which NetCDF can hold too."""
     return {
         "Conventions": "CF-1.11",
-        "title": request.name or "Survey of the (delta, epsilon) plane of the impacting gear model",
+        "title": request.name or f"Survey of the (delta, epsilon) plane of the {request.model} gear model",
         "source": f"gear-rattle {code_version()}",
         "references": f"https://doi.org/{DOI}",
         "doi": DOI,
@@ -62,8 +61,14 @@ def _attributes(request: SurveyRequest) -> dict[str, Any]:
         "request": json.dumps(request.model_dump(mode="json")),
         "content_hash": request.content_hash(),
         "code_version": code_version(),
-        "beta": request.beta,
+        **_model_attributes(request),
     }
+
+
+def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
+    """Return which model it is, with its parameters; NetCDF holds no null."""
+    stiffness = {} if request.kappa is None else {"kappa": request.kappa}
+    return {"model": str(request.model), "beta": request.beta, **stiffness}
 
 
 def now() -> str:
@@ -108,7 +113,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
     attributes = {
         "long_name": "bifurcation curves of the period-one motions, a group each",
         "references": f"https://doi.org/{DOI}",
-        "beta": request.beta,
+        **_model_attributes(request),
         "window_delta": window.delta,
         "window_epsilon": window.epsilon,
     }
@@ -116,13 +121,14 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
     multiplier = COORDINATES["multiplier"]
     described = {"long_name": multiplier.long_name, "units": "1"}
     _write(groups, "multiplier", ("multiplier",), coordinate_values(multiplier.values), described)
-    for name in NAMES:
-        curve = traced(name, request.beta, window)
-        group = groups.create_group(name, attributes=curve_attributes(name, curve))
+    model = request.gear_model
+    for name in model.curve_names:
+        curve = traced(name, model, window)
+        group = groups.create_group(name, attributes=curve_attributes(name, model, curve))
         _write_variables(group, CURVE_VARIABLES, curve)
     attributes = {"long_name": "codimension-two points, where curves meet", "references": f"https://doi.org/{DOI}"}
-    group = root.create_group("codimension_two", attributes=attributes | {"beta": request.beta})
-    _write_variables(group, POINT_VARIABLES, codimension_two(request.beta))
+    group = root.create_group("codimension_two", attributes=attributes | _model_attributes(request))
+    _write_variables(group, POINT_VARIABLES, model.codimension_two())
 
 
 def _write_variables(group: zarr.Group, variables: Iterable[Variable], item: Any) -> None:

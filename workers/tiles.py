@@ -65,7 +65,7 @@ def cells_of(request: SurveyRequest, tile: Tile | None = None) -> Cells:
     return Cells(
         delta=delta if tile is None else delta[tile.delta],
         epsilon=epsilon if tile is None else epsilon[tile.epsilon],
-        beta=request.beta,
+        model=request.gear_model,
         count=sample.count if SAMPLED.intersection(request.quantities) else 0,
         v_max=sample.v_max,
         seed=request.seed,
@@ -111,7 +111,7 @@ def compute_tile(
 
 
 def _evaluate(request: SurveyRequest, cells: Cells) -> TileArrays:
-    quantities = [quantity for quantity in stored(request.quantities) if quantity.per_cell]
+    quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
     return {quantity.name: np.asarray(quantity.evaluate(cells)).astype(quantity.dtype) for quantity in quantities}
 
 
@@ -148,5 +148,5 @@ def _gather(
 
 
 def _fills(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
-    quantities = [quantity for quantity in stored(request.quantities) if quantity.per_cell]
+    quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
     return {each.name: np.full(shape_of(each, shape), each.fill, each.dtype) for each in quantities}

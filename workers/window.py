@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from rattle.errors import require_integer, require_pair
+from rattle.models import Model
 from workers.cells import Cells
 from workers.errors import SurveyError
 from workers.evaluate import FAILED
@@ -25,7 +26,7 @@ from workers.tiles import MACHINE_FAILURES
 HALVINGS = 5  # from the coarsest level to the whole grid
 MOST_PIXELS = 4096
 RESOLVED = 4  # units in the last place between neighbouring values of an axis
-CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})  # at once at full resolution
+CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})  # of the impacting model: at once at full resolution
 
 
 class Window(NamedTuple):
@@ -66,9 +67,9 @@ class Frame:
     failed: int
 
 
-def map_quantity(variable: str, index: int = 0) -> Quantity:
-    """Return the variable of a map. Raises SurveyError if there is no such map, as of a survey."""
-    maps = {quantity.name: quantity for quantity in QUANTITIES if quantity.per_cell}
+def map_quantity(variable: str, index: int, model: Model) -> Quantity:
+    """Return the variable of a map. Raises SurveyError if there is no such map, as of a survey of that model."""
+    maps = {quantity.name: quantity for quantity in QUANTITIES if quantity.per_cell and model in quantity.models}
     if variable not in maps:
         raise SurveyError(f"no map of {variable!r}: there are {', '.join(maps)}")
     count, *_ = (*shape_of(maps[variable], (1, 1))[:-2], 1)
@@ -122,7 +123,8 @@ class Grid:
         self.failed = 0
         whole = math.gcd(*(number - 1 for number in survey.shape))
         halvings = min(HALVINGS, (whole & -whole).bit_length() - 1)
-        self.levels = (0,) if quantity.group in CLOSED_FORM else tuple(range(halvings, -1, -1))
+        at_once = survey.model is Model.IMPACTING and quantity.group in CLOSED_FORM
+        self.levels = (0,) if at_once else tuple(range(halvings, -1, -1))
 
     def blocks(self, level: int) -> tuple[Part, ...]:
         """The cells of a level that no level before has, as one or two parts."""
@@ -167,14 +169,15 @@ def compute_part(
 ) -> PartValues:
     """Compute a map on the cells epsilon × delta: the task that a cluster runs. A cell that fails keeps the fill."""
     began = time.perf_counter()
-    quantity = map_quantity(variable, index)
-    wanted = (quantity,) if quantity.group else stored(request.quantities)  # the status tells of all that are stored
+    quantity = map_quantity(variable, index, request.model)
+    # the status tells of all that are stored
+    wanted = (quantity,) if quantity.group else stored(request.quantities, request.model)
     groups = {each.group for each in wanted}
     sample = request.initial_conditions
     cells = Cells(
         delta=delta,
         epsilon=epsilon,
-        beta=request.beta,
+        model=request.gear_model,
         count=sample.count if SAMPLED.intersection(groups) else 0,
         v_max=sample.v_max,
         seed=request.seed,

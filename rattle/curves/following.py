@@ -42,36 +42,36 @@ class Window:
         return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST)
 
 
-def pieces(problem: Problem, starts: Iterable[Array], window: Window, left: Test) -> list[Piece]:
+def pieces(
+    problem: Problem, starts: Iterable[Array], window: Window, left: Test, times: int | None = None
+) -> list[Piece]:
     """The pieces inside the window through solutions near the starts; a start on a piece already followed adds none.
 
-    left: why a solution in the window is not on the curve (its motion does not happen), None if it is.
+    left: why a solution in the window is not on the curve (its motion does not happen), None if it is. times: how many
+    unknowns are times, by default all but δ and ε.
     """
     found: list[Piece] = []
-    follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.step, _periods_later)
+    twins = partial(_periods_later, times)
+    follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.step, twins)
     for guess in starts:
         x = with_value(problem, guess, guess.size - 2, guess[-2])
-        if x is None or not follower.inside(x) or any(_on(problem, piece, x) for piece in found):
+        if x is None or not follower.inside(x) or any(_on(problem, piece, x, times) for piece in found):
             continue
         found.append(_both_ways(follower, x, lambda y: window.left(y) or left(y)))
     return sorted(found, key=lambda piece: (piece.points[0, -2], piece.points[0, -1]))
 
 
-def _periods_later(start: Array, x: Array) -> Array:
+def _periods_later(times: int | None, start: Array, x: Array) -> Array:
     """The same motion some forcing periods earlier or later, near x."""
     twin = start.copy()
-    twin[:-2] += np.rint(x[0] - start[0])
+    twin[: -2 if times is None else times] += np.rint(x[0] - start[0])
     return twin[None]
 
 
-def _on(problem: Problem, piece: Piece, x: Array) -> bool:
+def _on(problem: Problem, piece: Piece, x: Array, times: int | None) -> bool:
     """Whether a solution is on a piece already, some forcing periods earlier or later perhaps."""
-    for y in crossings(problem, piece.points, -2, x[-2]):
-        apart = x - y
-        apart[:-2] -= np.rint(apart[0])
-        if np.max(np.abs(apart)) < SAME_POINT:
-            return True
-    return False
+    found = crossings(problem, piece.points, -2, x[-2])
+    return any(np.max(np.abs(_periods_later(times, x, y)[0] - y)) < SAME_POINT for y in found)
 
 
 def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
@@ -125,10 +125,11 @@ def traced(
     left: Test,
     describe: Callable[[Array], Described],
     named: Callable[[Array, str], str],
+    times: int | None = None,
 ) -> Curve:
-    """The curve of a problem in a window. `named` may put a better name to the reason of an end."""
+    """The curve of a problem in a window, as `pieces`. `named` may put a better name to the reason of an end."""
     found = [
         Piece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
-        for piece in pieces(problem, starts, window, left)
+        for piece in pieces(problem, starts, window, left, times)
     ]
     return build(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])

@@ -1,5 +1,7 @@
 """Trace a curve of the registry through the (δ, ε) plane."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from rattle.arclength import Problem
@@ -38,7 +40,7 @@ def trace(
     """
     require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
     beta = require_number("beta", beta, positive=True)
-    window = Window(_range("delta", delta, positive=True), _range("epsilon", epsilon))
+    window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
     require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")
     dampings = _dampings(window, beta)
     try:
@@ -67,13 +69,13 @@ def _dampings(window: Window, beta: float) -> Array:
     low, high = window.delta
     ends = [point.delta * (1.0 + side * BESIDE) for point in codimension_two(beta) for side in (-1.0, 1.0)]
     inside = [delta for delta in ends if low < delta < high]
-    spread = _between(low, high)
+    spread = spread_between(low, high)
     if low < REACH * beta < high - low:  # a wide window, in which this spacing would miss the curves
-        spread = np.concatenate([_between(low, REACH * beta), spread])
+        spread = np.concatenate([spread_between(low, REACH * beta), spread])
     return np.array([*spread, low, high, *inside])
 
 
-def _between(low: float, high: float) -> Array:
+def spread_between(low: float, high: float) -> Array:
     return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
 
@@ -92,7 +94,7 @@ def bifurcation_curve(
     """
     require(isinstance(event, Event), f"event must be an Event of a branch, got {type(event).__name__}")
     resolution = require_integer("resolution", resolution, 1, MOST_ACROSS)
-    window = Window(_range("delta", delta, positive=True), _range("epsilon", epsilon), resolution)
+    window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon), resolution)
     require(window.left(event.unknowns) is None, f"the window must contain the event, ({event.delta}, {event.epsilon})")
     itinerary, x, impact = _begun_on_sigma_plus(event)
     m, n_plus, n_minus = itinerary.m, itinerary.walls.count(1), itinerary.walls.count(-1)
@@ -118,7 +120,7 @@ def _begun_on_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
     return Itinerary(walls, itinerary.m, itinerary.beta), rotated, impact
 
 
-def _range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
+def window_range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
     low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
     require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
     require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")
@@ -153,11 +155,16 @@ def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
         return np.stack([force, TWO_PI * sine - delta * cosine], axis=-1)
 
     guesses = (np.array([np.arctan2(d, TWO_PI) / TWO_PI, d, float(quiet_limit(d))]) for d in dampings)
+    return limit_of_contact(beta, Problem(equations), guesses, window)
+
+
+def limit_of_contact(beta: float, problem: Problem, guesses: Iterable[Array], window: Window) -> Curve:
+    """The quiet limit as a curve of x = (phase at which contact is lost, δ, ε): no motion bifurcates there."""
     nothing = np.full(2, complex(np.nan, np.nan))
     return traced(
         QUIET_LIMIT,
         beta,
-        Problem(equations),
+        problem,
         guesses,
         window,
         lambda _: None,

@@ -4,7 +4,8 @@ from functools import cache
 from typing import NamedTuple
 
 from rattle.bifurcations import Kind
-from rattle.branches import branch, cascade
+from rattle.branches import branch
+from rattle.cascades import cascade
 from rattle.errors import RattleError
 from rattle.gear import Gear
 from rattle.periodic import periodic_orbit

@@ -17,7 +17,9 @@ from rattle.errors import RattleError, require
 from rattle.flight import wrapped
 from rattle.gear import Gear
 from rattle.manifolds import manifold
+from rattle.models import AnyGear, model_of
 from rattle.orbits import Orbit
+from rattle.periodic import Periodic
 from rattle.plot.colours import colour, name_of, order
 from rattle.plot.drawing import Drawing, new_figure, outlined
 from rattle.plot.labels import ROOM, Labels
@@ -107,13 +109,21 @@ def _white_line(width: float) -> Line2D:
     return outlined(Line2D([], [], color="white", linewidth=width, label="grazing curve Γ"), DIM, 0.6)
 
 
-def panels(delta: float, epsilon: Sequence[float], beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
-    """Figure 4: a panel of basins for each ε, each cell followed on its own, with Γ; one legend of types for all.
+def panels(
+    delta: float,
+    epsilon: Sequence[float],
+    beta: float = BETA,
+    resolution: int = RESOLUTION,
+    kappa: float | None = None,
+) -> Drawing:
+    """Figure 4: a panel of basins for each ε, each cell followed on its own; one legend of types for all.
 
-    resolution: cells a side. Raises ParameterError.
+    resolution: cells a side. kappa: stiffness of the walls, None for the impacting model, which alone has Γ. Raises
+    ParameterError.
     """
     require(1 <= len(epsilon) <= MOST_PANELS, f"epsilon must be 1 to {MOST_PANELS} numbers, got {len(epsilon)}")
-    gears = [Gear(delta, each, beta) for each in epsilon]
+    model = model_of(beta, kappa)
+    gears = [model.gear(delta, each) for each in epsilon]
     columns = next(n for n in (1, 2, 3) if n * n >= len(gears))
     rows = -(-len(gears) // columns)
     figure = new_figure(0.6 + 2.25 * columns, 1.0 + 2.3 * rows)
@@ -123,12 +133,13 @@ def panels(delta: float, epsilon: Sequence[float], beta: float = BETA, resolutio
         basins = gear.basins(resolution, V_MAX, "direct")
         found += basins.attractors
         draw_basins(axes, basins)
-        draw_gamma(axes, gear, 0.7)
+        if isinstance(gear, Gear):
+            draw_gamma(axes, gear, 0.7)
         axes.set_title(f"({'abcdefghi'[i]}) ε = {gear.epsilon:g}", fontsize=9, pad=4)
         _few_ticks(axes, first=i % columns == 0, last=i >= len(gears) - columns)
-    if beta != BETA:
-        figure.suptitle(f"half-backlash β = {beta:g}", fontsize=10)
-    _legend(figure, found, [_white_line(1.2)], 5)
+    if beta != BETA or kappa is not None:
+        figure.suptitle(str(model), fontsize=10)
+    _legend(figure, found, [_white_line(1.2)] if kappa is None else [], 5)
     return Drawing(figure)
 
 
@@ -186,7 +197,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
 
 
 def manifold_line(
-    gear: Gear,
+    gear: AnyGear,
     orbit: Orbit | None,
     name: str,
     kind: str = "stable",
@@ -201,14 +212,19 @@ def manifold_line(
     sides, why = [], None
     for side in (1, -1):
         try:
-            saddle = period_one_saddle(name, gear.delta, gear.epsilon, gear.beta)
-            grown = manifold(saddle, kind, side, arclength, spacing)
+            grown = manifold(_saddle(gear, orbit), kind, side, arclength, spacing)
         except RattleError as error:
             why = f"a side of the {kind} manifold of {name} is left out: {error}"
             continue
         for start, end in _connected(grown.pieces, grown.gap):
             sides.append(folded(grown.tau[start:end], grown.v[start:end]))
     return _joined(sides), why
+
+
+def _saddle(gear: AnyGear, orbit: Orbit) -> Periodic:
+    if isinstance(gear, Gear):
+        return period_one_saddle(orbit.name, gear.delta, gear.epsilon, gear.beta)
+    return gear.orbit(orbit.tau, orbit.v)
 
 
 def _connected(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, int]]:

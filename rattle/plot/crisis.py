@@ -55,7 +55,7 @@ def _plane(axes: Axes, curve: CrisisCurve) -> None:
     marks += axes.plot(*changes.T, "X", color="black", ms=6, label="tangency | corner")
     axes.set(xlabel="damping δ", ylabel="eccentricity ε", xlim=window, ylim=limits)
     axes.legend(handles=marks, fontsize=8, loc="upper right", frameon=False)
-    labels = draw_points(axes, curve.beta, list(lines.values())) or Labels(axes, list(lines.values()))
+    labels = draw_points(axes, codimension_two(curve.beta), list(lines.values())) or Labels(axes, list(lines.values()))
     for name, line in lines.items():
         labels.along(name, line, 10, CRISIS if name == "crisis" else STYLES[name][0])
 

@@ -1,7 +1,7 @@
 """Bifurcation diagrams as the paper draws them: impact speed and phase against the parameter (Figures 5 and 9)."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from rattle.attractors import KINDS
 from rattle.bifurcations import Kind
-from rattle.branches import Branch
 from rattle.curves import name_of
-from rattle.diagrams import Diagram, diagram, names
+from rattle.diagrams import Diagram, diagram
 from rattle.errors import require
 from rattle.events import Event
 from rattle.flight import wrapped
@@ -23,6 +22,8 @@ from rattle.plot import paper_ranges as ranges
 from rattle.plot.colours import name_of as name_of_type
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.plot.labels import Labels
+from rattle.stiff import StiffBranch
+from rattle.stiff.diagrams import diagram as stiff_diagram
 
 FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
 MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
@@ -30,7 +31,7 @@ MEANINGS = {Kind.SADDLE_NODE: "SN", Kind.FLIP: "PD", Kind.GRAZING: "G"}
 STYLES = {True: "-", False: (0, (4.0, 2.0))}
 Limits = tuple[float, float] | None
 SIZE, ANCHORS = 10, 40  # of labels, in points; points of a curve that its name may stand at
-STEPS = 500
+STEPS, STIFF_STEPS = 500, 250
 #: Steps, and the limits of v and τ, of the paper's figures.
 WINDOWS: dict[tuple[float, tuple[float, float], float], tuple[int, Limits, Limits]] = {
     (*ranges.FIGURE_5, ranges.BETA): (1000, (3.7, 4.9), (0.4, 1.0)),
@@ -51,7 +52,7 @@ class ImpactCurve(NamedTuple):
     name: tuple[str, ...]
 
 
-def diagram_figure(diagram: Diagram, v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
+def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (0.0, 1.0)) -> Figure:
     """The figure: (a) v and (b) τ against the parameter, limits of the panels given or found.
 
     Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked, with their
@@ -80,7 +81,7 @@ def diagram_figure(diagram: Diagram, v: Limits = None, tau: Limits = (0.0, 1.0))
         lines = [line for _, parts in curves for curve in parts for line in _lines(panel, curve, getattr(curve, which))]
         labels = Labels(panel, lines)
         _marks(panel, labels, diagram, which, scale, offset)
-        _names(panel, labels, curves, which)
+        _names(panel, labels, curves, which, one=which == "v" and bool(np.isinf(diagram.kappa).all()))
     figure.set_layout_engine("none")  # labels lie where they were put
     return figure
 
@@ -92,35 +93,53 @@ def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = rang
     """
     steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
     found = diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, steps)
-    notes = []
-    if found.left_out:
-        notes.append(f"branches not followed, as too long or too many: {', '.join(map(name_of_type, found.left_out))}")
-    return Drawing(diagram_figure(found, *limits), tuple(notes))
+    return Drawing(diagram_figure(found, *limits), _notes(found))
 
 
-def parameter_axis(diagram: Diagram) -> tuple[str, float, float]:
+def stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float, kappa: float) -> Drawing:
+    """The same of the stiff gear, in the same windows. Raises ParameterError."""
+    _steps, *limits = WINDOWS.get((delta, epsilon, beta), (STEPS, None, (0.0, 1.0)))
+    found = stiff_diagram((delta, epsilon[0]), (delta, epsilon[1]), beta, kappa, STIFF_STEPS)
+    return Drawing(diagram_figure(found, *limits), _notes(found))
+
+
+def _notes(found: Diagram[Any, Any]) -> tuple[str, ...]:
+    if not found.left_out:
+        return ()
+    return (f"branches not followed, as too long or too many: {', '.join(map(name_of_type, found.left_out))}",)
+
+
+def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
     """Label of the axis, and scale and offset that take a position to it."""
     (delta, epsilon), (last_delta, last_epsilon) = diagram.start, diagram.end
-    if delta == last_delta:
-        return f"eccentricity $ε$ (δ = {delta:g}, β = {diagram.beta:g})", last_epsilon - epsilon, epsilon
-    if epsilon == last_epsilon:
-        return f"damping $δ$ (ε = {epsilon:g}, β = {diagram.beta:g})", last_delta - delta, delta
-    way = f"way from (δ, ε) = ({delta:g}, {epsilon:g}) to ({last_delta:g}, {last_epsilon:g}), β = {diagram.beta:g}"
-    return way, 1.0, 0.0
+    kappa, last_kappa = diagram.kappa[[0, -1]]
+    rest = f"β = {diagram.beta:g}"
+    if kappa != last_kappa:
+        rest += f", κ {kappa:g} to {last_kappa:g}"
+    elif np.isfinite(kappa):
+        rest += f", κ = {kappa:g}"
+    if (delta, epsilon) == (last_delta, last_epsilon):
+        root, last_root = kappa**-0.5, last_kappa**-0.5
+        return f"softness $κ^{{-1/2}}$ (δ = {delta:g}, ε = {epsilon:g}, {rest})", last_root - root, root
+    if kappa == last_kappa and delta == last_delta:
+        return f"eccentricity $ε$ (δ = {delta:g}, {rest})", last_epsilon - epsilon, epsilon
+    if kappa == last_kappa and epsilon == last_epsilon:
+        return f"damping $δ$ (ε = {epsilon:g}, {rest})", last_delta - delta, delta
+    return f"way from (δ, ε) = ({delta:g}, {epsilon:g}) to ({last_delta:g}, {last_epsilon:g}), {rest}", 1.0, 0.0
 
 
-def impacts_at(event: Event) -> tuple[Array, Array]:
+def impacts_at(event: Any) -> tuple[Array, Array]:
     """Phases and speeds (n,) of the impacts on Σ⁺ at an event."""
-    upper = np.array(event.itinerary.walls) > 0
-    speeds = -event.itinerary.flights(event.unknowns).w0
-    return event.unknowns[:-2][upper] % 1.0, speeds[upper]
+    orbit = event.orbit
+    upper = np.array(orbit.walls) > 0
+    return orbit.departures[upper] % 1.0, orbit.speeds[upper]
 
 
-def curves_along(diagram: Diagram, branch: Branch, scale: float, offset: float) -> Iterator[ImpactCurve]:
+def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: float) -> Iterator[ImpactCurve]:
     """Every impact of a branch on Σ⁺, with the events put in between its points."""
-    x, name = offset + scale * diagram.positions(branch), names(branch)
+    x, name = offset + scale * diagram.positions(branch), branch.names
     for impact in np.flatnonzero(np.array(branch.itinerary.walls) > 0):
-        tau, v = branch.times[:, impact] % 1.0, branch.speeds[:, impact]
+        tau, v = branch.departures[:, impact] % 1.0, branch.speeds[:, impact]
         rows = []
         for i in range(len(branch)):
             rows.append((x[i], v[i], tau[i], branch.stable[i], branch.admissible[i], name[i]))
@@ -158,7 +177,7 @@ def _draw(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
         panel.plot(curve.x[part], y[part], color=colour, lw=width, ls=STYLES[stable], zorder=3)
 
 
-def _attractors(panel: Axes, diagram: Diagram, which: str, x: Array) -> None:
+def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -> None:
     """The points of the sweeps, the backward ones smaller on top of the forward ones."""
     points = diagram.points
     y, chaotic = getattr(points, which), points.kind == KINDS.index("chaotic")
@@ -168,12 +187,14 @@ def _attractors(panel: Axes, diagram: Diagram, which: str, x: Array) -> None:
             panel.scatter(x[at], y[at], s=size * factor, c=colour, lw=0, rasterized=True, zorder=2)
 
 
-def _marks(panel: Axes, labels: Labels, diagram: Diagram, which: str, scale: float, offset: float) -> None:
+def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, scale: float, offset: float) -> None:
+    stiff = [branch for branch in diagram.branches if isinstance(branch, StiffBranch)]
+    curves = {id(event): branch.curve_of(event) for branch in stiff for event in branch.events}
     for event in diagram.events:
         phases, speeds = impacts_at(event)
         y = speeds if which == "v" else phases
         x = np.full(y.size, offset + scale * float(diagram.positions(event)))
-        name = name_of(event)
+        name = name_of(event) if isinstance(event, Event) else curves.get(id(event))
         size, face = (26.0, "black") if name else (5.0, "white")
         panel.scatter(x, y, s=size, marker=MARKS[event.kind], c=face, ec="black", lw=0.5, zorder=5 if name else 4)
         if name:
@@ -182,8 +203,8 @@ def _marks(panel: Axes, labels: Labels, diagram: Diagram, which: str, scale: flo
                 labels.add(name, (float(x[seen][0]), float(y[seen][0])), size=SIZE)
 
 
-def _names(panel: Axes, labels: Labels, curves: list[tuple[Branch, list[ImpactCurve]]], which: str) -> None:
-    """A to D beside what is seen of them; in one word where they are one curve, as A and C in v."""
+def _names(panel: Axes, labels: Labels, curves: list[tuple[Any, list[ImpactCurve]]], which: str, *, one: bool) -> None:
+    """A to D beside what is seen of them; in one word where they are one curve, as A and C in v are in the limit."""
     places: dict[str, list[tuple[float, float]]] = {}
     for _, parts in curves:
         for curve in parts:
@@ -192,7 +213,7 @@ def _names(panel: Axes, labels: Labels, curves: list[tuple[Branch, list[ImpactCu
                 on = np.flatnonzero(_seen(panel, curve.x, y) & curve.admissible & (np.array(curve.name) == name))
                 on = on[:: max(1, on.size // ANCHORS)]
                 places.setdefault(name, []).extend(zip(curve.x[on].tolist(), y[on].tolist(), strict=True))
-    if which == "v" and {"A", "C"} <= set(places):
+    if one and {"A", "C"} <= set(places):
         places["A, C"] = places.pop("C")
         del places["A"]
     for name, points in places.items():
@@ -212,7 +233,7 @@ def _lines(panel: Axes, curve: ImpactCurve, y: Array) -> list[Array]:
     return [np.column_stack([curve.x, np.where(on, y, np.nan)])] if on.any() else []
 
 
-def _fitting(diagram: Diagram) -> tuple[float, float]:
+def _fitting(diagram: Diagram[Any, Any]) -> tuple[float, float]:
     """Limits of v that hold everything."""
     speeds = [diagram.points.v, *(branch.speeds[branch.admissible].ravel() for branch in diagram.branches)]
     top = max((float(each.max()) for each in speeds if each.size), default=1.0)

@@ -10,7 +10,7 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from rattle.errors import require, require_number, require_pair
-from rattle.plot import basins, diagram, plane
+from rattle.plot import basins, diagram, plane, stiff
 from rattle.plot import paper_ranges as ranges
 from rattle.plot.drawing import Drawing
 
@@ -37,7 +37,7 @@ class PaperFigure:
     """A figure of the paper: what it shows, what it takes for δ and ε, the paper's values, and how it is drawn.
 
     draw: called with δ, ε and β, of the kinds that delta_takes and epsilon_takes say: float, tuple of floats, or (low,
-    high).
+    high). stiff: called with a stiffness besides, for the stiff gear, where there is such a figure.
     """
 
     shows: str
@@ -46,6 +46,7 @@ class PaperFigure:
     delta: Any
     epsilon: Any
     draw: Callable[[Any, Any, float], Drawing]
+    stiff: Callable[[Any, Any, float, float], Drawing] | None = None
 
 
 NUMBER, NUMBERS, RANGE = Takes
@@ -54,7 +55,14 @@ FIGURES: dict[int, PaperFigure] = {
     4: PaperFigure(
         "basins of attraction at one δ, a panel for each ε", NUMBER, NUMBERS, *ranges.FIGURE_4, basins.panels
     ),
-    5: PaperFigure("one-parameter diagram along ε at one δ", NUMBER, RANGE, *ranges.FIGURE_5, diagram.along_epsilon),
+    5: PaperFigure(
+        "one-parameter diagram along ε at one δ",
+        NUMBER,
+        RANGE,
+        *ranges.FIGURE_5,
+        diagram.along_epsilon,
+        diagram.stiff_along_epsilon,
+    ),
     6: PaperFigure(
         "basins of attraction at one point, with A to D, W^s(A), W^s(B) and Γ",
         NUMBER,
@@ -65,7 +73,12 @@ FIGURES: dict[int, PaperFigure] = {
     7: PaperFigure("bifurcation curves in the (δ, ε) plane", RANGE, RANGE, *ranges.FIGURE_7, plane.plane),
     8: PaperFigure("the same curves around COD21 and COD22", RANGE, RANGE, *ranges.FIGURE_8, plane.plane),
     9: PaperFigure(
-        "one-parameter diagram between COD21 and COD22", NUMBER, RANGE, *ranges.FIGURE_9, diagram.along_epsilon
+        "one-parameter diagram between COD21 and COD22",
+        NUMBER,
+        RANGE,
+        *ranges.FIGURE_9,
+        diagram.along_epsilon,
+        diagram.stiff_along_epsilon,
     ),
 }
 
@@ -78,23 +91,64 @@ class Request:
     delta: Any
     epsilon: Any
     beta: float
+    kappa: float | None = None
+
+    @property
+    def name(self) -> str:
+        """What its file is called."""
+        return f"figure{self.number}"
 
     def draw(self) -> Drawing:
         """Compute and draw. Raises RattleError."""
-        return FIGURES[self.number].draw(self.delta, self.epsilon, self.beta)
+        figure = FIGURES[self.number]
+        if self.kappa is None or figure.stiff is None:
+            return figure.draw(self.delta, self.epsilon, self.beta)
+        return figure.stiff(self.delta, self.epsilon, self.beta, self.kappa)
+
+
+@dataclass(frozen=True)
+class StiffRequest:
+    """The figure of the stiff gear's limit, checked and ready to be drawn."""
+
+    delta: float
+    epsilon: float
+    beta: float
+    name: str = "stiff"
+
+    def draw(self) -> Drawing:
+        """Compute and draw. Raises RattleError."""
+        return stiff.stiff_figure(self.delta, self.epsilon, self.beta)
 
 
 def request(
-    number: int, delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA
+    number: int,
+    delta: Given | None = None,
+    epsilon: Given | None = None,
+    beta: float = ranges.BETA,
+    kappa: float | None = None,
 ) -> Request:
-    """Figure `number` with other δ, ε or β than the paper's. Raises ParameterError, before anything is computed."""
+    """Figure `number` with other δ, ε or β than the paper's, or of the stiff gear. Raises ParameterError, before
+    anything is computed.
+    """
     known = ", ".join(map(str, sorted(FIGURES)))
     require(number in FIGURES, f"there is no Figure {number} to draw: there are {known}")
     figure = FIGURES[number]
+    have = ", ".join(str(each) for each in sorted(FIGURES) if FIGURES[each].stiff is not None)
+    require(kappa is None or figure.stiff is not None, f"only Figures {have} take a stiffness kappa, not {number}")
     return Request(
         number,
         figure.delta if delta is None else _checked(number, "delta", figure.delta_takes, delta, positive=True),
         figure.epsilon if epsilon is None else _checked(number, "epsilon", figure.epsilon_takes, epsilon),
+        require_number("beta", beta, positive=True),
+        None if kappa is None else require_number("kappa", kappa, positive=True),
+    )
+
+
+def stiff_request(delta: Given | None = None, epsilon: Given | None = None, beta: float = ranges.BETA) -> StiffRequest:
+    """The figure of the stiff gear's limit, of one δ and one ε. Raises ParameterError, before anything is computed."""
+    return StiffRequest(
+        stiff.DELTA if delta is None else _checked("stiff", "delta", NUMBER, delta, positive=True),
+        stiff.EPSILON if epsilon is None else _checked("stiff", "epsilon", NUMBER, epsilon),
         require_number("beta", beta, positive=True),
     )
 
@@ -126,7 +180,7 @@ def parse(option: str, texts: Sequence[str]) -> Given | None:
     return tuple(numbers) or None
 
 
-def _checked(number: int, name: str, takes: Takes, given: Given, *, positive: bool = False) -> Any:
+def _checked(number: int | str, name: str, takes: Takes, given: Given, *, positive: bool = False) -> Any:
     """The number, numbers or range that a figure takes."""
     values = tuple(given) if isinstance(given, Sequence) and not isinstance(given, str) else (given,)
     fits = {NUMBER: len(values) == 1, NUMBERS: len(values) >= 1, RANGE: len(values) == 2}[takes]

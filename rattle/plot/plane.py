@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
-from rattle.curves import NAMES, Curve, codimension_two, trace
+from rattle.curves import NAMES, CodimensionTwo, Curve, codimension_two, trace
 from rattle.errors import ParameterError, RattleError
 from rattle.plot.drawing import HALO, Drawing, new_figure
 from rattle.plot.labels import Array, Labels
@@ -59,15 +59,13 @@ def draw_curve(axes: Axes, curve: Curve, width: float = 1.4, halo: bool = True) 
     return line
 
 
-def draw_points(axes: Axes, beta: float, lines: Sequence[Array]) -> Labels | None:
-    """Mark and name the codimension-two points in the axes, away from these lines and from what is written already.
+def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Array]) -> Labels | None:
+    """Mark and name the codimension-two points that are in the axes, away from these lines and from what is written.
 
     Returns the labels, for more of them; None if there are no points.
     """
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    points = [
-        point for point in codimension_two(beta) if left <= point.delta <= right and bottom <= point.epsilon <= top
-    ]
+    points = [point for point in points if left <= point.delta <= right and bottom <= point.epsilon <= top]
     for point in points:
         marker = MARKERS[point.name]
         axes.plot(point.delta, point.epsilon, marker, color="white", markeredgecolor="black", markersize=4.5, zorder=4)
@@ -108,7 +106,7 @@ def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     marks = _paper_marks(axes) if beta == BETA else {}
     if beta != BETA:
         axes.set_title(f"half-backlash β = {beta:g}", fontsize=10)
-    labels = draw_points(axes, beta, [*lines.values(), *marks.values()])
+    labels = draw_points(axes, codimension_two(beta), [*lines.values(), *marks.values()])
     labels = labels or Labels(axes, [*lines.values(), *marks.values()])
     _name_regions(labels, delta, epsilon, beta)
     for name, line in lines.items():

@@ -15,12 +15,13 @@ from rattle.stiff import StiffGear, from_limit, saddle_node_1, stiff_branch
 from rattle.stiff import quiet_limit as stiff_quiet_limit
 
 COLOURS = {"A": "#1f5fa8", "B": "#e08214", "C": "#4d9221", "D": "#b2182b"}
+DELTA, EPSILON = 0.6, 0.075  # where A to D all are
 STIFFNESSES = 10.0 ** np.arange(2.0, 8.5, 0.5)
 SHOWN = (1e4, 1e5, 1e6)  # beside the limit, at a graze
 REACH = 0.003  # in v, either side of Γ
 
 
-def stiff_figure(delta: float = 0.6, epsilon: float = 0.075, beta: float = 0.6) -> Drawing:
+def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0.6) -> Drawing:
     """Distance of A–D, of their multipliers, and of bifurcations and the quiet limit from those of the impacting model
     against κ; one return across Γ, where the square root becomes steep but smooth.
 

@@ -4,22 +4,35 @@ Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 """
 
 from rattle.stiff.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
-from rattle.stiff.families import saddle_node_1
+from rattle.stiff.curves import NAMES, describe, trace
+from rattle.stiff.diagrams import diagram
 from rattle.stiff.gear import Motion, StiffGear
+from rattle.stiff.iterate import iterate, iterate_tangent
 from rattle.stiff.motion import StiffOrbit, from_limit, stiff_orbit
+from rattle.stiff.orbits import period_one, regions, saddle_node_1
 from rattle.stiff.quiet import quiet_depth, quiet_limit
+from rattle.stiff.survey import attractors_of
 
 __all__ = [
+    "NAMES",
     "Motion",
     "StiffBranch",
     "StiffEvent",
     "StiffGear",
     "StiffOrbit",
+    "attractors_of",
+    "describe",
+    "diagram",
     "from_limit",
+    "iterate",
+    "iterate_tangent",
+    "period_one",
     "quiet_depth",
     "quiet_limit",
+    "regions",
     "saddle_node_1",
     "stiff_branch",
     "stiff_curve",
     "stiff_orbit",
+    "trace",
 ]

@@ -3,7 +3,7 @@
 x ≥ 0 is the depth beyond the wall, outwards. In contact (paper 2.1, 2.2) x'' + δx' + 2κx = h(t), where h is ± the
 contact force of `rattle.flight`, ± the wall. With S the response to a unit velocity and C = S' + δS to a unit depth,
 x is C x₀ + S w₀ and the responses to the mean, the cosine and the sine of h. docs/stiff.md derives all, and why the
-search for the end cannot skip one.
+search for the end cannot skip one. With −δ for δ and −τ for τ the same formulas run backwards in time.
 """
 
 import math
@@ -25,7 +25,7 @@ SAFE = 0.999  # of a time in which contact is certain
 def responses(s, delta, kappa):
     """S, 1 − C and s − S after s, none with cancellation: over-, near-critically and underdamped contact alike."""
     stiffness = 2.0 * kappa
-    if (delta + math.sqrt(stiffness)) * s < SHORT:
+    if (abs(delta) + math.sqrt(stiffness)) * s < SHORT:
         last, term, total, lost, defect = 0.0, s, s, 0.5 * stiffness * s * s, 0.0
         for n in range(1, TERMS):
             last, term = term, -(delta * s * term + stiffness * s * s / n * last) / (n + 1)
@@ -57,7 +57,7 @@ def forcing(wall, sin0, cos0, delta, epsilon):
     """Mean, cosine and sine of h(s) = mean + a cos 2πs + b sin 2πs, from the phase of s = 0."""
     size = wall * TWO_PI * epsilon
     a = -size * (TWO_PI * cos0 + delta * sin0)
-    return wall * delta * DRIFT, a, size * (TWO_PI * sin0 - delta * cos0)
+    return wall * abs(delta) * DRIFT, a, size * (TWO_PI * sin0 - delta * cos0)
 
 
 @inline
@@ -69,18 +69,25 @@ def compliance(delta, kappa):
 
 
 @inline
-def depth(s, x0, w0, mean, a, b, delta, kappa):
-    """x, x' and h after s, with S, 1 − C there."""
+def driven(s, delta, kappa):
+    """S and 1 − C after s, the depth and velocity that cos 2πs and sin 2πs make by then, and 1 − cos 2πs, sin 2πs."""
     sine, lost, defect = responses(s, delta, kappa)
     omc, siny, forced_defect = versines(s)
     in_phase, behind, _size = compliance(delta, kappa)
-    stiffness = 2.0 * kappa
     p, q = lost - omc, TWO_PI * defect - forced_defect  # cos 2πs − C and sin 2πs − 2πS
-    dp, dq = stiffness * sine - TWO_PI * siny, TWO_PI * (lost + delta * sine - omc)
-    x = x0 * (1.0 - lost) + w0 * sine + mean * lost / stiffness
-    x += a * (in_phase * p + behind * q) + b * (in_phase * q - behind * p)
-    v = w0 * (1.0 - lost - delta * sine) + (mean - stiffness * x0) * sine
-    v += a * (in_phase * dp + behind * dq) + b * (in_phase * dq - behind * dp)
+    dp, dq = 2.0 * kappa * sine - TWO_PI * siny, TWO_PI * (lost + delta * sine - omc)
+    x_c, x_s = in_phase * p + behind * q, in_phase * q - behind * p
+    v_c, v_s = in_phase * dp + behind * dq, in_phase * dq - behind * dp
+    return sine, lost, x_c, x_s, v_c, v_s, omc, siny
+
+
+@inline
+def depth(s, x0, w0, mean, a, b, delta, kappa):
+    """x, x' and h after s, with S, 1 − C there."""
+    sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
+    stiffness = 2.0 * kappa
+    x = x0 * (1.0 - lost) + w0 * sine + mean * lost / stiffness + (a * x_c + b * x_s)
+    v = w0 * (1.0 - lost - delta * sine) + (mean - stiffness * x0) * sine + (a * v_c + b * v_s)
     return x, v, mean + a * (1.0 - omc) + b * siny, sine, lost
 
 
@@ -170,7 +177,7 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     square = 0.25 * delta * delta - 2.0 * kappa
     rate = math.sqrt(abs(square))
     longest = PIECE if square >= 0.0 else min(PIECE, 0.75 * math.pi / rate)
-    slow = 0.5 * delta if square <= 0.0 else 2.0 * kappa / (0.5 * delta + rate)
+    slow = 0.5 * abs(delta) if square <= 0.0 else 2.0 * kappa / (0.5 * abs(delta) + rate)
     latest = LONGEST + DECAYS / slow
     swing = math.hypot(a, b) * compliance(delta, kappa)[2]  # of the depth in permanent contact
     least = mean / (2.0 * kappa) - swing
@@ -178,6 +185,8 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     while s < horizon:
         rest, rest_v = steady(s, mean, a, b, delta, kappa)
         reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # from here on |x − rest| is below it
+        if delta < 0.0:  # backwards it grows without end
+            reach = math.inf
         if reach < SAFE * least and horizon == math.inf:
             return STAYS, s, x, v, 0.0, 0.0
         if s > latest:

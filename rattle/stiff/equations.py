@@ -172,3 +172,7 @@ class StiffItinerary:
     def doubled(self) -> "StiffItinerary":
         """The itinerary twice over."""
         return StiffItinerary(self.walls * 2, 2 * self.m, self.beta, self.softness)
+
+    def begun_at(self, first: int) -> "StiffItinerary":
+        """The itinerary of the same motion, begun at contact number `first`."""
+        return StiffItinerary(self.walls[first:] + self.walls[:first], self.m, self.beta, self.softness)

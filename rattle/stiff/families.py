@@ -1,208 +1,280 @@
-"""The counterparts of A, B, C and D of the stiff gear at given δ, β and κ: whole families in ε.
+"""The families of periodic motions P(1,1,0) and P(1,1,1) of the stiff gear in ε, and the counterparts of A–D on them.
 
-P(1,1,0), A and C: for a given duration of the contact all conditions are linear in ε cos 2πt and ε sin 2πt, so the
-family is one explicit curve. P(1,1,1): followed in ε from motions of the impacting limit. Both join smoothly where the
-contact with Σ⁻ is lost, so a letter is a stretch between folds: A, SN1, C, fold at G1, B, SN2, D, fold at G2, A.
+A family is followed as a whole, through stretches where its motions do not happen, and so are all families that start
+from: P(1,1,0) at every duration of its contact, for which it is explicit (linear in ε cos 2πt and ε sin 2πt); P(1,1,1)
+by Newton's method from its impacting limit at every time from Σ⁺ to Σ⁻, explicit likewise, and from every graze of a
+P(1,1,0). A letter is a stretch between folds: A, SN1, C, (graze, fold at G1), B, SN2, D, (fold at G2, graze), A.
 """
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.arclength import newton
-from rattle.bifurcations import Kind, condition
-from rattle.errors import RattleError, require_number
+from rattle.errors import RattleError
 from rattle.impact_equations import Array
-from rattle.orbits import orbits_at
-from rattle.periodic import at_parameters, periodic_orbit
-from rattle.regions import REGION_I, REGION_II, REGION_III, REGION_IV, REGION_V
-from rattle.stiff.branches import StiffBranch, stiff_branch
+from rattle.stiff.closure import LEAST_CONTACT, Cycle, departure_of, happens, softness, struck, trace_of
 from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.motion import StiffOrbit, admissible, from_limit, orbit_of, softness
+from rattle.stiff.following import (
+    BROKEN,
+    CLOSED,
+    LOST,
+    MOST_POINTS,
+    between,
+    corrected,
+    edge,
+    folds_of,
+    follow,
+    located,
+    place,
+)
 
-SEEDS = 12  # eccentricities of the impacting limit at which P(1,1,1) is looked for
-OTHER = "P"  # a P(1,1,0) that is slower than A and C: it has no counterpart in the impacting model
+SLOW = "P"  # a P(1,1,0) beside A and C: it has no counterpart in the impacting model
+PLUS, PLUS_MINUS = np.array([1]), np.array([1, -1])
 DURATIONS = 600  # of the contact, for P(1,1,0)
+TIMES = 40  # on either side of 1/2, the pole of the impacting family, from Σ⁺ to Σ⁻, for P(1,1,1)
+LEAST_SPAN = 1.0  # of ε
+SLIGHT = 10.0 * LEAST_CONTACT  # σ of a contact with which families begin at a graze
+BISECTIONS = 45
 
 
-class Named(NamedTuple):
-    """A motion with the letter of its counterpart."""
+class Member(NamedTuple):
+    """A motion of a family, with the letter of its stretch: unknowns as in `rattle.stiff.closure`."""
 
     name: str
-    orbit: StiffOrbit
+    cycle: Cycle
+    y: Array
 
 
-class _Family(NamedTuple):
-    """Motions P(1,1,0) by the duration σ of their contact (k,): eccentricity and time of the contact."""
+@dataclass(frozen=True)
+class Family:
+    """Points (k, 2c + 1) of a family in their order, the folds in ε among them; letters of the stretches between."""
 
-    duration: NDArray
-    epsilon: NDArray
-    time: NDArray
+    cycle: Cycle
+    points: Array
+    folds: NDArray[np.int64]
+    ends: tuple[int, int]
+    letters: tuple[str, ...] = ()
 
-    def unknowns(self, i: int, delta: float) -> Array:
-        """Time, duration, δ and ε of a member."""
-        return np.array([self.time[i], self.duration[i], delta, self.epsilon[i]])
+    @property
+    def saddles(self) -> list[bool]:
+        """Of every stretch, whether its motions are saddles with a multiplier above 1."""
+        edges, found = [0, *self.folds.tolist(), len(self.points) - 1], []
+        for i, j in pairwise(edges):
+            y = self.points[(i + j) // 2] if j > i + 1 else 0.5 * (self.points[i] + self.points[j])
+            found.append(trace_of(y, self.cycle) > 1.0 + np.exp(-self.cycle.delta * self.cycle.m))
+        return found
+
+    @property
+    def breaks(self) -> list[Array]:
+        """The motions that happen where it could not be followed on, or anywhere if a fold of it was lost."""
+        ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
+        return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if happens(y, self.cycle)]
+
+    def at(self, epsilon: float) -> list[Member]:
+        """The motions of this eccentricity that happen. Raises RattleError where one is lost."""
+        found, y = [], np.empty(self.points.shape[1])
+        for k in crossings(self.points[:, -1] - epsilon):
+            ends = self.points[k : k + 2]
+            if located(*ends, y.size - 1, epsilon, self.cycle, y):
+                y[-1] = epsilon
+                if happens(y, self.cycle):
+                    name = self.letters[int(np.searchsorted(self.folds, k, side="right"))]
+                    found.append(Member(name, self.cycle, y.copy()))
+            elif any(happens(end, self.cycle) for end in ends):
+                raise lost(self.cycle, epsilon)
+        return found
 
 
-def _family(itinerary: StiffItinerary, delta: float, duration: NDArray) -> _Family:
-    """The motions whose contacts last pσ, σ = duration (k,): linear equations for ε cos 2πt and ε sin 2πt."""
-    k = duration.size
+def crossings(values: Array) -> list[int]:
+    """Where a function changes sign: the numbers of the points before."""
+    return np.flatnonzero((values[:-1] < 0) != (values[1:] < 0)).tolist()
 
-    def unknowns(time: NDArray | float, epsilon: NDArray | float) -> NDArray:
-        return np.stack(np.broadcast_arrays(time, duration, delta, epsilon), axis=-1).reshape(k, 4)
 
-    rest = itinerary.residual(unknowns(0.0, 0.0))
-    matrix = np.stack([itinerary.residual(unknowns(t, 1.0)) - rest for t in (0.0, 0.25)], axis=-1)
+def lost(cycle: Cycle, epsilon: float) -> RattleError:
+    """What to say where a family breaks off while its motions happen: what is beyond would be missing."""
+    return RattleError(
+        f"a family of motions cannot be followed at delta = {cycle.delta:g}, epsilon = {epsilon:g}, "
+        f"beta = {cycle.beta:g}, kappa = {cycle.kappa:g}: choose another point"
+    )
+
+
+def span_of(epsilon: float) -> float:
+    """The largest ε to which families are followed for a point: it depends on the point alone."""
+    return max(LEAST_SPAN, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else LEAST_SPAN
+
+
+def through(y: Array, cycle: Cycle, span: float) -> Family:
+    """The family through a solution, both ways to its ends."""
+    direction, room = np.zeros(y.size), np.empty((MOST_POINTS, y.size))
+    direction[y.size // 2] = 1.0
+    k, on = follow(y, direction, cycle, span, room)
+    points, back = room[:k].copy(), on
+    if on != CLOSED:
+        k, back = follow(y, -direction, cycle, span, room)
+        points = np.concatenate([room[k - 1 : 0 : -1], points])
+    before = np.empty(len(points), np.int64)
+    folds, all_located = folds_of(points, cycle, before)
+    ends = (back, on) if all_located else (BROKEN, BROKEN)
+    before = before[: len(folds)]
+    return Family(cycle, np.insert(points, before + 1, folds, axis=0), before + 1 + np.arange(before.size), ends)
+
+
+def explicit(cycle: Cycle, offset: Array, duration: Array) -> Array:
+    """Unknowns (k, 2c + 1) of motions whose contacts begin at these times after the first one's and last pσ, both
+    (k, c): all equations are linear in ε cos 2πt and ε sin 2πt. Exact for c = 1, else in the sense of least squares.
+    """
+    itinerary = StiffItinerary(tuple(cycle.walls.tolist()), cycle.m, cycle.beta, softness(cycle.kappa))
+    plane = np.full((len(offset), 1), cycle.delta)
+
+    def residual(time: float, epsilon: float) -> NDArray:
+        return itinerary.residual(np.concatenate([time + offset, duration, plane, 0.0 * plane + epsilon], axis=-1))
+
+    rest = residual(0.0, 0.0)
+    columns = [residual(time, 1.0) - rest for time in (0.0, 0.25)]
+    (a, b), (_b, c) = (([np.sum(x * y, axis=-1) for x in columns]) for y in columns)
+    f, g = (-np.sum(x * rest, axis=-1) for x in columns)
     with np.errstate(divide="ignore", invalid="ignore"):
-        determinant = matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0]
-        x = (rest[:, 1] * matrix[:, 0, 1] - rest[:, 0] * matrix[:, 1, 1]) / determinant
-        y = (rest[:, 0] * matrix[:, 1, 0] - rest[:, 1] * matrix[:, 0, 0]) / determinant
-    return _Family(duration, np.hypot(x, y), np.arctan2(y, x) / (2 * np.pi) % 1.0)
+        x, y = (c * f - b * g) / (a * c - b * b), (a * g - b * f) / (a * c - b * b)
+    time = np.arctan2(y, x)[:, None] / (2 * np.pi)
+    return np.concatenate([time + offset, duration, np.hypot(x, y)[:, None]], axis=-1)
 
 
-def _sampled(itinerary: StiffItinerary, delta: float) -> _Family:
-    """The family at durations dense about half a swing, π, and below four, with the least ε of each stretch."""
-    from scipy.optimize import minimize_scalar
-
-    p = itinerary.softness
-    longest = 0.999 / p
-    dense = np.linspace(0.0, min(4 * np.pi, longest), DURATIONS)[1:]
+def _at_sn1(cycle: Cycle) -> Array | None:
+    """Near the fold of P(1,1,0) at SN1: unknowns (3,). Others have contacts that swing more than once: σ beyond 2π."""
+    p = softness(cycle.kappa)
     hard = p * np.geomspace(1e-2, 1e4, DURATIONS)  # σ − π is about 2p times force over speed
-    duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS), np.pi - hard, np.pi + hard])
-    duration = np.unique(duration[(duration > 0.0) & (duration <= longest)])
-    found = _family(itinerary, delta, duration)
-    more = []
-    for i in _folds_of(itinerary, delta, found):
-        ends = duration[i - 1], duration[i + 1]
-        lowest = minimize_scalar(
-            lambda s: _family(itinerary, delta, np.array([s])).epsilon[0], bounds=ends, method="bounded"
-        )
-        more.append(lowest.x)
-    return _family(itinerary, delta, np.sort(np.append(duration, more)))
-
-
-def _folds_of(itinerary: StiffItinerary, delta: float, family: _Family) -> list[int]:
-    """The members at which ε is least among neighbours, and which happen."""
-    size = family.epsilon
+    duration = np.concatenate([np.linspace(0.0, 4 * np.pi, DURATIONS), np.pi - hard, np.pi + hard])
+    duration = np.unique(duration[(duration > 0.0) & (duration < 0.999 / p)])
+    found = explicit(cycle, np.zeros((duration.size, 1)), duration[:, None])
+    size = found[:, -1]
     least = np.flatnonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])) + 1
-    return [int(i) for i in least if admissible(itinerary, family.unknowns(int(i), delta))]
+    folds = [found[i] for i in least if departure_of(found[i], cycle)[1] > 0.0]
+    return min(folds, key=lambda y: abs(float(y[1]) - np.pi), default=None)
 
 
-def without_minus(delta: float, epsilon: float, beta: float, kappa: float) -> list[StiffOrbit]:
-    """All motions P(1,1,0) that happen, by rising duration of the contact."""
-    from scipy.optimize import brentq
+def without_minus(cycle: Cycle, span: float) -> list[Family]:
+    """The family of A and C, if there is one."""
+    guess = _at_sn1(cycle)
+    if guess is None or not corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) or edge(guess, cycle, span)[0] >= 0:
+        return []
+    family = through(guess, cycle, span)
+    if not family.folds.size:
+        return []
+    sn1 = int(np.argmin(np.abs(family.points[family.folds] - guess).max(axis=1)))
+    letters = [SLOW] * (family.folds.size + 1)
+    for i, saddle in enumerate(family.saddles[sn1 : sn1 + 2]):
+        letters[sn1 + i] = "A" if saddle else "C"
+    return [replace(family, letters=tuple(letters))]
 
-    itinerary = StiffItinerary((1,), 1, beta, softness(kappa))
-    family = _sampled(itinerary, delta)
-    off, found = family.epsilon - epsilon, []
-    for i in np.flatnonzero((off[:-1] < 0) != (off[1:] < 0)).tolist():
-        if not any(admissible(itinerary, family.unknowns(j, delta)) for j in (i, i + 1)):
+
+def slow(cycle: Cycle, span: float) -> list[Family]:
+    """The families of P(1,1,0) beside that of A and C, from motions that happen on a grid of durations."""
+    longest = 0.999 / softness(cycle.kappa)
+    dense = np.linspace(0.0, min(4 * np.pi, longest), DURATIONS)[1:]
+    duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS)])
+    known, found = without_minus(cycle, span), list[Family]()
+    for guess in explicit(cycle, np.zeros((duration.size, 1)), duration[:, None]):
+        if not (happens(guess, cycle) and edge(guess, cycle, span)[0] < 0):
             continue
-        ends = family.duration[i : i + 2]
-        root = brentq(lambda s: _family(itinerary, delta, np.array([s])).epsilon[0] - epsilon, *ends, xtol=1e-13)
-        x = _family(itinerary, delta, np.array([root])).unknowns(0, delta)
-        solved = at_parameters(itinerary, np.append(x[:3], epsilon))
-        if solved is not None and admissible(itinerary, solved):
-            found.append(orbit_of(itinerary, solved))
+        if corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) and not held(guess, (*known, *found)):
+            family = through(guess, cycle, span)
+            if not family.breaks:  # where contact lasts nearly all the time, equations are nearly singular
+                found.append(replace(family, letters=(SLOW,) * (family.folds.size + 1)))
     return found
 
 
-def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
-    """The motion of the stiff gear at SN1, where A and C are born: ε(δ) beside δ, β and κ.
+def with_minus(cycle: Cycle, span: float, plus: Sequence[Family]) -> list[Family]:
+    """The families of P(1,1,1); plus: those of P(1,1,0)."""
+    found: list[Family] = []
+    for guess, constraint in _starts(cycle, plus):
+        y = guess.copy()
+        if corrected(y, constraint, cycle) and edge(y, cycle, span)[0] < 0 and not held(y, found):
+            found.append(through(y, cycle, span))
+    return [replace(family, letters=_letters(family, plus)) for family in found]
 
-    Raises ParameterError, and RattleError where there is none.
+
+def _starts(cycle: Cycle, plus: Sequence[Family]) -> Iterator[tuple[Array, Array]]:
+    """Guesses of P(1,1,1), and the row of Newton's equations that says what they are to keep."""
+    p = softness(cycle.kappa)
+    for family in plus:
+        for y in grazes(family):
+            yield y, np.array([0.0, 0.0, 0.0, 1.0, 0.0])
+    beside = np.geomspace(1e-3, 0.49, TIMES)
+    times = np.concatenate([0.5 - beside, 0.5 + beside])
+    offset = np.stack([0.0 * times, times + p * np.pi], axis=-1)
+    for y in explicit(cycle, offset, np.full((times.size, 2), np.pi)):
+        yield y, np.array([-1.0, 1.0, -p, 0.0, 0.0])
+        yield y, np.array([0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+def grazes(family: Family) -> list[Array]:
+    """P(1,1,1) with a slight contact with Σ⁻, near where the flights of a family of P(1,1,0) begin to meet it."""
+    cycle, found = family.cycle, []
+    meets = np.array([not np.isnan(struck(y, cycle)) for y in family.points])
+    for i in np.flatnonzero(meets[:-1] != meets[1:]).tolist():
+        hit, miss = family.points[i : i + 2] if meets[i] else family.points[i : i + 2][::-1]
+        y = np.empty(3)
+        for _ in range(BISECTIONS):
+            if not between(hit, miss, 0.5, cycle, y):
+                break
+            hit, miss = (hit, y.copy()) if np.isnan(struck(y, cycle)) else (y.copy(), miss)
+        found.append(np.array([hit[0], struck(hit, cycle), hit[1], SLIGHT, hit[2]]))
+    return found
+
+
+def _letters(family: Family, plus: Sequence[Family]) -> tuple[str, ...]:
+    """The letters of a family of P(1,1,1). Where it loses its contact with Σ⁻ it goes on as a P(1,1,0), whose letter
+    the stretch shares; but a C that never folds back to B is D, as beyond COD23.
     """
-    delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
-    itinerary = StiffItinerary((1,), 1, beta, softness(require_number("kappa", kappa, positive=True)))
-    family, problem = _sampled(itinerary, delta), condition(itinerary, Kind.SADDLE_NODE)
-    speed = 2.0 * np.pi * delta
-    folds = _folds_of(itinerary, delta, family)
-    for i in sorted(folds, key=lambda i: abs(_speed(itinerary, family.unknowns(i, delta)) - speed)):
-        solved = newton(problem, family.unknowns(i, delta), np.array([0.0, 0.0, 1.0, 0.0]))
-        if solved is not None and admissible(itinerary, solved[0]):
-            return orbit_of(itinerary, solved[0])
-    raise RattleError(f"A and C are not born in a saddle-node at delta = {delta:g}, beta = {beta:g}, kappa = {kappa:g}")
-
-
-def _speed(itinerary: StiffItinerary, x: Array) -> float:
-    return -float(itinerary.flights(x, np.array([itinerary.softness])).w0[0])
-
-
-def with_minus(delta: float, beta: float, kappa: float, span: tuple[float, float]) -> list[StiffBranch]:
-    """The branches of P(1,1,1) in ε within the span: those that impacting motions lead to."""
-    branches: list[StiffBranch] = []
-    for seed in np.linspace(*span, SEEDS + 2)[1:-1][::-1]:
-        for orbit in orbits_at(delta, float(seed), beta):
-            if orbit.n_minus == 0:
-                continue
-            try:
-                found = from_limit(periodic_orbit(delta, float(seed), orbit.tau, orbit.v, 1, beta), kappa)
-            except RattleError:
-                continue
-            if not any(_on(branch, found) for branch in branches):
-                branches.append(stiff_branch(found, "epsilon", span))
-    return branches
-
-
-def _on(branch: StiffBranch, orbit: StiffOrbit) -> bool:
-    """Whether a motion is on a branch in ε already."""
-    size = orbit.times.size
-    for _, x in branch.crossings(-2, orbit.epsilon):
-        apart = x[: 2 * size] - orbit.unknowns[: 2 * size]
-        apart[:size] -= np.rint(apart[0])
-        if np.max(np.abs(apart)) < 1e-5:
-            return True
-    return False
-
-
-def letters(branch: StiffBranch) -> list[str]:
-    """The letter of every stretch of a branch of P(1,1,1) between its folds.
-
-    A stretch that loses its contact with Σ⁻ at its end is the continuation of A, if a saddle, or of C.
-    """
-    edges = [0, *_folds(branch), len(branch) - 1]
-    saddle = []
-    for i, j in pairwise(edges):
-        middle = branch.multipliers[0, (i + j) // 2]
-        saddle.append(bool(middle.imag == 0 and middle.real > 1.0))
-    names = ["B" if each else "D" for each in saddle]
-    lost = ["is lost" in end for end in branch.ends]
+    saddles = family.saddles
+    names = ["B" if saddle else "D" for saddle in saddles]
+    ends = [_goes_on(family, i, plus) for i in (0, -1)]
     for at, beside, other in ((0, 1, -1), (-1, -2, 0)):
-        if not lost[at]:
-            continue
-        if saddle[at]:
+        if ends[at] == "A" and saddles[at]:
             names[at] = "A"
-        elif len(names) > 2 or (len(names) == 2 and not lost[other]):
-            names[at] = "C" if saddle[beside] else names[at]
-    return names
+        elif ends[at] == "C" and not saddles[at] and len(names) > 1:
+            back = saddles[beside] and not (len(names) == 2 and ends[other] == "A")
+            names[at] = "C" if back else "D"
+    return tuple(names)
 
 
-def _folds(branch: StiffBranch) -> list[int]:
-    """The points of a branch at which it folds."""
-    return [event.point for event in branch.events if event.kind is Kind.SADDLE_NODE]
+def _goes_on(family: Family, end: int, plus: Sequence[Family]) -> str:
+    """The letter of the P(1,1,0) that a family of P(1,1,1) becomes at an end where its contact with Σ⁻ is lost."""
+    y = family.points[end]
+    if family.ends[end] != LOST or y[3] > 2.0 * LEAST_CONTACT:
+        return ""
+    for other in plus:
+        k = place(other.points, y[[0, 2, 4]], other.cycle)
+        if k >= 0:
+            return other.letters[int(np.searchsorted(other.folds, k, side="right"))]
+    return ""
 
 
-def period_one(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[Named, ...]:
-    """The counterparts of A–D that happen, sorted by letter."""
-    found, taken = list[Named](), set[str]()
-    for orbit in sorted(without_minus(delta, epsilon, beta, kappa), key=lambda orbit: -orbit.v):
-        large = orbit.multipliers[0]
-        name = "A" if large.imag == 0 and large.real > 1.0 else "C"
-        found.append(Named(name if name not in taken else OTHER, orbit))
-        taken.add(name)
-    if epsilon > 0.0:
-        for branch in with_minus(delta, beta, kappa, (0.0, 1.5 * epsilon)):
-            names, folds = letters(branch), _folds(branch)
-            for point, x in branch.crossings(-2, epsilon):
-                orbit = orbit_of(StiffItinerary((1, -1), 1, beta, softness(kappa)), np.append(x[:-2], epsilon))
-                found.append(Named(names[int(np.searchsorted(folds, point, side="right"))], orbit))
-    return tuple(sorted(found, key=lambda named: (named.name, named.orbit.tau)))
+def held(y: Array, families: Sequence[Family]) -> bool:
+    """Whether a solution is on one of these families."""
+    return any(place(family.points, y, family.cycle) >= 0 for family in families)
 
 
-def region(found: tuple[Named, ...]) -> int:
-    """Region 1…5 (I…V) of the paper's Figure 7 from the motions A–D that exist; 0 for another combination."""
-    names = "".join(sorted({named.name for named in found} - {OTHER}))
-    stable = any(named.orbit.stable for named in found if named.name == "D")
-    return {"": REGION_I, "AC": REGION_II, "ABCD": REGION_III if stable else REGION_IV, "AD": REGION_V}.get(names, 0)
+@lru_cache(maxsize=256)
+def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Family, ...]:
+    """The families that hold the counterparts of A–D, with ε up to a span. Raises RattleError where one breaks off."""
+    plus = without_minus(Cycle(PLUS, 1, delta, beta, kappa), span)
+    found = *plus, *with_minus(Cycle(PLUS_MINUS, 1, delta, beta, kappa), span, plus)
+    for family in found:
+        for y in family.breaks:
+            raise lost(family.cycle, float(y[-1]))
+    return found
+
+
+def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Member]:
+    """The counterparts of A–D that happen at one point: letter by letter, P(1,1,0) first, then by falling time from Σ⁺
+    to Σ⁻. Raises RattleError where a family is lost.
+    """
+    span = span_of(epsilon)
+    found = [member for family in families(delta, beta, kappa, span) for member in family.at(epsilon)]
+    return sorted(found, key=lambda member: (member.name, member.y.size, float(member.y[0] - member.y[1])))

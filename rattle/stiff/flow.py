@@ -1,8 +1,9 @@
 """The flow of the stiff gear: free flights and contacts in turn, with its exact tangent map (compiled).
 
 The vector field is continuous, so the tangent map of a motion is the product of those of its pieces, whose determinant
-is e^(−δs). On the way a state is (wall, position, w): in contact the wall and the depth beyond it outwards, in the gap
-wall 0 and Φ. A tangent map (j00, j01, j10, j11) is ∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times.
+is e^(−δs). With −δ for δ and −τ for τ the pieces run backwards in time. On the way a state is (wall, position, w): in
+contact the wall and the depth beyond it outwards, in the gap wall 0 and Φ. A tangent map (j00, j01, j10, j11) is
+∂(Φ, Φ')/∂(Φ₀, Φ'₀) at fixed times.
 """
 
 import math
@@ -21,7 +22,7 @@ MOST_PIECES = 1_000_000  # of one call
 def outward_force(wall, tau, delta, epsilon):
     """The contact force at this phase, positive where it presses on the wall."""
     omc, sine, _defect = versines(tau)
-    return wall * contact_force(sine, 1.0 - omc, delta, epsilon, DRIFT)
+    return wall * contact_force(sine, 1.0 - omc, delta, epsilon, math.copysign(DRIFT, delta))
 
 
 @inline
@@ -45,10 +46,11 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
     It starts in the gap, or on a wall (given, with velocity into the gap).
     """
     omc, sin0, _defect = versines(tau)
-    cos0, a = 1.0 - omc, DRIFT - TWO_PI * epsilon * sin0 - w
+    drift = math.copysign(DRIFT, delta)
+    cos0, a = 1.0 - omc, drift - TWO_PI * epsilon * sin0 - w
     if wall != GAP:
         position = wall * beta
-        status, s, target, w1, lost, _s0, _c0, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, DRIFT)
+        status, s, target, w1, lost, _s0, _c0, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)
     else:
         status, target, s = searched_crossing(
             tau, w, a, sin0, cos0, delta, epsilon, min(-beta - position, 0.0), max(beta - position, 0.0)
@@ -136,3 +138,24 @@ def departure(tau, v, delta, epsilon, beta, kappa):
             begun = after == SIGMA_PLUS
         wall = after
     return STUCK, tau, v, time, n_minus, j00, j01, j10, j11
+
+
+@kernel
+def preceding(tau, v, delta, epsilon, beta, kappa):
+    """Π⁻¹ by running time backwards, first through the contact that this departure ends.
+
+    Returns (status, τ, v, time, contacts with Σ⁻); STUCK where the motion goes back to rest.
+    """
+    wall, position, w, time, n_minus = SIGMA_PLUS, 0.0, v, 0.0, 0
+    for _ in range(MOST_PIECES):
+        free = wall == GAP
+        status, s, wall, position, w, left, _a, _b, _c, _d = piece(
+            wall, folded(-(tau - time)), position, w, -delta, epsilon, beta, kappa, math.inf
+        )
+        if status != OK:
+            return STUCK, tau, v, time, n_minus
+        time += s
+        if (left or free) and wall == SIGMA_PLUS:
+            return OK, folded(tau - time), w, time, n_minus
+        n_minus += (left or free) and wall == SIGMA_MINUS
+    return STUCK, tau, v, time, n_minus

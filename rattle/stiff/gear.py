@@ -5,20 +5,24 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rattle import flight
-from rattle.attractors import LARGEST_SEED, MOST_SAMPLES, Attractor, listed, tabulated
+from rattle.attractors import Attractor, listed
 from rattle.basin_measures import Uncertainty, uncertainty
 from rattle.basins import Basins, basins
-from rattle.errors import RattleError, require, require_finite, require_integer, require_number
+from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.gear import Impact
-from rattle.sampling import initial_conditions
-from rattle.stiff import families, motion, quiet, returns
+from rattle.iterate import Iterates
+from rattle.orbits import Orbit
+from rattle.stiff import motion, orbits, quiet, returns
 from rattle.stiff.flow import GAP, QUIET, flow
+from rattle.stiff.iterate import iterate
 from rattle.stiff.plane import StiffPlane
-from rattle.stiff.survey import followed
+from rattle.stiff.survey import attractors_of
+from rattle.stiff.trajectory import trajectory
+from rattle.trajectory import Trajectory
 
 LONGEST_RUN = 1e5  # forcing periods of one call
 
@@ -65,7 +69,7 @@ class StiffGear:
     @property
     def sn1(self) -> float:
         """ε at which A and C are born at this damping. Raises RattleError where they are not born so."""
-        return families.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
+        return orbits.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
 
     def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> Motion:
         """The motion from (Φ, Φ') at this phase, after a time in forcing periods: the stroboscopic map, if it is whole.
@@ -101,9 +105,24 @@ class StiffGear:
             raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
-    def orbits(self) -> tuple[families.Named, ...]:
-        """The counterparts of A, B, C and D that happen, with their letters; "P": another P(1,1,0)."""
-        return families.period_one(self.delta, self.epsilon, self.beta, self.kappa)
+    def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
+        """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast, as `rattle.stiff.iterate`. Raises ParameterError."""
+        return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
+
+    def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:
+        """Φ and Φ' of the motion that leaves Σ⁺ at phase τ with velocity −v, at points even times over these periods.
+
+        As `Gear.trajectory`, with the contacts that it begins for impacts; rest: when the contact begins that never
+        ends. Raises ParameterError, and RattleError where the numbers leave double precision.
+        """
+        return trajectory(*self._point, _phase(tau), v, periods, points)
+
+    def orbits(self) -> tuple[Orbit, ...]:
+        """The counterparts of A, B, C and D that happen, by their letters; "P": another P(1,1,0)."""
+        return tuple(
+            Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable)
+            for name, found in orbits.orbits_at(*self._point)
+        )
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> motion.StiffOrbit:
         """The periodic motion near a departure (τ, v), with n_plus contacts with Σ⁺ a period; see `stiff_orbit`."""
@@ -111,7 +130,7 @@ class StiffGear:
 
     def region(self) -> int:
         """Region 1…5 (I…V) by the counterparts of A–D; 0 for another combination."""
-        return families.region(self.orbits())
+        return int(orbits.regions(*self._point))
 
     def attractors(self, count: int = 256, v_max: float = 7.0, seed: int = 0) -> tuple[Attractor, ...]:
         """The attractors that the sample of `Gear.attractors` finds, by falling fraction.
@@ -119,10 +138,7 @@ class StiffGear:
         Quiet: contact that never ends, exactly. Periodic: labels P(m, n₊, n₋) count contacts. Near the limit a motion
         needs some √κ returns to become quiet, and above κ ≈ 1e8 it may be left undecided. Raises ParameterError.
         """
-        count = require_integer("count", count, 1, MOST_SAMPLES)
-        seed, v_max = require_integer("seed", seed, 0, LARGEST_SEED), require_number("v_max", v_max, positive=True)
-        d, e, b, k = (np.array([x]) for x in self._point)
-        table, _rows = tabulated(followed(d, e, b, k, *initial_conditions(d, e, b, count, v_max, seed)))
+        table = attractors_of(*self._point, count, v_max, seed)
         return listed(table, table.samples)
 
     def basins(self, resolution: int = 400, v_max: float = 7.0, method: str = "cells", impacts: int = 16) -> Basins:

@@ -2,24 +2,23 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle import first_impact, flight
+from rattle import flight
 from rattle.arclength import Bound, Follower, Path, Problem, tangent_at
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.impact_equations import Array
 from rattle.orbits import multipliers_of
 from rattle.periodic import MOST_IMPACTS, Periodic, PeriodicOrbit, at_parameters
-from rattle.stiff.contact import ENDS, contact_end, responses
+from rattle.stiff import closure
+from rattle.stiff.closure import Cycle, softness
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.flow import OK, QUIET, departs, piece
+from rattle.stiff.returns import StiffPoint
 
-SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight, and likewise a contact
-LEAST_CONTACT = 1e-6  # σ; a shorter one is a graze, at σ = 0, where a branch has a turning point in σ²
-GRAZING = 1e-6  # with a lower speed, rounding decides whether a flight meets a wall
-SAME_END = 1e-9  # of a contact, besides: what the error of a solution makes of a grazing one
 LONGEST = 0.1  # of a step, in the unknowns
 STEPS_TO_LIMIT = 20  # at least
 MOST_STEPS = 200
@@ -47,14 +46,14 @@ class StiffOrbit(Periodic):
     admissible: bool
 
     @property
-    def tau(self) -> float:
-        """Phase at which the first contact with Σ⁺ ends, in [0, 1)."""
-        return float(flight.folded(self.times[0] + self.durations[0]))
+    def departures(self) -> Array:
+        """When it leaves the walls (c,): at the ends of its contacts."""
+        return self.times + self.durations
 
     @property
-    def v(self) -> float:
-        """Speed with which the first contact with Σ⁺ ends."""
-        return float(self.speeds[0])
+    def point(self) -> StiffPoint:
+        """Its parameters."""
+        return StiffPoint(self.delta, self.epsilon, self.beta, self.kappa)
 
     @property
     def itinerary(self) -> StiffItinerary:
@@ -67,53 +66,36 @@ class StiffOrbit(Periodic):
         return np.concatenate([self.times, self.durations / softness(self.kappa), [self.delta, self.epsilon]])
 
 
-def softness(kappa: float) -> float:
-    """p = 1/√(2κ), 0 for infinite stiffness."""
-    return float(1.0 / np.sqrt(2.0 * kappa))
-
-
 def trace_of(itinerary: StiffItinerary, x: Array) -> float:
-    """The trace of the tangent map (2, 2) in (Φ, Φ') over the period: a product of exact ones, each det e^(−δs)."""
-    c, p = itinerary.contacts, itinerary.softness
-    delta, kappa = float(x[-2]), 0.5 / p**2
-    ends = np.append(x[:c], x[0] + itinerary.m)
-    product = np.eye(2)
-    for i in range(c):
-        s = p * x[c + i]
-        sine, lost, _defect = responses(s, delta, kappa)
-        contact = np.array([[1 - lost, sine], [-2 * kappa * sine, 1 - lost - delta * sine]])
-        gone = -np.expm1(-delta * (ends[i + 1] - ends[i] - s))
-        product = np.array([[1.0, gone / delta], [0.0, 1.0 - gone]]) @ contact @ product
-    return float(np.trace(product))
+    """The trace of the tangent map (2, 2) in (Φ, Φ') over the period."""
+    return float(closure.trace_of(np.delete(x, -2), _cycle(itinerary, x)))
+
+
+class Failure(NamedTuple):
+    """What does not happen in a motion: its contact, or flight, of this number ends at this wall and time instead; wall
+    0: it does not even begin.
+    """
+
+    piece: int
+    contact: bool
+    wall: int
+    time: float
 
 
 def admissible(itinerary: StiffItinerary, x: Array) -> bool:
     """Whether the motion of x happens: each contact and each flight ends first where the equations say."""
-    c, p, walls = itinerary.contacts, itinerary.softness, itinerary.walls
-    delta, epsilon = float(x[-2]), float(x[-1])
-    if not (np.isfinite(x).all() and delta > 0.0 and epsilon >= 0.0 and np.min(x[c : 2 * c]) > LEAST_CONTACT):
-        return False
-    flights = itinerary.flights(x, np.array([p]))
-    begins = np.append(x[:c], x[0] + itinerary.m)
-    for i in range(c):
-        sign, lasts = walls[i], p * x[c + i]
-        w0, length = float(flights.w0[i]), float(begins[i + 1] - begins[i] - lasts)
-        u = float(itinerary.signs[i] * flights.w1[i - 1])
-        if not (length > 0.0 and sign * w0 < 0.0 < u):
-            return False
-        start = float(flight.folded(begins[i]))
-        found = contact_end(sign, start, 0.0, u, delta, epsilon, 0.5 / p**2, np.inf)
-        if found[0] != ENDS or abs(found[1] - lasts) > SAME_TIME * p * np.pi + SAME_END:
-            return False
-        leaves = float(flight.folded(begins[i] + lasts))
-        status, s, wall, *_ = first_impact.first_impact(sign, leaves, w0, delta, epsilon, itinerary.beta, flight.DRIFT)
-        if status != OK:
-            return False
-        arrival = float(itinerary.signs[(i + 1) % c] * flights.w1[i])
-        missed = wall != walls[(i + 1) % c] or abs(s - length) > SAME_TIME
-        if missed and not (arrival < GRAZING and s > length - SAME_TIME):
-            return False
-    return True
+    return bool(closure.happens(np.delete(x, -2), _cycle(itinerary, x)))
+
+
+def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
+    """The first flight or contact of x (2c + 2,) that ends elsewhere than the equations say, None if all happen."""
+    number, contact, wall, time = closure.first_failure(np.delete(x, -2), _cycle(itinerary, x))
+    return None if number < 0 else Failure(int(number), bool(contact), int(wall), float(time))
+
+
+def _cycle(itinerary: StiffItinerary, x: Array) -> Cycle:
+    kappa = 0.5 / itinerary.softness**2
+    return Cycle(np.array(itinerary.walls), itinerary.m, float(x[-2]), itinerary.beta, kappa)
 
 
 def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:

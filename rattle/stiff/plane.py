@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rattle.cell_map import locate
 from rattle.impact_equations import Array
 from rattle.sampling import initial_conditions
-from rattle.stiff.settle import iterate
+from rattle.stiff.iterate import returned
 from rattle.stiff.survey import StiffSurvey, followed
 
 NEVER = 0.0  # no speed above 0 is sure to become quiet: contact tells
@@ -30,7 +30,8 @@ class StiffPlane(NamedTuple):
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """See `rattle.basins.Plane`."""
         tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
-        iterate(tau, v, returns, quiet, *self)
+        counts = (np.zeros(tau.size, np.int64) for _ in range(2))
+        returned(tau, v, np.full(tau.size, float(returns)), *(np.full(tau.size, x) for x in self), quiet, *counts)
         return tau, v, quiet > 0
 
     def located(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:

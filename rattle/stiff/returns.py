@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rattle import tangent_map
 from rattle._compile import for_type, kernel
 from rattle.first_impact import OK, SIGMA_PLUS
-from rattle.stiff.flow import departure, outward_force
+from rattle.stiff.flow import departure, outward_force, preceding
 
 
 class StiffPoint(NamedTuple):
@@ -62,3 +62,8 @@ def _step(tau, v, point):
 @for_type(tangent_map.step_tangent, StiffPoint)
 def _step_tangent(tau, v, point):
     return step_tangent(tau, v, point)
+
+
+@for_type(tangent_map.inverse_step, StiffPoint)
+def _inverse_step(tau, v, point):
+    return preceding(tau, v, point.delta, point.epsilon, point.beta, point.kappa)

@@ -7,8 +7,6 @@ tangent vector is one of (Φ, Φ') at fixed time.
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from rattle._compile import for_type, inline, kernel
 from rattle.first_impact import OK
 from rattle.flight import wrapped
@@ -133,15 +131,3 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
             mark(tau, v, point.epsilon, footprints[j])
             status, orbit, reference = looked(tau, v, n, k, reference, samples, balls)
         finish(tau, v, n, k, status, orbit, samples)
-
-
-@kernel
-def iterate(tau, v, n, quiet, delta, epsilon, beta, kappa):
-    """Π^n of flat arrays in place; quiet: 1 where contact never ends after at most n returns, which keeps its state."""
-    point = StiffPoint(delta, epsilon, beta, kappa)
-    for i in range(tau.size):
-        for _ in range(n):
-            code, tau[i], v[i], _time, _below = step(tau[i], v[i], point)
-            if code != OK:
-                quiet[i] = np.int8(code == flow.QUIET)
-                break

@@ -1,8 +1,10 @@
 """Which attractors the samples of cells of the stiff gear go to: the races of `rattle.survey` with its return map."""
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors import Attractors, of_samples
+from rattle.orbits import parameters
 from rattle.stiff.quiet import quiet_limit
 from rattle.stiff.settle import StiffCells, measure, settle
 from rattle.survey import Survey
@@ -43,3 +45,18 @@ def followed(
     survey = StiffSurvey(StiffCells(delta, epsilon, beta, rests, kappa), tau, v)
     survey.run()
     return survey
+
+
+def attractors_of(
+    delta: ArrayLike,
+    epsilon: ArrayLike,
+    beta: ArrayLike,
+    kappa: ArrayLike,
+    count: int = 256,
+    v_max: float = 7.0,
+    seed: int = 0,
+) -> Attractors:
+    """The attractors of all cells at once, as `rattle.attractors_of`: the parameters broadcast, the samples are the
+    same. A cell's are those of `StiffGear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
+    """
+    return of_samples(followed, parameters(delta, epsilon, beta, kappa=kappa), count, v_max, seed)

@@ -12,9 +12,9 @@ import typer
 from service.commands.drawing import draw
 
 if TYPE_CHECKING:
-    from rattle.plot.paper_figures import Request
+    from rattle.plot.paper_figures import Request, StiffRequest
 
-ALL = "all"
+ALL, STIFF = "all", "stiff"
 SURVEY_PICTURE = "survey.png"
 
 
@@ -22,7 +22,7 @@ def figure(
     what: Annotated[
         list[str],
         typer.Argument(
-            metavar="NUMBER...|all | STORE [OUT]", help="Figures of the paper, or a survey and its picture."
+            metavar="NUMBER...|all|stiff | STORE [OUT]", help="Figures of the paper, or a survey and its picture."
         ),
     ],
     out: Annotated[
@@ -41,6 +41,10 @@ def figure(
         ),
     ] = None,
     beta: Annotated[float | None, typer.Option(help="Half-backlash.", show_default="0.6")] = None,
+    kappa: Annotated[
+        float | None,
+        typer.Option(help="Stiffness, for the stiff gear in Figures 5 and 9.", show_default="the impacting model"),
+    ] = None,
     format_: Annotated[
         list[str] | None,
         typer.Option("--format", metavar="pdf|svg|png", help="Repeatable: one file each.", show_default="pdf"),
@@ -59,13 +63,18 @@ def figure(
 
     Figures 7 and 8, bifurcation curves: --delta LOW:HIGH, --epsilon LOW:HIGH.
 
+    With --kappa, 5 and 9 are those of the gear with stiff contact. stiff shows
+    how that gear converges to the impacting one: one --delta, one --epsilon.
+
     rattle figure STORE [OUT] draws a survey: regions with the bifurcation
     curves, quiet fraction, largest Lyapunov exponent. OUT ends in .png, .pdf or
-    .svg. A store that has a number for a name is ./4.
+    .svg. A store that has a number for a name is ./4, or ./stiff.
     """
-    options = {"--out": out, "--delta": delta, "--epsilon": epsilon, "--beta": beta, "--format": format_}
-    if what[0] == ALL or what[0].isdecimal():
-        requests = _requests(what, delta or [], epsilon or [], beta)
+    options = {
+        "--out": out, "--delta": delta, "--epsilon": epsilon, "--beta": beta, "--kappa": kappa, "--format": format_
+    }  # fmt: skip
+    if what[0] in (ALL, STIFF) or what[0].isdecimal():
+        requests = _requests(what, delta or [], epsilon or [], beta, kappa)
         _draw_figures(requests, out or Path(), format_ or ["pdf"])
         return
     for option, given in options.items():
@@ -78,21 +87,27 @@ def figure(
     draw(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE))
 
 
-def _requests(what: list[str], delta: list[str], epsilon: list[str], beta: float | None) -> list[Request]:
+def _requests(
+    what: list[str], delta: list[str], epsilon: list[str], beta: float | None, kappa: float | None
+) -> list[Request | StiffRequest]:
     """The figures that are asked for, all checked before the first is computed."""
-    from rattle.plot.paper_figures import FIGURES, parse, request
+    from rattle.plot.paper_figures import FIGURES, parse, request, stiff_request
     from rattle.plot.paper_ranges import BETA
 
     numbers: list[int] = []
     for each in what:
-        if each != ALL and not each.isdecimal():
+        if each not in (ALL, STIFF) and not each.isdecimal():
             raise typer.BadParameter(f"{each!r} is no number of a figure", param_hint="NUMBER")
-        numbers += sorted(FIGURES) if each == ALL else [int(each)]
+        numbers += sorted(FIGURES) if each == ALL else [] if each == STIFF else [int(each)]
+    if kappa is not None and STIFF in what:
+        raise typer.BadParameter("stiff shows all stiffnesses: --kappa is for Figures 5 and 9", param_hint="--kappa")
     values = parse("--delta", delta), parse("--epsilon", epsilon)
-    return [request(number, *values, BETA if beta is None else beta) for number in dict.fromkeys(numbers)]
+    beta = BETA if beta is None else beta
+    requests: list[Request | StiffRequest] = [request(each, *values, beta, kappa) for each in dict.fromkeys(numbers)]
+    return [*requests, stiff_request(*values, beta)] if STIFF in what else requests
 
 
-def _draw_figures(requests: list[Request], directory: Path, formats: list[str]) -> None:
+def _draw_figures(requests: list[Request | StiffRequest], directory: Path, formats: list[str]) -> None:
     from rattle.plot.drawing import FORMATS, save
     from service.errors import ServiceError
 
@@ -104,7 +119,7 @@ def _draw_figures(requests: list[Request], directory: Path, formats: list[str]) 
         start = perf_counter()
         picture = request.draw()
         for suffix in dict.fromkeys(formats):
-            path = directory / f"figure{request.number}.{suffix}"
+            path = directory / f"{request.name}.{suffix}"
             try:
                 save(picture.figure, path)
             except OSError as error:

@@ -16,6 +16,10 @@ DEFAULT_URL = "http://127.0.0.1:8000"
 Delta = Annotated[str, typer.Option(metavar=AXIS, help="Damping: evenly spaced values, both ends included.")]
 Epsilon = Annotated[str, typer.Option(metavar=AXIS, help="Eccentricity: evenly spaced values, both ends included.")]
 Beta = Annotated[float, typer.Option(help="Half-backlash.")]
+Kappa = Annotated[
+    float | None,
+    typer.Option(help="Stiffness of the walls: the stiff model.", show_default="none: the impacting model"),
+]
 Count = Annotated[int, typer.Option(help="Initial conditions per cell.")]
 VMax = Annotated[float, typer.Option(help="Largest initial speed.")]
 Seed = Annotated[int, typer.Option(help="Seed of the samples.")]
@@ -59,6 +63,7 @@ def survey_request(
     delta: str,
     epsilon: str,
     beta: float,
+    kappa: float | None,
     count: int,
     v_max: float,
     seed: int,
@@ -81,6 +86,8 @@ def survey_request(
             "seed": seed,
             "name": name,
         }
+        if kappa is not None:
+            fields |= {"model": "stiff", "kappa": kappa}
         if tile is not None:
             fields["tile"] = _tile(tile)
         if quantity:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from service.commands.options import Beta
+from service.commands.options import Beta, Kappa
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
 REGIONS = ("none of I to V", "I", "II", "III", "IV", "V")
@@ -16,18 +16,22 @@ def orbits(
     delta: Annotated[float, typer.Argument(metavar="DELTA", help="Damping.")],
     epsilon: Annotated[float, typer.Argument(metavar="EPSILON", help="Eccentricity.")],
     beta: Beta = 0.6,
+    kappa: Kappa = None,
 ) -> None:
     """Print the period-one orbits of one parameter point, its region and its analytic limits."""
     from rich.console import Console
     from rich.table import Table
 
-    from rattle import Gear
+    from rattle.models import model_of
 
-    gear = Gear(delta, epsilon, beta)
+    model = model_of(beta, kappa)
+    gear = model.gear(delta, epsilon)
+    limits = zip(("SN1", "flip", "quiet limit"), model.limits(delta), strict=True)
+    parameters = f"beta = {beta}" + ("" if kappa is None else f", kappa = {kappa}")
     console = Console(highlight=False, width=WIDTH)
     console.print(
-        f"delta = {gear.delta}, epsilon = {gear.epsilon}, beta = {gear.beta}: region {REGIONS[gear.region()]}\n"
-        f"SN1 at epsilon = {gear.sn1:.10g}, flip at {gear.flip:.10g}, quiet limit at {gear.quiet_limit:.10g}"
+        f"delta = {gear.delta}, epsilon = {gear.epsilon}, {parameters}: region {REGIONS[gear.region()]}\n"
+        + ", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits if value is not None)
     )
     table = Table("orbit", "P(m, n+, n-)", "phase", "speed", "multipliers", "stable", box=None)
     for orbit in gear.orbits():

@@ -28,6 +28,7 @@ def run(
         str, typer.Option(metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.")
     ],
     beta: options.Beta = 0.6,
+    kappa: options.Kappa = None,
     count: options.Count = 64,
     v_max: options.VMax = 7.0,
     seed: options.Seed = 0,
@@ -46,6 +47,7 @@ def run(
         delta=delta,
         epsilon=epsilon,
         beta=beta,
+        kappa=kappa,
         count=count,
         v_max=v_max,
         seed=seed,

@@ -8,6 +8,7 @@ from typing import Any
 
 import panel as pn
 
+from rattle.models import AnyModel
 from service.explorer.address import Pair
 from service.explorer.planes import Plane
 from service.explorer.point import PointView
@@ -16,7 +17,7 @@ from service.explorer.readout import readout
 from service.explorer.text import Text
 from service.explorer.viewer import Viewer
 
-RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "beta"})  # an address may name anything
+RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room
 
 
@@ -52,20 +53,20 @@ class Beside:
 
     async def read(self, plane: Plane, delta: float, epsilon: float, window: tuple[Pair, Pair]) -> None:
         """Show what is known at a point."""
-        beta = float(plane.request.beta)
-        found = await self._viewer.read(lambda: readout(plane.cell(delta, epsilon), delta, epsilon, beta, window))
+        model = plane.request.gear_model
+        found = await self._viewer.read(lambda: readout(plane.cell(delta, epsilon), delta, epsilon, model, window))
 
         def show() -> None:
             self._text.html = found
 
         self._viewer.change(show)
 
-    def open(self, delta: float, epsilon: float, beta: float, state: Mapping[str, str]) -> None:
+    def open(self, delta: float, epsilon: float, model: AnyModel, state: Mapping[str, str]) -> None:
         """Show the view of a point."""
         self._drop()
         points = self._points or PointPanel(self._theme)
         known = {name: value for name, value in state.items() if name not in RESERVED}
-        self._view = view = PointView(points, self._viewer.front, delta, epsilon, beta, **known)
+        self._view = view = PointView(points, self._viewer.front, delta, epsilon, model, **known)
         view.param.watch(lambda event: self._on_state(event.new), "state")
         self.panel.css_classes = [OPENED]
         self._close.visible = self._point.visible = True

@@ -11,6 +11,7 @@ import panel as pn
 from pydantic import ValidationError
 
 from rattle import RattleError
+from rattle.models import AnyModel, Model, Stiff
 from service.actions import submit_survey
 from service.estimate import Estimate, estimate
 from service.explorer.address import Pair
@@ -19,8 +20,10 @@ from service.limits import check_limits
 from service.problems import field_errors_of
 from service.tables import Scope
 from workers import SurveyRequest
+from workers.quantities import groups_of
 from workers.schema import DEFAULT, Group
 
+STIFFNESS = 1e4  # offered at first
 PATIENCE = 0.4  # seconds without a change, then the cost is estimated
 CELLS = 61  # along each axis of a window that is to be saved
 
@@ -34,6 +37,10 @@ class Form:
         number: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
         self.name = pn.widgets.TextInput(label="Name", max_length=200, **number)
         self.beta = pn.widgets.FloatInput(label="Half-backlash β", value=0.6, step=0.05, **number)
+        self.model = pn.widgets.Select(
+            label="Model", options={"impacting": Model.IMPACTING, "stiff walls": Model.STIFF}, **number
+        )
+        self.kappa = pn.widgets.FloatInput(label="Stiffness κ", value=STIFFNESS, start=1.0, visible=False, **number)
         exact: dict[str, Any] = number | {"step": 0.05, "format": "0[.][0000000000000000]"}
         self.axes = {
             name: (
@@ -56,12 +63,14 @@ class Form:
         self.cost = pn.pane.HTML(
             "", css_classes=["cost"], margin=(4, 4), sizing_mode="stretch_width", stylesheets=[sheet]
         )
+        self.model.param.watch(lambda _event: self._on_model(), "value")
         for widget in self._widgets():
             widget.param.watch(lambda _event: self._changed(), "value")
         self.submit.on_click(lambda _event: viewer.start(self._submit()))
         self.panel = pn.Column(
             self.name,
             *(pn.Row(*three, sizing_mode="stretch_width") for three in self.axes.values()),
+            pn.Row(self.model, self.kappa, sizing_mode="stretch_width"),
             pn.Row(self.beta, self.v_max, sizing_mode="stretch_width"),
             pn.Row(self.count, self.seed, sizing_mode="stretch_width"),
             pn.pane.HTML("<span id=quantities>Quantities</span>", margin=(6, 4, 0, 4)),
@@ -75,21 +84,28 @@ class Form:
 
     def _widgets(self) -> list[Any]:
         return [
-            self.name, self.beta, *(widget for three in self.axes.values() for widget in three),
+            self.name, self.model, self.kappa, self.beta, *(widget for three in self.axes.values() for widget in three),
             self.quantities, self.count, self.v_max, self.seed,
         ]  # fmt: skip
 
     def fill(self, request: SurveyRequest) -> None:
         """Take over the settings of a survey."""
-        self.name.value, self.beta.value = request.name, request.beta
+        self.name.value = request.name
+        self.fill_model(request.gear_model)
         for name, (start, stop, num) in self.axes.items():
             axis = getattr(request, name)
             start.value, stop.value, num.value = axis.start, axis.stop, axis.num
         self.fill_sample(request)
 
-    def fill_window(self, delta: Pair, epsilon: Pair, beta: float) -> None:
+    def fill_model(self, model: AnyModel) -> None:
+        """Take over a model with its parameters."""
+        self.beta.value, self.model.value = model.beta, model.name
+        if isinstance(model, Stiff):
+            self.kappa.value = model.kappa
+
+    def fill_window(self, delta: Pair, epsilon: Pair, model: AnyModel) -> None:
         """Take over a window of the plane."""
-        self.beta.value = beta
+        self.fill_model(model)
         for (start, stop, num), window in zip(self.axes.values(), (delta, epsilon), strict=True):
             start.value, stop.value, num.value = *window, CELLS
 
@@ -107,12 +123,21 @@ class Form:
         }
         return {
             "name": self.name.value,
+            "model": str(self.model.value),
+            "kappa": self.kappa.value if self.model.value == Model.STIFF else None,
             "beta": self.beta.value,
             **axes,
             "quantities": self.quantities.value,
             "initial_conditions": {"count": self.count.value, "v_max": self.v_max.value},
             "seed": self.seed.value,
         }
+
+    def _on_model(self) -> None:
+        """Offer what the model has."""
+        offered = [str(group) for group in groups_of(self.model.value)]
+        left = [name for name in self.quantities.value if name in offered]
+        self.kappa.visible = self.model.value == Model.STIFF
+        self.quantities.param.update(options=offered, value=left)
 
     def _changed(self) -> None:
         if self._estimating is not None:

@@ -12,6 +12,7 @@ import numpy as np
 import panel as pn
 
 from rattle import RattleError
+from rattle.models import AnyModel, Impacting
 from service.explorer import overlays
 from service.explorer.address import CRISIS, LIMITS, POINTS, Pair, View
 from service.explorer.beside import Beside
@@ -107,9 +108,9 @@ class MapView:
         self._show_limits(None)
 
     @property
-    def beta(self) -> float:
-        """Half-backlash of the survey that is shown."""
-        return float(self._plane.request.beta) if self._plane else 0.6
+    def model(self) -> AnyModel:
+        """The model of the survey that is shown."""
+        return self._plane.request.gear_model if self._plane else Impacting()
 
     @property
     def window(self) -> tuple[Pair, Pair]:
@@ -298,21 +299,21 @@ class MapView:
         if name in self._lines:
             self._lines.pop(name).cancel()
         if self._plane is not None:
-            self._lines[name] = self._viewer.start(self._line(name, self.beta, self.window))
+            self._lines[name] = self._viewer.start(self._line(name, self.model, self.window))
 
-    async def _line(self, name: str, beta: float, window: tuple[Pair, Pair]) -> None:
+    async def _line(self, name: str, model: AnyModel, window: tuple[Pair, Pair]) -> None:
         if name == POINTS:
-            points = await self._viewer.read(lambda: overlays.points_of(beta))
+            points = await self._viewer.read(lambda: overlays.points_of(model))
             self._viewer.change(lambda: self.map.points(points))
             return
         if name == CRISIS:
             self._note(name, "is being computed …")
             try:
-                pieces, missing = [await self._shared.crises.of(beta)], ""
+                pieces, missing = [await self._shared.crises.of(model)], ""
             except RattleError as error:
                 pieces, missing = [], str(error)
         else:
-            pieces, missing = await self._viewer.read(lambda: overlays.pieces_of(name, beta, *window))
+            pieces, missing = await self._viewer.read(lambda: overlays.pieces_of(name, model, *window))
         self._note(name, "", missing)
         self._viewer.change(lambda: self.map.line(name, pieces))
 
@@ -403,7 +404,7 @@ class MapView:
         if delta <= 0 or epsilon < 0:
             return
         state = self.view.point_state if self.view.point == (delta, epsilon) else {}
-        self._beside.open(delta, epsilon, self.beta, state)
+        self._beside.open(delta, epsilon, self.model, state)
         self.map.cross((delta, epsilon))
         self._change(point=(delta, epsilon), point_state=state)
         self._read(delta, epsilon)

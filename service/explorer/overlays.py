@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 
+from rattle import RattleError
 from rattle.crisis import crisis_curve
-from rattle.curves import codimension_two, describe
+from rattle.curves import describe
+from rattle.models import AnyModel, Impacting
 from rattle.plot.plane import polyline
 from service.errors import UnavailableError
 from service.explorer.address import CRISIS, OVERLAYS, POINTS, Pair
@@ -44,12 +46,14 @@ def entries() -> list[dict[str, Any]]:
     ]
 
 
-def pieces_of(name: str, beta: float, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
+def pieces_of(name: str, model: AnyModel, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
     """The pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced. For a thread."""
+    if name not in model.curve_names:
+        return [], f"is a curve of the impacting model only, not of the {model.name} one"
     window = Window((max(delta[0], LOWEST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), max(epsilon[1], 0.0)))
     if window.epsilon[0] >= window.epsilon[1]:
         return [], ""
-    curve = traced(name, beta, window)
+    curve = traced(name, model, window)
     if isinstance(curve, Missing):
         return [], curve.reason
     return split(polyline(curve)) if len(curve) else [], ""
@@ -61,15 +65,15 @@ def split(line: np.ndarray) -> list[np.ndarray]:
     return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
 
 
-def points_of(beta: float) -> list[tuple[str, float, float]]:
+def points_of(model: AnyModel) -> list[tuple[str, float, float]]:
     """The codimension-two points: name, δ, ε. For a thread."""
-    return [(point.name, point.delta, point.epsilon) for point in _points(beta)]
+    return [(point.name, point.delta, point.epsilon) for point in _points(model)]
 
 
 @lru_cache(maxsize=64)
-def _points(beta: float) -> Sequence[Any]:
+def _points(model: AnyModel) -> Sequence[Any]:
     with np.errstate(all="ignore"):
-        return codimension_two(beta)
+        return model.codimension_two()
 
 
 def _crisis(beta: float) -> np.ndarray:
@@ -86,8 +90,11 @@ class Crises:
         self._found: dict[float, asyncio.Task[np.ndarray]] = {}
         self._limiter = CapacityLimiter(1)
 
-    async def of(self, beta: float) -> np.ndarray:
+    async def of(self, model: AnyModel) -> np.ndarray:
         """Points (k, 2) of the curve. Raises RattleError where there is none, or it cannot be followed."""
+        if not isinstance(model, Impacting):
+            raise RattleError("The boundary crisis is followed in the impacting model only.")
+        beta = model.beta
         if beta not in self._found:
             while len(self._found) >= KEPT_CRISES:
                 self._found.pop(next(iter(self._found)))

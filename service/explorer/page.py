@@ -161,7 +161,7 @@ class Page:
     def _save_window(self) -> None:
         view = self._map.view
         window = self._map.window
-        self._opened_form().fill_window(*window, self._map.beta)
+        self._opened_form().fill_window(*window, self._map.model)
         if view.survey in self._standings:
             self._opened_form().fill_sample(self._request(view.survey))
 
@@ -209,6 +209,7 @@ def _row(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
         ["δ", f"{delta['start']:g} … {delta['stop']:g}, {delta['num']} values"],
         ["ε", f"{epsilon['start']:g} … {epsilon['stop']:g}, {epsilon['num']} values"],
         ["β", f"{request['beta']:g}"],
+        *([["κ", f"{request['kappa']:g}"]] if request.get("kappa") else []),
         ["computes", ", ".join(request["quantities"])],
         ["sample", f"{request['initial_conditions']['count']} initial conditions"],
         ["submitted", job.created[:16].replace("T", " ") + " UTC"],

@@ -201,6 +201,6 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
 
     return {
         quantity.name: COORDINATES[quantity.dims[0]].values if len(quantity.dims) > 2 else ()
-        for quantity in stored(request.quantities)
+        for quantity in stored(request.quantities, request.model)
         if quantity.per_cell
     }

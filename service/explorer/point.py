@@ -12,6 +12,7 @@ import panel as pn
 import param
 
 import rattle
+from rattle.models import AnyModel
 from rattle.plot.colours import colour, name_of
 from service.explorer import point_basins, point_diagram, point_motion, point_parts, point_words
 from service.explorer.point_panel import PointPanel
@@ -38,7 +39,7 @@ class PointView(param.Parameterized):
     state = param.Dict(default={})
 
     def __init__(
-        self, panel: PointPanel, front: Front, delta: float, epsilon: float, beta: float, **state: str
+        self, panel: PointPanel, front: Front, delta: float, epsilon: float, model: AnyModel, **state: str
     ) -> None:
         self._chosen = PointState.read(state)
         super().__init__(state=self._chosen.text())
@@ -47,23 +48,26 @@ class PointView(param.Parameterized):
         self._motion: asyncio.Task[None] | None = None
         self._diagram: asyncio.Task[None] | None = None
         self._found: Chances | None = None
+        self._orbits: tuple[rattle.Orbit, ...] = ()
         self._lines: Lines | None = None
         self._basins: rattle.Basins | None = None
         self._quiet = False  # a widget that changes says what is shown, not what to show
         panel.on_tap, panel.on_choice, panel.on_direction = self._on_tap, self._on_choice, self._on_direction
         panel.clear()
         try:
-            self._gear = rattle.Gear(delta, epsilon, beta)
+            self._gear = model.gear(delta, epsilon)
         except rattle.RattleError as error:
             panel.where.html = f'<p class="wrong">{escape(str(error))}</p>'
             return
         panel.where.html = f"<p>{escape(point_words.where(self._gear))}</p>"
-        panel.orbits.html = point_words.orbits_table(self._gear)
         for text, what in (
+            (panel.orbits, "the period-one orbits"),
             (panel.likely, "how likely quiet running is"), (panel.under_basins, "the basins"),
             (panel.under_motion, "a motion"), (panel.under_diagram, "the diagram"),
         ):  # fmt: skip
             text.html = _waiting(what)
+        if isinstance(self._gear, rattle.Gear):  # in closed form
+            self._tell_orbits(point_parts.period_one(self._gear))
         self._work.start(self._fill())
 
     # What is computed, and in what order
@@ -77,7 +81,11 @@ class PointView(param.Parameterized):
         await asyncio.sleep(PAINT_SECONDS)
         await self._part(self.panel.under_basins, partial(self._some_basins, 100, "cells"))
         self._show_motion()
-        await self._part(self.panel.safe, self._margin)
+        if isinstance(self._gear, rattle.Gear):
+            await self._part(self.panel.safe, partial(self._margin, self._gear))
+        else:
+            await self._work.change(partial(_tell, self.panel.safe, f"<p>{point_words.NO_MARGIN}</p>"))
+            await self._part(self.panel.orbits, self._continued)
         await self._part(self.panel.about_lines, self._some_lines)
         await self._part(self.panel.under_basins, partial(self._some_basins, 300, "refined"))
         await self._part(self.panel.under_diagram, self._one_diagram)
@@ -99,9 +107,22 @@ class PointView(param.Parameterized):
 
         await self._work.change(show)
 
-    async def _margin(self) -> None:
-        found = await self._work.compute(point_parts.margin, self._gear, what="The margin", slow=True)
-        said = f"<p>{escape(point_words.how_safe(self._gear, found))}</p>"
+    async def _continued(self) -> None:
+        found = await self._work.compute(point_parts.period_one, self._gear, what="The period-one orbits", slow=True)
+
+        def show() -> None:
+            self._tell_orbits(found)
+            self.panel.picture.show_orbits(found.orbits)
+
+        await self._work.change(show)
+
+    def _tell_orbits(self, found: point_parts.PeriodOne) -> None:
+        self._orbits = found.orbits
+        self.panel.orbits.html = point_words.orbits_table(found)
+
+    async def _margin(self, gear: rattle.Gear) -> None:
+        found = await self._work.compute(point_parts.margin, gear, what="The margin", slow=True)
+        said = f"<p>{escape(point_words.how_safe(gear, found))}</p>"
         await self._work.change(partial(_tell, self.panel.safe, said))
 
     async def _some_basins(self, side: int, method: str) -> None:
@@ -111,7 +132,7 @@ class PointView(param.Parameterized):
         def show() -> None:
             self._basins = found
             self.panel.picture.show_cells(found)
-            self.panel.picture.show_orbits(self._gear.orbits())
+            self.panel.picture.show_orbits(self._orbits)
             self._show_legend()
 
         await self._work.change(show)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,13 @@ from numpy.typing import NDArray
 import rattle
 from rattle.attractors import listed
 from rattle.basins import ImpactingPlane, classified
+from rattle.curves import name_of
+from rattle.diagrams import Diagram
+from rattle.events import Event
 from rattle.flight import wrapped
+from rattle.models import AnyGear, model_at
+from rattle.periodic import PeriodicOrbit
+from rattle.stiff import StiffEvent, StiffOrbit
 
 V_MAX = 7.0
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
@@ -28,6 +35,13 @@ class Chances(NamedTuple):
     attractors: tuple[rattle.Attractor, ...]
     multipliers: tuple[tuple[complex, complex] | None, ...]
     letters: tuple[str, ...]
+
+
+class PeriodOne(NamedTuple):
+    """The number of the region, 1 to 5 or 0, and the motions A to D that happen."""
+
+    region: int
+    orbits: tuple[rattle.Orbit, ...]
 
 
 class Margin(NamedTuple):
@@ -85,26 +99,36 @@ class DiagramLines(NamedTuple):
     tau: Array
 
 
-def chances(gear: rattle.Gear, count: int) -> Chances:
-    """The attractors of a sample of so many initial conditions."""
+def chances(gear: AnyGear, count: int) -> Chances:
+    """The attractors of a sample of so many initial conditions; letters only in the impacting model, at no cost."""
     found = gear.attractors(count)
     multipliers = tuple(_multipliers(gear, each) for each in found)
-    return Chances(count, found, multipliers, tuple(_letter(gear, each) for each in found))
+    orbits = gear.orbits() if isinstance(gear, rattle.Gear) else ()
+    return Chances(count, found, multipliers, tuple(_letter(orbits, each) for each in found))
 
 
-def _multipliers(gear: rattle.Gear, attractor: rattle.Attractor) -> tuple[complex, complex] | None:
+def period_one(gear: AnyGear) -> PeriodOne:
+    """The period-one motions and their region: at once in the impacting model, by continuation in the stiff one."""
+    return PeriodOne(gear.region(), gear.orbits())
+
+
+def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, complex] | None:
     if attractor.kind != "periodic":
         return None
+    state = attractor.tau, attractor.v, attractor.n_plus
     try:
-        orbit = rattle.periodic_orbit(gear.delta, gear.epsilon, attractor.tau, attractor.v, attractor.n_plus, gear.beta)
+        if isinstance(gear, rattle.Gear):
+            orbit: PeriodicOrbit | StiffOrbit = rattle.periodic_orbit(gear.delta, gear.epsilon, *state, gear.beta)
+        else:
+            orbit = gear.orbit(*state)
     except rattle.RattleError:  # too close to grazing for Newton's method: the table says nothing then
         return None
     first, second = orbit.multipliers
     return complex(first), complex(second)
 
 
-def _letter(gear: rattle.Gear, attractor: rattle.Attractor) -> str:
-    for orbit in gear.orbits():
+def _letter(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
+    for orbit in orbits:
         if abs(orbit.v - attractor.v) < SAME_ORBIT and abs(wrapped(orbit.tau - attractor.tau)) < SAME_ORBIT:
             return orbit.name
     return ""
@@ -121,12 +145,13 @@ def margin(gear: rattle.Gear) -> Margin:
     return Margin(v, tau, undecided, leads_to)
 
 
-def lines(gear: rattle.Gear) -> Lines:
-    """Γ, W^s of A and B, and W^u of A, as far as a screen shows them."""
+def lines(gear: AnyGear) -> Lines:
+    """Γ (impacting model), W^s of A and B, and W^u of A, as far as a screen shows them."""
     from rattle.plot.basins import gamma_line, manifold_line
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
-    found, missing = [Line("Γ", gamma_line(gear, V_MAX, SPACING))], []
+    found = [Line("Γ", gamma_line(gear, V_MAX, SPACING))] if isinstance(gear, rattle.Gear) else []
+    missing = []
     for name, kind in (("A", "stable"), ("B", "stable"), ("A", "unstable")):
         line, why = manifold_line(gear, orbits.get(name), name, kind, ARCLENGTH, SPACING)
         found.append(Line(f"W{'ˢ' if kind == 'stable' else 'ᵘ'}({name})", line))
@@ -135,22 +160,21 @@ def lines(gear: rattle.Gear) -> Lines:
     return Lines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
-def diagram_span(gear: rattle.Gear, direction: str) -> tuple[float, float]:
+def diagram_span(gear: AnyGear, direction: str) -> tuple[float, float]:
     """The values of δ or ε about the point that are inside the plane."""
     if direction == "epsilon":
         return max(gear.epsilon - SPANS["epsilon"], 0.0), gear.epsilon + SPANS["epsilon"]
     return max(gear.delta - SPANS["delta"], gear.delta / 2), gear.delta + SPANS["delta"]
 
 
-def diagram(gear: rattle.Gear, direction: str) -> DiagramLines:
+def diagram(gear: AnyGear, direction: str) -> DiagramLines:
     """The one-parameter diagram through the point, along "epsilon" or "delta"."""
-    from rattle.curves import name_of
     from rattle.plot.colours import name_of as name_of_type
     from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
 
     span = diagram_span(gear, direction)
     start, end = ((gear.delta, value) if direction == "epsilon" else (value, gear.epsilon) for value in span)
-    found = rattle.diagram(start, end, gear.beta, STEPS, COUNT)
+    found: Diagram[Any, Any] = model_at(gear).diagram(start, end, STEPS, COUNT)
     _, scale, offset = parameter_axis(found)
     pieces = []
     for branch in found.branches:
@@ -160,7 +184,7 @@ def diagram(gear: rattle.Gear, direction: str) -> DiagramLines:
                 motion = name_of_type(branch.label) + (f", {named}" if named else "")
                 pieces.append(Stroke(curve.x[part], curve.v[part], curve.tau[part], motion, stable))
     rows = [
-        (offset + scale * float(found.positions(event)), v, tau, event.kind.value, name_of(event) or "")
+        (offset + scale * float(found.positions(event)), v, tau, event.kind.value, _curve_of(event))
         for event in found.events
         for tau, v in zip(*impacts_at(event), strict=True)
     ]
@@ -173,12 +197,17 @@ def diagram(gear: rattle.Gear, direction: str) -> DiagramLines:
     )
 
 
-def basins(gear: rattle.Gear, side: int, method: str) -> rattle.Basins:
+def _curve_of(event: Event | StiffEvent) -> str:
+    """The name of the curve that an event is on, if it has one; the stiff model's are not looked for."""
+    return (name_of(event) if isinstance(event, Event) else None) or ""
+
+
+def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
     """Basins on side × side cells."""
     return gear.basins(side, V_MAX, method)
 
 
-def motion(gear: rattle.Gear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
+def motion(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:
     """The motion from one state."""
     return gear.trajectory(tau, v, periods, points)
 

@@ -7,11 +7,13 @@ from collections.abc import Iterable
 from html import escape
 
 import rattle
+from rattle.models import AnyGear
 from rattle.plot.colours import colour, name_of
-from service.explorer.point_parts import Chances, Margin
+from service.explorer.point_parts import Chances, Margin, PeriodOne
 
 REGIONS = ("no region of the paper", "region I", "region II", "region III", "region IV", "region V")
 MINUS = "\N{MINUS SIGN}"
+NO_MARGIN = "How hard an impact ends quiet running is known of the impacting model only."
 ENOUGH = 5e-4  # a share below it is not said to be 0
 
 
@@ -62,10 +64,14 @@ def motion(attractor: rattle.Attractor, letter: str = "") -> str:
     return f"{impacts} impact{'s' if impacts > 1 else ''} {each}, {named}"
 
 
-def where(gear: rattle.Gear) -> str:
+def where(gear: AnyGear) -> str:
     """What closed forms say of the point, at once."""
     at = f"Damping δ = {number(gear.delta, 6)}, eccentricity ε = {number(gear.epsilon, 6)}"
-    backlash = f", half-backlash β = {number(gear.beta, 6)}: {REGIONS[gear.region()]}."
+    backlash = f", half-backlash β = {number(gear.beta, 6)}"
+    if isinstance(gear, rattle.Gear):
+        backlash += f": {REGIONS[gear.region()]}."
+    else:
+        backlash += f", walls of stiffness κ = {number(gear.kappa, 6)}."
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f" The gear cannot run quietly here: the eccentricity is above {number(gear.quiet_limit)}, "
@@ -73,12 +79,12 @@ def where(gear: rattle.Gear) -> str:
         )
     else:
         quiet = f" Quiet running is possible, as it is up to an eccentricity of {number(gear.quiet_limit)}."
-    if gear.epsilon < gear.sn1:
+    if isinstance(gear, rattle.Gear) and gear.epsilon < gear.sn1:
         return f"{at}{backlash}{quiet} Rattle with one impact a period, P(1,1,0), begins at ε = {number(gear.sn1)}."
     return f"{at}{backlash}{quiet}"
 
 
-def how_likely(gear: rattle.Gear, found: Chances) -> str:
+def how_likely(gear: AnyGear, found: Chances) -> str:
     """How likely the gear is to run quietly, and what it does otherwise."""
     pairs = list(zip(found.attractors, found.letters, strict=True))
     quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
@@ -133,10 +139,9 @@ def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> 
     return f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
-def orbits_table(gear: rattle.Gear) -> str:
+def orbits_table(found: PeriodOne) -> str:
     """The period-one orbits A to D that exist."""
-    orbits = gear.orbits()
-    if not orbits:
+    if not found.orbits:
         return "<p>None of the period-one orbits A to D exists here.</p>"
     rows = (
         (
@@ -147,9 +152,13 @@ def orbits_table(gear: rattle.Gear) -> str:
             number(orbit.v),
             pair(orbit.multipliers),
         )
-        for orbit in orbits
+        for orbit in found.orbits
     )
-    return table("Period-one orbits", ("Orbit", "Type", "Stability", "Phase τ", "Speed v", "Multipliers"), rows)
+    return table(
+        f"Period-one orbits: {REGIONS[found.region]}",
+        ("Orbit", "Type", "Stability", "Phase τ", "Speed v", "Multipliers"),
+        rows,
+    )
 
 
 def attractors_table(found: Chances) -> str:

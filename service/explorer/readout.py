@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 
 import rattle
+from rattle.models import AnyModel
 from rattle.plot import name_of
 from rattle.plot.plane import REGIONS
 from service.explorer.address import Pair
@@ -23,11 +24,11 @@ from workers.schema import CELL
 Row = tuple[str, str]
 
 
-def readout(cell: xr.Dataset | None, delta: float, epsilon: float, beta: float, window: tuple[Pair, Pair]) -> str:
+def readout(cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyModel, window: tuple[Pair, Pair]) -> str:
     """HTML of what is known at a point (δ, ε): its region, and the cell of the survey that it is in, if any."""
     rows: list[Row] = [("δ", written(delta, window[0])), ("ε", written(epsilon, window[1]))]
     if delta > 0 and epsilon >= 0:
-        region = int(rattle.regions(np.array([delta]), np.array([epsilon]), beta)[0])
+        region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
         rows.append(("region here", REGIONS[region] or "none"))
     tables = [_table(rows)]
     if cell is None:

@@ -27,7 +27,7 @@ async def refine(
         ClusterLostError: the workers went away.
         UnavailableError: they are not there, or too many windows wait already.
     """
-    map_quantity(variable, index)
+    map_quantity(variable, index, request.model)
     survey = await asyncio.to_thread(window_survey, request, window, pixels)
     if front.windows.statistics().tasks_waiting >= front.settings.max_points_waiting:
         raise UnavailableError("Too many windows are being computed. Try again in a few seconds.")

@@ -7,12 +7,12 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Response
 
-import rattle
+from rattle.models import AnyGear
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
 from service.problems import declared
 from service.routes.picture import PNG
-from service.routes.points import GearQuery
+from service.routes.points import GearQuery, stiffness
 from service.state import FrontState
 from service.turns import in_turn
 
@@ -32,24 +32,24 @@ router = APIRouter(prefix="/v1", tags=["points"])
 )
 async def basins(
     front: FrontState,
-    model: GearQuery,
+    gear: GearQuery,
     response: Response,
     resolution: Annotated[int, Query(ge=1, description="cells a side", examples=[50])] = 300,
 ) -> Response:
-    """Each cell is followed on its own, as in Figure 4 of the paper; white: the grazing curve Γ."""
+    """Each cell is followed on its own, as in Figure 4 of the paper; white: the grazing curve Γ (impacting model)."""
     limit = front.settings.max_basin_resolution
     if resolution > limit:
         raise LimitError("query.resolution", f"resolution may be at most {limit} here; use the command rattle figure.")
     png = await in_turn(
-        front, _draw, model, resolution, what="The basins", advice="Ask for fewer cells a side (resolution)."
+        front, _draw, gear, resolution, what="The basins", advice="Ask for fewer cells a side (resolution)."
     )
     return Response(png, media_type=PNG, headers=dict(response.headers))
 
 
-def _draw(model: rattle.Gear, resolution: int) -> bytes:
+def _draw(gear: AnyGear, resolution: int) -> bytes:
     from rattle.plot.basins import panels  # matplotlib, in the process that draws
 
-    figure = panels(model.delta, [model.epsilon], model.beta, resolution).figure
+    figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, stiffness(gear)).figure
     figure.set_size_inches(6.4, 6.2)
     with BytesIO() as png:
         figure.savefig(png, format="png")

@@ -9,9 +9,10 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
 from rattle.curves.trace import FARTHEST
+from rattle.models import model_of
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.problems import declared
-from service.routes.points import Backlash, Multiplier
+from service.routes.points import Backlash, Multiplier, Stiffness
 from service.state import FrontState
 from service.tracing import curves_document
 from service.turns import in_turn
@@ -43,8 +44,8 @@ class CurveDocument(BaseModel):
     meaning: str
     delta: list[float] = Field(description="damping")
     epsilon: list[float] = Field(description="eccentricity")
-    tau: list[float] = Field(description="phase of the impact on the positive wall, in forcing periods")
-    v: list[float] = Field(description="speed after it")
+    tau: list[float] = Field(description="phase of the departure from the positive wall, in forcing periods")
+    v: list[float] = Field(description="speed of it")
     multipliers: list[tuple[Multiplier, Multiplier]] = Field(description="where it grazes, without the square root")
     arclength: list[float] = Field(description="along the curve in the plane, from the start of the piece")
     piece: list[int] = Field(description="number of the connected piece")
@@ -74,9 +75,10 @@ class PointDocument(BaseModel):
 
 
 class Curves(BaseModel):
-    """The bifurcation curves inside a window, and all codimension-two points of the half-backlash."""
+    """The bifurcation curves inside a window, and all codimension-two points of the model."""
 
     beta: float
+    kappa: float | None = Field(description="stiffness of the walls; null: the impacting model")
     window: Rectangle
     curves: list[CurveDocument]
     points: list[PointDocument]
@@ -84,13 +86,14 @@ class Curves(BaseModel):
 
 @router.get(
     "/curves",
-    summary="Bifurcation curves of one half-backlash",
+    summary="Bifurcation curves of one model",
     dependencies=[Depends(function_of_query)],
     responses={**NOT_MODIFIED, **declared(422)},
 )
 async def curves(
     front: FrontState,
     beta: Backlash = 0.6,
+    kappa: Stiffness = None,
     delta_min: Annotated[Damping, Query(examples=[0.7])] = 0.3,
     delta_max: Annotated[Damping, Query(examples=[0.8])] = 1.2,
     epsilon_min: Eccentricity = 0.0,
@@ -105,10 +108,10 @@ async def curves(
     found = await in_turn(
         front,
         curves_document,
-        beta,
+        model_of(beta, kappa),
         window["delta"],
         window["epsilon"],
         what="The curves",
         advice="Ask for a smaller window.",
     )
-    return Curves(beta=beta, window=Rectangle(**window), **found)
+    return Curves(beta=beta, kappa=kappa, window=Rectangle(**window), **found)

@@ -18,7 +18,6 @@ from service.problems import declared
 from service.state import Front, FrontState
 from service.tables import JobRow
 from workers import Bucket, open_survey
-from workers.export import csv_lines, write_netcdf
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
@@ -77,6 +76,8 @@ async def _of(front: Front, job: JobRow, ending: str) -> tuple[Path | Bucket, di
 
 
 def _written(place: Path | Bucket) -> IO[bytes]:
+    from workers.export import write_netcdf  # xarray
+
     with open_survey(place) as dataset:
         return write_netcdf(dataset)
 
@@ -88,6 +89,8 @@ def _blocks(file: IO[bytes]) -> Iterator[bytes]:
 
 
 def _lines(place: Path | Bucket) -> Iterator[str]:
+    from workers.export import csv_lines
+
     dataset = open_survey(place)  # here, so that what is wrong is answered as a problem
 
     def lines() -> Iterator[str]:

@@ -14,7 +14,7 @@ from service.documents import SurveyId
 from service.errors import MissingError
 from service.problems import declared
 from service.state import FrontState
-from workers import QUANTITIES, Bucket, map_png, open_survey
+from workers import QUANTITIES, Bucket, open_survey
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
@@ -58,5 +58,7 @@ async def picture(
 
 
 def _draw(place: Path | Bucket, variable: str, index: int) -> bytes:
+    from workers.maps import map_png  # matplotlib: a second for who asks first, not for every start
+
     with open_survey(place) as dataset:
         return map_png(dataset, variable, index)

@@ -2,24 +2,34 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
+from starlette.concurrency import run_in_threadpool
 
 import rattle
+from rattle.models import AnyGear, model_of
+from rattle.stiff import StiffGear
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
 from service.problems import declared
 from service.state import FrontState
-from service.tracing import number
+from service.tracing import number, orbits_document
 from service.turns import in_turn
+from workers.request import MOST_STIFF
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
 Damping = Annotated[float, Query(gt=0, allow_inf_nan=False, description="damping", examples=[0.6])]
 Eccentricity = Annotated[float, Query(ge=0, allow_inf_nan=False, description="eccentricity", examples=[0.1])]
 Backlash = Annotated[float, Query(gt=0, allow_inf_nan=False, description="half-backlash", examples=[0.6])]
+Stiffness = Annotated[
+    float | None,
+    Query(
+        gt=0, le=MOST_STIFF, allow_inf_nan=False, description="of the walls: the stiff model; else the impacting one"
+    ),
+]
 
 
 class Point(BaseModel):
@@ -28,6 +38,7 @@ class Point(BaseModel):
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
     beta: float = Field(description="half-backlash")
+    kappa: float | None = Field(description="stiffness of the walls; null: the impacting model")
 
 
 class Multiplier(BaseModel):
@@ -40,12 +51,12 @@ class Multiplier(BaseModel):
 class OrbitDocument(BaseModel):
     """An admissible period-one orbit."""
 
-    name: str = Field(description="A, B, C or D")
+    name: str = Field(description="A, B, C or D; P: one of the stiff model that has no counterpart")
     m: int = Field(description="forcing periods")
-    n_plus: int = Field(description="impacts on the positive wall")
-    n_minus: int = Field(description="impacts on the negative wall")
-    tau: float | None = Field(description="phase of the impact, in forcing periods")
-    v: float | None = Field(description="speed after the impact")
+    n_plus: int = Field(description="impacts on the positive wall, or contacts")
+    n_minus: int = Field(description="impacts on the negative wall, or contacts")
+    tau: float | None = Field(description="phase of the departure, in forcing periods")
+    v: float | None = Field(description="speed of the departure")
     multipliers: tuple[Multiplier, Multiplier]
     stable: bool
 
@@ -54,8 +65,8 @@ class Orbits(Point):
     """Period-one orbits and analytic limits of one parameter point."""
 
     region: int = Field(ge=0, le=5, description="1…5 = I…V, 0 none of them")
-    sn1: float | None = Field(description="epsilon above which A and C exist")
-    flip: float | None = Field(description="epsilon above which C is unstable")
+    sn1: float | None = Field(description="epsilon above which A and C exist; null where they are not born so")
+    flip: float | None = Field(description="epsilon above which C is unstable; null for the stiff model")
     quiet_limit: float | None = Field(description="epsilon above which nothing is quiet")
     orbits: list[OrbitDocument]
 
@@ -84,12 +95,14 @@ class Attractors(Point):
     attractors: list[AttractorDocument]
 
 
-async def gear(delta: Damping, epsilon: Eccentricity, beta: Backlash = 0.6) -> rattle.Gear:
+async def gear_of_query(
+    delta: Damping, epsilon: Eccentricity, beta: Backlash = 0.6, kappa: Stiffness = None
+) -> AnyGear:
     """The model at the parameters of the query."""
-    return rattle.Gear(delta, epsilon, beta)
+    return model_of(beta, kappa).gear(delta, epsilon)
 
 
-GearQuery = Annotated[rattle.Gear, Depends(gear)]
+GearQuery = Annotated[AnyGear, Depends(gear_of_query)]
 
 
 @router.get(
@@ -98,15 +111,12 @@ GearQuery = Annotated[rattle.Gear, Depends(gear)]
     dependencies=[Depends(function_of_query)],
     responses={**NOT_MODIFIED, **declared(422)},
 )
-def orbits(model: GearQuery) -> Orbits:
-    return Orbits(
-        **_point(model),
-        region=model.region(),
-        sn1=number(model.sn1),
-        flip=number(model.flip),
-        quiet_limit=number(model.quiet_limit),
-        orbits=[_orbit(orbit) for orbit in model.orbits()],
-    )
+async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
+    if isinstance(gear, rattle.Gear):
+        found = await run_in_threadpool(orbits_document, gear)
+    else:
+        found = await in_turn(front, orbits_document, gear, what="The orbits", advice="Choose another point.")
+    return Orbits(**_point(gear), **found)
 
 
 @router.get(
@@ -117,7 +127,7 @@ def orbits(model: GearQuery) -> Orbits:
 )
 async def attractors(
     front: FrontState,
-    model: GearQuery,
+    gear: GearQuery,
     count: Annotated[int, Query(ge=1, description="initial conditions", examples=[16])] = 256,
     v_max: Annotated[float, Query(gt=0, allow_inf_nan=False, description="largest initial speed")] = 7.0,
     seed: Annotated[int, Query(ge=0, lt=2**32)] = 0,
@@ -126,7 +136,7 @@ async def attractors(
         raise LimitError("query.count", f"count may be at most {front.settings.max_point_count} here; submit a survey.")
     found = await in_turn(
         front,
-        model.attractors,
+        gear.attractors,
         count,
         v_max,
         seed,
@@ -134,26 +144,17 @@ async def attractors(
         advice="Ask for fewer initial conditions (count), or submit a survey.",
     )
     return Attractors(
-        **_point(model), count=count, v_max=v_max, seed=seed, attractors=[_attractor(item) for item in found]
+        **_point(gear), count=count, v_max=v_max, seed=seed, attractors=[_attractor(item) for item in found]
     )
 
 
-def _point(model: rattle.Gear) -> dict[str, float]:
-    return {"delta": model.delta, "epsilon": model.epsilon, "beta": model.beta}
+def stiffness(gear: AnyGear) -> float | None:
+    """κ of the stiff model; None: the impacting one."""
+    return gear.kappa if isinstance(gear, StiffGear) else None
 
 
-def _orbit(orbit: rattle.Orbit) -> OrbitDocument:
-    first, second = (Multiplier(re=number(value.real), im=number(value.imag)) for value in orbit.multipliers)
-    return OrbitDocument(
-        name=orbit.name,
-        m=orbit.m,
-        n_plus=orbit.n_plus,
-        n_minus=orbit.n_minus,
-        tau=number(orbit.tau),
-        v=number(orbit.v),
-        multipliers=(first, second),
-        stable=orbit.stable,
-    )
+def _point(gear: AnyGear) -> dict[str, Any]:
+    return {"delta": gear.delta, "epsilon": gear.epsilon, "beta": gear.beta, "kappa": stiffness(gear)}
 
 
 def _attractor(item: rattle.Attractor) -> AttractorDocument:

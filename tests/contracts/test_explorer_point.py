@@ -12,6 +12,8 @@ import pytest
 from service_support import no_cluster
 
 import rattle
+from rattle.models import Impacting, Stiff
+from rattle.stiff import StiffGear
 from service.app import create_app
 from service.errors import UnavailableError
 from service.explorer import point_parts, point_words
@@ -192,7 +194,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path) -> None:
                 await asyncio.sleep(0.01)
 
         ticking = asyncio.create_task(tick())
-        view = PointView(PointPanel("light"), front, 0.6, 0.1, 0.6)
+        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
         assert "region IV" in view.panel.where.html
         assert "2.602, 0.2109" in view.panel.orbits.html
         await until(lambda: is_complete(view))
@@ -215,7 +217,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path) -> None:
         await until(lambda: "damping δ" in view.panel.under_diagram.html)
         start = {"tau": "0.25", "v": "4.5"}
         assert states == [{"attractor": "2"}, start, start | {"direction": "delta"}]
-        again = PointView(PointPanel("light"), front, 0.6, 0.1, 0.6, **view.state)
+        again = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6), **view.state)
         await until(lambda: again.panel.under_motion.html == view.panel.under_motion.html)
         await until(lambda: again.panel.under_diagram.html == view.panel.under_diagram.html)
         assert again.panel.choice.value == view.panel.choice.value
@@ -230,7 +232,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
         raise UnavailableError("a margin that takes <b>too long</b>")
 
     async def body(front: Front) -> None:
-        view = PointView(PointPanel("light"), front, 0.6, 0.1, 0.6)
+        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
 
         async def compute(work: Any, *arguments: Any, what: str, slow: bool = False) -> Any:
             return refusing(arguments[0]) if slow and what == "The margin" else work(*arguments)
@@ -248,7 +250,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 
 def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
-        view = PointView(PointPanel("light"), front, 0.6, 0.1, 0.6)
+        view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
         await until(lambda: front.points.borrowed_tokens > 0)
         view.stop()
         said = view.panel.likely.html
@@ -263,8 +265,41 @@ def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Pat
 @pytest.mark.parametrize(("delta", "epsilon"), [(-1.0, 0.1), (0.6, float("nan")), (0.0, 0.1)])
 def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon: float) -> None:
     async def body(front: Front) -> None:
-        view = PointView(PointPanel("light"), front, delta, epsilon, 0.6)
+        view = PointView(PointPanel("light"), front, delta, epsilon, Impacting(0.6))
         assert "must" in view.panel.where.html
+        view.stop()
+
+    with_front(tmp_path, body)
+
+
+def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def body(front: Front) -> None:
+        view = PointView(PointPanel("light"), front, 0.6, 0.075, Stiff(0.6, 1e4))
+        asked: list[str] = []
+
+        async def compute(work: Any, *arguments: Any, what: str, **_slow: bool) -> Any:
+            asked.append(what)
+            if work is point_parts.basins:
+                arguments = (arguments[0], 40, "cells")
+            if work is point_parts.chances:
+                arguments = (arguments[0], 64)
+            return work(*arguments)
+
+        monkeypatch.setattr(view._work, "compute", compute)
+        assert "stiffness κ = 10000" in view.panel.where.html
+        texts = (view.panel.under_motion, view.panel.under_diagram, view.panel.orbits)
+        await until(lambda: asked.count("The basins") == 3 and not any("computing" in each.html for each in texts))
+        gear = StiffGear(0.6, 0.075, 0.6, 1e4)
+        quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
+        assert point_words.percent(quiet.fraction) in view.panel.likely.html
+        assert "region III" in view.panel.orbits.html
+        assert point_words.number(gear.orbits()[0].v) in view.panel.orbits.html
+        samples = view.panel.motions._samples.data
+        assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
+        assert "impacting model only" in view.panel.safe.html
+        assert "The margin" not in asked
+        assert view._lines is not None
+        assert [line.name for line in view._lines.lines] == ["Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"]
         view.stop()
 
     with_front(tmp_path, body)

@@ -352,6 +352,10 @@ def test_the_command_writes_figures(tmp_path: Path) -> None:
         ["7", "--delta", "1:0.5"],
         ["4", "--beta", "-1"],
         ["7", "--format", "gif"],
+        ["4", "--kappa", "1e4"],
+        ["5", "--kappa", "-1"],
+        ["stiff", "--kappa", "1e4"],
+        ["stiff", "--epsilon", "0.05:0.1"],
         ["7", "--out", "FILE"],
         ["7", "--out", "FILE/below"],
         ["store.zarr", "--out", "FILE"],
@@ -364,7 +368,8 @@ def test_the_command_refuses(
 ) -> None:
     (tmp_path / "FILE").touch()
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("rattle.plot.paper_figures.Request.draw", lambda _: pytest.fail("computed first"))
+    for request_ in ("Request", "StiffRequest"):
+        monkeypatch.setattr(f"rattle.plot.paper_figures.{request_}.draw", lambda _: pytest.fail("computed first"))
     monkeypatch.setattr(sys, "argv", ["rattle", "figure", *arguments])
     with pytest.raises(SystemExit) as ended:
         main()

@@ -106,6 +106,7 @@ def test_the_route_is_declared(client: TestClient) -> None:
     operation = client.get("/openapi.json").json()["paths"]["/v1/curves"]["get"]
     assert {parameter["name"] for parameter in operation["parameters"]} == {
         "beta",
+        "kappa",
         "delta_min",
         "delta_max",
         "epsilon_min",

@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 
 import rattle
-from workers import Axis, Group, SurveyRequest, create_store, finish_store, map_png, maps, tiles_of
+from workers import Axis, Group, SurveyRequest, create_store, finish_store, maps, tiles_of
+from workers.maps import map_png
 from workers.runner import compute_and_write
 
 NAMES = ("basin_entropy", "boundary_basin_entropy", "boundary_distance", "boundary_distance_phase", "crisis_side")

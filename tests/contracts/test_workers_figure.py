@@ -19,11 +19,11 @@ from workers import (
     SurveyError,
     SurveyRequest,
     create_store,
-    map_png,
     open_survey,
-    survey_figure,
     tiles_of,
 )
+from workers.figure import survey_figure
+from workers.maps import map_png
 from workers.runner import compute_and_write
 
 REQUEST = SurveyRequest(

@@ -10,7 +10,8 @@ import pytest
 from mpmath import mpf
 
 import rattle
-from rattle.branches import beyond, branch, cascade, doubled, fate
+from rattle.branches import beyond, branch, doubled, fate
+from rattle.cascades import cascade
 from rattle.curves import bifurcation_curve, codimension_two
 from rattle.events import Event
 from rattle.periodic import PeriodicOrbit, periodic_orbit

@@ -9,7 +9,7 @@ import rattle
 from rattle.attractors import KINDS
 from rattle.branches import beyond, branch
 from rattle.curves import name_of
-from rattle.diagrams import diagram, names
+from rattle.diagrams import diagram
 from rattle.periodic import at_parameters, orbit_of
 
 PERIODIC, CHAOTIC = KINDS.index("periodic"), KINDS.index("chaotic")
@@ -59,7 +59,7 @@ def distance(orbit, tau, v):
 def test_period_one_branches_agree_with_closed_forms(name):
     found, beta, seen = along(name), SEGMENTS[name][2], 0
     for each in found.branches:
-        called = np.array(names(each))
+        called = np.array(each.names)
         known = rattle.period_one(each.delta, each.epsilon, beta)
         for i, orbit in enumerate("ABCD"):
             off_graze = np.abs(each.speeds).min(axis=1) > 1e-5
@@ -216,7 +216,7 @@ def test_above_the_quiet_limit_there_is_chaos_at_every_step():
     found = diagram((0.6, 0.25), (0.6, 0.252), steps=6, impacts=4)
     chaotic = found.points.kind == CHAOTIC
     assert set(found.points.step[chaotic & found.points.forward]) == set(range(7))
-    assert {names(each)[0] for each in found.branches} >= {"A", "D"}
+    assert {each.names[0] for each in found.branches} >= {"A", "D"}
 
 
 def test_limits_are_kept_and_said():

@@ -36,17 +36,13 @@ def test_points_go_back_to_the_saddle(name, kind, side):
             break
         at = (found.images == j) & (found.parameter != 0)
         _, tau, v, _, _ = images(
-            found.tau[at], found.v[at], j * local.steps, j * local.turns, not local.backwards, *_parameters(orbit)
+            found.tau[at], found.v[at], j * local.steps, j * local.turns, not local.backwards, orbit.point
         )
         off = np.hypot(*(np.stack([tau, v]) - local.at(found.parameter[at])))
         assert off[~ends[at]].max(initial=0.0) < 1e-8
         assert off.max(initial=0.0) < 1e-5
         checked += off.size
     assert checked > 5
-
-
-def _parameters(orbit):
-    return orbit.delta, orbit.epsilon, orbit.beta
 
 
 @pytest.mark.parametrize("kind", ["stable", "unstable"])

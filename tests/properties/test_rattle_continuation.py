@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import rattle
-from rattle.branches import beyond, branch, cascade, doubled, fate
+from rattle.branches import beyond, branch, doubled, fate
+from rattle.cascades import cascade
 from rattle.curves import bifurcation_curve, trace
 from rattle.errors import ParameterError, RattleError
 from rattle.periodic import PeriodicOrbit, periodic_orbit

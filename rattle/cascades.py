@@ -1,0 +1,53 @@
+"""The period-doubling cascade of a motion."""
+
+import numpy as np
+
+from rattle.bifurcations import Kind
+from rattle.branches import Branch, Parameter, Span, branch, doubled, line_through
+from rattle.errors import require_integer
+from rattle.events import Event
+from rattle.periodic import PeriodicOrbit
+
+MOST_DOUBLINGS = 8  # time grows by six with each
+
+
+def cascade(
+    orbit: PeriodicOrbit, parameter: Parameter = "epsilon", span: Span = None, doublings: int = 6
+) -> tuple[Event, ...]:
+    """The period-doubling cascade of a stable motion as the parameter grows: the flip at which it loses stability, that
+    of the doubled motion and so on, for so many doublings, or up to the graze or saddle-node that ends a stable branch.
+
+    Arguments and errors as `branch`.
+    """
+    doublings = require_integer("doublings", doublings, 1, MOST_DOUBLINGS)
+    here, found = branch(orbit, parameter, span), list[Event]()
+    last = orbit.delta, orbit.epsilon
+    while True:
+        event = _loss_of_stability(here)
+        if event is not None:
+            found.append(event)
+        if event is None or event.kind is not Kind.FLIP or len(found) >= doublings:
+            return tuple(found)
+        gap = np.hypot(event.delta - last[0], event.epsilon - last[1])
+        last = event.delta, event.epsilon
+        here = doubled(event, *_around(event, parameter, span, 2 * gap if len(found) > 1 else np.inf))
+
+
+def _around(
+    event: Event, parameter: Parameter, span: Span, reach: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Direction and span of the part of a line within this reach of an event: the next doubling is nearer."""
+    line = line_through(event.delta, event.epsilon, parameter, span)
+    reach /= float(np.hypot(*line.direction))
+    low, high = max(line.span[0], -reach), min(line.span[1], reach)
+    return (float(line.direction[0]), float(line.direction[1])), (low, high)
+
+
+def _loss_of_stability(here: Branch) -> Event | None:
+    """The first event, from where the branch was begun on, at which it stops being stable."""
+    stable = [*here.stable[here.start :], False]
+    if True not in stable:
+        return None
+    last = here.start + stable.index(False, stable.index(True)) - 1
+    events = [event for event in here.events if event.after == last]
+    return events[0] if events else None

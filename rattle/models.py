@@ -1,0 +1,161 @@
+"""The two models of the gear over the (δ, ε) plane, with one interface; `model_of` gives the one that is meant."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+from numpy.typing import ArrayLike
+
+from rattle import curves, stiff
+from rattle.attractors import Attractors, attractors_of
+from rattle.branches import Branch
+from rattle.curves import CodimensionTwo, Curve
+from rattle.diagrams import Diagram, diagram
+from rattle.errors import RattleError, require_number
+from rattle.events import Event
+from rattle.gear import Gear
+from rattle.orbits import PeriodOne, period_one
+
+Range = tuple[float, float]
+
+
+class Limits(NamedTuple):
+    """Eccentricities at one damping: A and C are born, C flips, quiet motion ends; None: not there, or not known."""
+
+    sn1: float | None
+    flip: float | None
+    quiet_limit: float
+
+
+class Model(StrEnum):
+    """Which of the paper's models: walls that do not give way (2.3, 2.4), or elastic ones (2.1, 2.2)."""
+
+    IMPACTING = "impacting"
+    STIFF = "stiff"
+
+
+@dataclass(frozen=True)
+class Impacting:
+    """The impacting model at half-backlash beta > 0. The methods are the functions of `rattle` of the same names."""
+
+    beta: float = 0.6
+
+    name = Model.IMPACTING
+    curve_names = curves.NAMES
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
+
+    def __str__(self) -> str:
+        return f"half-backlash β = {self.beta:g}"
+
+    def gear(self, delta: float, epsilon: float) -> Gear:
+        """The model at one point."""
+        return Gear(delta, epsilon, self.beta)
+
+    def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
+        """The motions A–D."""
+        return period_one(delta, epsilon, self.beta)
+
+    def attractors_of(
+        self, delta: ArrayLike, epsilon: ArrayLike, count: int = 256, v_max: float = 7.0, seed: int = 0
+    ) -> Attractors:
+        """The attractors of all cells."""
+        return attractors_of(delta, epsilon, self.beta, count, v_max, seed)
+
+    def diagram(self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64) -> Diagram[Branch, Event]:
+        """The bifurcation diagram from start to end, both (δ, ε)."""
+        return diagram(start, end, self.beta, steps, count)
+
+    def limits(self, delta: float) -> Limits:
+        """SN1, flip and quiet limit at one damping."""
+        gear = self.gear(delta, 0.0)
+        return Limits(gear.sn1, gear.flip, gear.quiet_limit)
+
+    def describe(self, name: str) -> str:
+        """What happens on a curve. Raises ParameterError."""
+        return curves.describe(name)
+
+    def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
+        """A bifurcation curve in a window. Raises ParameterError, and RattleError where it cannot be followed."""
+        return curves.trace(name, self.beta, delta, epsilon)
+
+    def codimension_two(self) -> Sequence[CodimensionTwo]:
+        """The points where curves meet."""
+        return curves.codimension_two(self.beta)
+
+
+@dataclass(frozen=True)
+class Stiff:
+    """The model with walls of stiffness kappa > 0, at half-backlash beta > 0: the interface of `Impacting`, by the
+    functions of `rattle.stiff`.
+    """
+
+    beta: float = 0.6
+    kappa: float = 1e4
+
+    name = Model.STIFF
+    curve_names = stiff.NAMES
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
+        object.__setattr__(self, "kappa", require_number("kappa", self.kappa, positive=True))
+
+    def __str__(self) -> str:
+        return f"half-backlash β = {self.beta:g}, stiffness κ = {self.kappa:g}"
+
+    def gear(self, delta: float, epsilon: float) -> stiff.StiffGear:
+        """The model at one point."""
+        return stiff.StiffGear(delta, epsilon, self.beta, self.kappa)
+
+    def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
+        """The counterparts of A–D."""
+        return stiff.period_one(delta, epsilon, self.beta, self.kappa)
+
+    def attractors_of(
+        self, delta: ArrayLike, epsilon: ArrayLike, count: int = 256, v_max: float = 7.0, seed: int = 0
+    ) -> Attractors:
+        """The attractors of all cells."""
+        return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed)
+
+    def diagram(
+        self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64
+    ) -> Diagram[stiff.StiffBranch, stiff.StiffEvent]:
+        """The bifurcation diagram from start to end, both (δ, ε)."""
+        return stiff.diagram(start, end, self.beta, self.kappa, steps, count)
+
+    def limits(self, delta: float) -> Limits:
+        """SN1 and quiet limit at one damping."""
+        gear = self.gear(delta, 0.0)
+        try:
+            born = gear.sn1
+        except RattleError:
+            return Limits(None, None, gear.quiet_limit)
+        return Limits(born, None, gear.quiet_limit)
+
+    def describe(self, name: str) -> str:
+        """What happens on a curve. Raises ParameterError."""
+        return stiff.describe(name)
+
+    def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
+        """A bifurcation curve in a window. Raises ParameterError, and RattleError where it cannot be followed."""
+        return stiff.trace(name, self.beta, self.kappa, delta, epsilon)
+
+    def codimension_two(self) -> Sequence[CodimensionTwo]:
+        """None are known: the corners that grazes make are smooth folds here."""
+        return ()
+
+
+AnyModel = Impacting | Stiff
+AnyGear = Gear | stiff.StiffGear
+
+
+def model_at(gear: AnyGear) -> AnyModel:
+    """The model that a gear is one point of."""
+    return Impacting(gear.beta) if isinstance(gear, Gear) else Stiff(gear.beta, gear.kappa)
+
+
+def model_of(beta: float = 0.6, kappa: float | None = None) -> AnyModel:
+    """The impacting model, or with a stiffness kappa the stiff one. Raises ParameterError."""
+    return Impacting(beta) if kappa is None else Stiff(beta, kappa)

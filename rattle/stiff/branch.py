@@ -1,0 +1,205 @@
+"""A branch of periodic motions of the stiff gear, and what happens on it."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.arclength import located
+from rattle.bifurcations import Kind
+from rattle.flight import wrapped
+from rattle.impact_equations import Array
+from rattle.orbits import NAMES
+from rattle.stiff.curves import FLIP, FOLDS
+from rattle.stiff.equations import StiffItinerary
+from rattle.stiff.line import Line
+from rattle.stiff.motion import StiffOrbit, orbit_of, softness
+from rattle.stiff.orbits import orbits_at
+
+SAME_MOTION = 1e-6  # in τ and v
+
+
+class StiffEvent(NamedTuple):
+    """A saddle-node (SN), flip (PD) or graze (GR) on a branch: the motion there, and the number of the branch's point
+    before it, at a saddle-node of the point that it is, at a graze of the last one.
+
+    Nothing bifurcates at a graze: its motion, here without the contact that is gained or lost, goes on as `beyond`.
+    """
+
+    kind: Kind
+    orbit: StiffOrbit
+    point: int
+    beyond: StiffOrbit | None = None
+
+    @property
+    def after(self) -> int:
+        """The branch's point before it."""
+        return self.point - (self.kind is Kind.SADDLE_NODE)
+
+    @property
+    def itinerary(self) -> StiffItinerary:
+        """Its walls in their order."""
+        return self.orbit.itinerary
+
+    @property
+    def unknowns(self) -> Array:
+        """Times, durations times √(2κ), δ, ε and κ^(−1/2)/√2 (2c + 3,)."""
+        return unknowns_of(self.orbit)
+
+    @property
+    def parameters(self) -> Array:
+        """δ, ε and κ^(−1/2)/√2 (3,)."""
+        return self.unknowns[-3:]
+
+    @property
+    def admissible(self) -> bool:
+        """Whether the motion happens: always."""
+        return True
+
+
+def unknowns_of(orbit: StiffOrbit) -> Array:
+    """Times, durations times √(2κ), δ, ε and κ^(−1/2)/√2 (2c + 3,)."""
+    return np.append(orbit.unknowns, softness(orbit.kappa))
+
+
+@dataclass(frozen=True)
+class StiffBranch:
+    """A branch of motions with one itinerary along a line of parameters: its k points in order, each a solution.
+
+    unknowns (k, 2c + 3): times, durations times √(2κ), δ, ε and κ^(−1/2)/√2. multipliers (2, k). start: the point it
+    was followed from. events: saddle-nodes and flips in the order of the branch. ends: why it ends, at its first and
+    its last point. grazes: at which of them its motion goes on with another label, and how.
+    """
+
+    walls: tuple[int, ...]
+    m: int
+    beta: float
+    unknowns: Array
+    multipliers: NDArray[np.complex128]
+    start: int
+    events: tuple[StiffEvent, ...]
+    ends: tuple[str, str]
+    grazes: tuple[StiffEvent, ...]
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.unknowns)
+
+    @property
+    def parameters(self) -> Array:
+        """δ, ε and κ^(−1/2)/√2 (k, 3)."""
+        return self.unknowns[:, -3:]
+
+    @property
+    def delta(self) -> Array:
+        """Damping (k,)."""
+        return self.unknowns[:, -3]
+
+    @property
+    def epsilon(self) -> Array:
+        """Eccentricity (k,)."""
+        return self.unknowns[:, -2]
+
+    @property
+    def kappa(self) -> Array:
+        """Stiffness (k,)."""
+        return np.asarray(0.5 / self.unknowns[:, -1] ** 2)
+
+    @property
+    def itinerary(self) -> StiffItinerary:
+        """Its walls in their order, with the stiffness of its first point."""
+        return StiffItinerary(self.walls, self.m, self.beta, float(self.unknowns[0, -1]))
+
+    @property
+    def label(self) -> tuple[int, int, int]:
+        """(m, n_plus, n_minus)."""
+        return self.m, self.walls.count(1), self.walls.count(-1)
+
+    @property
+    def unfolded(self) -> Array:
+        """Times and durations (k, 2c), which do not jump along the branch."""
+        return self.unknowns[:, :-3]
+
+    @property
+    def departures(self) -> Array:
+        """When the motions leave the walls (k, c)."""
+        c = len(self.walls)
+        return self.unknowns[:, :c] + self.unknowns[:, -1:] * self.unknowns[:, c:-3]
+
+    @property
+    def speeds(self) -> Array:
+        """Speeds with which they do (k, c)."""
+        itinerary, x = self.itinerary, self.unknowns
+        return np.asarray(-itinerary.signs * itinerary.flights(x[:, :-1], x[:, -1:]).w0, np.float64)
+
+    @property
+    def admissible(self) -> NDArray[np.bool_]:
+        """Whether the motion happens (k,): always."""
+        return np.ones(len(self), np.bool_)
+
+    @property
+    def stable(self) -> NDArray[np.bool_]:
+        """Whether the motion attracts (k,); a saddle-node counts as its stable side does."""
+        attracts = np.abs(self.multipliers[0]) < 1.0
+        for event in self.events:
+            if event.kind is Kind.SADDLE_NODE:
+                attracts[event.point] = attracts[max(event.point - 1, 0)] or attracts[event.point + 1]
+        return attracts
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """A, B, C or D for every point of a period-one branch, "" for those of any other, and of the P(1,1,0) that no
+        impacting motion becomes: the letter of the stretch between folds that it is on (`rattle.stiff.families`).
+        """
+        folds = [event.point for event in self.events if event.kind is Kind.SADDLE_NODE]
+        edges, names = [0, *folds, len(self)], list[str]()
+        for i, j in pairwise(edges):
+            names += [_letter(self.orbit((i + j) // 2)) if self.label[:2] == (1, 1) else ""] * (j - i)
+        return tuple(names)
+
+    def curve_of(self, event: StiffEvent) -> str | None:
+        """The curve of `rattle.stiff.trace` that an event of the branch is on, None if it is on none of them."""
+        k, letters, x = event.point, self.names, event.unknowns
+        if self.label[:2] != (1, 1) or (len(self.walls) > 1 and x[1] - x[0] + 0.5 * x[-1] * (x[3] - x[2]) < 0.5):
+            return None  # beyond the pole of the limit's P(1,1,1), at half a period from Σ⁺ to Σ⁻
+        if event.kind is Kind.SADDLE_NODE and 0 < k < len(self) - 1:
+            pair = "".join(sorted((letters[k - 1], letters[k + 1])))
+            return next((name for name, meet in FOLDS.items() if meet == pair), None)
+        if event.kind is not Kind.FLIP or letters[k] != "D":
+            return None
+        i = next(i for i, each in enumerate(self.events) if each is event)
+        return FLIP if any(each.kind is Kind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]) else None
+
+    def motion(self, index: int) -> tuple[StiffItinerary, Array]:
+        """Itinerary and unknowns (2c + 3,) of one point."""
+        return self.itinerary, self.unknowns[index]
+
+    def orbit(self, index: int) -> StiffOrbit:
+        """The motion at one point."""
+        x = self.unknowns[index]
+        return orbit_of(StiffItinerary(self.walls, self.m, self.beta, float(x[-1])), x[:-1])
+
+    def crossings(self, index: int, value: float) -> list[tuple[int, Array]]:
+        """Where the parameter number `index` of the branch (−3, −2, −1: δ, ε, κ^(−1/2)/√2) has this value: the point
+        before, and the unknowns (2c + 3,).
+        """
+        found, at = list[tuple[int, Array]](), self.unknowns[:, index] - value
+        line = Line(self.walls, self.m, self.beta, self.unknowns[0, -3:], np.eye(3)[index])
+        for k in range(len(self) - 1):
+            if (at[k] < 0) != (at[k + 1] < 0):
+                a, b = (line.parameter(x) for x in self.unknowns[k : k + 2])
+                y = located(line.problem, a, b, lambda y: line.plane(y)[index] - value)
+                if y is not None:
+                    found.append((k, line.plane(y)))
+        return found
+
+
+def _letter(orbit: StiffOrbit) -> str:
+    """The letter of a motion P(1,1,0) or P(1,1,1)."""
+    for name, other in orbits_at(orbit.delta, orbit.epsilon, orbit.beta, orbit.kappa):
+        if other.label == orbit.label and abs(wrapped(other.tau - orbit.tau)) + abs(other.v - orbit.v) < SAME_MOTION:
+            return name if name in NAMES else ""
+    return ""

@@ -1,0 +1,188 @@
+"""The closure of a periodic motion of the stiff gear with all derivatives, and whether it happens (compiled).
+
+As `rattle.stiff.equations` at one δ, β and κ: unknowns y = (times at which the contacts begin, durations σ in units of
+p = 1/√(2κ), ε), 2c + 1 of them for c contacts; the equations say that every contact, entered with the velocity of the
+flight before, is over after pσ, and ends with the velocity of the flight after.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rattle._compile import inline, kernel
+from rattle.first_impact import OK, first_impact
+from rattle.flight import DRIFT, TWO_PI, folded
+from rattle.stiff.contact import ENDS, contact_end, driven, forcing, responses
+
+SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight, and likewise a contact
+LEAST_CONTACT = 1e-6  # σ; a shorter one is a graze, at σ = 0, where a branch has a turning point in σ²
+GRAZING = 1e-6  # with a lower speed, rounding decides whether a flight meets a wall
+SAME_END = 1e-9  # of a contact, besides: what the error of a solution makes of a grazing one
+
+
+class Cycle(NamedTuple):
+    """What all motions of a family share: the walls (c,) in their order, Σ⁺ first, and the forcing periods."""
+
+    walls: Any
+    m: int
+    delta: float
+    beta: float
+    kappa: float
+
+
+def softness(kappa: float) -> float:
+    """p = 1/√(2κ), 0 for infinite stiffness."""
+    return float(1.0 / np.sqrt(2.0 * kappa))
+
+
+@inline
+def flight(t0, t1, gap, delta, epsilon):
+    """Velocities w₀ and w₁ of a flight over a distance, and their derivatives by t₀, t₁ and ε (paper 3.1, 3.2)."""
+    s = t1 - t0
+    decay, pull = math.exp(-delta * s), -delta / math.expm1(-delta * s)
+    sin0, cos0 = math.sin(TWO_PI * t0), math.cos(TWO_PI * t0)
+    sin1, cos1 = math.sin(TWO_PI * t1), math.cos(TWO_PI * t1)
+    swing = -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s) * pull
+    c, force = (DRIFT * s - gap) * pull + epsilon * swing, TWO_PI * TWO_PI * epsilon
+    w0, w1 = DRIFT - TWO_PI * epsilon * sin0 - c, DRIFT - TWO_PI * epsilon * sin1 - c * decay
+    by_t0 = w0 * pull + delta * c - force * cos0, decay * pull * w0
+    by_t1 = -pull * w1, (delta * c - w1 * pull) * decay - force * cos1
+    return w0, w1, by_t0, by_t1, (-TWO_PI * sin0 - swing, -TWO_PI * sin1 - swing * decay)
+
+
+@inline
+def follower(i, y, cycle):
+    """The flight after contact i: number of the next contact, departure and arrival, and the distance."""
+    c = cycle.walls.size
+    after = i + 1 if i < c - 1 else 0
+    t1 = y[after] if i < c - 1 else y[0] + cycle.m
+    gap = cycle.beta * (cycle.walls[after] - cycle.walls[i])
+    return after, y[i] + y[c + i] / math.sqrt(2.0 * cycle.kappa), t1, gap
+
+
+@kernel
+def closure(y, cycle, value, jacobian):
+    """R (2c,) and ∂R/∂y (2c, 2c + 1): depths over pσ at the ends of the contacts, then jumps of velocity there.
+
+    False where a flight would take no time.
+    """
+    c, delta, epsilon, kappa = cycle.walls.size, cycle.delta, y[2 * cycle.walls.size], cycle.kappa
+    p = 1.0 / math.sqrt(2.0 * kappa)
+    value[:] = 0.0
+    jacobian[:] = 0.0
+    for i in range(c):  # velocities of the flights: w₀ for the contact before, w₁ = ± u for the one after
+        after, t0, t1, gap = follower(i, y, cycle)
+        if not t1 > t0:
+            return False
+        w0, w1, (w0_t0, w1_t0), (w0_t1, w1_t1), (w0_e, w1_e) = flight(t0, t1, gap, delta, epsilon)
+        wall = cycle.walls[i]
+        value[c + i] -= wall * w0
+        jacobian[c + i, i] -= wall * w0_t0
+        jacobian[c + i, c + i] -= wall * p * w0_t0
+        jacobian[c + i, after] -= wall * w0_t1
+        jacobian[c + i, 2 * c] -= wall * w0_e
+        wall, s = cycle.walls[after], p * y[c + after]
+        sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
+        phase = TWO_PI * y[after]
+        mean, a, b = forcing(wall, math.sin(phase), math.cos(phase), delta, 1.0)
+        u, v_u = wall * w1, 1.0 - lost - delta * sine
+        x_e, v_e = a * x_c + b * x_s, a * v_c + b * v_s
+        x = u * sine + mean * lost / (2.0 * kappa) + epsilon * x_e
+        v = u * v_u + mean * sine + epsilon * v_e
+        turn = TWO_PI * epsilon
+        x_t, v_t = turn * (b * x_c - a * x_s), turn * (b * v_c - a * v_s)
+        value[after] = x / s
+        value[c + after] += v
+        by_u, force = sine / s, mean + epsilon * (a * (1.0 - omc) + b * siny)
+        jacobian[after, i] += by_u * wall * w1_t0
+        jacobian[after, c + i] += by_u * wall * p * w1_t0
+        jacobian[after, after] += by_u * wall * w1_t1 + x_t / s
+        jacobian[after, c + after] += p * (v - x / s) / s
+        jacobian[after, 2 * c] += by_u * wall * w1_e + x_e / s
+        jacobian[c + after, i] += v_u * wall * w1_t0
+        jacobian[c + after, c + i] += v_u * wall * p * w1_t0
+        jacobian[c + after, after] += v_u * wall * w1_t1 + v_t
+        jacobian[c + after, c + after] += p * (force - delta * v - 2.0 * kappa * x)
+        jacobian[c + after, 2 * c] += v_u * wall * w1_e + v_e
+    return True
+
+
+@kernel
+def trace_of(y, cycle):
+    """The trace of the tangent map (2, 2) in (Φ, Φ') over the period: a product of exact ones, each det e^(−δs)."""
+    c, delta, kappa = cycle.walls.size, cycle.delta, cycle.kappa
+    p = 1.0 / math.sqrt(2.0 * kappa)
+    j00, j01, j10, j11 = 1.0, 0.0, 0.0, 1.0
+    for i in range(c):
+        _after, t0, t1, _gap = follower(i, y, cycle)
+        sine, lost, _defect = responses(p * y[c + i], delta, kappa)
+        kept = 1.0 - lost - delta * sine
+        j00, j01, j10, j11 = (
+            (1.0 - lost) * j00 + sine * j10,
+            (1.0 - lost) * j01 + sine * j11,
+            kept * j10 - 2.0 * kappa * sine * j00,
+            kept * j11 - 2.0 * kappa * sine * j01,
+        )
+        gone = -math.expm1(-delta * (t1 - t0))
+        j00, j01 = j00 + gone / delta * j10, j01 + gone / delta * j11
+        j10, j11 = (1.0 - gone) * j10, (1.0 - gone) * j11
+    return j00 + j11
+
+
+@kernel
+def first_failure(y, cycle):
+    """The first flight or contact of a solution that ends elsewhere than the equations say: (its number, whether it is
+    a contact, the wall and the time at which it ends instead); wall 0 if it does not even begin, number −1 if there is
+    none, and the motion happens.
+    """
+    c, delta, epsilon, beta, kappa = cycle.walls.size, cycle.delta, y[y.size - 1], cycle.beta, cycle.kappa
+    p = 1.0 / math.sqrt(2.0 * kappa)
+    if not (np.isfinite(y).all() and delta > 0.0 and epsilon >= 0.0 and y[c : 2 * c].min() > LEAST_CONTACT):
+        return 0, True, 0, 0.0
+    for i in range(c):
+        after, t0, t1, gap = follower(i, y, cycle)
+        if not t1 > t0:
+            return i, False, 0, t0
+        w0, w1, _by_t0, _by_t1, _by_e = flight(t0, t1, gap, delta, epsilon)
+        wall, target = cycle.walls[i], cycle.walls[after]
+        u, lasts = target * w1, p * y[c + after]
+        if not (wall * w0 < 0.0 < u):
+            return i, False, 0, t0
+        status, s, met, _w, _d, _s, _c, _t, _k = first_impact(wall, folded(t0), w0, delta, epsilon, beta, DRIFT)
+        if status != OK:
+            return i, False, 0, t0
+        missed = met != target or abs(s - (t1 - t0)) > SAME_TIME
+        if missed and not (u < GRAZING and s > t1 - t0 - SAME_TIME):
+            return i, False, met, t0 + s
+        status, s, _x, _v, _s, _l = contact_end(target, folded(t1), 0.0, u, delta, epsilon, kappa, math.inf)
+        if status != ENDS or abs(s - lasts) > SAME_TIME * p * math.pi + SAME_END:
+            return after, True, target if status == ENDS else 0, y[after] + s
+    return -1, False, 0, 0.0
+
+
+@kernel
+def happens(y, cycle):
+    """Whether the motion of a solution happens: each contact and each flight ends first where the equations say."""
+    return first_failure(y, cycle)[0] < 0
+
+
+@kernel
+def struck(y, cycle):
+    """When the flight of a P(1,1,0) meets Σ⁻ on its way, NaN if it does not."""
+    _after, t0, t1, gap = follower(0, y, cycle)
+    w0, _w1, _by_t0, _by_t1, _by_e = flight(t0, t1, gap, cycle.delta, y[2])
+    if not w0 < 0.0:
+        return math.nan
+    status, s, met, _w, _d, _s, _c, _t, _k = first_impact(
+        cycle.walls[0], folded(t0), w0, cycle.delta, y[2], cycle.beta, DRIFT
+    )
+    return t0 + s if status == OK and met < 0 else math.nan
+
+
+@kernel
+def departure_of(y, cycle):
+    """Phase and speed of the departure from Σ⁺ at the end of the first contact."""
+    _after, t0, t1, gap = follower(0, y, cycle)
+    w0, _w1, _by_t0, _by_t1, _by_e = flight(t0, t1, gap, cycle.delta, y[y.size - 1])
+    return folded(t0), -w0

@@ -1,0 +1,137 @@
+"""Bifurcation diagrams of the stiff gear along any segment of (δ, ε, κ): what `rattle.diagrams` asks of a model."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rattle.along_segment import POINTS_ACROSS, Motion, Segment
+from rattle.arclength import Problem
+from rattle.attractors import Attractors
+from rattle.bifurcations import Kind
+from rattle.diagrams import Diagram, along, require_end
+from rattle.errors import RattleError, require_number, require_pair
+from rattle.impact_equations import Array
+from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
+from rattle.stiff.branches import both_ways, doubled
+from rattle.stiff.closure import softness
+from rattle.stiff.equations import StiffItinerary
+from rattle.stiff.iterate import returned
+from rattle.stiff.line import Line
+from rattle.stiff.motion import StiffOrbit, stiff_orbit
+from rattle.stiff.orbits import orbits_at
+from rattle.stiff.survey import StiffSurvey, attractors_of, followed
+
+SEEDS = 5  # steps at which A to D are looked for
+
+
+@dataclass(frozen=True)
+class StiffMotions:
+    """The stiff gear along a segment of (δ, ε, p), p = 1/√(2κ): see `rattle.along_segment.Motions`."""
+
+    segment: Segment
+    beta: float
+
+    def steps(self, position: Array) -> tuple[Array, ...]:
+        """δ, ε, β and κ."""
+        delta, epsilon, p = np.ascontiguousarray(self.segment.at(position).T)
+        return delta, epsilon, np.full_like(delta, self.beta), 0.5 / p**2
+
+    def sampled(self, steps: tuple[Array, ...], count: int, v_max: float, seed: int) -> Attractors:
+        """See `Motions`."""
+        delta, epsilon, beta, kappa = steps
+        return attractors_of(delta, epsilon, beta, kappa, count, v_max, seed)
+
+    def followed(self, steps: tuple[Array, ...], tau: Array, v: Array) -> StiffSurvey:
+        """See `Motions`."""
+        delta, epsilon, beta, kappa = steps
+        return followed(delta, epsilon, beta, kappa, tau, v)
+
+    def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
+        """See `Motions`."""
+        tau, v, counts = tau.copy(), v.copy(), (np.zeros(tau.size, np.int64) for _ in range(2))
+        returned(tau, v, np.ones(tau.size), *steps, np.zeros(tau.size, np.int8), *counts)
+        return tau, v
+
+    def period_one(self, steps: tuple[Array, ...]) -> Iterator[Motion]:
+        """A to D at some steps, wherever a family can be followed, and P(1,1,0) beside them."""
+        delta, epsilon, beta, kappa = steps
+        for k in np.unique(np.linspace(0, delta.size - 1, SEEDS).astype(int)):
+            try:
+                for _name, orbit in orbits_at(float(delta[k]), float(epsilon[k]), float(beta[k]), float(kappa[k])):
+                    yield self._motion(orbit)
+            except RattleError:  # a family is lost there; other steps, and the attractors, may lead to its motions
+                continue
+
+    def near(self, step: tuple[float, ...], tau: float, v: float, n_plus: int) -> Motion | None:
+        """See `Motions`."""
+        delta, epsilon, beta, kappa = step
+        try:
+            return self._motion(stiff_orbit(delta, epsilon, kappa, tau, v, n_plus, beta))
+        except RattleError:
+            return None
+
+    def problem(self, itinerary: StiffItinerary) -> Problem:
+        """See `Motions`."""
+        return self._line(itinerary).problem
+
+    def solved(self, itinerary: StiffItinerary, y: Array) -> StiffOrbit | None:
+        """See `Motions`."""
+        line = self._line(itinerary)
+        found = line.solved(y)
+        return None if found is None else line.orbit(found)
+
+    def through(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
+        """See `Motions`."""
+        itinerary, x = motion
+        line = Line(itinerary.walls, itinerary.m, self.beta, x[-3:], self.segment.direction)
+        return both_ways(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)
+
+    def doubled(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
+        """See `Motions`."""
+        return doubled(event, self.segment.direction, span, POINTS_ACROSS)
+
+    def events(self, found: StiffBranch) -> tuple[StiffEvent, ...]:
+        """Saddle-nodes and flips, and the grazes at which the label changes."""
+        return *found.events, *found.grazes
+
+    def beside(self, event: StiffEvent) -> Iterator[Motion]:
+        """The motion of a flip, which a doubled branch may have led to, and what goes on beyond a graze."""
+        if event.kind is Kind.FLIP:
+            yield event.itinerary, event.unknowns
+        elif event.beyond is not None:
+            yield self._motion(event.beyond)
+
+    def _line(self, itinerary: StiffItinerary) -> Line:
+        return Line(itinerary.walls, itinerary.m, self.beta, self.segment.start, self.segment.direction)
+
+    def _motion(self, orbit: StiffOrbit) -> Motion:
+        return orbit.itinerary, unknowns_of(orbit)
+
+
+def diagram(
+    start: ArrayLike,
+    end: ArrayLike,
+    beta: float = 0.6,
+    kappa: float | tuple[float, float] = 1e4,
+    steps: int = 400,
+    count: int = 64,
+    v_max: float = 7.0,
+    impacts: int = 8,
+    most: int = 100,
+    seed: int = 0,
+) -> Diagram[StiffBranch, StiffEvent]:
+    """The bifurcation diagram of the stiff gear from start to end, both (δ, ε), at stiffness κ, or from κ at the start
+    to κ at the end, evenly in κ^(−1/2); then start and end may be the same. Other arguments as `rattle.diagram`.
+
+    A branch has one label; at a graze (GR), which is no bifurcation here, its motion goes on as another branch. Raises
+    ParameterError.
+    """
+    beta = require_number("beta", beta, positive=True)
+    at_ends = require_pair("kappa", (kappa, kappa) if np.ndim(kappa) == 0 else kappa)
+    ends = [
+        np.append(require_end(name, value), softness(require_number("kappa", each, positive=True)))
+        for name, value, each in zip(("start", "end"), (start, end), at_ends, strict=True)
+    ]
+    return along(StiffMotions(Segment(*ends), beta), beta, steps, count, v_max, impacts, most, seed)

@@ -1,0 +1,265 @@
+"""Pseudo-arclength continuation of a family of periodic motions of the stiff gear in ε (compiled).
+
+As `rattle.arclength`, for the equations of `rattle.stiff.closure`, some hundred times as fast. A family is followed
+through stretches in which its motions do not happen, to where a contact is lost (σ = 0), ε leaves its span, or a
+flight vanishes.
+"""
+
+import math
+
+import numpy as np
+
+from rattle._compile import inline, kernel
+from rattle.arclength import (
+    ACCEPTED_CORRECTION,
+    LARGEST_TURN,
+    MOST_CORRECTIONS,
+    QUADRATIC_CORRECTION,
+    SAME_SOLUTION,
+    SHORTEST_STEP,
+    SMALLEST_CORRECTION,
+)
+from rattle.stiff.closure import LEAST_CONTACT, closure
+
+SPAN, LOST, FLIGHT, CLOSED, BROKEN = range(5)  # why it ends: ε, a contact, or a flight; it closes; it cannot go on
+LONGEST = 0.1  # of a step, in the unknowns
+SHARE = 0.3  # of the shortest contact, of a step
+FIRST = 1e-3  # step
+LEAST_FLIGHT = 1e-4  # of a period: where flights vanish the equations become singular
+MOST_POINTS = 4000
+MOST_SECANTS = 100
+
+
+@inline
+def eliminate(matrix, right):
+    """Solve matrix x = right in place by elimination with pivots: the sign of the determinant, 0 if it is singular."""
+    n, sign = right.size, 1.0
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(matrix[i, k]) > abs(matrix[best, k]):
+                best = i
+        if not abs(matrix[best, k]) > 0.0:
+            return 0.0
+        if best != k:
+            sign = -sign
+            for j in range(k, n):
+                matrix[k, j], matrix[best, j] = matrix[best, j], matrix[k, j]
+            right[k], right[best] = right[best], right[k]
+        sign = math.copysign(sign, sign * matrix[k, k])
+        for i in range(k + 1, n):
+            share = matrix[i, k] / matrix[k, k]
+            for j in range(k + 1, n):
+                matrix[i, j] -= share * matrix[k, j]
+            right[i] -= share * right[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            right[k] -= matrix[k, j] * right[j]
+        right[k] /= matrix[k, k]
+    return sign
+
+
+@kernel
+def corrected(y, constraint, cycle):
+    """Newton's method in the hyperplane through y across a constraint, in place: corrections made, 0 if it fails."""
+    n = y.size - 1
+    matrix, right = np.empty((n + 1, n + 1)), np.empty(n + 1)
+    size = math.inf
+    for i in range(MOST_CORRECTIONS):
+        if not closure(y, cycle, right[:n], matrix[:n]):
+            return 0
+        matrix[n], right[n] = constraint, 0.0
+        if eliminate(matrix, right) == 0.0:
+            return 0
+        last, size = size, 0.0
+        for j in range(n + 1):
+            size = max(size, abs(right[j]) / (1.0 + abs(y[j])))
+        if not size <= 0.3 or (i > 2 and size > last and last > ACCEPTED_CORRECTION):
+            return 0
+        y -= right
+        quadratic = size < QUADRATIC_CORRECTION and size < 1e-3 * last
+        if size < SMALLEST_CORRECTION or quadratic or (size < ACCEPTED_CORRECTION and size > 0.1 * last):
+            return i + 1
+    return 0
+
+
+@kernel
+def tangent_at(y, direction, cycle, tangent):
+    """Write the unit tangent on the side of a direction: the sign of the determinant of Jacobian and tangent, or 0."""
+    n = y.size - 1
+    matrix, right = np.empty((n + 1, n + 1)), np.zeros(n + 1)
+    if not closure(y, cycle, right[:n], matrix[:n]):
+        return 0.0
+    matrix[n], right[:n], right[n] = direction, 0.0, 1.0
+    sign = eliminate(matrix, right)
+    size = math.sqrt(np.sum(right * right))
+    if sign == 0.0 or not size < math.inf:
+        return 0.0
+    tangent[:] = right / size
+    return sign
+
+
+@inline
+def shortest_flight(y, cycle):
+    """The time of the shortest flight between contacts."""
+    c, shortest = cycle.walls.size, math.inf
+    for i in range(c):
+        begins = y[i + 1] if i < c - 1 else y[0] + cycle.m
+        shortest = min(shortest, begins - y[i] - y[c + i] / math.sqrt(2.0 * cycle.kappa))
+    return shortest
+
+
+@inline
+def edge(y, cycle, largest):
+    """Which edge y is beyond, and the unknown that says so: (−1, 0) if it is inside."""
+    c = cycle.walls.size
+    if not 0.0 <= y[2 * c] <= largest:
+        return SPAN, 2 * c
+    for i in range(c):
+        if not y[c + i] >= LEAST_CONTACT:
+            return LOST, c + i
+    if not shortest_flight(y, cycle) > LEAST_FLIGHT:
+        return FLIGHT, -1
+    return -1, 0
+
+
+@kernel
+def between(a, b, share, cycle, y):
+    """Write the solution above this share of the chord from a to b; False if there is none."""
+    y[:] = a + share * (b - a)
+    return corrected(y, b - a, cycle) > 0
+
+
+@inline
+def measured(y, index, level, chord, cycle, tangent):
+    """What `located` makes vanish: ε − level, or (index −1) the rate of ε along the family."""
+    if index >= 0:
+        return y[index] - level
+    tangent_at(y, chord, cycle, tangent)
+    return tangent[y.size - 1]
+
+
+@kernel
+def located(a, b, index, level, cycle, y):
+    """Write the solution between a and b at which an unknown has its level (index −1: ε turns back); False if lost.
+
+    Secant steps on the share of the way, halved where they stall.
+    """
+    tangent, chord = np.empty(y.size), b - a
+    lo, hi, side, share = 0.0, 1.0, 0, math.nan
+    f_lo = measured(a, index, level, chord, cycle, tangent)
+    f_hi = measured(b, index, level, chord, cycle, tangent)
+    if f_lo * f_hi >= 0.0:  # an end is the place, and rounding turned its sign
+        y[:] = b if abs(f_hi) < abs(f_lo) else a
+        return True
+    for _ in range(MOST_SECANTS):
+        last, share = share, (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
+        if not lo < share < hi:
+            share = 0.5 * (lo + hi)
+        if not between(a, b, share, cycle, y):
+            return False
+        f = measured(y, index, level, chord, cycle, tangent)
+        if f == 0.0 or abs(share - last) <= 1e-15:
+            return True
+        if (f > 0.0) == (f_hi > 0.0):
+            hi, f_hi = share, f
+            f_lo = f_lo * 0.5 if side == 1 else f_lo
+            side = 1
+        else:
+            lo, f_lo = share, f
+            f_hi = f_hi * 0.5 if side == -1 else f_hi
+            side = -1
+    return True
+
+
+@inline
+def passes(solution, a, b, cycle, y):
+    """True if the family passes through a solution between its points a and b, written as it is there: some periods
+    later perhaps.
+    """
+    c, along, length, off, size = cycle.walls.size, 0.0, 0.0, 0.0, 0.0
+    later = cycle.m * np.rint((b[0] - solution[0]) / cycle.m)
+    for j in range(a.size):
+        y[j] = solution[j] + (later if j < c else 0.0)
+        along += (y[j] - a[j]) * (b[j] - a[j])
+        length += (b[j] - a[j]) ** 2
+    share = along / length
+    if not 0.0 <= share <= 1.0:
+        return False
+    for j in range(a.size):
+        off = max(off, abs(y[j] - a[j] - share * (b[j] - a[j])))
+        size = max(size, abs(b[j] - a[j]))
+    if not off < LARGEST_TURN * size:
+        return False
+    twin = y.copy()
+    return between(a, b, share, cycle, y) and np.max(np.abs(y - twin)) < SAME_SOLUTION
+
+
+@kernel
+def follow(start, direction, cycle, largest, points):
+    """Follow a family from a solution inside towards a direction with ε up to `largest`, and write its points (most,
+    2c + 1): how many there are, and why it ends.
+    """
+    n = start.size
+    tangent, new_tangent, new = np.empty(n), np.empty(n), np.empty(n)
+    sign = tangent_at(start, direction, cycle, tangent)
+    points[0], k, step = start, 1, FIRST
+    if sign == 0.0:
+        return k, BROKEN
+    c = cycle.walls.size
+    while k < len(points):
+        x = points[k - 1]
+        step = min(step, LONGEST, max(SHARE * x[c : 2 * c].min(), LEAST_CONTACT))
+        if step < SHORTEST_STEP:
+            return k, BROKEN
+        new[:] = x + step * tangent
+        corrections = corrected(new, tangent, cycle)
+        far = math.sqrt(np.sum((new - x) ** 2)) > 2.0 * step
+        new_sign = tangent_at(new, tangent, cycle, new_tangent) if corrections > 0 and not far else 0.0
+        turn = math.acos(min(max(np.sum(tangent * new_tangent), -1.0), 1.0))
+        if new_sign != sign or turn > LARGEST_TURN:
+            step *= 0.4
+            continue
+        if k > 2 and passes(start, x, new, cycle, points[k]):
+            return k + 1, CLOSED
+        why, index = edge(new, cycle, largest)
+        if why >= 0:
+            if why == FLIGHT:
+                points[k] = new
+                return k + 1, FLIGHT
+            level = LEAST_CONTACT if why == LOST else largest if new[index] > 0.0 else 0.0
+            return k + located(x, new, index, level, cycle, points[k]), why
+        points[k], tangent[:], k = new, new_tangent, k + 1
+        step *= min(2.0, 0.5 * LARGEST_TURN / max(turn, 1e-9)) if corrections <= 4 else 0.7
+    return k, BROKEN
+
+
+@kernel
+def folds_of(points, cycle, folds):
+    """The solutions (k, 2c + 1) between the points of a family at which ε turns back, with the numbers of the points
+    before them written, and whether all of them could be located.
+    """
+    n = points.shape[1]
+    tangent, found, before = np.empty(n), np.empty((len(points), n)), np.empty(n)
+    rate, k, all_located = 0.0, 0, True
+    for i in range(len(points)):
+        towards = points[i + 1] - points[i] if i < len(points) - 1 else points[i] - points[i - 1]
+        tangent_at(points[i], towards, cycle, tangent)
+        if i > 0 and tangent[n - 1] * rate < 0.0:
+            if located(points[i - 1], points[i], -1, 0.0, cycle, before):
+                found[k], folds[k] = before, i - 1
+                k += 1
+            else:
+                all_located = False
+        rate = tangent[n - 1]
+    return found[:k], all_located
+
+
+@kernel
+def place(points, solution, cycle):
+    """The number of the point of a family (k, 2c + 1) after which it passes through a solution, −1 if it does not."""
+    y = np.empty(solution.size)
+    for i in range(len(points) - 1):
+        if passes(solution, points[i], points[i + 1], cycle, y):
+            return i
+    return -1

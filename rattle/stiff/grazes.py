@@ -1,0 +1,121 @@
+"""Where a motion of the stiff gear gains or loses a contact: the field is continuous, so it goes on with another label.
+
+A contact is lost as its duration falls to 0, and gained where a flight touches a wall. Two contacts with one wall
+become one as the flight between them falls to 0, and one becomes two where its depth falls to 0 on the way. At each of
+them the motion with the contact more is a regular point of its equations in that duration, so that is where it is
+begun: in the parameter it may turn back at once, as C and B do near G1, some 1/κ² beyond.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rattle.arclength import newton, tangent_at
+from rattle.impact_equations import Array, begun_at
+from rattle.stiff.line import Line
+from rattle.stiff.motion import Failure, first_failure
+
+LIGHT = 1e-5  # a contact (σ) or a flight (in times p) that is no longer has come to its end
+BEGUN = 0.04  # duration at which one begins (σ over p; flights over p²): below that of the fold of C and B, 2.1
+NEAREST = 10.0 ** np.arange(-9, -3)  # from a graze, in the unknowns: where the motion without the contact is, or not
+
+
+class Graze(NamedTuple):
+    """The motion without the contact at a graze, and the one beyond if it is found, each a line and its y."""
+
+    here: tuple[Line, Array]
+    beyond: tuple[Line, Array] | None
+
+
+def graze(line: Line, y: Array, tangent: Array) -> Graze | None:
+    """The graze at which a branch ends, at its last point and outwards; None if it is none of these."""
+    c, p = len(line.walls), line.itinerary(y).softness
+    flights = np.append(y[1:c], y[0] + line.m) - y[:c] - p * y[c : 2 * c]
+    same = np.array(line.walls) == np.roll(line.walls, -1)
+    shortest, nearest = int(np.argmin(y[c : 2 * c])), int(np.argmin(np.where(same, flights, np.inf)))
+    if c > 1 and y[c + shortest] < LIGHT:
+        fewer = _without(line, y, shortest)
+    elif c > 1 and same.any() and flights[nearest] < LIGHT * p:
+        fewer = _merged(line, y, nearest)
+    else:
+        found = _with_one_more(line, y, tangent)
+        return None if found is None else Graze(_on_plus(line, y), _on_plus(*found))
+    here = _on_plus(*fewer)
+    return Graze(here, _happening(*here))
+
+
+def _on_plus(line: Line, y: Array) -> tuple[Line, Array]:
+    """The same motion, begun with a contact with Σ⁺, if it has one."""
+    first = line.walls.index(1) if 1 in line.walls else 0
+    turned = line.itinerary(y).begun_at(first)
+    return Line(turned.walls, line.m, line.beta, line.origin, line.direction), begun_at(line.itinerary(y), y, first)
+
+
+def _without(line: Line, y: Array, contact: int) -> tuple[Line, Array]:
+    walls = line.walls[:contact] + line.walls[contact + 1 :]
+    fewer = Line(walls, line.m, line.beta, line.origin, line.direction)
+    return fewer, np.delete(y, [contact, len(line.walls) + contact])
+
+
+def _merged(line: Line, y: Array, contact: int) -> tuple[Line, Array]:
+    """Contact and the next one become one."""
+    itinerary, c = line.itinerary(y), len(line.walls)
+    y, walls = begun_at(itinerary, y, contact), itinerary.begun_at(contact).walls
+    y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
+    return _without(Line(walls, line.m, line.beta, line.origin, line.direction), y, 1)
+
+
+def _happening(line: Line, y: Array) -> tuple[Line, Array] | None:
+    """The motion of this itinerary to one side of a graze, as near as it happens."""
+    rising = np.zeros(y.size)
+    rising[-1] = 1.0
+    tangent = tangent_at(line.problem, y, rising)
+    for reach in NEAREST:
+        for side in (reach, -reach):
+            found = newton(line.problem, y + side * tangent, tangent)
+            if found is not None and line.happens(found[0]):
+                return line, found[0]
+    return None
+
+
+def _with_one_more(line: Line, y: Array, tangent: Array) -> tuple[Line, Array] | None:
+    """The motion that makes the contact more which the branch does not know of beyond y."""
+    for reach in NEAREST:
+        there = newton(line.problem, y + reach * tangent, tangent)
+        failure = None if there is None else first_failure(line.itinerary(there[0]), line.plane(there[0])[:-1])
+        if failure is not None and failure.wall != 0:
+            more, guess, constraint = (_split if failure.contact else _touching)(line, y, failure)
+            found = newton(more.problem, guess, constraint)
+            if found is not None and more.happens(found[0]):
+                return more, found[0]
+    return None
+
+
+def _inserted(line: Line, y: Array, after: int, wall: int, time: float, duration: float) -> tuple[Line, Array]:
+    c = len(line.walls)
+    walls = (*line.walls[: after + 1], wall, *line.walls[after + 1 :])
+    return Line(walls, line.m, line.beta, line.origin, line.direction), np.insert(
+        y, [after + 1, c + after + 1], [time, duration]
+    )
+
+
+def _touching(line: Line, y: Array, failure: Failure) -> tuple[Line, Array, Array]:
+    """A light contact where a flight touches a wall, of a duration that is held."""
+    p = line.itinerary(y).softness
+    duration = BEGUN * p
+    more, guess = _inserted(line, y, failure.piece, failure.wall, failure.time - 0.5 * p * duration, duration)
+    constraint = np.zeros(guess.size)
+    constraint[len(more.walls) + failure.piece + 1] = 1.0
+    return more, guess, constraint
+
+
+def _split(line: Line, y: Array, failure: Failure) -> tuple[Line, Array, Array]:
+    """A short flight where the depth of a contact falls to 0, of a length that is held."""
+    i, c, p = failure.piece, len(line.walls), line.itinerary(y).softness
+    gap = BEGUN * p * p
+    ends = y[i] + p * y[c + i]
+    more, guess = _inserted(line, y, i, failure.wall, failure.time + 0.5 * gap, (ends - failure.time - 0.5 * gap) / p)
+    guess[c + 1 + i] = (failure.time - 0.5 * gap - y[i]) / p
+    constraint = np.zeros(guess.size)
+    constraint[[i + 1, i, c + 1 + i]] = 1.0, -1.0, -p
+    return more, guess, constraint

@@ -1,0 +1,91 @@
+"""The return map of the stiff gear on whole arrays: every element its own trajectory and its own parameters."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rattle._compile import kernel
+from rattle.first_impact import OK
+from rattle.iterate import Iterates, Stretched, checked
+from rattle.stiff.flow import QUIET
+from rattle.stiff.returns import StiffPoint, step, step_tangent
+
+
+@kernel
+def returned(tau, v, n, delta, epsilon, beta, kappa, quiet, n_plus, n_minus):
+    """Π^n of flat arrays in place; quiet: 1 where contact never ends after n_plus < n returns, which keeps its state.
+
+    n_plus and n_minus count the contacts with each wall.
+    """
+    for i in range(tau.size):
+        point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
+        while n_plus[i] < n[i]:
+            code, tau[i], v[i], _time, below = step(tau[i], v[i], point)
+            if code != OK:
+                quiet[i] = np.int8(code == QUIET)
+                break
+            n_plus[i] += 1
+            n_minus[i] += below
+
+
+@kernel
+def stretched(tau, v, n, delta, epsilon, beta, kappa, n_plus, n_minus, growth):
+    """As `returned`, with a tangent vector in (t, v²/2); growth (3, k) gathers time, ln stretch and ln|det|."""
+    for i in range(tau.size):
+        point = StiffPoint(delta[i], epsilon[i], beta[i], kappa[i])
+        x, y = 1.0, 0.0
+        while n_plus[i] < n[i]:
+            code, tau1, v1, time, below, j00, j01, j10, j11, _ln = step_tangent(tau[i], v[i], point)
+            if code != OK:
+                break
+            j01, j10, j11 = j01 / v[i], j10 * v1, j11 * v1 / v[i]
+            x, y = j00 * x + j01 * y, j10 * x + j11 * y
+            size = math.hypot(x, y)
+            x, y = x / size, y / size
+            growth[0, i] += time
+            growth[1, i] += math.log(size)
+            growth[2, i] += math.log(abs(j00 * j11 - j01 * j10))
+            tau[i], v[i] = tau1, v1
+            n_plus[i] += 1
+            n_minus[i] += below
+
+
+def iterate(
+    delta: ArrayLike,
+    epsilon: ArrayLike,
+    tau: ArrayLike,
+    v: ArrayLike,
+    n: ArrayLike,
+    beta: ArrayLike = 0.6,
+    kappa: ArrayLike = 1e4,
+) -> Iterates:
+    """Π^n of departures (τ, v), v > 0, n ≥ 0 integers, at δ > 0, ε ≥ 0, β > 0, κ > 0; all broadcast (dimensionless).
+
+    As `rattle.iterate`: where contact with Σ⁺ never ends after fewer returns the last departure is kept and n_plus < n.
+    n_plus and n_minus count contacts. Raises ParameterError.
+    """
+    flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
+    n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
+    returned(*flat, np.zeros(flat[0].size, np.int8), n_plus, n_minus)
+    return Iterates(*(x.reshape(shape) for x in (*flat[:2], n_plus, n_minus)))
+
+
+def iterate_tangent(
+    delta: ArrayLike,
+    epsilon: ArrayLike,
+    tau: ArrayLike,
+    v: ArrayLike,
+    n: ArrayLike,
+    beta: ArrayLike = 0.6,
+    kappa: ArrayLike = 1e4,
+) -> Stretched:
+    """As `iterate`, with both Lyapunov exponents over the n returns: see `rattle.iterate_tangent`, in its coordinates.
+
+    NaN where no return is made. Raises ParameterError.
+    """
+    flat, shape = checked(delta, epsilon, tau, v, n, beta, kappa=kappa)
+    n_plus, n_minus = np.zeros(flat[0].size, np.int64), np.zeros(flat[0].size, np.int64)
+    growth = np.zeros((3, flat[0].size))
+    stretched(*flat, n_plus, n_minus, growth)
+    return Stretched.of((*flat[:2], n_plus, n_minus), growth, shape)

@@ -1,0 +1,100 @@
+"""Motions of one itinerary of the stiff gear on a line in (δ, ε, p), p = 1/√(2κ): what a continuation asks of them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.arclength import Problem, located, with_value
+from rattle.impact_equations import Array, twins
+from rattle.periodic import at_parameters
+from rattle.stiff.equations import StiffItinerary
+from rattle.stiff.motion import StiffOrbit, admissible, orbit_of, trace_of
+
+TWICE = 1e-5  # a motion this near to one of half the period is that one, at its flip
+MOST_BRACKETS = 8
+
+
+@dataclass(frozen=True)
+class Line:
+    """(δ, ε, p) = origin + s direction, and the motions of one itinerary on it: y = (times, durations, s)."""
+
+    walls: tuple[int, ...]
+    m: int
+    beta: float
+    origin: Array
+    direction: Array
+
+    def plane(self, y: NDArray) -> NDArray:
+        """All unknowns (…, 2c + 3) at y: δ, ε and p last."""
+        return np.concatenate([y[..., :-1], self.origin + y[..., -1:] * self.direction], axis=-1)
+
+    def parameter(self, x: Array) -> Array:
+        """y of unknowns (2c + 3,) on the line."""
+        return np.append(x[:-3], (x[-3:] - self.origin) @ self.direction / (self.direction @ self.direction))
+
+    def itinerary(self, y: Array) -> StiffItinerary:
+        """The itinerary with the stiffness at y."""
+        return StiffItinerary(self.walls, self.m, self.beta, float(self.plane(y)[-1]))
+
+    @property
+    def problem(self) -> Problem:
+        """The equations along the line."""
+        any_softness = StiffItinerary(self.walls, self.m, self.beta, 0.0)
+
+        def equations(y: NDArray) -> NDArray:
+            x = self.plane(y)
+            with np.errstate(
+                divide="ignore", invalid="ignore"
+            ):  # at a flight of length 0, which Newton's method refuses
+                return any_softness.residual_at(x[..., :-1], x[..., -1:])
+
+        return Problem(equations)
+
+    def happens(self, y: Array) -> bool:
+        """Whether the motion of a solution does."""
+        x = self.plane(y)
+        return bool(x[-1] > 0.0) and admissible(self.itinerary(y), x[:-1])
+
+    def flip(self, y: Array) -> float:
+        """Trace + 1 + e^(−δm), which vanishes at a flip."""
+        x = self.plane(y)
+        return trace_of(self.itinerary(y), x[:-1]) + 1.0 + float(np.exp(-x[-3] * self.m))
+
+    def orbit(self, y: Array) -> StiffOrbit:
+        """The motion of a solution."""
+        return orbit_of(self.itinerary(y), self.plane(y)[:-1])
+
+    def solved(self, y: Array) -> Array | None:
+        """The solution at the parameters of a guess y, or None."""
+        found = at_parameters(self.itinerary(y), self.plane(y)[:-1])
+        return None if found is None else np.append(found[:-2], y[-1])
+
+    def twins(self, start: Array, y: Array) -> Array:
+        """All ways (…, 2c + 1) to write the motion of start, near y."""
+        return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
+
+    def halved(self, y: Array) -> tuple["Line", Array, float] | None:
+        """Line and y of one half of a motion, and how far the halves are apart; None if its walls have none."""
+        half, odd = divmod(len(self.walls), 2)
+        if odd or self.m % 2 or self.walls[:half] != self.walls[half:]:
+            return None
+        halves = y[:-1].reshape(2, 2, half).copy()  # of times and durations
+        halves[0, 1] -= self.m // 2
+        line = Line(self.walls[:half], self.m // 2, self.beta, self.origin, self.direction)
+        return line, np.append(halves.mean(axis=1), y[-1]), float(np.max(np.abs(halves[:, 1] - halves[:, 0])))
+
+    def is_twice(self, y: Array) -> bool:
+        """Whether y is a motion of half the period twice over."""
+        found = self.halved(y)
+        return found is not None and found[2] < TWICE
+
+    def flip_near(self, y: Array, width: float) -> Array | None:
+        """The flip on this line at which a doubled branch ends, from a motion y next to it; or None beyond `width`."""
+        for i in range(MOST_BRACKETS + 1):
+            reach = width * 10.0 ** (i - MOST_BRACKETS)
+            ends = [with_value(self.problem, y, -1, y[-1] + side * reach) for side in (-1, 1)]
+            a, b = ends
+            if a is not None and b is not None and self.flip(a) * self.flip(b) < 0.0:
+                return located(self.problem, a, b, self.flip)
+        return None

@@ -1,0 +1,87 @@
+"""The counterparts of A, B, C and D of the stiff gear: at one point, over whole parameter arrays, and the regions."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.errors import RattleError, require_number
+from rattle.orbits import NAMES, PeriodOne, multipliers_of, parameters
+from rattle.regions import classify
+from rattle.stiff.closure import Cycle, departure_of, happens, softness, trace_of
+from rattle.stiff.equations import StiffItinerary
+from rattle.stiff.families import PLUS, Member, members, slow, span_of, without_minus
+from rattle.stiff.motion import StiffOrbit, orbit_of
+
+LARGEST_SPAN = 64.0  # of ε, in which SN1 is looked for
+
+
+class Named(NamedTuple):
+    """A motion with the letter of its counterpart."""
+
+    name: str
+    orbit: StiffOrbit
+
+
+def orbits_at(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[Named, ...]:
+    """All counterparts of A–D that happen at a point, and P(1,1,0) beside them as "P", sorted by letter."""
+    cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of(epsilon)
+    others = (member for family in slow(cycle, span) for member in family.at(epsilon))
+    found = [Named(member.name, _orbit(member)) for member in (*members(delta, epsilon, beta, kappa), *others)]
+    return tuple(sorted(found, key=lambda named: (named.name, named.orbit.tau)))
+
+
+def _orbit(member: Member) -> StiffOrbit:
+    itinerary = StiffItinerary(tuple(member.cycle.walls.tolist()), 1, member.cycle.beta, softness(member.cycle.kappa))
+    return orbit_of(itinerary, np.insert(member.y, member.y.size - 1, member.cycle.delta))
+
+
+def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> PeriodOne:
+    """The counterparts of A–D that happen, for every element of the broadcast parameters (dimensionless).
+
+    As `rattle.period_one`; tau and v are those of the departure from Σ⁺. What is found at a point depends on nothing
+    but its parameters. Where there are several of one letter, a P(1,1,0) comes first, then that with the longest time
+    from Σ⁺ to Σ⁻. Absent are motions whose family `rattle.stiff.families` does not find (docs/stiff.md says what can be
+    missed). Raises ParameterError, and RattleError where a family is lost on the way.
+    """
+    arrays = parameters(delta, epsilon, beta, kappa=kappa)
+    shape = arrays[0].shape
+    cells = np.array([array.ravel() for array in arrays]).T
+    exists = np.zeros((len(NAMES), len(cells)), np.bool_)
+    tau, v, trace = (np.full(exists.shape, np.nan) for _ in range(3))
+    for i in np.lexsort(cells.T):  # equal δ, β and κ follow each other
+        for member in members(*cells[i].tolist()):
+            letter = NAMES.index(member.name)
+            if not exists[letter, i]:
+                exists[letter, i] = True
+                tau[letter, i], v[letter, i] = departure_of(member.y, member.cycle)
+                trace[letter, i] = trace_of(member.y, member.cycle)
+    decay = np.exp(-cells[:, 0])
+    with np.errstate(invalid="ignore"):
+        multipliers = np.moveaxis(multipliers_of(trace, decay), 0, 1)
+        stable = exists & (np.abs(trace) < 1 + decay)
+    multipliers[~exists[:, None].repeat(2, axis=1)] = complex(np.nan, np.nan)
+    return PeriodOne(*(x.reshape(*x.shape[:-1], *shape) for x in (exists, stable, tau, v, multipliers)))
+
+
+def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> NDArray[np.int8]:
+    """Region 1…5 (I…V) of every element of the broadcast parameters, int8, by the counterparts of A–D; 0 for another
+    combination. Raises ParameterError and RattleError, as `period_one`.
+    """
+    return classify(period_one(delta, epsilon, beta, kappa))
+
+
+def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
+    """The motion of the stiff gear at SN1, where A and C are born: ε(δ) beside δ, β and κ.
+
+    Raises ParameterError, and RattleError where there is none.
+    """
+    delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
+    cycle = Cycle(PLUS, 1, delta, beta, require_number("kappa", kappa, positive=True))
+    for family in without_minus(cycle, LARGEST_SPAN):
+        for fold, letters in zip(family.folds, pairwise(family.letters), strict=True):
+            y = family.points[fold]
+            if set(letters) == set("AC") and happens(y, cycle):
+                return _orbit(Member("SN1", cycle, y))
+    raise RattleError(f"A and C are not born in a saddle-node at delta = {delta:g}, beta = {beta:g}, kappa = {kappa:g}")

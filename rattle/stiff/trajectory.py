@@ -1,0 +1,67 @@
+"""The motion Φ(t) of the stiff gear, sampled in closed form on the way from contact to contact."""
+
+import math
+
+import numpy as np
+
+from rattle._compile import kernel
+from rattle.errors import RattleError, require, require_integer, require_number
+from rattle.first_impact import OK, SIGMA_PLUS
+from rattle.flight import folded
+from rattle.stiff.flow import GAP, MOST_PIECES, QUIET, piece
+from rattle.trajectory import LONGEST, MOST_POINTS, Trajectory
+
+
+@kernel
+def sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, contact_time, contact_wall, contact_speed):
+    """Write Φ and Φ' at rising times, and the contacts begun until the last of them: (status, their number, rest).
+
+    Contacts beyond the room for them are counted, not written.
+    """
+    wall, position, w, now, i, contacts, rest = SIGMA_PLUS, 0.0, -v, 0.0, 0, 0, math.inf
+    for _ in range(MOST_PIECES):
+        phase, free = folded(tau + now), wall == GAP
+        for_ever, s, after, end, w1, left, _a, _b, _c, _d = piece(
+            wall, phase, position, w, delta, epsilon, beta, kappa, math.inf
+        )
+        if for_ever == QUIET:
+            s, rest = math.inf, min(rest, now)
+        elif for_ever != OK:
+            return for_ever, contacts, rest
+        while i < time.size and time[i] < now + s:
+            status, _s, at, x, velocity[i], _left, _a, _b, _c, _d = piece(
+                wall, phase, position, w, delta, epsilon, beta, kappa, time[i] - now
+            )
+            if status != OK:
+                return status, contacts, rest
+            phi[i] = x if at == GAP else at * (beta + x)
+            i += 1
+        if i == time.size:
+            return OK, contacts, rest
+        now += s
+        if (free or left) and after != GAP:
+            if contacts < contact_time.size:
+                contact_time[contacts], contact_wall[contacts], contact_speed[contacts] = now, after, abs(w1)
+            contacts += 1
+        wall, position, w = after, end, w1
+    return OK + MOST_PIECES, contacts, rest
+
+
+def trajectory(
+    delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, periods: float, points: int
+) -> Trajectory:
+    """See `rattle.stiff.StiffGear.trajectory`."""
+    v, periods = require_number("v", v, positive=True), require_number("periods", periods, positive=True)
+    require(periods <= LONGEST, f"periods must be at most {LONGEST:g}, got {periods:g}")
+    points = require_integer("points", points, 2, MOST_POINTS)
+    time = np.linspace(0.0, periods, points)
+    phi, velocity = np.empty(points), np.empty(points)
+    room = 1024
+    while True:
+        at, wall, speed = np.empty(room), np.empty(room, np.int64), np.empty(room)
+        status, count, rest = sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, at, wall, speed)
+        if status != OK:
+            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+        if count <= room:
+            return Trajectory(time, phi, velocity, at[:count], wall[:count], speed[:count], rest)
+        room = count
