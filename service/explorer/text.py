@@ -7,7 +7,7 @@ from typing import Any
 import panel as pn
 from bokeh.models.widgets import Div
 
-FONT = ":host { font: 14px/1.45 system-ui, sans-serif; }"  # a little smaller than the page's
+STYLE = ":host { font: 13px/1.45 system-ui, sans-serif; } .bk-clearfix { display: block; width: 100%; }"
 
 
 class Text:
@@ -17,7 +17,7 @@ class Text:
         spoken = {"role": "status", "aria-live": "polite"} if is_spoken else {}
         self._model = Div(
             text=html,
-            stylesheets=[FONT, *sheets],
+            stylesheets=[STYLE, *sheets],
             margin=0,
             disable_math=True,
             html_attributes=spoken,
