@@ -7,7 +7,7 @@ from typing import Any
 import panel as pn
 from bokeh.models.widgets import Div
 
-STYLE = ":host { font: 13px/1.45 system-ui, sans-serif; } .bk-clearfix { display: block; width: 100%; }"
+STYLE = ":host { font: 13px/1.45 system-ui, sans-serif; } .bk-clearfix { display: block !important; width: 100%; }"
 
 
 class Text:
