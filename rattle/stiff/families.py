@@ -272,8 +272,8 @@ def families(delta: float, beta: float, kappa: float, span: float) -> tuple[Fami
 
 
 def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Member]:
-    """The counterparts of A–D that happen at one point: letter by letter, P(1,1,0) first, then by falling time from Σ⁺
-    to Σ⁻. Raises RattleError where a family is lost.
+    """The counterparts of A–D that happen at one point, and slow motions of their families: letter by letter, P(1,1,0)
+    first, then by falling time from Σ⁺ to Σ⁻. Raises RattleError where a family is lost.
     """
     span = span_of(epsilon)
     found = [member for family in families(delta, beta, kappa, span) for member in family.at(epsilon)]

@@ -11,7 +11,7 @@ from rattle.orbits import NAMES, PeriodOne, multipliers_of, parameters
 from rattle.regions import classify
 from rattle.stiff.closure import Cycle, departure_of, happens, softness, trace_of
 from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.families import PLUS, Member, members, slow, span_of, without_minus
+from rattle.stiff.families import PLUS, SLOW, Member, members, slow, span_of, without_minus
 from rattle.stiff.motion import StiffOrbit, orbit_of
 
 LARGEST_SPAN = 64.0  # of ε, in which SN1 is looked for
@@ -52,6 +52,8 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
     tau, v, trace = (np.full(exists.shape, np.nan) for _ in range(3))
     for i in np.lexsort(cells.T):  # equal δ, β and κ follow each other
         for member in members(*cells[i].tolist()):
+            if member.name == SLOW:
+                continue
             letter = NAMES.index(member.name)
             if not exists[letter, i]:
                 exists[letter, i] = True

@@ -102,6 +102,14 @@ def test_a_family_that_only_a_graze_leads_to_is_found(delta, epsilon, beta, kapp
         assert again[4] == member.cycle.walls.size - 1
 
 
+def test_a_soft_gear_has_a_slow_motion_beside_its_letters() -> None:
+    """Near resonance the family of A and C folds once more: what follows is no counterpart, and not in the plane."""
+    point = (0.8024625, 0.18397943, 1.264796, 63.882357)
+    assert [orbit.name for orbit in StiffGear(*point).orbits()] == ["A", "C", "P"]
+    np.testing.assert_array_equal(period_one(*point).exists, [True, False, True, False])
+    assert regions(*point) == 2
+
+
 def test_sn1_is_the_fold_of_the_shortest_contact() -> None:
     """At κ = 1e5 and large damping folds of contacts that swing two or three times have speeds nearer to 2πδ."""
     delta = np.linspace(0.9, 1.2, 4)
