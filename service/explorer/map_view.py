@@ -67,10 +67,10 @@ class MapView:
         self._cursor = Cursor(viewer.document, self.map.figure, self._shown, self._look, self._go, words)
         self._hovering: asyncio.Task[None] | None = None
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
-        self._variable = pn.widgets.Select(label="Map", options=[], width=230, **styled)
+        self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
         self._index = pn.widgets.Select(label="Which", options=[], width=90, visible=False, **styled)
         options = {name: rule for rule, name in LIMIT_NAMES.items()} | {"from … to": OWN}
-        self._rule = pn.widgets.Select(label="Colours span", options=options, width=185, **styled)
+        self._rule = pn.widgets.Select(label="Colours span", options=options, width=180, **styled)
         self._low = pn.widgets.FloatInput(label="from", width=110, **styled)
         self._high = pn.widgets.FloatInput(label="to", width=110, **styled)
         self._log = pn.widgets.CheckBoxGroup(

@@ -7,8 +7,10 @@ import httpx
 import numpy as np
 import pytest
 import xarray as xr
+from conftest import SURVEY
 from explorer_support import of_map, open_view, place_of, point_at, visible_lines, wait_for_map
 from playwright.sync_api import Page, expect
+from service_processes import wait_until
 
 import rattle
 from rattle.curves import codimension_two
@@ -160,7 +162,11 @@ def test_nonsense_in_the_address_is_left_out(page: Page, service: str) -> None:
 
 
 def test_a_survey_is_downloaded(page: Page, service: str, survey_id: str, tmp_path: Path) -> None:
+    body = SURVEY | {"quantities": ["region"]}
+    other = httpx.post(f"{service}/v1/surveys", json=body).json()["links"]["self"]  # newer: the first in the list
+    wait_until(lambda: httpx.get(service + other).json()["state"] == "successful")
     open_view(page, service, survey=survey_id)
+    expect(page.locator("button.survey")).to_have_count(2)
     store = xr.open_zarr(f"{service}/v1/surveys/{survey_id}/store")
     with page.expect_download() as download:
         page.get_by_role("link", name="NetCDF").click()
@@ -169,6 +175,7 @@ def test_a_survey_is_downloaded(page: Page, service: str, survey_id: str, tmp_pa
     with xr.open_dataset(tmp_path / "survey.nc", engine="h5netcdf") as found:
         np.testing.assert_array_equal(found["lyapunov_max"], store["lyapunov_max"])
     expect(page.locator("pre")).to_contain_text(f'"{service}/v1/surveys/{survey_id}/store"')
+    httpx.delete(service + other)
 
 
 def test_a_page_is_used_with_the_keyboard_and_a_screen_reader(page: Page, service: str) -> None:
