@@ -73,11 +73,16 @@ class Labels:
         offsets = [
             distance * np.array([np.cos(angle), np.sin(angle)]) for distance in DISTANCES for angle in DIRECTIONS
         ]
-        places = [(self.axes.transData.transform(point), point, offset) for point in points for offset in offsets]
-        origin, point, best = min(places, key=lambda place: self._cost(place[0], place[0] + pixels * place[2], half))
-        text.xy = point
-        text.set_position(tuple(best))
-        centre = origin + pixels * best
+        least, best = np.inf, (np.zeros(2), points[0], offsets[0])
+        for point in points:
+            origin = self.axes.transData.transform(point)
+            for offset in offsets:
+                cost = self._cost(origin, origin + pixels * offset, half, least)
+                if cost < least:
+                    least, best = cost, (origin, point, offset)
+        origin, text.xy, offset = best
+        text.set_position(tuple(offset))
+        centre = origin + pixels * offset
         self.boxes.append(_box(centre, half))
         self.leaders.append(np.array([origin, centre]))
         return text
@@ -155,14 +160,18 @@ class Labels:
     def _hidden(self, centre: Array, half: Array) -> int:
         return int(np.all(np.abs(self.covered - centre) < half, axis=1).sum())
 
-    def _cost(self, origin: Array, centre: Array, half: Array) -> float:
-        box = _box(centre, half)
+    def _cost(self, origin: Array, centre: Array, half: Array, most: float) -> float:
+        """What a place costs; one that costs more than `most` is not looked at to the end."""
+        cost = float(np.hypot(*(centre - origin)))
+        if cost >= most:
+            return cost
+        cost += self._misplaced(_box(centre, half)) + 20 * self._hidden(centre, half)
+        if cost >= most:
+            return cost
         leader = np.array([origin, centre])
-        hidden = self._hidden(centre, half)
-        crossed = sum(_cross(leader, other) for other in self.leaders) + sum(
-            other.count_contains(_dense(leader)) > 0 for other in self.boxes
-        )
-        return float(np.hypot(*(centre - origin)) + 20 * hidden + WRONG * crossed) + self._misplaced(box)
+        dense = _dense(leader)
+        crossed = sum(_cross(leader, other) for other in self.leaders)
+        return cost + WRONG * (crossed + sum(other.count_contains(dense) > 0 for other in self.boxes))
 
     def _cost_along(self, centre: Array, angle: float, bend: float, half: Array, others: Array) -> float:
         turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
