@@ -11,11 +11,14 @@ def warm_up(kappa: float | None = None) -> None:
     compiled, well under a second from the disk cache). With a stiffness kappa also what surveys of the stiff gear need.
     """
     if kappa is not None:
-        from rattle.stiff import StiffGear  # not for who has no use for it
+        from rattle.stiff import StiffGear, trace  # not for who has no use for it
 
         stiff = StiffGear(0.6, 0.1, kappa=kappa)
         stiff.attractors(count=16)
         stiff.orbits()
+        stiff.basins(20)
+        stiff.trajectory(0.3, 4.0, 1.0)
+        trace("SN1", 0.6, kappa, (0.55, 0.6), (0.0, 0.2))
     gear = Gear(0.6, 0.1)
     gear.attractors(count=16)
     step = gear.impact(0.3, 4.0)

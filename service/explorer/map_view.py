@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from html import escape
 from typing import Any
@@ -13,12 +13,11 @@ import panel as pn
 
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
-from service.explorer import overlays
 from service.explorer.address import CRISIS, LIMITS, POINTS, Pair, View
 from service.explorer.beside import Beside
 from service.explorer.colouring import Colouring, colouring, values_shown
 from service.explorer.cursor import Cursor
-from service.explorer.lists import Key
+from service.explorer.lines import Lines
 from service.explorer.map import Map
 from service.explorer.news import Standing
 from service.explorer.planes import Block, Plane, box_of, maps_of
@@ -53,12 +52,10 @@ class MapView:
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
-        self._lines: dict[str, asyncio.Task[None]] = {}
-        self._overlays = overlays.entries()
         self._quiet = False  # the controls are being set, not used
         self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
         self._zoom = Zoom(viewer, self._frame, self._say_zoom)
-        self.map.choose(view.overlays)
+        self._lines = Lines(shared, viewer, self.map, view.overlays, self._on_lines)
         words: dict[str, Callable[[Pair], None]] = {
             "all": lambda _at: self._reset(),
             "open": lambda at: self._point(*at),
@@ -86,8 +83,6 @@ class MapView:
             (self._low, self._on_own), (self._high, self._on_own), (self._log, self._on_limits),
         ):  # fmt: skip
             widget.param.watch(lambda _event, act=act: None if self._quiet else act(), "value")
-        self._key = Key(overlays=self._overlays, chosen=list(view.overlays), margin=0, sizing_mode="stretch_width")
-        self._key.param.watch(lambda _event: self._on_overlays(), "chosen")
         self._said = Text("", sheet, is_spoken=True)
         readout = Text("<p class=faint>Point at the map to read a cell, click it to look closer.</p>", sheet)
         self._beside = Beside(viewer, theme, readout, sheet, self._close_point, self._remember_point)
@@ -102,7 +97,7 @@ class MapView:
             ),
             "plot": pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0),
             "said": self._said.pane,
-            "key": self._key,
+            "key": self._lines.key,
             "beside": self._beside.panel,
         }  # fmt: skip
         self._show_limits(None)
@@ -234,7 +229,7 @@ class MapView:
         self.map.cells(block, colours)
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
         self._title.html = f"<p>{escape(colours.title)}{note}</p>"
-        self._key.shades = [
+        self._lines.key.shades = [
             {"label": each.label, "colour": each.colour, "share": each.share} for each in colours.shades
         ]
         self._show_limits(colours)
@@ -242,8 +237,7 @@ class MapView:
             self.map.window(*self.window)
             if self.view.point:
                 self._point(*self.view.point)
-            for name in self.view.overlays:
-                self._draw_line(name)
+            self._draw_lines(self.view.overlays)
         if other:
             self._refine()
 
@@ -287,46 +281,16 @@ class MapView:
             self._change(limits=(low, high))
             self._redraw()
 
-    def _on_overlays(self) -> None:
-        chosen = tuple(name for name in overlays.OVERLAYS if name in self._key.chosen)
+    def _on_lines(self) -> None:
+        chosen = self._lines.chosen
         new = set(chosen) - set(self.view.overlays)
         self._change(overlays=chosen)
         self.map.choose(chosen)
-        for name in new:
-            self._draw_line(name)
+        self._draw_lines(name for name in chosen if name in new)
 
-    def _draw_line(self, name: str) -> None:
-        if name in self._lines:
-            self._lines.pop(name).cancel()
+    def _draw_lines(self, names: Iterable[str]) -> None:
         if self._plane is not None:
-            self._lines[name] = self._viewer.start(self._line(name, self.model, self.window))
-
-    async def _line(self, name: str, model: AnyModel, window: tuple[Pair, Pair]) -> None:
-        if name == POINTS:
-            points = await self._viewer.read(lambda: overlays.points_of(model))
-            self._viewer.change(lambda: self.map.points(points))
-            return
-        if name == CRISIS:
-            self._note(name, "is being computed …")
-            try:
-                pieces, missing = [await self._shared.crises.of(model)], ""
-            except RattleError as error:
-                pieces, missing = [], str(error)
-        else:
-            pieces, missing = await self._viewer.read(lambda: overlays.pieces_of(name, model, *window))
-        self._note(name, "", missing)
-        self._viewer.change(lambda: self.map.line(name, pieces))
-
-    def _note(self, name: str, note: str, missing: str = "") -> None:
-        entries = [
-            each | {"note": note, "missing": bool(missing), "meaning": missing or each["meaning"]}
-            if each["name"] == name
-            else each
-            for each in self._overlays
-        ]
-        if entries != self._overlays:
-            self._overlays = entries
-            self._viewer.change(lambda: self._key.param.update(overlays=entries))
+            self._lines.draw(tuple(names), self.model, self.window)
 
     def _shown(self) -> tuple[Plane, tuple[Pair, Pair], Pair | None] | None:
         return (self._plane, self.window, self.view.point) if self._plane is not None else None
@@ -347,16 +311,13 @@ class MapView:
             return
         self._change(delta=delta, epsilon=epsilon)
         self.map.moved(delta)
-        for name in self.view.overlays:
-            if name not in (CRISIS, POINTS):
-                self._draw_line(name)
+        self._draw_lines(name for name in self.view.overlays if name not in (CRISIS, POINTS))
         self._refine()
 
     def _reset(self) -> None:
         self._change(delta=None, epsilon=None)
         self.map.window(*self.window)
-        for name in self.view.overlays:
-            self._draw_line(name)
+        self._draw_lines(self.view.overlays)
         self._refine()
 
     def _refine(self) -> None:

@@ -110,7 +110,7 @@ class Explorer:
 
         assert self._front is not None
         assert self._news is not None
-        settings.perform_document_validation.set_value(False)  # a tenth of the time of every page, to warn nobody
+        settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
         shared = Shared(self._front, self._news, Atlas(self._front), Crises(self._front))
         found: Any = BokehFastAPI(
             build_applications({"/": lambda: open_page(shared)}, title=TITLE),

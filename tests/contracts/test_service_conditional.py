@@ -151,7 +151,7 @@ def test_a_point_is_not_computed_for_who_has_it(client: TestClient, monkeypatch:
     def compute(*_: object) -> None:
         raise AssertionError("computed again")
 
-    monkeypatch.setattr(points, "_orbit", compute)
+    monkeypatch.setattr(points, "orbits_document", compute)
     assert client.get(POINT, headers={"If-None-Match": tags[0]}).status_code == 304
     assert client.get(POINT).status_code == 500
     conditional._answer_version.cache_clear()

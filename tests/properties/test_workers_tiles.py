@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rattle
+from rattle import models
 from workers import Axis, SurveyRequest, create_store, open_survey, tiles_done
 from workers.runner import compute_and_write
 from workers.tiles import compute_tile, tiles_of
@@ -119,7 +120,7 @@ def test_a_failing_cell_loses_only_itself(monkeypatch: pytest.MonkeyPatch, whole
             raise rattle.RattleError("no luck here")
         return attractors_of(deltas, epsilons, *args)
 
-    monkeypatch.setattr(rattle, "attractors_of", failing)
+    monkeypatch.setattr(models, "attractors_of", failing)
     tile = tiles_of(survey(4, 3))[0]
     values, record = compute_tile(survey(4, 3), tile)
     assert record.failed_cells == ((*bad, "RattleError: no luck here"),)
@@ -137,7 +138,7 @@ def test_a_failure_of_the_machine_is_not_stored_as_a_cell(monkeypatch: pytest.Mo
     def exhausted(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(rattle, "attractors_of", exhausted)
+    monkeypatch.setattr(models, "attractors_of", exhausted)
     with pytest.raises(MemoryError):
         compute_tile(WHOLE, tiles_of(WHOLE)[0])
 
@@ -147,7 +148,7 @@ def test_undecided_samples_are_counted_openly(monkeypatch: pytest.MonkeyPatch) -
     undecided = rattle.Attractors(
         np.arange(30), none + 4, none, none, none, none + 5, some, some, nan, nan, nan, none + 100
     )
-    monkeypatch.setattr(rattle, "attractors_of", lambda *_: undecided)
+    monkeypatch.setattr(models, "attractors_of", lambda *_: undecided)
     values, record = compute_tile(WHOLE, tiles_of(WHOLE)[0])
     assert record.undecided_cells == record.cells == 30
     assert np.all(values["status"] == 2)
