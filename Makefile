@@ -16,7 +16,8 @@ figures: $(INSTALLED)
 	$(BIN)/rattle figure all --out figures
 
 test: $(INSTALLED) $(S3_INSTALLED)
-	$(BIN)/python -c 'import rattle; rattle.warm_up(kappa=1e4)'  # once, not in every process at the same time
+	# once, not in every process at the same time
+	$(BIN)/python -c 'import rattle; from service.explorer import point_parts; rattle.warm_up(kappa=1e4); point_parts.warm_up()'
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 lint: $(INSTALLED)

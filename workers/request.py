@@ -26,7 +26,7 @@ BASIN_SIDE = 8  # cells along a side of a default tile with basins: a second or 
 BASIN_SAMPLES = 4096  # states at a time of each such cell
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
 MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
-MOST_STIFF = 1e10  # a motion needs some √κ returns to become quiet
+MOST_STIFF = 1e8  # a motion needs some √κ returns to become quiet: beyond, samples are left undecided
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
 
 
