@@ -9,6 +9,8 @@ from service_processes import wait_until
 #: A condition on the map of a page, as JavaScript of the figure.
 _MODELS = "Bokeh.documents.map((each) => each.get_model_by_name('map')).find((each) => each)"
 
+STEADY_MS = 100
+
 
 def open_view(page: Page, url: str, **query: str) -> None:
     """Open the explorer, and wait until its map has cells."""
@@ -36,17 +38,26 @@ def visible_lines(page: Page) -> set[str]:
 
 
 def place_of(page: Page, delta: float, epsilon: float) -> tuple[float, float]:
-    """Where on the screen a point (δ, ε) is."""
-    found = page.evaluate(
-        f"""([delta, epsilon]) => {{
-            const model = {_MODELS}
-            const view = Bokeh.index.find_one(model)
-            const box = view.canvas_view.el.getBoundingClientRect()
-            return [box.x + view.frame.x_scale.compute(delta), box.y + view.frame.y_scale.compute(epsilon)]
-        }}""",
-        [delta, epsilon],
-    )
-    return float(found[0]), float(found[1])
+    """Where on the screen a point (δ, ε) is, once the page has been laid out: when it stays there for a while."""
+    places: list[list[float]] = []
+
+    def settled() -> bool:
+        found = page.evaluate(
+            f"""([delta, epsilon]) => {{
+                const model = {_MODELS}
+                const view = Bokeh.index.find_one(model)
+                const box = view.canvas_view.el.getBoundingClientRect()
+                return [box.x + view.frame.x_scale.compute(delta), box.y + view.frame.y_scale.compute(epsilon)]
+            }}""",
+            [delta, epsilon],
+        )
+        places.append(found)
+        page.wait_for_timeout(STEADY_MS)
+        return len(places) > 2 and places[-1] == places[-2] == places[-3]
+
+    wait_until(settled)
+    x, y = places[-1]
+    return float(x), float(y)
 
 
 def point_at(page: Page, delta: float, epsilon: float, until: str) -> None:

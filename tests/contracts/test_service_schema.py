@@ -38,6 +38,11 @@ CONFIG = """
 # 503 is declared: a point at extreme parameters takes longer than a request may.
 not_a_server_error.expected-statuses = ["2xx", "3xx", "4xx", "503"]
 positive_data_acceptance.expected-statuses = ["2xx", "304", "404", "409", "416", "422", "429", "503"]
+
+[[operations]]
+# One request for every limit of every parameter: at the largest stiffness most of these wait for the longest time.
+include-path = ["/v1/basins.png", "/v1/curves"]
+phases.coverage.enabled = false
 """
 
 
