@@ -82,6 +82,6 @@ def test_a_busy_service_ends_in_time_with_its_tiles(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("after", [0.0, 1.0])
 def test_a_service_ends_in_time_while_its_cluster_starts(tmp_path: Path, after: float) -> None:
-    with server(tmp_path, free_port(), settings=WHOLE) as process:
+    with server(tmp_path, free_port(), "--workers", "1", settings=WHOLE) as process:
         time.sleep(after)
         assert stop(process) < SECONDS
