@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Coroutine, Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -110,11 +110,11 @@ async def watch(url: str, path: str, delays: Latencies, counts: list[int]) -> No
         writer.close()
 
 
-async def regularly(rate: float, stop: asyncio.Event, act: Callable[[int], Awaitable[Any]]) -> None:
+async def regularly(rate: float, stop: asyncio.Event, act: Callable[[int], Coroutine[Any, Any, None]]) -> None:
     """Call at a fixed rate, whether earlier calls have ended or not."""
     tasks, began, number = set[asyncio.Task[Any]](), time.perf_counter(), 0
     while not stop.is_set():
-        tasks.add(asyncio.create_task(act(number)))  # type: ignore[arg-type] # a coroutine in fact
+        tasks.add(asyncio.create_task(act(number)))
         number += 1
         await asyncio.sleep(max(0.0, began + number / rate - time.perf_counter()))
     await asyncio.gather(*tasks)

@@ -4,7 +4,7 @@ attractors that sweeps forward and backward see (paper, Figures 5 and 9).
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,8 +27,18 @@ JUMP = 0.05  # in phase or speed between steps
 SAME_ORBIT = 1e-6
 ROUNDS = 3  # of branches that lead to attractors and back
 Array = NDArray[np.float64]
-AnyBranch = TypeVar("AnyBranch")
-AnyEvent = TypeVar("AnyEvent")
+
+
+class HasParameters(Protocol):
+    """What is somewhere along a segment: a branch, or an event."""
+
+    @property
+    def parameters(self) -> Array:
+        """Those of the segment, (…, d)."""
+
+
+AnyBranch = TypeVar("AnyBranch", bound=HasParameters)
+AnyEvent = TypeVar("AnyEvent", bound=HasParameters)
 
 
 @dataclass(frozen=True)
@@ -77,7 +87,7 @@ class Diagram(Generic[AnyBranch, AnyEvent]):
 
     def positions(self, of: AnyBranch | AnyEvent) -> Array:
         """Where the points of a branch (k,), or an event (), are on the way from start to end."""
-        return self.segment.position(of.parameters)  # type: ignore[union-attr]
+        return self.segment.position(of.parameters)
 
 
 def diagram(

@@ -1,7 +1,8 @@
 """The motion Φ(t) between its impacts: sampled in closed form (paper 3.1, 3.2) on the way from impact to impact."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +69,21 @@ def trajectory(
     delta: float, epsilon: float, beta: float, tau: float, v: float, periods: float, points: int, slowest: float
 ) -> Trajectory:
     """See `rattle.Gear.trajectory`; slowest: the speed of what is certain to become quiet."""
+    slowest = min(slowest, AT_REST)
+
+    def follow(v: float, *room: Any) -> tuple[int, int, float]:
+        status, impacts, rest = sampled(tau, v, delta, epsilon, beta, slowest, *room)
+        return int(status), int(impacts), float(rest)
+
+    return followed(v, periods, points, follow)
+
+
+def followed(v: float, periods: float, points: int, follow: Callable[..., tuple[int, int, float]]) -> Trajectory:
+    """A motion of either model with initial speed v, sampled at so many points.
+
+    follow: takes v, the times and arrays for Φ and Φ' (points,), and for time, wall and speed of the impacts; returns
+    its status, how many impacts there were, and when the motion came to rest.
+    """
     v, periods = require_number("v", v, positive=True), require_number("periods", periods, positive=True)
     require(periods <= LONGEST, f"periods must be at most {LONGEST:g}, got {periods:g}")
     points = require_integer("points", points, 2, MOST_POINTS)
@@ -76,10 +92,9 @@ def trajectory(
     room = 1024
     while True:
         at, wall, speed = np.empty(room), np.empty(room, np.int64), np.empty(room)
-        below = min(slowest, AT_REST)
-        status, count, rest = sampled(tau, v, delta, epsilon, beta, below, time, phi, velocity, at, wall, speed)
+        status, count, rest = follow(v, time, phi, velocity, at, wall, speed)
         if status != OK:
-            raise RattleError("a flight of this motion finds no wall: its parameters are beyond double precision")
+            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         if count > MOST_IMPACTS:
             raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: ask for fewer periods")
         if count <= room:

@@ -1,15 +1,13 @@
 """The motion Φ(t) of the stiff gear, sampled in closed form on the way from contact to contact."""
 
 import math
-
-import numpy as np
+from typing import Any
 
 from rattle._compile import kernel
-from rattle.errors import RattleError, require, require_integer, require_number
 from rattle.first_impact import OK, SIGMA_PLUS
 from rattle.flight import folded
 from rattle.stiff.flow import GAP, MOST_PIECES, QUIET, piece
-from rattle.trajectory import LONGEST, MOST_POINTS, Trajectory
+from rattle.trajectory import Trajectory, followed
 
 
 @kernel
@@ -51,17 +49,9 @@ def trajectory(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, periods: float, points: int
 ) -> Trajectory:
     """See `rattle.stiff.StiffGear.trajectory`."""
-    v, periods = require_number("v", v, positive=True), require_number("periods", periods, positive=True)
-    require(periods <= LONGEST, f"periods must be at most {LONGEST:g}, got {periods:g}")
-    points = require_integer("points", points, 2, MOST_POINTS)
-    time = np.linspace(0.0, periods, points)
-    phi, velocity = np.empty(points), np.empty(points)
-    room = 1024
-    while True:
-        at, wall, speed = np.empty(room), np.empty(room, np.int64), np.empty(room)
-        status, count, rest = sampled(tau, v, delta, epsilon, beta, kappa, time, phi, velocity, at, wall, speed)
-        if status != OK:
-            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
-        if count <= room:
-            return Trajectory(time, phi, velocity, at[:count], wall[:count], speed[:count], rest)
-        room = count
+
+    def follow(v: float, *room: Any) -> tuple[int, int, float]:
+        status, contacts, rest = sampled(tau, v, delta, epsilon, beta, kappa, *room)
+        return int(status), int(contacts), float(rest)
+
+    return followed(v, periods, points, follow)
