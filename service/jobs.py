@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK = "ok"
 WORKERS_SECONDS = 2.0
+LAST_TILES_SECONDS = 3.0  # a deletion waits for them; dismissal stops work within 2
 MAX_FAILURES = 100  # messages kept of one tile
 
 log = logging.getLogger(__name__)
@@ -68,7 +69,7 @@ class JobManager:
         self._stopping = threading.Event()
         self._dismissed = threading.Event()
         self._current: str | None = None
-        self._lock = threading.Lock()
+        self._lock = threading.Condition()  # told when `_current` is let go of
         self._thread = threading.Thread(target=self._main, name="job-manager", daemon=True)
         self.cluster_state = "starting"
         self.storage_state = OK
@@ -98,7 +99,7 @@ class JobManager:
 
         Raises:
             UnknownSurveyError: there is no such survey.
-            ConflictError: it was dismissed, but tiles of it are still being computed; or it runs again meanwhile.
+            ConflictError: it was dismissed, but tiles of it have been computed for long since; or it runs again.
         """
         self._database.job(survey_id)
         if self._database.set_state(survey_id, State.DISMISSED, "dismissed by request"):
@@ -108,7 +109,7 @@ class JobManager:
             self.wake()
             return self._database.job(survey_id)
         with self._lock:
-            if self._current == survey_id:
+            if not self._lock.wait_for(lambda: self._current != survey_id, LAST_TILES_SECONDS):
                 raise ConflictError(f"Survey {survey_id} has ended, but its last tiles still run. Try again soon.")
             if not State((job := self._database.job(survey_id)).state).final:
                 raise ConflictError(f"Survey {survey_id} is {job.state} again; dismiss it first.")
@@ -188,6 +189,7 @@ class JobManager:
         finally:
             with self._lock:
                 self._current = None
+                self._lock.notify_all()
         return True
 
     def _run(self, survey_id: str, client: Client) -> None:

@@ -1,5 +1,6 @@
 """The thread that runs surveys: when it waits, what it says meanwhile, and that it ends."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -8,7 +9,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_support import BODY, front_of, idle_cluster, local_client
+from service_support import BODY, assert_problem, front_of, idle_cluster, local_client
 
 from service import jobs
 from service.app import create_app
@@ -63,6 +64,27 @@ def test_a_survey_that_goes_on_after_a_restart_no_longer_says_that_it_waits(
     with service(tmp_path) as client:
         wait_until(lambda: bool(seen))
     assert (seen[0]["state"], seen[0]["message"]) == (State.RUNNING, "")
+
+
+def test_a_deletion_waits_for_the_last_tiles_of_a_survey_that_has_ended(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Or one that follows the end at once would be refused by chance."""
+    tiles_end = threading.Event()
+    monkeypatch.setattr(jobs, "create_store", lambda *_: None)
+    monkeypatch.setattr(jobs, "tiles_done", lambda *_: set())
+    monkeypatch.setattr(jobs, "run_tiles", lambda *_: tiles_end.wait(60))
+    monkeypatch.setattr(jobs, "LAST_TILES_SECONDS", 0.1)
+    with service(tmp_path) as client:
+        path = client.post("/v1/surveys", json=BODY).headers["location"]
+        wait_until(lambda: client.get(path).json()["state"] == "running")
+        assert client.delete(path).json()["state"] == "dismissed"
+        assert_problem(client.delete(path), 409, "last tiles")
+        monkeypatch.setattr(jobs, "LAST_TILES_SECONDS", 60)
+        threading.Timer(0.3, tiles_end.set).start()
+        assert client.delete(path).status_code == 204
+        assert tiles_end.is_set()
+        assert_problem(client.get(path), 404)
 
 
 def test_a_stop_is_never_overlooked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
