@@ -95,10 +95,10 @@ class Postgres:
         self.stop(signal.SIGQUIT)
         shutil.rmtree(self._directory, ignore_errors=True)
 
-    def create(self) -> str:
+    def create(self, encoding: str = "UTF8") -> str:
         """Create an empty database; its URL."""
         name = f"test_{secrets.token_hex(6)}"
-        self._execute(f"CREATE DATABASE {name}")
+        self._execute(f"CREATE DATABASE {name} TEMPLATE template0 ENCODING '{encoding}'")
         return f"postgresql://rattle@/{name}?host={self._directory}"
 
     def drop(self, url: str) -> None:

@@ -67,7 +67,13 @@ def _open_postgresql(url: URL, pool: dict[str, Any]) -> Engine:
     given = url.query.get("options", "")
     options = [given if isinstance(given, str) else " ".join(given)]
     options += [f"-c {name}={value}" for name, value in (limits | alive).items()]
-    client = {"connect_timeout": 5, "keepalives_idle": 10, "keepalives_interval": 5, "keepalives_count": 3}
+    client: dict[str, int | str] = {
+        "connect_timeout": 5,
+        "keepalives_idle": 10,
+        "keepalives_interval": 5,
+        "keepalives_count": 3,
+        "client_encoding": "UTF8",  # of a SQL_ASCII database SQLAlchemy would else not even read the version
+    }
     arguments = {name: value for name, value in client.items() if name not in url.query}
     return create_engine(
         url,

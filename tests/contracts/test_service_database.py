@@ -121,6 +121,16 @@ def test_text_that_a_database_cannot_hold_neither_fails_nor_matches(database: Da
             call(f"{survey_id}\0")
 
 
+@pytest.mark.parametrize("encoding", ["SQL_ASCII", "LATIN1"])
+def test_a_database_that_cannot_hold_every_text_is_refused(postgres: Postgres, encoding: str) -> None:
+    url = postgres.create(encoding)
+    try:
+        with pytest.raises(DataDirectoryError, match=f"has the encoding {encoding}. Create it with ENCODING 'UTF8'"):
+            Database(url)
+    finally:
+        postgres.drop(url)
+
+
 def test_a_second_service_is_refused_until_the_first_is_gone(database_url: str) -> None:
     first = Database(database_url)
     with pytest.raises(DataDirectoryError, match="Another service uses the job database"):
