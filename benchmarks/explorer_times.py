@@ -11,20 +11,18 @@ from __future__ import annotations
 import argparse
 import os
 import shutil
-import socket
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import httpx
 import psutil
 from playwright.sync_api import Browser, CDPSession, Page, sync_playwright
+from server import server
 
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
 POINTS = ((0.6, 0.1), (0.55, 0.08), (0.7, 0.12))  # clicked one after the other
@@ -93,34 +91,6 @@ class Table(dict[str, list[float]]):
         for name, values in self.items():
             rows.append(f"| {name} | {statistics.median(values):.0f} | {min(values):.0f} | {max(values):.0f} |")
         return "\n".join(rows)
-
-
-@contextmanager
-def server(data: Path) -> Iterator[tuple[str, psutil.Process]]:
-    """URL and process of a service that answers."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    command = [sys.executable, "-c", "from service.cli import main; main()", "serve", "--port", str(port)]
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
-    process = subprocess.Popen(
-        [*command, "--data", str(data), "--workers", "1"],
-        env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
-    url = f"http://127.0.0.1:{port}"
-    try:
-        wait_until(lambda: is_answering(url))
-        yield url, psutil.Process(process.pid)
-    finally:
-        process.terminate()
-        process.wait(timeout=60)
-
-
-def is_answering(url: str) -> bool:
-    try:
-        return httpx.get(f"{url}/v1/health").is_success
-    except httpx.TransportError:
-        return False
 
 
 def wait_until(condition: Callable[[], Any], seconds: float = 300.0) -> Any:
@@ -201,7 +171,7 @@ def main() -> None:
     waited, worked = Table(), Table()
     with (
         tempfile.TemporaryDirectory() as temporary,
-        server(given.data or Path(temporary)) as (url, process),
+        server(given.data or Path(temporary), "--workers", "1") as (url, process),
         sync_playwright() as playwright,
     ):
         page = f"{url}/?survey={submitted(url, given.side)}"

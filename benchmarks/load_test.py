@@ -12,19 +12,16 @@ import argparse
 import asyncio
 import json
 import os
-import socket
-import subprocess
-import sys
 import tempfile
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Iterator
-from contextlib import contextmanager
+from collections.abc import Awaitable, Callable, Coroutine
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import httpx
 import psutil
+from server import server
 
 BUSY = {  # chaotic everywhere: several tiles a second for longer than the test
     "delta": {"start": 0.4, "stop": 1.0, "num": 400},
@@ -61,34 +58,6 @@ class Latencies(list[float]):
         ordered = sorted(self)
         shares = (ordered[min(int(share * len(ordered)), len(ordered) - 1)] for share in (0.5, 0.95, 0.99, 1.0))
         return " | ".join(f"{value:.1f}" for value in shares) + f" | {len(self)}"
-
-
-@contextmanager
-def server(data: Path) -> Iterator[tuple[str, psutil.Process]]:
-    """URL and process of a service that has its cluster."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    command = [sys.executable, "-c", "from service.cli import main; main()", "serve", "--port", str(port)]
-    environment = os.environ | {"RATTLE_MAX_JOBS": "1000000", "PYTHONPATH": str(Path(__file__).parents[1])}
-    process = subprocess.Popen(
-        [*command, "--data", str(data)], env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    url = f"http://127.0.0.1:{port}"
-    try:
-        while process.poll() is None:
-            try:
-                if httpx.get(f"{url}/v1/health", timeout=30).json()["cluster"] == "ready":
-                    break
-            except httpx.TransportError:
-                pass
-            time.sleep(0.2)
-        yield url, psutil.Process(process.pid)
-    finally:
-        began = time.perf_counter()
-        process.terminate()
-        process.wait(30)
-        print(f"\nended {time.perf_counter() - began:.1f} s after SIGTERM, status {process.returncode}")
 
 
 async def watch(url: str, path: str, delays: Latencies, counts: list[int]) -> None:

@@ -1,0 +1,56 @@
+"""A service to measure: a process of its own on a free port of loopback."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import psutil
+
+START_SECONDS = 300.0  # a cold start compiles
+
+
+@contextmanager
+def server(data: Path, *options: str) -> Iterator[tuple[str, psutil.Process]]:
+    """URL and process of a service that has its cluster; prints how it ended."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-c", "from service.cli import main; main()", "serve", "--port", str(port)]
+    environment = os.environ | {"RATTLE_MAX_JOBS": "1000000", "PYTHONPATH": str(Path(__file__).parents[1])}
+    process = subprocess.Popen(
+        [*command, "--data", str(data), *options],
+        env=environment,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    url = f"http://127.0.0.1:{port}"
+    try:
+        deadline = time.monotonic() + START_SECONDS
+        while not has_cluster(url):
+            if process.poll() is not None:
+                raise RuntimeError(f"the service ended with status {process.returncode}; start it by hand to see why")
+            if time.monotonic() > deadline:
+                raise RuntimeError(f"the service did not start within {START_SECONDS:.0f} s")
+            time.sleep(0.2)
+        yield url, psutil.Process(process.pid)
+    finally:
+        began = time.perf_counter()
+        process.terminate()
+        process.wait(60)
+        print(f"\nended {time.perf_counter() - began:.1f} s after SIGTERM, status {process.returncode}")
+
+
+def has_cluster(url: str) -> bool:
+    """Whether a service answers and its workers are there."""
+    try:
+        return bool(httpx.get(f"{url}/v1/health", timeout=30).json()["cluster"] == "ready")
+    except httpx.TransportError:
+        return False
