@@ -76,7 +76,7 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
             shutil.copytree(finished, store, copy_function=os.link)
         manager._database.set_state(job.id, State.SUCCESSFUL)
 
-    settings = Settings(data=data, max_jobs=10**6, max_point_count=64, max_point_seconds=5, **changes)
+    settings = Settings(data=data, max_jobs=10**6, max_point_count=64, max_point_seconds=2, **changes)
     app = create_app(settings, idle_cluster)
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error"))
     thread = threading.Thread(target=server.run)
