@@ -17,6 +17,9 @@ from typing import Any
 import llvmlite
 import numba
 import numpy as np
+from llvmlite.binding import Linkage
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
 from numba.extending import overload
 
 config: Any = numba.config  # its options are made at run time
@@ -57,6 +60,29 @@ def _with_room(function: Callable[..., Any], *arguments: Any) -> Any:
 _with_room.__code__ = _with_room.__code__.replace(co_stacksize=1 << 17)
 
 
+class _OwnCopies(JITCodeLibrary):
+    """Compiled code in which functions that were linked in are its own.
+
+    Otherwise they are weak symbols, of which a process takes the first that it meets: while it compiles that of another
+    library, optimised by itself, and from the cache the copy beside its callers. Their last bits differ.
+    """
+
+    def _optimize_final_module(self) -> None:
+        super()._optimize_final_module()
+        for function in self._final_module.functions:  # not before: what is known to be internal is inlined too eagerly
+            if function.linkage == Linkage.linkonce_odr and not function.is_declaration:
+                function.linkage = Linkage.internal
+
+
+class _EntryCompiler(Compiler):
+    """Compiles what Python calls."""
+
+    def define_pipelines(self) -> Any:
+        self.state.library = _OwnCopies(self.state.targetctx.codegen(), self.state.func_id.func_qualname)
+        self.state.library.enable_object_caching()
+        return super().define_pipelines()
+
+
 class Inline:
     """A function that is compiled into its callers; from Python it stays the plain function."""
 
@@ -82,7 +108,9 @@ class Kernel(Inline):
         before = config.CACHE_DIR
         config.CACHE_DIR = _cache_directory()
         try:
-            self._entry = numba.njit(cache=True, nogil=True, forceinline=False, **_OPTIONS)(function)
+            self._entry = numba.njit(
+                cache=True, nogil=True, forceinline=False, pipeline_class=_EntryCompiler, **_OPTIONS
+            )(function)
         finally:
             config.CACHE_DIR = before
         self._run = self._first

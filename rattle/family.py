@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from rattle._compile import kernel
+from rattle.bracket import narrowed
 from rattle.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight import DRIFT, TWO_PI, folded, versines
 from rattle.impact_map import flight_tangent
@@ -80,14 +81,7 @@ def solve(kind, level, lo, hi, delta, beta):
         if f == 0.0 or abs(s - last) <= 1e-16:
             return s
         last = s
-        if (f > 0.0) == (f_hi > 0.0):
-            hi, f_hi = s, f
-            f_lo = f_lo * 0.5 if side == 1 else f_lo
-            side = 1
-        else:
-            lo, f_lo = s, f
-            f_hi = f_hi * 0.5 if side == -1 else f_hi
-            side = -1
+        lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, s, f)
     return 0.5 * (lo + hi)
 
 

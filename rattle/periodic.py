@@ -2,6 +2,7 @@
 that each flight is a true first impact.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +22,7 @@ GRAZING_TIME = 1e-4  # and what that speed does to the time
 MOST_NEWTON = 30
 
 
-class Periodic:
+class Periodic(ABC):
     """What a periodic motion of either model says of itself."""
 
     m: int
@@ -31,14 +32,14 @@ class Periodic:
     admissible: bool
 
     @property
+    @abstractmethod
     def departures(self) -> Array:
         """When it leaves the walls (n,), with these speeds."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def point(self) -> Any:
         """Its parameters, as kernels take them."""
-        raise NotImplementedError
 
     @property
     def tau(self) -> float:

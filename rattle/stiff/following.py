@@ -19,6 +19,7 @@ from rattle.arclength import (
     SHORTEST_STEP,
     SMALLEST_CORRECTION,
 )
+from rattle.bracket import narrowed
 from rattle.stiff.closure import LEAST_CONTACT, closure
 
 SPAN, LOST, FLIGHT, CLOSED, BROKEN = range(5)  # why it ends: ε, a contact, or a flight; it closes; it cannot go on
@@ -161,14 +162,7 @@ def located(a, b, index, level, cycle, y):
         f = measured(y, index, level, chord, cycle, tangent)
         if f == 0.0 or abs(share - last) <= 1e-15:
             return True
-        if (f > 0.0) == (f_hi > 0.0):
-            hi, f_hi = share, f
-            f_lo = f_lo * 0.5 if side == 1 else f_lo
-            side = 1
-        else:
-            lo, f_lo = share, f
-            f_hi = f_hi * 0.5 if side == -1 else f_hi
-            side = -1
+        lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, share, f)
     return True
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from manifold_fates import fates_beside
 from scipy.ndimage import distance_transform_edt
 
 import rattle
@@ -77,15 +78,7 @@ def test_spacing_angle_and_corners():
 def test_stable_manifolds_bound_basins(name, kinds):
     """States 1e-5 to the left and to the right of W^s go to different attractors, for nine in ten of its points."""
     found = manifold(saddle(name), "stable", 1, 3.0)
-    pick = np.linspace(5, found.tau.size - 5, 40).astype(int)
-    along = np.stack([found.tau[pick + 1] - found.tau[pick - 1], found.v[pick + 1] - found.v[pick - 1]])
-    across = 1e-5 * np.stack([-along[1], along[0]]) / np.hypot(*along)
-    fates = []
-    for sign in (1, -1):
-        end = GEAR.iterate(found.tau[pick] + sign * across[0], found.v[pick] + sign * across[1], 500)
-        once = GEAR.iterate(end.tau, end.v, 1)
-        still = np.hypot(once.tau - end.tau, once.v - end.v) < 1e-6
-        fates.append(np.where(end.v < 0.5, "quiet", np.where(still, "P(1,1,0)", "chaos")))
+    fates = fates_beside(GEAR, found, 500)
     apart = fates[0] != fates[1]
     assert np.mean(apart) > 0.9
     assert kinds <= set(fates[0][apart]) | set(fates[1][apart])

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from manifold_fates import fates_beside
 
 import rattle
 from rattle.errors import ParameterError
@@ -77,15 +78,7 @@ def test_stable_manifolds_bound_basins(name: str) -> None:
     """States 1e-5 to either side of W^s go to different attractors, for nine in ten of its points."""
     gear = StiffGear(DELTA, EPSILON, BETA, 2e3)
     found = manifold(from_limit(impacting(name), 2e3), "stable", 1, 3.0)
-    pick = np.linspace(5, found.tau.size - 5, 40).astype(int)
-    along = np.stack([found.tau[pick + 1] - found.tau[pick - 1], found.v[pick + 1] - found.v[pick - 1]])
-    across = 1e-5 * np.stack([-along[1], along[0]]) / np.hypot(*along)
-    fates = []
-    for sign in (1, -1):
-        end = gear.iterate(found.tau[pick] + sign * across[0], found.v[pick] + sign * across[1], 1200)
-        once = gear.iterate(end.tau, end.v, 1)
-        still = np.hypot(once.tau - end.tau, once.v - end.v) < 1e-6
-        fates.append(np.where(end.n_plus < 1200, "quiet", np.where(still, "P(1,1,0)", "other")))
+    fates = fates_beside(gear, found, 1200)
     assert np.mean(fates[0] != fates[1]) > 0.9
 
 

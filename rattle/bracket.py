@@ -1,0 +1,15 @@
+"""Secant steps inside a bracket, for kernels."""
+
+from rattle._compile import inline
+
+
+@inline
+def narrowed(lo, f_lo, hi, f_hi, side, at, f):
+    """The bracket (lo, f_lo, hi, f_hi) of a sign change after a step to `at`, and the side (±1) that was replaced.
+
+    The value at an end that stays twice is halved, so that the next secant step moves it (the Illinois method: Dowell
+    and Jarratt 1971).
+    """
+    if (f > 0.0) == (f_hi > 0.0):
+        return lo, (f_lo * 0.5 if side == 1 else f_lo), at, f, 1
+    return at, f, hi, (f_hi * 0.5 if side == -1 else f_hi), -1
