@@ -9,7 +9,20 @@ from service_processes import wait_until
 #: A condition on the map of a page, as JavaScript of the figure.
 _MODELS = "Bokeh.documents.map((each) => each.get_model_by_name('map')).find((each) => each)"
 
+#: What a page is like that does not show what is waited for.
+_STATE = f"""async () => {{
+    const painted = new Promise((resolve) => requestAnimationFrame(() => resolve("frames are painted")))
+    const waited = new Promise((resolve) => setTimeout(() => resolve("no frame in 1 s"), 1000))
+    const map = window.Bokeh && {_MODELS}
+    return [
+        await Promise.race([painted, waited]), location.href, Boolean(map && Bokeh.index.find_one(map)),
+        map?.renderers.map((each) => [each.name, each.data_source.data.image?.length ?? ""].join(" ")),
+        document.body.innerText,
+    ].join("; ")
+}}"""
+
 STEADY_MS = 100
+POLL_MS = 50
 
 
 def open_view(page: Page, url: str, **query: str) -> None:
@@ -19,11 +32,18 @@ def open_view(page: Page, url: str, **query: str) -> None:
     wait_for_map(page, "renderers.some((each) => each.name?.startsWith('cells') && each.data_source.data.image.length)")
 
 
+def wait_for(page: Page, asked: str) -> None:
+    """Wait until a function of JavaScript is true. Not asked at every frame: a browser under load may paint none."""
+    page.wait_for_function(asked, polling=POLL_MS)
+
+
 def wait_for_map(page: Page, condition: str) -> None:
     """Wait until a condition on the figure holds, which begins with one of its properties."""
-    page.wait_for_function(
-        f"() => {{ const map = window.Bokeh && {_MODELS}; return map && Bokeh.index.find_one(map) && map.{condition} }}"
-    )
+    shown = f"const map = window.Bokeh && {_MODELS}; return map && Bokeh.index.find_one(map)"
+    try:
+        wait_for(page, f"() => {{ {shown} && map.{condition} }}")
+    except TimeoutError as error:
+        raise AssertionError(f"{condition} did not hold: {page.evaluate(_STATE)}") from error
 
 
 def of_map(page: Page, expression: str) -> Any:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from conftest import SURVEY
-from explorer_support import of_map, open_view, place_of, point_at, visible_lines, wait_for_map
+from explorer_support import of_map, open_view, place_of, point_at, visible_lines, wait_for, wait_for_map
 from playwright.sync_api import Page, expect
 from service_processes import wait_until
 
@@ -149,9 +149,7 @@ def test_a_saved_address_shows_the_same_view(page: Page, service: str, survey_id
     for label, value in {"δ from": "0.5", "δ to": "0.75", "ε from": "0.05", "ε to": "0.2"}.items():
         expect(page.get_by_label(label, exact=True)).to_have_value(value)
     page.get_by_role("button", name="Light theme").click()
-    page.wait_for_function(
-        "() => document.body && getComputedStyle(document.body).backgroundColor === 'rgb(244, 246, 248)'"
-    )
+    wait_for(page, "() => document.body && getComputedStyle(document.body).backgroundColor === 'rgb(244, 246, 248)'")
 
 
 def test_nonsense_in_the_address_is_left_out(page: Page, service: str) -> None:

@@ -6,7 +6,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
-from explorer_support import open_view, place_of
+from explorer_support import open_view, place_of, wait_for
 from playwright.sync_api import Page, expect
 
 import rattle
@@ -18,7 +18,7 @@ FIGURE = "Bokeh.documents.map((each) => each.get_model_by_name('{}')).find((each
 def figure(page: Page, name: str, expression: str) -> Any:
     """What an expression on a figure is, once the figure is there."""
     model = FIGURE.format(name)
-    page.wait_for_function(f"() => {{ const it = {model}; return it && Bokeh.index.find_one(it) }}")
+    wait_for(page, f"() => {{ const it = {model}; return it && Bokeh.index.find_one(it) }}")
     return page.evaluate(f"() => {model}.{expression}")
 
 
@@ -69,7 +69,7 @@ def test_a_motion_is_chosen_in_the_basins_and_its_address_shows_it_again(page: P
     page.goto(page.url)
     beside(page, "From the chosen initial condition")
     source = "renderers[0].data_source.data.phi"
-    page.wait_for_function(f"() => {FIGURE.format('trace')}?.{source}.length > 0")
+    wait_for(page, f"() => {FIGURE.format('trace')}?.{source}.length > 0")
     phi = np.array(figure(page, "trace", f"{source}.slice ? Array.from({FIGURE.format('trace')}.{source}) : []"))
     periods = figure(page, "trace", "x_range.end")
     expected = rattle.Gear(0.6, 0.1).trajectory(tau, v, periods, phi.size)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from conftest import visiting
-from explorer_support import of_map, open_view, wait_for_map
+from explorer_support import of_map, open_view, wait_for, wait_for_map
 from playwright.sync_api import Browser, Page, expect
 
 import rattle
@@ -53,9 +53,7 @@ def test_the_map_is_used_with_the_keyboard(page: Page, service: str) -> None:
 
 def paper(page: Page) -> tuple[str, str]:
     """Colours of the page and of its map."""
-    page.wait_for_function(
-        "() => document.body && window.Bokeh?.documents?.some((each) => each.get_model_by_name('map'))"
-    )
+    wait_for(page, "() => document.body && window.Bokeh?.documents?.some((each) => each.get_model_by_name('map'))")
     return page.evaluate("getComputedStyle(document.body).backgroundColor"), of_map(page, "background_fill_color")
 
 
