@@ -13,7 +13,7 @@ from rattle.bifurcations import Kind
 from rattle.flight import wrapped
 from rattle.impact_equations import Array
 from rattle.orbits import NAMES
-from rattle.stiff.curves import FLIP, FOLDS
+from rattle.stiff.curves import FOLDS
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.line import Line
 from rattle.stiff.motion import StiffOrbit, orbit_of, softness
@@ -168,10 +168,16 @@ class StiffBranch:
         if event.kind is Kind.SADDLE_NODE and 0 < k < len(self) - 1:
             pair = "".join(sorted((letters[k - 1], letters[k + 1])))
             return next((name for name, meet in FOLDS.items() if meet == pair), None)
-        if event.kind is not Kind.FLIP or letters[k] != "D":
+        if event.kind is not Kind.FLIP or letters[k] != ("C" if len(self.walls) == 1 else "D"):
             return None
+        if len(self.walls) == 1:
+            return "PDC"
         i = next(i for i, each in enumerate(self.events) if each is event)
-        return FLIP if any(each.kind is Kind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]) else None
+        if any(each.kind is Kind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]):
+            return "PD1"
+        j, k = max(k - 1, 0), min(k + 1, len(self) - 1)
+        gained = float(self.stable[k]) - float(self.stable[j])  # stability, on the way along the branch
+        return "PD2" if gained * (self.unknowns[k, -2] - self.unknowns[j, -2]) > 0.0 else None
 
     def motion(self, index: int) -> tuple[StiffItinerary, Array]:
         """Itinerary and unknowns (2c + 3,) of one point."""

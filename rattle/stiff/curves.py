@@ -25,13 +25,17 @@ from rattle.stiff.quiet import quiet_limit
 
 #: The letters that meet in each fold.
 FOLDS = {"SN1": "AC", "SN2": "BD", "G1": "BC", "G2": "AD"}
-FLIP, QUIET = "PD1", "quiet_limit"
+FLIPS, QUIET = ("PD1", "PDC", "PD2"), "quiet_limit"
+BORN_WITH = ("A", "B")  # D is
+OF_ONE_CONTACT = ("SN1", "PDC")  # curves of P(1,1,0), the others are of P(1,1,1)
 MEANINGS = {
     "SN1": "saddle-node at which A and C, P(1,1,0), are born as ε grows; goes on as G2 where they are born grazing",
     "SN2": "saddle-node at which B and D, P(1,1,1), are born as ε grows; ends with G1 in a cusp",
-    FLIP: "flip at which D, P(1,1,1), loses stability beside its birth",
+    "PD1": "flip at which D, P(1,1,1), loses stability beside its birth",
     "G1": "saddle-node at which C, which has begun to touch Σ⁻, and B meet, next to the graze; ends with SN2 in a cusp",
     "G2": "saddle-node at which A, which has begun to touch Σ⁻, and D meet, next to the graze; goes on as SN1",
+    "PDC": "flip at which C, P(1,1,0), loses stability as ε grows; ends where C begins to touch Σ⁻",
+    "PD2": "flip at which D, P(1,1,1), becomes stable again at high ε; beyond its fold, where D loses it once more",
     QUIET: "limit of permanent contact with Σ⁺: above it the teeth separate",
 }
 NAMES = tuple(MEANINGS)
@@ -50,9 +54,9 @@ def trace(
     """The bifurcation curve `name`, one of NAMES, of the stiff gear inside a window of the (δ, ε) plane.
 
     SN1: A and C are born; SN2: B and D; G1: C and B meet, G2: A and D, both next to the graze with Σ⁻; PD1: the flip of
-    D that is next to its birth; quiet_limit: permanent contact with Σ⁺ is lost. Points are solutions to rounding, as
-    those of `rattle.curves.trace`; tau and v are those of the departure from Σ⁺. Raises ParameterError, and RattleError
-    where rounding keeps the curve from being followed.
+    D that is next to its birth, PD2: where it is stable again at higher ε; PDC: the flip of C; quiet_limit: permanent
+    contact with Σ⁺ is lost. Points are solutions to rounding, as those of `rattle.curves.trace`; tau and v are those of
+    the departure from Σ⁺. Raises ParameterError, and RattleError where rounding keeps the curve from being followed.
     """
     require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
     beta, kappa = require_number("beta", beta, positive=True), require_number("kappa", kappa, positive=True)
@@ -75,13 +79,12 @@ def describe(name: str) -> str:
 
 
 def _traced(name: str, beta: float, kappa: float, window: Window, dampings: Array) -> Curve:
-    walls = (1,) if name == "SN1" else (1, -1)
-    itinerary = StiffItinerary(walls, 1, beta, softness(kappa))
-    kind = Kind.FLIP if name == FLIP else Kind.SADDLE_NODE
+    walls = PLUS if name in OF_ONE_CONTACT else PLUS_MINUS
+    itinerary = StiffItinerary(tuple(walls.tolist()), 1, beta, softness(kappa))
+    kind = Kind.FLIP if name in FLIPS else Kind.SADDLE_NODE
 
     def left(x: Array) -> str | None:
-        cycle = Cycle(PLUS if name == "SN1" else PLUS_MINUS, 1, float(x[-2]), beta, kappa)
-        return _left(name, np.delete(x, -2), cycle)
+        return _left(name, np.delete(x, -2), Cycle(walls, 1, float(x[-2]), beta, kappa))
 
     def described(x: Array) -> Described:
         orbit = orbit_of(itinerary, x)
@@ -105,8 +108,8 @@ def _events(name: str, family: Family) -> list[Array]:
     """The motions (2c + 1,) of a family that are on a curve. Σ⁻ comes later than half a period after Σ⁺, from middle to
     middle of the contacts: at 1/2 is the pole of the limit's P(1,1,1), and the paper's curves are beyond.
     """
-    if name == FLIP:
-        found = _flips(family)
+    if name in FLIPS:
+        found = _flips(name, family)
     else:
         pairs = ("".join(sorted(family.letters[i : i + 2])) for i in range(family.folds.size))
         found = [family.points[k] for k, pair in zip(family.folds, pairs, strict=True) if pair == FOLDS[name]]
@@ -115,19 +118,25 @@ def _events(name: str, family: Family) -> list[Array]:
     return [y for y in late if happens(y, family.cycle)]
 
 
-def _flips(family: Family) -> list[Array]:
-    """The flips of a family of P(1,1,1) next to a fold in which D is born, on its stretch of D."""
-    cycle, found = family.cycle, []
-    flip = 1.0 + np.exp(-cycle.delta)
+def _flips(name: str, family: Family) -> list[Array]:
+    """The flips of a family that are on a curve: those of P(1,1,0) on C, those of P(1,1,1) on D."""
+    if (family.cycle.walls.size == 1) != (name in OF_ONE_CONTACT):
+        return []
+    flip, found = 1.0 + np.exp(-family.cycle.delta), []
     edges = [0, *family.folds.tolist(), len(family.points) - 1]
     for i, letter in enumerate(family.letters):
-        for fold, step in ((i, 1), (i + 1, -1)):  # from either end of the stretch
-            beside = family.letters[i - step] if 0 < fold < len(edges) - 1 else ""
-            if letter != "D" or beside not in ("A", "B"):
-                continue
-            points = family.points[edges[i] : edges[i + 1] + 1][::step]
-            for k in crossings(np.array([trace_of(y, cycle) + flip for y in points]))[:1]:
-                found.append(_bisected(points[k], points[k + 1], cycle, flip))
+        if letter != ("C" if name == "PDC" else "D"):
+            continue
+        points = family.points[edges[i] : edges[i + 1] + 1]
+        above = np.array([trace_of(y, family.cycle) + flip for y in points])
+        turns = crossings(above)
+        if name == "PD1":
+            before, after = ("", *family.letters)[i], (*family.letters, "")[i + 1]
+            turns = [*(turns[:1] if before in BORN_WITH else ()), *(turns[-1:] if after in BORN_WITH else ())]
+        elif name == "PD2":
+            gained = np.diff(above) * np.diff(points[:, -1]) > 0.0  # between two folds ε is monotone
+            turns = [k for k in turns if gained[k]]
+        found += [_bisected(points[k], points[k + 1], family.cycle, flip) for k in turns]
     return found
 
 
@@ -148,7 +157,7 @@ def _left(name: str, y: Array, cycle: Cycle) -> str | None:
         return f"graze: contact with Σ⁻ is lost{GOES_ON.get(name, '')}"
     if not happens(y, cycle):
         meets = c == 1 and not np.isnan(struck(y, cycle))
-        return f"graze: contact with Σ⁻ is made{GOES_ON[name]}" if meets else "the motion does not happen"
+        return f"graze: contact with Σ⁻ is made{GOES_ON.get(name, '')}" if meets else "the motion does not happen"
     if name in ("SN2", "G1") and _is_greatest(y, cycle) != (name == "G1"):
         return "cusp: SN2 and G1 meet"
     return None

@@ -14,7 +14,12 @@ from rattle.stiff.returns import StiffPoint, step_tangent
 BETA, KAPPA = 0.6, 1e4
 FOLDS = ("SN1", "SN2", "G1", "G2")
 #: Exists below and above in ε, and stable D: A, B, C, D.
-CHANGES = {"SN1": ("", "AC"), "SN2": ("AC", "ABCD"), "G1": ("ABCD", "AD"), "G2": ("", "AD"), "PD1": ("ABCD", "ABCD")}
+CHANGES = {
+    **{"SN1": ("", "AC"), "SN2": ("AC", "ABCD"), "G1": ("ABCD", "AD"), "G2": ("", "AD")},
+    **dict.fromkeys(("PD1", "PDC"), ("ABCD", "ABCD")),
+}
+#: What a flip changes in the stability of which motion, with growing ε.
+FLIPS = {"PD1": ("D", [True, False]), "PD2": ("D", [False, True]), "PDC": ("C", [True, False])}
 
 
 @cache
@@ -22,7 +27,7 @@ def curve(name, beta=BETA, kappa=KAPPA, delta=(0.4, 1.0), epsilon=(0.005, 0.3)):
     return trace(name, beta, kappa, delta, epsilon)
 
 
-@pytest.mark.parametrize("name", [*FOLDS, "PD1"])
+@pytest.mark.parametrize("name", [*FOLDS, *FLIPS])
 def test_on_a_curve_the_return_map_bifurcates(name: str) -> None:
     found = curve(name)
     rng = np.random.default_rng(0)
@@ -31,7 +36,7 @@ def test_on_a_curve_the_return_map_bifurcates(name: str) -> None:
         status, tau, v, time, _below, j00, _b, _c, j11, _ln = step_tangent(found.tau[i], found.v[i], point)
         assert status == 0
         np.testing.assert_allclose([tau, v, time], [found.tau[i], found.v[i], 1.0], atol=1e-11)
-        sign = -1 if name == "PD1" else 1
+        sign = -1 if name in FLIPS else 1
         _s, _t, _v, _time, _below, k00, _b, _c, k11, _ln = step_tangent(found.tau[i], found.v[i] + 1e-13, point)
         rounding = abs(k00 + k11 - j00 - j11)  # at a slight contact the tangent varies fast
         assert rounding < 1e-3
@@ -39,7 +44,7 @@ def test_on_a_curve_the_return_map_bifurcates(name: str) -> None:
         assert min(abs(found.multipliers[:, i] - sign)) < 1e-7
 
 
-@pytest.mark.parametrize(("name", "multiplier"), [("SN2", 1.0), ("PD1", -1.0)])
+@pytest.mark.parametrize(("name", "multiplier"), [("SN2", 1.0), ("PD1", -1.0), ("PDC", -1.0)])
 def test_on_a_curve_the_monodromy_of_solve_ivp_has_the_multiplier(name: str, multiplier: float) -> None:
     found = curve(name, kappa=500.0, delta=(0.55, 0.65))
     i, kappa, h = len(found) // 2, 500.0, 1e-5
@@ -55,21 +60,23 @@ def test_on_a_curve_the_monodromy_of_solve_ivp_has_the_multiplier(name: str, mul
     assert min(abs(np.linalg.eigvals(np.array(columns).T) - multiplier)) < 2e-4
 
 
-@pytest.mark.parametrize("name", [*FOLDS, "PD1"])
+@pytest.mark.parametrize("name", [*FOLDS, *FLIPS])
 def test_motions_change_across_a_curve(name: str) -> None:
     found, rng = curve(name), np.random.default_rng(1)
     inside = np.flatnonzero((found.delta < 0.78) | (name == "G2"))[1:-1]  # beyond, PD1 is next to G2
     for i in rng.choice(inside, 6, replace=False):
         sides = period_one(found.delta[i], found.epsilon[i] + np.array([-1e-7, 1e-7]), BETA, KAPPA)
         names = tuple("".join(np.array(list("ABCD"))[side]) for side in sides.exists.T)
-        assert names == CHANGES[name]
-        if name == "PD1":
-            np.testing.assert_array_equal(sides.stable[3], [True, False])
+        assert names == CHANGES.get(name, (names[0], names[0]))  # PD2 crosses G1
+        if name in FLIPS:
+            letter, stable = FLIPS[name]
+            assert letter in names[0]
+            np.testing.assert_array_equal(sides.stable["ABCD".index(letter)], stable)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_curves_converge_to_those_of_the_impacting_model(name: str) -> None:
-    delta = 0.9 if name == "G2" else 0.6
+    delta = {"G2": 0.9, "PDC": 0.45, "PD2": 0.5}.get(name, 0.6)
     limit = rattle.curves.trace(name, BETA, (delta - 0.02, delta + 0.02)).at(delta)[0]
     window = {"delta": (delta - 0.02, delta + 0.02), "epsilon": (0.01, 0.5)}
     off = [curve(name, kappa=kappa, **window).at(delta)[0] - limit for kappa in (1e6, 1e8)]
@@ -105,6 +112,6 @@ def test_the_quiet_limit_is_that_of_the_closed_form() -> None:
 
 def test_what_is_not_there_is_empty_and_what_is_wrong_is_refused() -> None:
     assert len(trace("G2", 1.2, KAPPA, (0.5, 0.6), (0.0, 0.1))) == 0
-    for bad in ({"name": "PD2"}, {"beta": 0.0}, {"kappa": np.inf}, {"delta": (1.0, 0.5)}, {"epsilon": (0.1,)}):
+    for bad in ({"name": "COD20"}, {"beta": 0.0}, {"kappa": np.inf}, {"delta": (1.0, 0.5)}, {"epsilon": (0.1,)}):
         with pytest.raises(ParameterError):
             trace(**({"name": "SN1"} | bad))

@@ -10,7 +10,7 @@ import rattle
 from rattle.attractors import KINDS
 from rattle.bifurcations import Kind
 from rattle.errors import ParameterError
-from rattle.stiff import StiffGear, diagram, from_limit, saddle_node_1
+from rattle.stiff import StiffGear, diagram, from_limit, saddle_node_1, trace
 
 PERIODIC = KINDS.index("periodic")
 BETA = 0.6
@@ -132,6 +132,15 @@ def test_attractors_lie_on_stable_branches() -> None:
         checked += 1
     assert checked > 15
     assert {(2, 2, 2), (3, 3, 2)} <= {each.label for each in found.branches}
+
+
+@pytest.mark.parametrize(("name", "delta"), [("PDC", 0.45), ("PD2", 0.5)])
+def test_flips_that_are_not_next_to_a_birth_are_named(name: str, delta: float) -> None:
+    at = trace(name, BETA, 1e4, (delta - 0.02, delta + 0.02)).at(delta)[0]
+    found = diagram((delta, at - 0.004), (delta, at + 0.004), BETA, 1e4, 4, 2)
+    named = {branch.curve_of(event): event.orbit.epsilon for branch in found.branches for event in branch.events}
+    assert named[name] == pytest.approx(at, abs=1e-9)
+    assert "PD1" not in named
 
 
 def test_saddle_nodes_flips_and_letters() -> None:
