@@ -7,7 +7,7 @@ INSTALLED := $(VENV)/.installed
 S3 := .venv-s3
 S3_INSTALLED := $(S3)/.installed
 
-.PHONY: survey figures test kernels lint bench clean
+.PHONY: survey figures test kernels survey-kernels point-kernels lint bench clean
 
 survey: $(INSTALLED)
 	$(BIN)/rattle run --delta 0.4:1.0:61 --epsilon 0.005:0.3:60 --count 64 --out survey.zarr --figure survey.png
@@ -19,8 +19,13 @@ test: kernels $(S3_INSTALLED)
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 # Compiled once, not in every process of the tests at the same time.
-kernels: $(INSTALLED)
-	$(BIN)/python -c 'import rattle; from service.explorer import point_parts; rattle.warm_up(kappa=1e4); point_parts.warm_up()'
+kernels: survey-kernels point-kernels
+
+survey-kernels: $(INSTALLED)
+	$(BIN)/python -c 'import rattle; rattle.warm_up(kappa=1e4)'
+
+point-kernels: $(INSTALLED)
+	$(BIN)/python -c 'from service.explorer import point_parts; point_parts.warm_up()'
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .
