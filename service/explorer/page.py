@@ -70,6 +70,7 @@ class Page:
         self._location = location
         self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
         self._standings: dict[str, Standing] = {}
+        self._unasked = ""  # the survey that is shown because nobody chose one
         self._form: Form | None = None
         viewer.tell = self._tell
         sheet = asset("widgets.css")
@@ -108,7 +109,10 @@ class Page:
         def show() -> None:
             self._standings = {each.job.id: each for each in standings}
             self._list.param.update(rows=rows, ready=True)
-            if not self._map.view.survey and (first := _first(standings)):
+            shown = self._map.view.survey
+            gone = shown == self._unasked and shown not in self._standings  # news may be older than a deletion
+            if (not shown or gone) and (first := _first(standings)):
+                self._unasked = first
                 self._list.chosen = first
             self._map.follow(self._standings.get(self._map.view.survey))
 

@@ -176,6 +176,21 @@ def test_a_survey_is_downloaded(page: Page, service: str, survey_id: str, tmp_pa
     httpx.delete(service + other)
 
 
+def test_a_survey_that_nobody_chose_and_that_is_deleted_gives_way_to_the_next(
+    page: Page, service: str, survey_id: str
+) -> None:
+    small = SURVEY | {"quantities": ["region"], "delta": SURVEY["delta"] | {"num": 20}}
+    here = httpx.post(f"{service}/v1/surveys", json=small).json()["links"]["self"]
+    wait_until(lambda: httpx.get(service + here).json()["state"] == "successful")
+    open_view(page, service)
+    page.wait_for_url(f"**survey={here.rpartition('/')[2]}**")
+    assert httpx.delete(service + here).status_code == 204
+    page.wait_for_url(f"**survey={survey_id}**")
+    shape = "some((each) => each.name?.startsWith('cells') && each.data_source.data.image[0]?.shape?.[1] === 29)"
+    wait_for_map(page, f"renderers.{shape}")
+    open_view(page, service)
+
+
 def test_a_page_is_used_with_the_keyboard_and_a_screen_reader(page: Page, service: str) -> None:
     open_view(page, service)
     for role, name in (("button", "New survey"), ("checkbox", "SN1"), ("combobox", "Map"), ("region", "surveys")):
