@@ -127,9 +127,10 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
         def choose(*arguments: Any) -> Any:
             return implementation if getattr(arguments[-1], "instance_class", None) is kind else None
 
-        choose.__signature__ = inspect.signature(implementation)  # type: ignore[attr-defined]
+        chooser: Any = choose
+        chooser.__signature__ = inspect.signature(implementation)  # numba matches arguments by their names
         options: Any = {"forceinline": False, **_INSIDE}
-        overload(function, strict=False, jit_options=options)(choose)
+        overload(function, strict=False, jit_options=options)(chooser)
         return implementation
 
     return register

@@ -168,16 +168,20 @@ class StiffBranch:
         if event.kind is Kind.SADDLE_NODE and 0 < k < len(self) - 1:
             pair = "".join(sorted((letters[k - 1], letters[k + 1])))
             return next((name for name, meet in FOLDS.items() if meet == pair), None)
-        if event.kind is not Kind.FLIP or letters[k] != ("C" if len(self.walls) == 1 else "D"):
+        if event.kind is not Kind.FLIP:
             return None
         if len(self.walls) == 1:
-            return "PDC"
+            return "PDC" if letters[k] == "C" else None
+        return self._flip_of_d(event) if letters[k] == "D" else None
+
+    def _flip_of_d(self, event: StiffEvent) -> str | None:
+        """PD1 next to a fold; else PD2 if D becomes stable as ε grows along the branch."""
         i = next(i for i, each in enumerate(self.events) if each is event)
         if any(each.kind is Kind.SADDLE_NODE for each in self.events[max(i - 1, 0) : i + 2]):
             return "PD1"
-        j, k = max(k - 1, 0), min(k + 1, len(self) - 1)
-        gained = float(self.stable[k]) - float(self.stable[j])  # stability, on the way along the branch
-        return "PD2" if gained * (self.unknowns[k, -2] - self.unknowns[j, -2]) > 0.0 else None
+        before, after = max(event.point - 1, 0), min(event.point + 1, len(self) - 1)
+        gained = float(self.stable[after]) - float(self.stable[before])
+        return "PD2" if gained * (self.epsilon[after] - self.epsilon[before]) > 0.0 else None
 
     def motion(self, index: int) -> tuple[StiffItinerary, Array]:
         """Itinerary and unknowns (2c + 3,) of one point."""

@@ -132,7 +132,7 @@ def _flips(name: str, family: Family) -> list[Array]:
         turns = crossings(above)
         if name == "PD1":
             before, after = ("", *family.letters)[i], (*family.letters, "")[i + 1]
-            turns = [*(turns[:1] if before in BORN_WITH else ()), *(turns[-1:] if after in BORN_WITH else ())]
+            turns = sorted({*(turns[:1] if before in BORN_WITH else ()), *(turns[-1:] if after in BORN_WITH else ())})
         elif name == "PD2":
             gained = np.diff(above) * np.diff(points[:, -1]) > 0.0  # between two folds ε is monotone
             turns = [k for k in turns if gained[k]]
