@@ -7,7 +7,7 @@ INSTALLED := $(VENV)/.installed
 S3 := .venv-s3
 S3_INSTALLED := $(S3)/.installed
 
-.PHONY: survey figures test kernels survey-kernels point-kernels lint bench clean
+.PHONY: survey figures test test-deep kernels survey-kernels point-kernels lint bench clean
 
 survey: $(INSTALLED)
 	$(BIN)/rattle run --delta 0.4:1.0:61 --epsilon 0.005:0.3:60 --count 64 --out survey.zarr --figure survey.png
@@ -17,6 +17,10 @@ figures: $(INSTALLED)
 
 test: kernels $(S3_INSTALLED)
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
+# Everything that tests can look at: more examples, finer grids, references computed anew. Before a release.
+test-deep: kernels $(S3_INSTALLED)
+	TEST_DEPTH=deep $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 # Compiled once, not in every process of the tests at the same time.
 kernels: survey-kernels point-kernels
