@@ -7,7 +7,7 @@ INSTALLED := $(VENV)/.installed
 S3 := .venv-s3
 S3_INSTALLED := $(S3)/.installed
 
-.PHONY: survey figures test test-deep kernels survey-kernels point-kernels lint bench clean
+.PHONY: survey figures test test-deep kernels impacting-kernels stiff-kernels lint bench clean
 
 survey: $(INSTALLED)
 	$(BIN)/rattle run --delta 0.4:1.0:61 --epsilon 0.005:0.3:60 --count 64 --out survey.zarr --figure survey.png
@@ -22,14 +22,11 @@ test: kernels $(S3_INSTALLED)
 test-deep: kernels $(S3_INSTALLED)
 	TEST_DEPTH=deep $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
-# Compiled once, not in every process of the tests at the same time.
-kernels: survey-kernels point-kernels
+# Compiled once and before, so that the tests find them: either model's beside the other's.
+kernels: impacting-kernels stiff-kernels
 
-survey-kernels: $(INSTALLED)
-	$(BIN)/python -c 'import rattle; rattle.warm_up(kappa=1e4)'
-
-point-kernels: $(INSTALLED)
-	$(BIN)/python -c 'from service.explorer import point_parts; point_parts.warm_up()'
+impacting-kernels stiff-kernels: %-kernels: $(INSTALLED)
+	$(BIN)/python -c 'from service.kernels import Model, compile_all; compile_all(Model("$*"))'
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

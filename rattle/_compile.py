@@ -1,15 +1,20 @@
 """How kernels are compiled: one decorator, and a disk cache that an edit can never leave stale.
 
 Numba's own cache looks only at the file that holds a function, so it misses an edit in a helper that the function
-imports. Ours is keyed by the sources of the whole library, the compiler's versions and the processor.
+imports. Ours is keyed by the sources of the whole library, the compiler's versions and the processor. Processes share
+it: the first that needs a kernel compiles it, the others wait for its file.
 """
 
+import fcntl
 import hashlib
 import inspect
+import logging
 import os
 import platform
 import sys
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache, update_wrapper
 from pathlib import Path
 from typing import Any
@@ -18,11 +23,15 @@ import llvmlite
 import numba
 import numpy as np
 from llvmlite.binding import Linkage
+from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.extending import overload
 
 config: Any = numba.config  # its options are made at run time
+log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
+
+LOCK_POLL_SECONDS, TOLD_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 600.0
 
 
 @cache
@@ -83,6 +92,71 @@ class _EntryCompiler(Compiler):
         return super().define_pipelines()
 
 
+@contextmanager
+def _alone(path: str, what: str) -> Iterator[None]:
+    """Hold a lock file, which ends with the process that holds it.
+
+    Without it where files cannot be locked, and after a time that only a process meets which has been suspended: then
+    a kernel is compiled twice.
+    """
+    try:
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o600)
+    except OSError:
+        yield
+        return
+    try:
+        began, told = time.monotonic(), False
+        while not _locked(file) and time.monotonic() < began + SUSPENDED_SECONDS:
+            if not told and time.monotonic() > began + TOLD_SECONDS:
+                told = True
+                log.info("waiting for another process to compile %s", what)
+            time.sleep(LOCK_POLL_SECONDS)
+        yield
+    finally:
+        os.close(file)
+
+
+def _locked(file: int) -> bool:
+    """Take the lock if nobody has it; True where files cannot be locked at all."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError as error:
+        log.debug("the cache of kernels is not locked: %s", error)
+    return True
+
+
+class _SharedCache(FunctionCache):
+    """Files of one kernel; says when there is none to load."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)
+        if found is None:
+            log.info("compiling %s", self._py_func.__qualname__)
+        return found
+
+
+def _share(dispatcher: Any) -> None:
+    """Let one process at a time load or compile a kernel: whoever waited loads what the other has compiled."""
+    function = dispatcher.py_func
+    try:
+        dispatcher._cache = _SharedCache(function)
+    except RuntimeError as error:  # no directory for it can be written: compiled in every process
+        log.warning("%s", error)
+        return
+    name = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
+    compile_here = dispatcher.compile
+
+    def compile_once(signature: Any) -> Any:
+        log.debug("needs %s", function.__qualname__)
+        directory = _cache_directory()
+        with _alone(os.path.join(directory, f"{name}.lock"), function.__qualname__):
+            return compile_here(signature)
+
+    dispatcher.compile = compile_once
+
+
 class Inline:
     """A function that is compiled into its callers; from Python it stays the plain function."""
 
@@ -108,9 +182,8 @@ class Kernel(Inline):
         before = config.CACHE_DIR
         config.CACHE_DIR = _cache_directory()
         try:
-            self._entry = numba.njit(
-                cache=True, nogil=True, forceinline=False, pipeline_class=_EntryCompiler, **_OPTIONS
-            )(function)
+            self._entry = numba.njit(nogil=True, forceinline=False, pipeline_class=_EntryCompiler, **_OPTIONS)(function)
+            _share(self._entry)
         finally:
             config.CACHE_DIR = before
         self._run = self._first

@@ -1,31 +1,33 @@
-"""Load or compile every kernel now, so that later calls do not pay for it."""
+"""Load or compile kernels now, so that later calls do not pay for it."""
 
 from rattle.curves.codimension import robust_chaos_interval
 from rattle.gear import Gear
 from rattle.grazing import grazing
-from rattle.iterate import iterate_tangent
 
 
 def warm_up(kappa: float | None = None) -> None:
-    """Run every kernel once, but those of basins and Γ, which compile when first used (seconds when they must be
-    compiled, well under a second from the disk cache). With a stiffness kappa also what surveys of the stiff gear need.
-    """
-    if kappa is not None:
-        from rattle.stiff import StiffGear, trace  # not for who has no use for it
+    """Run every kernel that a survey needs: compiled in a quarter of a minute, or loaded from the disk cache at once.
 
-        stiff = StiffGear(0.6, 0.1, kappa=kappa)
-        stiff.attractors(count=16)
-        stiff.orbits()
-        stiff.basins(20)
-        stiff.trajectory(0.3, 4.0, 1.0)
-        trace("SN1", 0.6, kappa, (0.55, 0.6), (0.0, 0.2))
+    Of the impacting gear, or of the stiff one with this stiffness; without boundary distance, basins, Γ, manifolds and
+    curves, which compile when first used.
+    """
+    if kappa is None:
+        _impacting()
+    else:
+        _stiff(kappa)
+
+
+def _impacting() -> None:
     gear = Gear(0.6, 0.1)
-    gear.attractors(count=16)
-    step = gear.impact(0.3, 4.0)
-    gear.inverse_impact(step.tau, step.v)
-    gear.iterate(0.3, 4.0, 1)
-    iterate_tangent(0.6, 0.1, 0.3, 4.0, 1)
-    gear.first_impact(1, 0.3, -4.0)
     gear.orbits()
+    gear.attractors(count=16)
     grazing("G1", 0.6)
     robust_chaos_interval()
+
+
+def _stiff(kappa: float) -> None:
+    from rattle.stiff import StiffGear  # not for who has no use for it
+
+    gear = StiffGear(0.6, 0.1, kappa=kappa)
+    gear.orbits()
+    gear.attractors(count=16)

@@ -24,7 +24,7 @@ from service.settings import Settings
 from service.tables import Scope as KeyScope
 
 #: Answered without a key: whether the service lives, and how to use it.
-OPEN = frozenset({"/v1/health", "/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc", LOGIN})
+OPEN = frozenset({"/v1/health", "/v1/ready", "/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc", LOGIN})
 #: Written to without a key: to show one, and to put it away.
 DOORS = frozenset({LOGIN, LOGOUT})
 EXPLORER = "/"

@@ -21,6 +21,7 @@ from service.database import Database
 from service.explorer.mount import Explorer
 from service.head import HeadMiddleware
 from service.jobs import JobManager
+from service.kernels import Kernels
 from service.logs import RequestLogMiddleware
 from service.metrics import Metrics
 from service.queries import refuse_unknown
@@ -102,10 +103,12 @@ def _lifespan(
                 pictures=CapacityLimiter(1),
                 exports=CapacityLimiter(1),
                 points=CapacityLimiter(settings.max_points),
+                kernels=Kernels(settings),
             )
             manager.start()
+            explorer = app.state.explorer.running(app.state.front) if settings.explorer else nullcontext()
             try:
-                async with app.state.explorer.running(app.state.front) if settings.explorer else nullcontext():
+                async with app.state.front.kernels.running(), explorer:
                     yield
             finally:
                 await run_in_threadpool(manager.stop)

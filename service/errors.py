@@ -66,6 +66,16 @@ class UnavailableError(ServiceError):
     """The service cannot answer now; the same request may succeed later."""
 
 
+class KernelsError(UnavailableError):
+    """What was asked for waits for kernels that are being compiled."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "Kernels are being compiled, which a service does once after it was installed or updated. Try again in a "
+            "few seconds; GET /v1/ready says when all is there."
+        )
+
+
 class DataDirectoryError(ServiceError):
     """The data directory or the job database cannot be used: foreign, not writable, or held by another server."""
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from starlette.concurrency import run_in_threadpool
 
+from service.kernels import Part
 from service.state import Front
 from service.tables import JobRow
 from service.turns import in_turn
@@ -41,7 +42,12 @@ async def estimate(front: Front, request: SurveyRequest) -> Estimate:
         seconds, basis = found
     else:
         seconds = await in_turn(
-            front, cell_seconds, request, what="The cost", advice="Ask for fewer initial conditions in a cell."
+            front,
+            cell_seconds,
+            request,
+            needs=(request.model, Part.POINT),
+            what="The cost",
+            advice="Ask for fewer initial conditions in a cell.",
         )
         basis = f"measured now on {TRIED * TRIED} cells of it"
     return Estimate(seconds * request.n_cells / workers, workers, basis)

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from workers import TileRecord
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
-OK = "ok"
+OK, READY, STARTING = "ok", "ready", "starting"
 WORKERS_SECONDS = 2.0
 LAST_TILES_SECONDS = 3.0  # a deletion waits for them; dismissal stops work within 2
 MAX_FAILURES = 100  # messages kept of one tile
@@ -71,7 +71,7 @@ class JobManager:
         self._current: str | None = None
         self._lock = threading.Condition()  # told when `_current` is let go of
         self._thread = threading.Thread(target=self._main, name="job-manager", daemon=True)
-        self.cluster_state = "starting"
+        self.cluster_state = STARTING
         self.storage_state = OK
 
     def start(self) -> None:
@@ -139,10 +139,10 @@ class JobManager:
     def _main(self) -> None:
         pause = FIRST_PAUSE
         while not self._stopping.is_set():
-            self.cluster_state = "starting"
+            self.cluster_state = STARTING
             try:
                 with self._cluster() as client:
-                    self.cluster_state, pause = "ready", FIRST_PAUSE
+                    self.cluster_state, pause = READY, FIRST_PAUSE
                     self._client = client
                     try:
                         self._run_all(client)

@@ -20,6 +20,7 @@ from service.database import Database
 from service.datadir import DataDirectory
 from service.errors import UnavailableError
 from service.jobs import JobManager
+from service.kernels import Kernels
 from service.metrics import Metrics
 from service.settings import Settings
 
@@ -37,6 +38,7 @@ class Front:
     pictures: CapacityLimiter
     exports: CapacityLimiter
     points: CapacityLimiter
+    kernels: Kernels
     _interruptible: set[CancelScope] = field(default_factory=set)
 
     @cached_property

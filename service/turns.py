@@ -8,7 +8,9 @@ from typing import TypeVar, TypeVarTuple
 import anyio
 from anyio import BrokenWorkerProcess, to_process
 
+from rattle.models import Model
 from service.errors import UnavailableError
+from service.kernels import Part
 from service.state import Front
 
 Result = TypeVar("Result")
@@ -16,17 +18,25 @@ Arguments = TypeVarTuple("Arguments")
 
 
 async def in_turn(
-    front: Front, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, advice: str
+    front: Front,
+    compute: Callable[[*Arguments], Result],
+    *arguments: *Arguments,
+    needs: tuple[Model, Part],
+    what: str,
+    advice: str,
 ) -> Result:
     """What `compute` returns for these arguments, all of which can be pickled.
 
     In a process of its own: a compiled loop can neither be interrupted nor does it let other threads run, and at
-    extreme parameters it takes minutes.
+    extreme parameters it takes minutes. Its time is counted from when the kernels that it `needs` are there.
 
     Raises:
+        KernelsError: they are still being compiled.
         UnavailableError: too many wait already, it takes too long (`what`, and the `advice` to follow), or it died.
     """
     limits = front.settings
+    with front.interruptible():
+        await front.kernels.require(*needs)
     if front.points.statistics().tasks_waiting >= limits.max_points_waiting:
         raise UnavailableError("Too many parameter points are being computed. Try again in a few seconds.")
     try:

@@ -6,6 +6,7 @@ Pictures are apart, in `workers.figure` and `workers.maps`: processes that compu
 from workers.bucket import Bucket
 from workers.cluster import connect, embedded_cluster
 from workers.errors import ClusterLostError, StorageError, SurveyError
+from workers.in_process import is_short, run_tiles_here
 from workers.integrity import Integrity, examine
 from workers.location import Directory, Place, place_of
 from workers.quantities import QUANTITIES
@@ -43,11 +44,13 @@ __all__ = [
     "embedded_cluster",
     "examine",
     "finish_store",
+    "is_short",
     "map_quantity",
     "open_survey",
     "place_of",
     "refined",
     "run_tiles",
+    "run_tiles_here",
     "tiles_done",
     "tiles_of",
     "window_survey",

@@ -108,17 +108,13 @@ class Submission:
 
     def _after_error(self, attempt: Attempt, error: BaseException) -> None:
         """Go on after a worker's death, raise anything else."""
-        what = self._describe(attempt.tile)
         if not isinstance(error, KilledWorker):
-            if isinstance(error, StorageError):
-                raise StorageError(f"{what} cannot be written: {error}") from error
-            if isinstance(error, OSError):
-                raise storage_error(f"{what} cannot be written", error) from error
-            raise SurveyError(f"{what} failed: {type(error).__name__}: {error}") from error
+            raise tile_error(self._request, attempt.tile, error) from error
         if attempt.apart:
+            what, attempts = _described(self._request, attempt.tile), error.allowed_failures + 1
             raise SurveyError(
-                f"{what} killed its worker (attempts: {error.allowed_failures + 1}), although its cells were computed "
-                "in another process: look at the workers' logs"
+                f"{what} killed its worker (attempts: {attempts}), although its cells were computed in another process: "
+                "look at the workers' logs"
             ) from error
         self._drop(attempt.tile)
         self.submit(attempt.tile, apart=True)
@@ -151,9 +147,20 @@ class Submission:
             raise _lost() from error
         return processing
 
-    def _describe(self, tile: Tile) -> str:
-        delta, epsilon = self._request.delta.values()[tile.delta], self._request.epsilon.values()[tile.epsilon]
-        return f"tile {tile.index} (delta {delta[0]} to {delta[-1]}, epsilon {epsilon[0]} to {epsilon[-1]})"
+
+def tile_error(request: SurveyRequest, tile: Tile, error: BaseException) -> SurveyError:
+    """Return what a run raises for a tile that could not be computed or written."""
+    what = _described(request, tile)
+    if isinstance(error, StorageError):
+        return StorageError(f"{what} cannot be written: {error}")
+    if isinstance(error, OSError):
+        return storage_error(f"{what} cannot be written", error)
+    return SurveyError(f"{what} failed: {type(error).__name__}: {error}")
+
+
+def _described(request: SurveyRequest, tile: Tile) -> str:
+    delta, epsilon = request.delta.values()[tile.delta], request.epsilon.values()[tile.epsilon]
+    return f"tile {tile.index} (delta {delta[0]} to {delta[-1]}, epsilon {epsilon[0]} to {epsilon[-1]})"
 
 
 def _lost() -> ClusterLostError:

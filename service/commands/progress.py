@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -23,6 +26,28 @@ class Reporter(Protocol):
     ) -> None: ...
 
     def show(self, cells_done: int) -> None: ...
+
+
+class _Told(logging.Handler):
+    """Says once that kernels are compiled, whatever their number."""
+
+    def emit(self, _record: logging.LogRecord) -> None:
+        self.setLevel(logging.CRITICAL)
+        Console(stderr=True).print("Compiling kernels, once on this machine: this takes up to a minute …")
+
+
+@contextmanager
+def compiling_told() -> Iterator[None]:
+    """Tell on stderr what a command waits for that compiles kernels."""
+    log, told = logging.getLogger("rattle._compile"), _Told(logging.INFO)
+    level = log.level
+    log.setLevel(logging.INFO)
+    log.addHandler(told)
+    try:
+        yield
+    finally:
+        log.removeHandler(told)
+        log.setLevel(level)
 
 
 def reporter(cells: int, cells_done: int = 0) -> Reporter:

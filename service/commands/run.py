@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from workers import SurveyRequest, Tile, TileRecord
 
 INTERRUPTED = 130
+PROCESSES = 2
 MAX_MESSAGES = 10
 
 
@@ -35,11 +37,18 @@ def run(
     name: options.Name = "",
     tile: options.Tile = None,
     quantity: options.Quantity = None,
-    workers: Annotated[int, typer.Option(min=1, help="Processes of the embedded cluster.")] = 2,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Processes of the embedded cluster.",
+            show_default="2; for a few seconds of work none but this one",
+        ),
+    ] = None,
     scheduler: options.Scheduler = None,
     figure: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the survey when it is complete.")] = None,
 ) -> None:
-    """Compute a survey and write it to PATH, with an embedded cluster or an existing one.
+    """Compute a survey and write it to PATH: in this process, with an embedded cluster or with an existing one.
 
     The same command resumes an interrupted survey (Ctrl-C, SIGTERM, a crash); the numbers are the same to the last bit.
     """
@@ -57,6 +66,7 @@ def run(
     )
     import workers as survey
     from service.commands.drawing import draw, require_writable
+    from service.commands.progress import compiling_told
     from service.commands.signals import stop_requested
 
     if figure is not None:
@@ -65,9 +75,11 @@ def run(
     done = survey.tiles_done(request, out)
     missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
     if missing:
-        with stop_requested() as stop:
-            cluster = survey.connect(scheduler) if scheduler else survey.embedded_cluster(workers)
+        with stop_requested() as stop, compiling_told():
             try:
+                short = survey.is_short(request, sum(tile.n_cells for tile in missing))
+                here = short and not (scheduler or workers)
+                cluster = nullcontext() if here else _started(request, scheduler, workers or PROCESSES)
                 _compute(request, out, missing, cluster, stop.is_set)
             except survey.SurveyError:
                 if not stop.is_set():  # otherwise the stop is what ended the cluster
@@ -83,15 +95,28 @@ def run(
         draw(out, figure)
 
 
+def _started(request: SurveyRequest, scheduler: str | None, workers: int) -> AbstractContextManager[Client]:
+    """The cluster, and a word to whoever waits for it."""
+    import rattle
+    from workers import connect, embedded_cluster
+
+    if scheduler:
+        return connect(scheduler)
+    typer.echo(f"Starting {workers} process{'es' if workers > 1 else ''} …", err=True)
+    # Kernels that are not there yet are compiled once for all: here too, where it is told.
+    threading.Thread(target=rattle.warm_up, args=(request.kappa,), name="kernels", daemon=True).start()
+    return embedded_cluster(workers)
+
+
 def _compute(
     request: SurveyRequest,
     out: str,
     missing: list[Tile],
-    cluster: AbstractContextManager[Client],
+    cluster: AbstractContextManager[Client | None],
     should_stop: Callable[[], bool],
 ) -> None:
     from service.commands.progress import reporter
-    from workers import run_tiles
+    from workers import run_tiles, run_tiles_here
 
     todo = sum(tile.n_cells for tile in missing)
     done = before = request.n_cells - todo
@@ -105,7 +130,10 @@ def _compute(
             progress.show(done)
 
         began = time.monotonic()
-        run_tiles(request, out, missing, client, on_tile, should_stop)
+        if client is None:
+            run_tiles_here(request, out, missing, on_tile, should_stop)
+        else:
+            run_tiles(request, out, missing, client, on_tile, should_stop)
         seconds = time.monotonic() - began
     typer.echo(f"{done - before} cells in {seconds:.1f} s: {(done - before) / seconds:.1f} cells/s")
     for i, j, message in failed[:MAX_MESSAGES]:

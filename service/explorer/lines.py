@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,6 +14,7 @@ from service.explorer.address import CRISIS, POINTS, Pair
 from service.explorer.lists import Key
 from service.explorer.map import Map
 from service.explorer.viewer import Viewer
+from service.kernels import Part
 
 
 class Lines:
@@ -41,6 +43,7 @@ class Lines:
             self._tasks[name] = self._viewer.start(self._line(name, model, window))
 
     async def _line(self, name: str, model: AnyModel, window: tuple[Pair, Pair]) -> None:
+        await self._viewer.front.kernels.require(model.name, Part.FORMS, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.read(lambda: overlays.points_of(model))
             self._viewer.change(lambda: self._map.points(points))

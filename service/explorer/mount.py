@@ -21,6 +21,7 @@ from service.explorer.address import View
 from service.explorer.assets_route import Assets
 from service.explorer.head import COOKIE, SCHEME, body_of, following, head_of
 from service.explorer.news import News
+from service.jobs import STARTING
 from service.settings import Settings
 from service.state import Front
 
@@ -86,7 +87,7 @@ class Explorer:
         """Load what the page needs before anybody asks for it, and after the cluster, which has more to load."""
         assert self._front is not None
         try:
-            while self._front.manager.cluster_state == "starting" and self._loading is None:
+            while self._front.manager.cluster_state == STARTING and self._loading is None:
                 await asyncio.sleep(LOOK_SECONDS)
             await self.load()
         except Exception:  # told again to whoever opens the page

@@ -20,12 +20,14 @@ from service.explorer.point_parts import Chances, DiagramLines, Lines
 from service.explorer.point_state import PointState
 from service.explorer.point_work import Work
 from service.explorer.text import Text
+from service.kernels import Part
 from service.state import Front
 
 COUNT = 1024  # initial conditions of the probabilities
 POINTS = 3000  # of a motion
 PAINT_SECONDS = 0.05  # for a browser to put words on the screen before it lays out pictures
 CLICKED = -1  # among the motions to choose from
+COMPILING = "Kernels are being compiled, once after the service was installed or updated. This takes a minute or so …"
 
 
 class PointView(param.Parameterized):
@@ -44,7 +46,7 @@ class PointView(param.Parameterized):
         self._chosen = PointState.read(state)
         super().__init__(state=self._chosen.text())
         self.panel = panel
-        self._front, self._work = front, Work(front, pn.state.curdoc)
+        self._front, self._work = front, Work(front, pn.state.curdoc, model.name)
         self._motion: asyncio.Task[None] | None = None
         self._diagram: asyncio.Task[None] | None = None
         self._found: Chances | None = None
@@ -66,8 +68,14 @@ class PointView(param.Parameterized):
             (panel.under_motion, "a motion"), (panel.under_diagram, "the diagram"),
         ):  # fmt: skip
             text.html = _waiting(what)
-        if isinstance(self._gear, rattle.Gear):  # in closed form
-            self._tell_orbits(point_parts.period_one(self._gear))
+        if not front.kernels.has(model.name, Part.POINT):
+            panel.likely.html = f'<p class="faint">{COMPILING}</p>'
+        if not isinstance(self._gear, rattle.Gear):
+            pass
+        elif front.kernels.has(model.name, Part.FORMS):
+            self._tell_orbits(point_parts.period_one(self._gear))  # in closed form
+        else:
+            self._work.start(self._part(panel.orbits, partial(self._closed_form, self._gear)))
         self._work.start(self._fill())
 
     # What is computed, and in what order
@@ -106,6 +114,10 @@ class PointView(param.Parameterized):
             self._set(self.panel.direction, value=self._chosen.direction)
 
         await self._work.change(show)
+
+    async def _closed_form(self, gear: rattle.Gear) -> None:
+        await self._work.kernels(Part.FORMS)
+        await self._work.change(lambda: self._tell_orbits(point_parts.period_one(gear)))
 
     async def _continued(self) -> None:
         found = await self._work.compute(point_parts.period_one, self._gear, what="The period-one orbits", slow=True)

@@ -167,14 +167,14 @@ def diagram_span(gear: AnyGear, direction: str) -> tuple[float, float]:
     return max(gear.delta - SPANS["delta"], gear.delta / 2), gear.delta + SPANS["delta"]
 
 
-def diagram(gear: AnyGear, direction: str) -> DiagramLines:
+def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUNT) -> DiagramLines:
     """The one-parameter diagram through the point, along "epsilon" or "delta"."""
     from rattle.plot.colours import name_of as name_of_type
     from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
 
     span = diagram_span(gear, direction)
     start, end = ((gear.delta, value) if direction == "epsilon" else (value, gear.epsilon) for value in span)
-    found: Diagram[Any, Any] = model_at(gear).diagram(start, end, STEPS, COUNT)
+    found: Diagram[Any, Any] = model_at(gear).diagram(start, end, steps, count)
     _, scale, offset = parameter_axis(found)
     pieces = []
     for branch in found.branches:
@@ -212,12 +212,14 @@ def motion(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> 
     return gear.trajectory(tau, v, periods, points)
 
 
-def warm_up() -> None:
-    """Load every kernel that a point needs."""
-    gear = rattle.Gear(0.6, 0.1)
+def warm_up(gear: AnyGear) -> None:
+    """Load every kernel that a point of this model needs: run each part, as small as it gets."""
     chances(gear, 16)
-    for method in ("cells", "refined"):
+    for method in ("cells", "refined", "direct"):
         basins(gear, 20, method)
     motion(gear, 0.3, 4.0, 1.0, 2)
     lines(gear)
-    margin(gear)
+    if isinstance(gear, rattle.Gear):
+        margin(gear)
+    for direction in SPANS:
+        diagram(gear, direction, steps=4, count=4)

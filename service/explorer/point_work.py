@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 from collections.abc import Awaitable, Callable, Coroutine
 from contextlib import nullcontext
 from html import escape
@@ -11,9 +12,12 @@ from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
 
 import anyio
 
+import rattle
 from rattle import RattleError
+from rattle.models import Model
 from service.explorer import point_parts
 from service.explorer.viewer import change_and_wait
+from service.kernels import AT, Part
 from service.state import Front
 from service.turns import in_turn
 
@@ -36,16 +40,24 @@ async def prepare(front: Front) -> None:
 
 async def _prepare_one(front: Front) -> None:
     try:
-        await in_turn(front, point_parts.warm_up, what="The kernels", advice="")
+        await in_turn(
+            front,
+            point_parts.warm_up,
+            rattle.Gear(*AT),
+            needs=(Model.IMPACTING, Part.POINT),
+            what="The kernels",
+            advice="",
+        )
     except RattleError as error:  # the first click will do it
         log.info("no process is ready for points yet: %s", error)
 
 
 class Work:
-    """Tasks of a view in the event loop; `document` is None where nobody looks, as in a test."""
+    """Tasks of the view of a model's point in the event loop; `document` is None where nobody looks, as in a test."""
 
-    def __init__(self, front: Front, document: Document | None) -> None:
+    def __init__(self, front: Front, document: Document | None, model: Model) -> None:
         self._front, self._document = front, document
+        self._model = model
         self._tasks: set[asyncio.Task[None]] = set()
         self.stopped = False
 
@@ -69,6 +81,11 @@ class Work:
     def _give_up(self, task: asyncio.Task[None]) -> None:
         task.get_loop().call_later(GRACE_SECONDS, task.cancel)
 
+    async def kernels(self, part: Part) -> None:
+        """Wait, as long as it takes, until these kernels are there."""
+        await self._front.kernels.require(self._model, part, patience=math.inf)
+        self._require()
+
     async def compute(
         self, compute: Callable[[*Arguments], Result], *arguments: *Arguments, what: str, slow: bool = False
     ) -> Result:
@@ -76,10 +93,17 @@ class Work:
 
         Raises UnavailableError.
         """
+        part = Part.ATTRACTORS if compute is point_parts.chances else Part.POINT
+        await self.kernels(part)
         async with self._front.slow_points if slow else nullcontext():
             self._require()
             found = await in_turn(
-                self._front, compute, *arguments, what=what, advice="Choose another point, or try again later."
+                self._front,
+                compute,
+                *arguments,
+                needs=(self._model, part),
+                what=what,
+                advice="Choose another point, or try again later.",
             )
         self._require()
         return found

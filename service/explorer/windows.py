@@ -9,8 +9,11 @@ from contextlib import closing, suppress
 from functools import partial
 
 from service.errors import UnavailableError
+from service.jobs import STARTING
 from service.state import Front
 from workers import Frame, SurveyRequest, Window, map_quantity, refined, window_survey
+
+LOOK_SECONDS = 0.2
 
 
 async def refine(
@@ -29,6 +32,8 @@ async def refine(
     """
     map_quantity(variable, index, request.model)
     survey = await asyncio.to_thread(window_survey, request, window, pixels)
+    while front.manager.cluster_state == STARTING:  # once it has started, whether it lives is told below
+        await asyncio.sleep(LOOK_SECONDS)
     if front.windows.statistics().tasks_waiting >= front.settings.max_points_waiting:
         raise UnavailableError("Too many windows are being computed. Try again in a few seconds.")
     turn = object()

@@ -7,9 +7,10 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Response
 
-from rattle.models import AnyGear
+from rattle.models import AnyGear, model_at
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
+from service.kernels import Part
 from service.problems import declared
 from service.routes.picture import PNG
 from service.routes.points import GearQuery, stiffness
@@ -41,7 +42,13 @@ async def basins(
     if resolution > limit:
         raise LimitError("query.resolution", f"resolution may be at most {limit} here; use the command rattle figure.")
     png = await in_turn(
-        front, _draw, gear, resolution, what="The basins", advice="Ask for fewer cells a side (resolution)."
+        front,
+        _draw,
+        gear,
+        resolution,
+        needs=(model_at(gear).name, Part.POINT),
+        what="The basins",
+        advice="Ask for fewer cells a side (resolution).",
     )
     return Response(png, media_type=PNG, headers=dict(response.headers))
 

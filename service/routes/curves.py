@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field
 from rattle.curves.trace import FARTHEST
 from rattle.models import model_of
 from service.conditional import NOT_MODIFIED, function_of_query
+from service.kernels import Part
 from service.problems import declared
 from service.routes.points import Backlash, Multiplier, Stiffness
 from service.state import FrontState
@@ -105,12 +106,14 @@ async def curves(
         if not low < high:
             message = f"{name}_max ({high:g}) must be above {name}_min ({low:g})"
             raise RequestValidationError([{"loc": ("query", f"{name}_max"), "msg": message}])
+    model = model_of(beta, kappa)
     found = await in_turn(
         front,
         curves_document,
-        model_of(beta, kappa),
+        model,
         window["delta"],
         window["epsilon"],
+        needs=(model.name, Part.FORMS),
         what="The curves",
         advice="Ask for a smaller window.",
     )

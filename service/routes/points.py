@@ -9,10 +9,11 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 import rattle
-from rattle.models import AnyGear, model_of
+from rattle.models import AnyGear, Model, model_at, model_of
 from rattle.stiff import StiffGear
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
+from service.kernels import Part
 from service.problems import declared
 from service.state import FrontState
 from service.tracing import number, orbits_document
@@ -113,9 +114,17 @@ GearQuery = Annotated[AnyGear, Depends(gear_of_query)]
 )
 async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
     if isinstance(gear, rattle.Gear):
+        await front.kernels.require(Model.IMPACTING, Part.FORMS)
         found = await run_in_threadpool(orbits_document, gear)
     else:
-        found = await in_turn(front, orbits_document, gear, what="The orbits", advice="Choose another point.")
+        found = await in_turn(
+            front,
+            orbits_document,
+            gear,
+            needs=(Model.STIFF, Part.FORMS),
+            what="The orbits",
+            advice="Choose another point.",
+        )
     return Orbits(**_point(gear), **found)
 
 
@@ -140,6 +149,7 @@ async def attractors(
         count,
         v_max,
         seed,
+        needs=(model_at(gear).name, Part.ATTRACTORS),
         what="The attractors",
         advice="Ask for fewer initial conditions (count), or submit a survey.",
     )

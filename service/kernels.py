@@ -1,0 +1,142 @@
+"""Compiled kernels, made ready in a process of their own before anybody's time is counted.
+
+A fresh installation compiles for a minute. That begins with the service, and goes on in this order: what closed forms
+and curves need, attractors, all that the view of a point shows. The stiff model's wait until somebody asks for it. The
+workers compile their own meanwhile: the cache of kernels lets every other process wait for one that is being compiled.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from enum import IntEnum
+
+import anyio
+from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
+from starlette.concurrency import run_in_threadpool
+
+from rattle.models import AnyModel, Model, model_of
+from service.errors import KernelsError
+from service.settings import Settings
+
+AT = 0.6, 0.1  # δ, ε of the gear that is computed for its kernels; β = 0.6
+KAPPA = 1e4
+LOOK_SECONDS = 0.2
+
+log = logging.getLogger(__name__)
+
+
+class Part(IntEnum):
+    """What kernels are for, in the order in which they are compiled."""
+
+    FORMS = 0  # period-one motions, limits, curves
+    ATTRACTORS = 1
+    POINT = 2  # basins, manifolds, margins, diagrams
+
+
+def _forms(model: AnyModel) -> None:
+    from service.tracing import curves_document, orbits_document
+
+    delta, epsilon = AT
+    orbits_document(model.gear(delta, epsilon))
+    curves_document(model, (0.9 * delta, delta), (0.0, 0.2))
+
+
+def _attractors(model: AnyModel) -> None:
+    model.gear(*AT).attractors(16)
+
+
+def _point(model: AnyModel) -> None:
+    from service.explorer import point_parts
+
+    point_parts.warm_up(model.gear(*AT))
+
+
+WORK: dict[Part, Callable[[AnyModel], None]] = {Part.FORMS: _forms, Part.ATTRACTORS: _attractors, Part.POINT: _point}
+
+
+def model_for(name: Model) -> AnyModel:
+    """The model whose gear is computed for its kernels."""
+    return model_of(0.6, KAPPA if name is Model.STIFF else None)
+
+
+def compile_all(name: Model) -> None:
+    """Compile or load every kernel of a model, in this process."""
+    for work in WORK.values():
+        work(model_for(name))
+
+
+class Kernels:
+    """The kernels of one service, in its event loop."""
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._limiter = CapacityLimiter(1)
+        self._tasks: dict[Model, asyncio.Task[None]] = {}
+        self._ready: dict[tuple[Model, Part], asyncio.Event] = {}
+        self._waiting = 0
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Give up at the end what is still being compiled."""
+        try:
+            yield
+        finally:
+            for task in self._tasks.values():
+                task.cancel()
+            await asyncio.gather(*self._tasks.values(), return_exceptions=True)
+
+    def begin(self, model: Model = Model.IMPACTING) -> None:
+        """Compile or load what this model needs, unless that has begun."""
+        if model not in self._tasks:
+            for part in Part:
+                self._ready[model, part] = asyncio.Event()
+            self._tasks[model] = asyncio.get_running_loop().create_task(self._compile(model))
+
+    @property
+    def at_work(self) -> bool:
+        """Whether kernels are being compiled or loaded now."""
+        return any(not task.done() for task in self._tasks.values())
+
+    def has(self, model: Model, part: Part) -> bool:
+        """Whether these kernels can be used at once."""
+        return (model, part) in self._ready and self._ready[model, part].is_set()
+
+    async def require(self, model: Model, part: Part, patience: float | None = None) -> None:
+        """Wait until these kernels are there.
+
+        Args:
+            patience: seconds; by default as long as points may be computed.
+
+        Raises:
+            KernelsError: they are still being compiled, or too many wait already.
+        """
+        self.begin(model)
+        ready = self._ready[model, part]
+        if ready.is_set():
+            return
+        if self._waiting >= self._settings.max_points_waiting:
+            raise KernelsError
+        self._waiting += 1
+        try:
+            with anyio.fail_after(self._settings.max_point_seconds if patience is None else patience):
+                await ready.wait()
+        except TimeoutError as error:
+            raise KernelsError from error
+        finally:
+            self._waiting -= 1
+
+    async def _compile(self, model: Model) -> None:
+        computed = model_for(model)
+        for part, work in WORK.items():
+            try:
+                await to_process.run_sync(work, computed, cancellable=True, limiter=self._limiter)
+                if (model, part) == (Model.IMPACTING, Part.FORMS):
+                    await run_in_threadpool(work, computed)  # this process uses them too, in its event loop
+            except BrokenWorkerProcess as error:  # requests compile what they need, and say what goes wrong
+                log.warning("the process that compiles kernels has died: %s", error)
+            except Exception:
+                log.exception("kernels could not be made ready")
+            self._ready[model, part].set()

@@ -1,0 +1,96 @@
+"""Surveys of a few seconds, in this process: to start a cluster takes longer."""
+
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from queue import Empty, SimpleQueue
+
+from rattle.models import Model
+from workers.location import Place, place_of
+from workers.request import SurveyRequest
+from workers.runner import GRACE_SECONDS, POLL_SECONDS
+from workers.schema import SAMPLED, Group
+from workers.store import require_aligned, write_tile
+from workers.submission import tile_error
+from workers.tiles import Tile, TileRecord, compute_tile
+
+#: Milliseconds of a cell, in round numbers: the same command does the same on every machine.
+CLOSED_FORM, SAMPLE, BASINS, STIFF = 0.05, 1 / 64, 40.0, 100.0
+SLOW_BELOW = 0.3  # δ: transients last some multiple of 1/δ
+FEW_SECONDS = 3.0
+
+
+def is_short(request: SurveyRequest, cells: int) -> bool:
+    """Whether so many cells of a survey take a few seconds at most, by their number and kind."""
+    groups = set(request.quantities)
+    if request.model is Model.STIFF:
+        each = STIFF
+    elif SAMPLED & groups:
+        each = SAMPLE * request.initial_conditions.count * max(1.0, SLOW_BELOW / request.delta.start)
+    else:
+        each = CLOSED_FORM
+    return cells * (each + (BASINS if Group.BASINS in groups else 0.0)) <= 1000 * FEW_SECONDS
+
+
+def run_tiles_here(
+    request: SurveyRequest,
+    where: str | Path | Place,
+    tiles: Iterable[Tile],
+    on_tile: Callable[[TileRecord], None],
+    should_stop: Callable[[], bool],
+) -> None:
+    """Compute tiles of a created store, one after the other, until all are written or `should_stop` says so.
+
+    As `run_tiles`, to the bit, but without its protection: a cell that kills its process ends this one.
+
+    Args:
+        on_tile: called in this thread, with each tile that has been written.
+        should_stop: asked several times a second. After a stop this returns within seconds, whatever a tile takes.
+
+    Raises:
+        StorageError: a tile cannot be written now (the disk is full or read-only); the message names it.
+        SurveyError: a tile cannot be computed; or another run holds the store.
+    """
+    tiles = list(tiles)
+    for tile in tiles:
+        require_aligned(request, tile)
+    place = place_of(where)
+    stopping, left = threading.Event(), threading.Event()
+    ended: SimpleQueue[TileRecord | Exception | None] = SimpleQueue()
+
+    def compute() -> None:
+        for tile in tiles:
+            if stopping.is_set():
+                break
+            try:
+                values, record = compute_tile(request, tile)
+                if left.is_set():  # nobody holds the store any more
+                    break
+                write_tile(request, str(place), tile, values)
+            except Exception as error:
+                ended.put(tile_error(request, tile, error).with_traceback(error.__traceback__))
+                break
+            ended.put(record)
+        ended.put(None)
+
+    with place.writing():
+        threading.Thread(target=compute, name="tiles", daemon=True).start()
+        try:
+            deadline = math.inf
+            while time.monotonic() < deadline:
+                if deadline == math.inf and should_stop():
+                    stopping.set()
+                    deadline = time.monotonic() + GRACE_SECONDS
+                try:
+                    found = ended.get(timeout=POLL_SECONDS)
+                except Empty:
+                    continue
+                if found is None:
+                    return
+                if isinstance(found, Exception):
+                    raise found
+                on_tile(found)
+        finally:
+            left.set()
