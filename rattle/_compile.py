@@ -12,6 +12,7 @@ import logging
 import os
 import platform
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -92,6 +93,22 @@ class _EntryCompiler(Compiler):
         return super().define_pipelines()
 
 
+@cache
+def _can_be_kept() -> bool:
+    """Whether the cache can be written; numba would take a directory beside the sources, where code can be stale."""
+    try:
+        os.makedirs(_cache_directory(), exist_ok=True)
+        tempfile.TemporaryFile(dir=_cache_directory()).close()
+    except OSError as error:
+        log.warning(
+            "kernels cannot be kept, and every process compiles them (%s): let RATTLE_CACHE_DIR name a directory "
+            "that can be written",
+            error,
+        )
+        return False
+    return True
+
+
 @contextmanager
 def _alone(path: str, what: str) -> Iterator[None]:
     """Hold a lock file, which ends with the process that holds it.
@@ -139,12 +156,10 @@ class _SharedCache(FunctionCache):
 
 def _share(dispatcher: Any) -> None:
     """Let one process at a time load or compile a kernel: whoever waited loads what the other has compiled."""
-    function = dispatcher.py_func
-    try:
-        dispatcher._cache = _SharedCache(function)
-    except RuntimeError as error:  # no directory for it can be written: compiled in every process
-        log.warning("%s", error)
+    if not _can_be_kept():
         return
+    function = dispatcher.py_func
+    dispatcher._cache = _SharedCache(function)
     name = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
     compile_here = dispatcher.compile
 

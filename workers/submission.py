@@ -113,8 +113,8 @@ class Submission:
         if attempt.apart:
             what, attempts = _described(self._request, attempt.tile), error.allowed_failures + 1
             raise SurveyError(
-                f"{what} killed its worker (attempts: {attempts}), although its cells were computed in another process: "
-                "look at the workers' logs"
+                f"{what} killed its worker (attempts: {attempts}), although its cells were computed in another process"
+                ": look at the workers' logs"
             ) from error
         self._drop(attempt.tile)
         self.submit(attempt.tile, apart=True)

@@ -4,14 +4,19 @@ import os
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+from waiting import HANG
+
 import rattle
+from rattle.quiet import capture_invariant
 
 
 def warm_up() -> str:
     """What numba says of its cache while every kernel is run."""
-    command = [sys.executable, "-c", "import rattle; rattle.warm_up(kappa=1e4)"]
+    command = [sys.executable, "-c", "import rattle; rattle.warm_up(); rattle.warm_up(kappa=1e4)"]
     environment = os.environ | {"NUMBA_DEBUG_CACHE": "1"}
     return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
 
@@ -21,6 +26,84 @@ def test_a_second_process_compiles_nothing() -> None:
     said = warm_up()
     assert "data loaded from" in said
     assert "saved to" not in said
+
+
+HOLDING = """
+import sys, time
+import rattle._compile as c
+from rattle.quiet import capture_invariant
+
+inside = c._SharedCache.save_overload
+
+
+def save(self, *arguments):
+    print("holds", flush=True)
+    sys.stdin.readline()
+    inside(self, *arguments)
+
+
+c._SharedCache.save_overload = save
+capture_invariant(0.6, 0.1, 0.6)
+"""
+WAITING = """
+import logging
+from rattle.quiet import capture_invariant
+
+logging.basicConfig(level=logging.INFO, format="%(message)s")
+capture_invariant(0.6, 0.1, 0.6)
+"""
+
+
+@pytest.fixture
+def at_work(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
+    """Two processes that need the same kernel: one compiles it until it is told to go on, the other waits for that."""
+    environment = os.environ | {"RATTLE_CACHE_DIR": str(tmp_path), "NUMBA_DEBUG_CACHE": "1"}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen([sys.executable, "-uc", HOLDING], env=environment, **pipes) as holding:
+        try:
+            assert any(line == "holds\n" for line in holding.stdout)
+            with subprocess.Popen([sys.executable, "-uc", WAITING], env=environment, **pipes) as waiting:
+                try:
+                    assert next(waiting.stdout) == "waiting for another process to compile capture_invariant\n"
+                    yield holding, waiting
+                finally:
+                    waiting.kill()
+        finally:
+            holding.kill()
+
+
+Processes = tuple["subprocess.Popen[str]", "subprocess.Popen[str]"]
+
+
+def test_no_two_processes_compile_the_same_kernel(at_work: Processes) -> None:
+    holding, waiting = at_work
+    said, _ = holding.communicate("go on\n", HANG)
+    assert "saved to" in said
+    said, _ = waiting.communicate(timeout=HANG)
+    assert waiting.returncode == 0
+    assert "data loaded from" in said
+    assert "compiling" not in said
+
+
+def test_a_kernel_whose_process_is_killed_is_compiled_by_who_waits(at_work: Processes) -> None:
+    holding, waiting = at_work
+    holding.kill()
+    said, _ = waiting.communicate(timeout=HANG)
+    assert waiting.returncode == 0
+    assert "compiling capture_invariant" in said
+
+
+def test_without_a_cache_every_process_compiles_and_says_how_to_have_one(tmp_path: Path) -> None:
+    package = tmp_path / "rattle"
+    shutil.copytree(Path(rattle.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    code = "from rattle.quiet import capture_invariant; print(capture_invariant(0.6, 0.1, 0.6))"
+    environment = os.environ | {"RATTLE_CACHE_DIR": "/proc/nowhere", "PYTHONPATH": str(tmp_path)}
+    command = [sys.executable, "-c", code]
+    ran = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=HANG)
+    assert ran.returncode == 0, ran.stderr
+    assert float(ran.stdout) == capture_invariant(0.6, 0.1, 0.6)
+    assert ran.stderr.count("RATTLE_CACHE_DIR") == 1
+    assert not list(package.rglob("*.nbi"))  # beside the sources it could be stale
 
 
 STRETCHED = """

@@ -1,0 +1,167 @@
+"""Kernels that are not there yet: requests wait for them or are told so, and nobody's time is counted meanwhile."""
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from service_support import assert_problem, front_end, front_of, idle_cluster, local_client
+from waiting import HANG, wait_until
+
+from rattle.models import Model
+from service.app import create_app
+from service.kernels import Kernels, Part
+from service.settings import Settings
+
+POINTS = (
+    "/v1/orbits?delta=0.6&epsilon=0.1",
+    "/v1/attractors?delta=0.6&epsilon=0.1&count=4",
+    "/v1/basins.png?delta=0.6&epsilon=0.1&resolution=10",
+    "/v1/curves?delta_min=0.7&delta_max=0.71",
+)
+
+
+@pytest.fixture
+def compiling(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Kernels]]:
+    """Kernels whose compilation never ends: those of every application that asks for them."""
+    begun: list[Kernels] = []
+
+    async def compile_for_ever(self: Kernels, _model: Model) -> None:
+        begun.append(self)
+        await asyncio.Event().wait()
+
+    monkeypatch.setattr(Kernels, "_compile", compile_for_ever)
+    return begun
+
+
+@pytest.mark.parametrize("path", POINTS)
+@pytest.mark.usefixtures("compiling")
+def test_a_request_that_waits_too_long_for_kernels_says_so(tmp_path: Path, path: str) -> None:
+    with front_end(tmp_path, max_point_seconds=0.05) as client:
+        answer = client.get(path)
+    assert_problem(answer, 503, "Kernels are being compiled", "/v1/ready")
+    assert answer.headers["retry-after"]
+
+
+def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: list[Kernels]) -> None:
+    """A request waits for kernels, and computes for as long as the limit says from when they are there."""
+    with front_end(tmp_path, max_point_seconds=HANG) as client, ThreadPoolExecutor() as threads:
+        asked = [threads.submit(client.get, path) for path in POINTS]
+        wait_until(lambda: compiling and compiling[0]._waiting == len(POINTS))
+        assert client.get("/v1/health").json()["status"] == "warming"
+        assert_problem(client.get("/v1/ready"), 503, "Kernels are being compiled")
+        kernels = front_of(client).kernels
+        for part in Part:
+            client.portal.call(kernels._ready[Model.IMPACTING, part].set)
+        assert [each.result(HANG).status_code for each in asked] == [200] * len(POINTS)
+
+
+def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: list[Kernels]) -> None:
+    with front_end(tmp_path, max_points_waiting=1, max_point_seconds=HANG) as client, ThreadPoolExecutor() as threads:
+        first = threads.submit(client.get, POINTS[0])
+        wait_until(lambda: compiling and compiling[0]._waiting)
+        assert_problem(client.get(POINTS[1]), 503, "Kernels are being compiled")
+        client.portal.call(front_of(client).kernels._ready[Model.IMPACTING, Part.FORMS].set)
+        assert first.result(HANG).status_code == 200
+
+
+@pytest.mark.usefixtures("compiling")
+def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path) -> None:
+    with front_end(tmp_path, max_point_seconds=0.05) as client:
+        kernels = front_of(client).kernels
+        client.portal.call(kernels.begin)
+        assert not any(model is Model.STIFF for model, _ in kernels._ready)
+        assert_problem(client.get(f"{POINTS[0]}&kappa=1e4"), 503, "Kernels are being compiled")
+        assert any(model is Model.STIFF for model, _ in kernels._ready)
+
+
+def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path) -> None:
+    with local_client(create_app(Settings(data=tmp_path), idle_cluster)) as client:
+        client.portal.call(front_of(client).kernels.begin)
+        wait_until(lambda: client.get("/v1/ready").status_code == 200)
+        assert client.get("/v1/ready").json() == {"status": "ready"}
+        assert client.get("/v1/health").json()["status"] == "ok"
+        front_of(client).manager.storage_state = "unavailable: full"
+        assert_problem(client.get("/v1/ready"), 503, "/v1/health")
+
+
+@pytest.mark.usefixtures("compiling")
+def test_a_service_ends_while_it_compiles(tmp_path: Path) -> None:
+    with front_end(tmp_path) as client:
+        kernels = front_of(client).kernels
+        client.portal.call(kernels.begin)
+        assert kernels.at_work
+    assert not kernels.at_work
+
+
+def test_a_process_that_dies_of_compiling_is_no_hang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("service.kernels.WORK", dict.fromkeys(Part, _die))
+    with front_end(tmp_path, max_point_seconds=HANG) as client:
+        assert client.get(POINTS[0]).status_code == 200
+
+
+def _die(_model: object) -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+EVERYTHING = """
+import logging
+import sys
+
+from rattle import RattleError
+from rattle.models import Model, model_of
+from service.estimate import cell_seconds
+from service.explorer import point_parts
+from service.kernels import KAPPA, compile_all
+from service.routes.basins import _draw
+from service.tracing import curves_document, orbits_document
+from workers import SurveyRequest
+
+name = Model(sys.argv[1])
+compile_all(name)
+needed = []
+
+
+class Needed(logging.Handler):
+    def emit(self, record):
+        needed.append(record.getMessage())
+
+
+log = logging.getLogger("rattle._compile")
+log.setLevel(logging.DEBUG)
+log.addHandler(Needed())
+kappa = KAPPA if name is Model.STIFF else None
+for delta, epsilon, beta in (0.6, 0.05, 0.6), (0.5, 0.25, 0.6), (0.762, 0.096, 0.6), (1.5, 0.4, 0.3):
+    model = model_of(beta, kappa)
+    gear = model.gear(delta, epsilon)
+    orbits_document(gear)
+    gear.attractors(8)
+    point_parts.warm_up(gear)
+    _draw(gear, 10)
+    curves_document(model, (0.9 * delta, delta), (0.0, 0.3))
+fields = {"model": name} | ({"kappa": kappa} if kappa else {})
+groups = ["region", "orbits", "attractors", "lyapunov", "grazing", "basins"][: 5 if kappa else 6]
+cell_seconds(
+    SurveyRequest(
+        delta={"start": 0.5, "stop": 0.6, "num": 2},
+        epsilon={"start": 0.05, "stop": 0.1, "num": 2},
+        initial_conditions={"count": 4},
+        quantities=groups,
+        **fields,
+    )
+)
+print("needed:", needed)
+"""
+
+
+@pytest.mark.parametrize("model", list(Model))
+def test_what_is_made_ready_is_all_that_a_point_or_a_survey_needs(model: Model) -> None:
+    """Elsewhere in the plane nothing further is compiled, nor loaded."""
+    command = [sys.executable, "-c", EVERYTHING, model]
+    said = subprocess.run(command, check=True, capture_output=True, text=True, timeout=HANG).stdout
+    assert said.splitlines()[-1] == "needed: []"
