@@ -7,7 +7,7 @@ INSTALLED := $(VENV)/.installed
 S3 := .venv-s3
 S3_INSTALLED := $(S3)/.installed
 
-.PHONY: survey figures test test-deep kernels impacting-kernels stiff-kernels lint bench clean
+.PHONY: survey figures test test-deep test-under-load kernels impacting-kernels stiff-kernels lint bench clean
 
 survey: $(INSTALLED)
 	$(BIN)/rattle run --delta 0.4:1.0:61 --epsilon 0.005:0.3:60 --count 64 --out survey.zarr --figure survey.png
@@ -21,6 +21,10 @@ test: kernels $(S3_INSTALLED)
 # Everything that tests can look at: more examples, finer grids, references computed anew. Before a release.
 test-deep: kernels $(S3_INSTALLED)
 	TEST_DEPTH=deep $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+
+# No verdict depends on speed: three times beside busy programs, once on one core.
+test-under-load: kernels $(S3_INSTALLED)
+	$(BIN)/python tests/under_load.py
 
 # Compiled once and before, so that the tests find them: either model's beside the other's.
 kernels: impacting-kernels stiff-kernels
