@@ -7,7 +7,7 @@ The closed form is the textbook's, in sines and exponentials of the C library, w
 
 import math
 
-from numba import njit
+from compiled import compiled
 
 TWO_PI = 2.0 * math.pi
 LONGEST = 1000.0
@@ -17,7 +17,7 @@ TINIEST = 1e-13  # below this panel two events cannot be told apart in double pr
 FOUND, NOTHING = 0, 1
 
 
-@njit(cache=False)
+@compiled
 def after_series(s, w, a, sin0, cos0, delta, epsilon):
     """F and F' for short flights, y = 2πs and δs below 0.5: fourteen terms of each Taylor series."""
     x, y = delta * s, TWO_PI * s
@@ -39,7 +39,7 @@ def after_series(s, w, a, sin0, cos0, delta, epsilon):
     return f0, w + sum1 - TWO_PI * epsilon * (cos0 * siny - sin0 * omc)
 
 
-@njit(cache=False)
+@compiled
 def after(s, theta, w, a, sin0, cos0, delta, epsilon):
     """F, F', F'', F''' and e^(−δs) after s from phase θ/2π."""
     decay, lost = math.exp(-delta * s), -math.expm1(-delta * s)
@@ -53,7 +53,7 @@ def after(s, theta, w, a, sin0, cos0, delta, epsilon):
     return f0, f1, f2, TWO_PI**3 * epsilon * sin1 - delta * delta * a * decay, decay
 
 
-@njit(cache=False)
+@compiled
 def bisected(lo, hi, order, level, rising, theta, w, a, sin0, cos0, delta, epsilon):
     """Where F (order 0) or F' (order 1) crosses the level in (lo, hi), where it is monotone: secant, else bisection."""
     for _ in range(200):
@@ -73,7 +73,7 @@ def bisected(lo, hi, order, level, rising, theta, w, a, sin0, cos0, delta, epsil
     return 0.5 * (lo + hi)
 
 
-@njit(cache=False)
+@compiled
 def stays_inside(f0, f1, f2, f3, h, remainder, lower, upper):
     """True if the cubic Taylor polynomial's Bernstein hull, widened by the remainder, keeps off both walls."""
     b1 = f0 + f1 * h / 3.0
@@ -84,7 +84,7 @@ def stays_inside(f0, f1, f2, f3, h, remainder, lower, upper):
     return highest + remainder < upper and lowest - remainder > lower
 
 
-@njit(cache=False)
+@compiled
 def panel(s, h, f0, f1, f2, f3, m4, epsilon, beta, lower, upper):
     """The longest panel, by halving, on which F provably stays inside (True), or bends or slopes one way (False)."""
     while True:
@@ -101,7 +101,7 @@ def panel(s, h, f0, f1, f2, f3, m4, epsilon, beta, lower, upper):
         h *= 0.5
 
 
-@njit(cache=False)
+@compiled
 def march(wall, tau, w, delta, epsilon, beta, drift):
     """The first impact after leaving a wall at phase tau with velocity w into the gap: (status, wall, time)."""
     theta = TWO_PI * tau
@@ -133,7 +133,7 @@ def march(wall, tau, w, delta, epsilon, beta, drift):
     return NOTHING, 0, s
 
 
-@njit(cache=False)
+@compiled
 def depth(tau, w, delta, epsilon, longest):
     """The lowest F on [0, longest] of a flight without walls, on a grid of 1/1024 refined where F' changes sign."""
     theta = TWO_PI * tau

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import panel_march
-from numba import njit
+from compiled import compiled
 
 from rattle.first_impact import proven_impact, safe_impact
 from rattle.flight import DRIFT, TWO_PI, versines
@@ -15,13 +15,13 @@ PLANE, WIDE, ARCS = range(3)  # arcs: above the quiet limit, where the contact f
 STEP = 1.0 / 16.0
 
 
-@njit(cache=False)
+@compiled
 def log_uniform(low, high):
     """A number whose logarithm is uniform."""
     return low * math.exp(np.random.random() * math.log(high / low))
 
 
-@njit(cache=False)
+@compiled
 def turning_height(wall, tau, w, delta, epsilon, order):
     """F where a flight that knows no walls turns back for the order-th time, or the last before it; NaN without one."""
     theta = TWO_PI * tau
@@ -46,7 +46,7 @@ def turning_height(wall, tau, w, delta, epsilon, order):
     return height
 
 
-@njit(cache=False)
+@compiled
 def peak_height(tau, w, delta, epsilon):
     """F at its first maximum after leaving Σ⁺, in a flight that knows no walls; NaN without one."""
     theta = TWO_PI * tau
@@ -64,7 +64,7 @@ def peak_height(tau, w, delta, epsilon):
     return math.nan
 
 
-@njit(cache=False)
+@compiled
 def speed_with_peak(tau, delta, epsilon, off):
     """A speed at which the first maximum after Σ⁺ lies off above it, or a random one if there is none."""
     lo, below = 0.05, peak_height(tau, -0.05, delta, epsilon) - off
@@ -83,7 +83,7 @@ def speed_with_peak(tau, delta, epsilon, off):
     return np.random.uniform(0.05, 6.0)
 
 
-@njit(cache=False)
+@compiled
 def random_flight(regime, near):
     """(wall, τ, w, δ, ε, β); near: β is such that F turns a log-uniform 1e-12…1e-3 above or below the other wall."""
     if regime == PLANE:
@@ -112,7 +112,7 @@ def random_flight(regime, near):
     return wall, tau, -wall * v, delta, epsilon, beta
 
 
-@njit(cache=False)
+@compiled
 def compare(n, seed, regime, near_share, march_every, time_error):
     """Fly n flights by proof and search, every march_every-th by panels: (counts as SEEN, worst time, first misses)."""
     np.random.seed(seed)
@@ -155,7 +155,7 @@ def compare(n, seed, regime, near_share, march_every, time_error):
     return seen, worst, misses[:missed]
 
 
-@njit(cache=False)
+@compiled
 def random_states(n, seed, regime, near_share):
     """States on Σ⁺ as columns τ, v, δ, ε, β."""
     np.random.seed(seed)

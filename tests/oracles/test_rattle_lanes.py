@@ -6,7 +6,8 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import random_flights as flights
-from numba import njit
+from compiled import compiled
+from depth import either
 
 import rattle
 from rattle import impact_map
@@ -16,7 +17,7 @@ from rattle.iterate import paths
 # ---- lanes ----------------------------------------------------------------------------------------------------------
 
 
-@njit(cache=False)
+@compiled
 def _mapped(states):
     """Π of each column by the scalar kernel: τ, v, impacts on Σ⁻, how much the last digits of the start matter."""
     n = states.shape[1]
@@ -34,7 +35,11 @@ def _mapped(states):
 
 @pytest.mark.parametrize(
     ("regime", "count", "near"),
-    [(flights.PLANE, 700_000, 0.25), (flights.WIDE, 300_000, 0.25), (flights.ARCS, 300_000, 0.5)],
+    [
+        (flights.PLANE, either(100_000, 700_000), 0.25),
+        (flights.WIDE, either(60_000, 300_000), 0.25),
+        (flights.ARCS, either(60_000, 300_000), 0.5),
+    ],
     ids=["plane", "wide", "arcs"],
 )
 def test_lanes_against_the_scalar_map(regime, count, near):

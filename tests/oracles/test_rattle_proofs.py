@@ -8,7 +8,8 @@ import numpy as np
 import panel_march
 import pytest
 import random_flights as flights
-from numba import njit
+from compiled import compiled
+from depth import either
 
 import rattle
 from rattle import coefficients, generate_coefficients, impact_map
@@ -37,7 +38,10 @@ RNG_SEED = 2009
 
 @pytest.mark.parametrize(
     ("regime", "count", "march_every", "proved_share"),
-    [(flights.PLANE, 10_000_000, 10, (0.45, 0.75)), (flights.WIDE, 2_000_000, 10, (0.3, 0.65))],
+    [
+        (flights.PLANE, either(1_000_000, 10_000_000), 10, (0.45, 0.75)),
+        (flights.WIDE, either(400_000, 2_000_000), 10, (0.3, 0.65)),
+    ],
     ids=["plane", "wide"],
 )
 def test_no_wrong_wall_and_exact_times(regime, count, march_every, proved_share):
@@ -92,13 +96,13 @@ def test_the_search_finds_a_minimum_at_huge_damping(flight):
 @pytest.mark.parametrize("regime", [flights.PLANE, flights.WIDE])
 def test_flights_backwards_in_time_retrace(regime):
     """The search with δ, 4π, τ and w reversed, from the arrival of a flight, comes back to its departure."""
-    lost, worst = _retraced(200_000, 3, regime)
+    lost, worst = _retraced(either(50_000, 200_000), 3, regime)
     print(f"not retraced {lost}, worst time against its condition {worst:.1e}")
     assert lost == 0
     assert worst < 1e-12
 
 
-@njit(cache=False)
+@compiled
 def _retraced(n, seed, regime):
     np.random.seed(seed)
     lost, worst = 0, 0.0
@@ -151,7 +155,7 @@ def test_the_negative_arc_is_where_the_contact_force_is_negative():
     assert found > 500
 
 
-@njit(cache=False)
+@compiled
 def _single_precision(n, seed):
     """Largest error of evaluate32 over its scales: F and F', each in units of ERROR."""
     np.random.seed(seed)
@@ -174,13 +178,13 @@ def _single_precision(n, seed):
 
 
 def test_single_precision_is_as_good_as_the_proof_says():
-    worst0, worst1 = _single_precision(1_000_000, 9)
+    worst0, worst1 = _single_precision(either(300_000, 1_000_000), 9)
     print(f"errors over ERROR × scale: F {worst0:.3f}, F' {worst1:.3f}")
     assert worst0 < 0.5
     assert worst1 < 0.5
 
 
-@njit(cache=False)
+@compiled
 def _lowest(tau, w, delta, epsilon, longest):
     """The lowest F on [0, longest] of a flight without walls, turning points between grid points included."""
     theta = TWO_PI * tau
@@ -202,7 +206,7 @@ def _lowest(tau, w, delta, epsilon, longest):
     return lowest
 
 
-@njit(cache=False)
+@compiled
 def _depths(n, seed, regime):
     """Of n flights: bounds given, bounds above the true minimum, the mean distance between them."""
     np.random.seed(seed)
@@ -251,7 +255,7 @@ def _depths(n, seed, regime):
 
 
 def test_the_bound_of_the_depth_is_a_bound():
-    for regime, count in ((flights.PLANE, 600_000), (flights.WIDE, 400_000)):
+    for regime, count in ((flights.PLANE, either(150_000, 600_000)), (flights.WIDE, either(100_000, 400_000))):
         given, wrong, apart = _depths(count, 10, regime)
         print(f"bounds {given}, wrong {wrong}, mean distance to the minimum {apart:.1e}")
         assert wrong == 0
