@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from high_precision import Flight
 from mpmath import mp, mpf
+from stored import stored
 
 RESIDUAL = mpf(10) ** -30
 STEP = mpf(10) ** -9  # to a neighbouring orbit
@@ -486,3 +487,68 @@ def region(delta, epsilon, beta):
     stable = d is not None and bool(abs(double_trace(d)) < 1 + np.exp(-delta))
     number = {"": 1, "AC": 2, "AD": 5, "ABCD": 3 if stable else 4}.get(letters, 0)
     return number, letters, stable
+
+
+# The same, kept in tests/reference.
+
+
+class Known(NamedTuple):
+    """A point of a curve without its orbit."""
+
+    delta: mpf
+    epsilon: mpf
+    phase: mpf
+    speed: mpf
+    multipliers: tuple
+
+
+def _numbers(point):
+    return list(point[:4]), list(point.multipliers)
+
+
+def _known(numbers):
+    return Known(*numbers[0], tuple(numbers[1]))
+
+
+@stored
+def curve_points(name, delta, beta, highest):
+    return [_numbers(point) for point in points(name, delta, beta, highest)]
+
+
+@stored
+def curve_point_near(name, delta, beta, epsilon, highest):
+    guess = min(guesses(name, delta, beta, highest), key=lambda x: abs(x[0] - epsilon))
+    return _numbers(solve(name, delta, beta, guess))
+
+
+@stored
+def codimension_two(name, beta):
+    found = [end_of_folds(beta)] if name == "COD23" else points_of_codimension_two(name, beta)
+    return [_numbers(point) for point in found]
+
+
+@stored
+def regions_beside(name, delta, beta, epsilon):
+    """Regions 1e-6 below and above a curve, None where another curve is within reach."""
+    reach = 1e-5
+    for other in KINDS:
+        found = points(other, delta, beta, epsilon + 2 * reach) if other != name else []
+        if any(abs(float(p.epsilon) - epsilon) < reach for p in found):
+            return None
+    return [region(delta, epsilon + side, beta) for side in (-1e-6, 1e-6)]
+
+
+def known_points(name, delta, beta, highest=1.0):
+    """`points`, without orbits."""
+    return [_known(point) for point in curve_points(name, delta, beta, highest)]
+
+
+def known_point_near(name, delta, beta, epsilon, highest):
+    """The point of a curve at this damping whose ε is nearest."""
+    return _known(curve_point_near(name, delta, beta, epsilon, highest))
+
+
+def known_codimension_two(name, beta):
+    """The only point of its name."""
+    (point,) = codimension_two(name, beta)
+    return _known(point)

@@ -6,6 +6,7 @@ one condition more: a multiplier of 1 or −1, or an impact of speed 0.
 
 import curves_high_precision as exact
 from mpmath import mp, mpf
+from stored import stored
 
 
 class Motion(exact.Cycle):
@@ -58,3 +59,18 @@ def event(times, walls, m, delta, epsilon, beta, multiplier=None, grazed=None, d
         return [*now.closure(), last]
 
     return motion(exact.newton(equations, [epsilon, *times, *velocities(rough)], digits))
+
+
+@stored
+def event_values(times, walls, m, delta, epsilon, beta, multiplier, grazed):
+    found = event(times, walls, m, delta, epsilon, beta, multiplier, grazed)
+    return [found.epsilon, found.times, [] if multiplier is None else list(found.multipliers())]
+
+
+def known_event(times, walls, m, delta, epsilon, beta, multiplier=None, grazed=None):
+    """ε, times and, if one is asked for, multipliers of `event` near times and ε of six digits, kept in
+    tests/reference.
+    """
+    short = [round(float(t), 6) for t in times]
+    epsilon = float(f"{float(epsilon):.6g}")
+    return event_values(short, list(walls), m, delta, epsilon, beta, multiplier, grazed)

@@ -86,8 +86,8 @@ def test_branches_of_period_one_have_the_events_of_the_closed_forms():
     assert of_kind(d, "PD")[0] == pytest.approx(0.07615571, abs=1e-8)
     assert of_kind(d, "GR") == pytest.approx([0.144452777], abs=1e-9)  # B is the other end of D's branch
     (fold,) = (event for event in d.events if event.kind == "SN")
-    solved = exact.event(fold.unknowns[:-2], (1, -1), 1, DELTA, fold.epsilon, BETA, 1)
-    assert abs(solved.epsilon - fold.epsilon) < 1e-12
+    epsilon, *_ = exact.known_event(fold.unknowns[:-2], (1, -1), 1, DELTA, fold.epsilon, BETA, 1)
+    assert abs(epsilon - fold.epsilon) < 1e-12
 
 
 def test_a_and_c_are_one_branch():
@@ -109,12 +109,14 @@ def test_events_against_high_precision(label):
         if itinerary.n > 10 and multiplier:
             assert np.min(np.abs(event.multipliers - multiplier)) < 1e-6  # 5 s in high precision
             continue
-        solved = exact.event(times, itinerary.walls, itinerary.m, DELTA, event.epsilon, BETA, multiplier, event.impact)
-        assert abs(solved.epsilon - event.epsilon) < 1e-13, event
-        assert max(abs(solved.times[i] - mpf(float(t))) for i, t in enumerate(times)) < 1e-9, event
+        epsilon, solved, multipliers = exact.known_event(
+            times, itinerary.walls, itinerary.m, DELTA, event.epsilon, BETA, multiplier, event.impact
+        )
+        assert abs(epsilon - event.epsilon) < 1e-13, event
+        assert max(abs(x - mpf(float(t))) for x, t in zip(solved, times, strict=True)) < 1e-9, event
         if multiplier:
-            assert min(abs(x - multiplier) for x in solved.multipliers()) < 1e-15, event
-        seen[event.kind, event.after] = solved.epsilon
+            assert min(abs(x - multiplier) for x in multipliers) < 1e-15, event
+        seen[event.kind, event.after] = epsilon
     if label == (4, 4, 2):  # a fold so near to its graze that no simulation could tell them apart
         graze, fold = (min(e for (kind, _), e in seen.items() if kind == which) for which in ("GR", "SN"))
         assert 5e-13 < graze - fold < 6e-13
@@ -166,8 +168,10 @@ def test_the_cascade_of_d():
 def test_the_first_flips_in_high_precision():
     for event in flips()[:3]:
         itinerary = event.itinerary
-        solved = exact.event(event.unknowns[:-2], itinerary.walls, itinerary.m, DELTA, event.epsilon, BETA, -1)
-        assert abs(solved.epsilon - event.epsilon) < 1e-12
+        epsilon, *_ = exact.known_event(
+            event.unknowns[:-2], itinerary.walls, itinerary.m, DELTA, event.epsilon, BETA, -1
+        )
+        assert abs(epsilon - event.epsilon) < 1e-12
 
 
 def test_every_flip_by_tangent_matrices():

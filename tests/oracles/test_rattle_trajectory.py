@@ -1,5 +1,6 @@
 """Sampled motions against 40 digits, against the impact map, and against closed orbits."""
 
+import flights_high_precision as exact
 import numpy as np
 import pytest
 from high_precision import Flight
@@ -13,14 +14,15 @@ PERIODS, POINTS = 2.5, 101
 def reference(gear: rattle.Gear, tau: float, v: float, times: np.ndarray) -> list[tuple[float, float]]:
     """Φ and Φ' in 40 digits, from flight to flight."""
     found, start, now, wall = [], mpf(tau), mpf(0), 1
-    flight = Flight(wall, start, -mpf(v), gear.delta, gear.epsilon, gear.beta)
-    end, following, arrival = flight.first_impact()
+    parameters = gear.delta, gear.epsilon, gear.beta
+    departed = wall, start, -mpf(v), *parameters
+    end, following, arrival = exact.first_impact(*departed)
     for time in times:
         while mpf(float(time)) >= now + end:
             now, start, wall = now + end, start + end, following
-            flight = Flight(wall, start, -arrival, gear.delta, gear.epsilon, gear.beta)
-            end, following, arrival = flight.first_impact()
-        s = mpf(float(time)) - now
+            departed = wall, start, -arrival, *parameters
+            end, following, arrival = exact.first_impact(*departed)
+        flight, s = Flight(*departed), mpf(float(time)) - now
         found.append((float(flight.position(s)), float(flight.velocity(s))))
     return found
 

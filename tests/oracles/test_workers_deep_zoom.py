@@ -14,9 +14,8 @@ NOTHING, A_AND_C, A_AND_D = 1, 2, 5  # regions I, II, V
 
 
 @pytest.fixture(scope="module")
-def cod22() -> exact.Point:
-    (point,) = exact.points_of_codimension_two("COD22", 0.6)
-    return point
+def cod22() -> exact.Known:
+    return exact.known_codimension_two("COD22", 0.6)
 
 
 def sn1(delta: float) -> mpf:
@@ -24,7 +23,7 @@ def sn1(delta: float) -> mpf:
 
 
 @pytest.mark.parametrize(("right", "up"), [(0.0, 0.0), (0.4, 0.1), (-0.3, -0.2)])
-def test_a_window_1e_9_wide(cod22: exact.Point, right: float, up: float) -> None:
+def test_a_window_1e_9_wide(cod22: exact.Known, right: float, up: float) -> None:
     """Here SN1, G1 and G2 are one curve, to 1e-18: below it there is no orbit (I), above it A and D (V)."""
     width = 1e-9
     delta, epsilon = float(cod22.delta) + right * width, float(cod22.epsilon) + up * width
@@ -42,11 +41,11 @@ def test_a_window_1e_9_wide(cod22: exact.Point, right: float, up: float) -> None
 
 
 @pytest.mark.parametrize("offset", [-1e-4, -1e-5, -4e-10, 4e-10, 1e-4])
-def test_both_sides_of_each_curve(cod22: exact.Point, offset: float) -> None:
+def test_both_sides_of_each_curve(cod22: exact.Known, offset: float) -> None:
     """I, II, V across SN1 and G1 before COD22, as far as they can be told apart; I, V across G2 after it."""
     delta = float(cod22.delta) + offset
     names = ("SN1", "G1") if offset < 0 else ("G2",)
-    at = [exact.points(name, delta, 0.6, float(cod22.epsilon) + 1e-3)[-1].epsilon for name in names]
+    at = [exact.known_points(name, delta, 0.6, float(cod22.epsilon) + 1e-3)[-1].epsilon for name in names]
     if offset < 0:
         assert abs(at[0] - sn1(delta)) < mpf(10) ** -30
         assert 0 < at[1] - at[0] < offset**2 * 4
