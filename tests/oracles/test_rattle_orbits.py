@@ -1,15 +1,16 @@
 """Period-one orbits and regions against the committed references, published values and the map itself."""
 
 import json
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from depth import either
 from mpmath import mp, mpf
 
 import rattle
 
+SIDE = either(300, 1000)  # of the plane
 ORBITS = json.loads((Path(__file__).parents[1] / "reference" / "orbits.json").read_text())
 
 
@@ -34,7 +35,7 @@ def random_points(count, seed):
 
 def test_every_orbit_is_a_fixed_point_of_the_map_with_its_multipliers():
     """The closed form and the compiled map are independent derivations of the same motion."""
-    delta, epsilon, beta = random_points(2000, 8)
+    delta, epsilon, beta = (x[: either(1000, 2000)] for x in random_points(2000, 8))
     found = rattle.period_one(delta, epsilon, beta)
     seen = np.zeros(4, int)
     for k, i in zip(*np.nonzero(found.exists), strict=True):
@@ -48,14 +49,12 @@ def test_every_orbit_is_a_fixed_point_of_the_map_with_its_multipliers():
         assert multipliers.prod() == pytest.approx(np.exp(-delta[i]), rel=1e-12)
         assert found.stable[k, i] == (abs(multipliers).max() < 1)
         seen[k] += 1
-    assert seen.min() > 100
+    assert seen.min() > 0.05 * delta.size
 
 
 def test_five_regions_cover_the_plane_of_figure_seven():
-    delta, epsilon = np.meshgrid(np.linspace(0.4, 1, 1000), np.linspace(0.005, 0.3, 1000))
-    start = time.perf_counter()
+    delta, epsilon = np.meshgrid(np.linspace(0.4, 1, SIDE), np.linspace(0.005, 0.3, SIDE))
     region = rattle.regions(delta, epsilon)
-    assert time.perf_counter() - start < 60  # "seconds": far above what a loaded machine needs
     assert region.dtype == np.int8
     assert set(np.unique(region)) == {1, 2, 3, 4, 5}
 
