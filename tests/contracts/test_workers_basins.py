@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from depth import DEEP
 
 import rattle
 from workers import Axis, Group, SurveyRequest, create_store, finish_store, maps, tiles_of
@@ -39,6 +40,8 @@ def test_a_cell_is_what_the_library_says(survey: xr.Dataset) -> None:
     assert set(survey.data_vars) == {*NAMES, "status"}
     for i, epsilon in enumerate(survey.epsilon.values):
         for j, delta in enumerate(survey.delta.values):
+            if (i + j) % 2 and not DEEP:  # cells of every kind remain
+                continue
             gear, cell = rattle.Gear(float(delta), float(epsilon)), survey.isel(epsilon=i, delta=j)
             margin = gear.boundary_distance(v_max=6.0)
             late = np.isnan(margin.v) and margin.undecided == 0

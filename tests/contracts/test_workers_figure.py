@@ -9,6 +9,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import xarray as xr
+from depth import deep
 from matplotlib.axes import Axes
 from matplotlib.text import Annotation, Text
 
@@ -124,7 +125,7 @@ def test_curves_end_where_their_orbits_do(whole: xr.Dataset) -> None:
 AXES = {"full": ((0.4, 1.0), (0.005, 0.3)), "Figure 8": ((0.74, 0.78), (0.092, 0.1)), "corner": ((0.75, 2), (0.0, 0.1))}
 
 
-@pytest.mark.parametrize("beta", [0.6, 0.45])
+@pytest.mark.parametrize("beta", [0.6, pytest.param(0.45, marks=deep)])
 @pytest.mark.parametrize(("delta", "epsilon"), AXES.values(), ids=AXES)
 def test_labels_do_not_overlap(tmp_path: Path, delta: Pair, epsilon: Pair, beta: float) -> None:
     axes = {

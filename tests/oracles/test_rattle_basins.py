@@ -1,15 +1,22 @@
 """Basins: two independent methods against each other, against Figure 4, and against answers known exactly."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
+from depth import deep, either
 from figure4 import KNOWN, label
 
 import rattle
 from rattle.basin_measures import power_law
 from rattle.basins import Basins, ImpactingPlane, States, boundary, classified
 from rattle.cell_map import groups_of_map
+
+
+@cache
+def basins(point, n, **how):
+    return rattle.Gear(*point).basins(n, **how)
 
 
 def fractions(attractors):
@@ -24,7 +31,8 @@ def agree(found, known, tolerance):
 @pytest.mark.parametrize("method", ["cells", "direct", "refined"])
 @pytest.mark.parametrize("epsilon", KNOWN)
 def test_fractions_of_figure_4(epsilon, method):
-    found = rattle.Gear(0.6, epsilon).basins(300, method=method)
+    n = either(300 if method == "cells" else 100, 300)  # mapped cells err more, and cost less
+    found = basins((0.6, epsilon), n, method=method)
     agree(fractions(found.attractors), KNOWN[epsilon], 0.01)
     counted = np.bincount(found.labels.ravel(), minlength=len(found.attractors)) / found.labels.size
     assert [a.fraction for a in found.attractors] == pytest.approx(counted)
@@ -39,7 +47,7 @@ def test_both_methods_find_the_attractors_of_the_sample(epsilon, beta):
     gear = rattle.Gear(0.6, epsilon, beta)
     sample = gear.attractors(count=1024)
     for method in ("cells", "direct"):
-        found = gear.basins(200, method=method)
+        found = gear.basins(either(100, 200), method=method)
         agree(fractions(found.attractors), fractions(sample), 0.02)
         for a in found.attractors:
             if a.kind == "periodic" and a.fraction > 0.01:
@@ -48,33 +56,39 @@ def test_both_methods_find_the_attractors_of_the_sample(epsilon, beta):
 
 
 @pytest.mark.parametrize("impacts", [1, 16])
-@pytest.mark.parametrize("epsilon", [0.0615, 0.078, 0.1])
+@pytest.mark.parametrize("epsilon", [pytest.param(0.0615, marks=deep), pytest.param(0.078, marks=deep), 0.1])
 def test_the_methods_differ_in_few_cells_and_at_boundaries(epsilon, impacts):
-    gear = rattle.Gear(0.6, epsilon)
-    mapped, direct = gear.basins(400, impacts=impacts), gear.basins(400, method="direct")
+    point = 0.6, epsilon
+    mapped, direct = basins(point, 400, impacts=impacts), basins(point, 400, method="direct")
     differing = rattle.differing(mapped, direct)
     assert rattle.disagreement(mapped, direct) == differing.mean() < (0.03 if impacts == 1 else 0.001)
     near = boundary(direct.labels) | boundary(mapped.labels)
     assert (differing & ~near).sum() <= 0.1 * differing.sum()
-    assert rattle.disagreement(gear.basins(400, method="refined", impacts=impacts), direct) <= 0.5 * differing.mean()
+    assert rattle.disagreement(basins(point, 400, method="refined", impacts=impacts), direct) <= 0.5 * differing.mean()
 
 
 def test_the_interleaved_basins_of_four_orbits():
-    gear = rattle.Gear(0.6, 0.089)
-    direct = gear.basins(400, method="direct")
-    by_impacts = [rattle.disagreement(gear.basins(400, impacts=k), direct) for k in (1, 4, 16)]
+    point = 0.6, 0.089
+    direct = basins(point, 400, method="direct")
+    by_impacts = [rattle.disagreement(basins(point, 400, impacts=k), direct) for k in (1, 4, 16)]
     assert by_impacts[0] < 0.15
     assert by_impacts[2] < 0.05  # 0.033; 0.008 on 1000 × 1000 cells
     assert by_impacts == sorted(by_impacts, reverse=True)
 
 
 @pytest.mark.parametrize(
-    ("point", "share"), [((0.6, 0.089), 1e-4), ((0.1, 0.02), 5e-4), ((0.4, 0.1), 4e-3), ((0.762, 0.0972), 1e-5)]
+    ("point", "share"),
+    [
+        ((0.6, 0.089), 1e-4),
+        *(
+            pytest.param(*case, marks=deep)
+            for case in (((0.1, 0.02), 5e-4), ((0.4, 0.1), 4e-3), ((0.762, 0.0972), 1e-5))
+        ),
+    ],
 )
 def test_refinement_goes_on_until_nothing_changes(point, share):
     """Of the cells that one round of refinement left wrong, many touch cells that this round had just followed."""
-    gear = rattle.Gear(*point)
-    refined, direct = gear.basins(400, method="refined"), gear.basins(400, method="direct")
+    refined, direct = (basins(point, 400, method=method) for method in ("refined", "direct"))
     assert rattle.disagreement(refined, direct) < share
     assert {label(a) for a in refined.attractors} == {label(a) for a in direct.attractors}
     wrong = rattle.differing(refined, direct)  # alone among cells of one label: all others were followed
@@ -83,8 +97,8 @@ def test_refinement_goes_on_until_nothing_changes(point, share):
 
 def test_a_lattice_finds_a_basin_that_cell_mapping_misses():
     """P(4,5,1) wins 0.33 % of the plane in pieces that are no larger than a cell."""
-    gear = rattle.Gear(0.6, 0.18)
-    found = {method: fractions(gear.basins(400, method=method).attractors) for method in ("cells", "refined")}
+    n = either(200, 400)
+    found = {method: fractions(basins((0.6, 0.18), n, method=method).attractors) for method in ("cells", "refined")}
     assert (4, 5, 1) not in found["cells"]
     assert found["refined"][4, 5, 1] > 0
 
@@ -102,12 +116,11 @@ def test_states_followed_in_several_calls_keep_their_attractors(point):
 
 
 def test_finer_cells_are_better_cells():
-    gear = rattle.Gear(0.6, 0.1)
-    errors = []
-    for n in (50, 200, 800):
-        errors.append(rattle.disagreement(gear.basins(n, impacts=1), gear.basins(n, method="direct")))
+    point, errors = (0.6, 0.1), []
+    for n in either((25, 100, 400), (50, 200, 800)):
+        errors.append(rattle.disagreement(basins(point, n, impacts=1), basins(point, n, method="direct")))
     assert errors[0] > 2 * errors[1] > 4 * errors[2]
-    coarse, fine = (fractions(gear.basins(n).attractors) for n in (200, 1000))
+    coarse, fine = (fractions(basins(point, n).attractors) for n in either((200, 600), (200, 1000)))
     agree(coarse, fine, 0.003)
 
 
@@ -202,12 +215,13 @@ def test_the_fit_recovers_a_power_law_and_its_error():
 
 
 def test_a_smooth_boundary_has_exponent_one_and_a_mixed_one_less():
-    smooth = rattle.Gear(0.6, 0.0615).uncertainty()
+    smooth = rattle.Gear(0.6, 0.0615).uncertainty(pairs=either(2048, 8192))
     assert abs(smooth.exponent - 1) < 1.5 * smooth.error
-    mixed = rattle.Gear(0.6, 0.089).uncertainty(pairs=2048)
+    pairs = either(1024, 2048)
+    mixed = rattle.Gear(0.6, 0.089).uncertainty(pairs=pairs)
     assert mixed.exponent + 3 * mixed.error < 0.8
-    assert mixed.exponent == rattle.Gear(0.6, 0.089).uncertainty(pairs=2048).exponent
-    other = rattle.Gear(0.6, 0.089).uncertainty(pairs=2048, seed=1)
+    assert mixed.exponent == rattle.Gear(0.6, 0.089).uncertainty(pairs=pairs).exponent
+    other = rattle.Gear(0.6, 0.089).uncertainty(pairs=pairs, seed=1)
     assert abs(mixed.exponent - other.exponent) < 2 * np.hypot(mixed.error, other.error)
 
 

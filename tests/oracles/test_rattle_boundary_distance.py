@@ -2,12 +2,18 @@
 
 import numpy as np
 import pytest
+from depth import deep
 
 import rattle
 from rattle.basins import ImpactingPlane, classified
 from rattle.images import lowest_preimages
 from rattle.manifolds import manifold
 from rattle.saddles import period_one_saddle
+
+
+def more(*points):
+    """Points for the deep tests only."""
+    return [pytest.param(point, marks=deep) for point in points]
 
 
 def lowest(point):
@@ -19,7 +25,7 @@ def lowest(point):
     return a - b * b / (4 * c), (tau[1] - b / (2 * c)) % 1.0
 
 
-@pytest.mark.parametrize("point", [(0.6, 0.1, 0.6), (0.6, 0.0615, 0.6), (0.762, 0.097, 0.6), (0.6, 0.1, 1.2)])
+@pytest.mark.parametrize("point", [(0.6, 0.1, 0.6), *more((0.6, 0.0615, 0.6), (0.762, 0.097, 0.6)), (0.6, 0.1, 1.2)])
 def test_it_is_the_lowest_place_of_the_stable_manifold(point):
     found = rattle.Gear(*point).boundary_distance()
     v, tau = lowest(point)
@@ -33,11 +39,7 @@ def test_it_is_the_lowest_place_of_the_stable_manifold(point):
     "point",
     [
         (0.6, 0.089, 0.6),
-        (0.6, 0.125, 0.6),
-        (0.6, 0.15, 0.6),
-        (0.1, 0.01, 0.6),
-        (0.1, 0.02, 0.6),
-        (0.4, 0.1, 0.6),
+        *more((0.6, 0.125, 0.6), (0.6, 0.15, 0.6), (0.1, 0.01, 0.6), (0.1, 0.02, 0.6), (0.4, 0.1, 0.6)),
         (0.3, 0.06, 0.3),
         (1.2, 0.3, 1.2),
     ],
@@ -55,14 +57,9 @@ def test_no_state_of_a_dense_grid_is_lower(point):
     "point",
     [
         (0.6, 0.18, 0.6),  # P(4,5,1) wins 0.3 % of the plane
-        (0.5, 0.15, 0.6),
-        (0.7, 0.2, 0.6),
         (0.45, 0.12, 0.6),  # P(1,11,0) wins 0.3 %
-        (0.9, 0.25, 0.6),
-        (1.0, 0.27, 0.6),
-        (0.421, 0.1232, 0.6),
-        (0.6, 0.15, 0.4),
-        (0.1858, 0.0507, 0.9),
+        *more((0.5, 0.15, 0.6), (0.7, 0.2, 0.6), (0.9, 0.25, 0.6), (1.0, 0.27, 0.6), (0.421, 0.1232, 0.6)),
+        *more((0.6, 0.15, 0.4), (0.1858, 0.0507, 0.9)),
         (0.8, 0.22, 0.9),
     ],
 )
@@ -79,7 +76,7 @@ def test_thin_basins_are_not_missed(point):
     assert end.v.max() > 2 * gear.capture_speed  # at rest it would be far below it by now
 
 
-@pytest.mark.parametrize("point", [(0.6, 0.078, 0.6), (0.6, 0.1, 0.6), (0.6, 0.11, 0.6), (0.3, 0.06, 0.3)])
+@pytest.mark.parametrize("point", [(0.6, 0.078, 0.6), *more((0.6, 0.1, 0.6), (0.6, 0.11, 0.6)), (0.3, 0.06, 0.3)])
 def test_the_state_leaves_and_those_just_below_do_not(point):
     gear = rattle.Gear(*point)
     found = gear.boundary_distance()

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from depth import deep
 from manifold_fates import fates_beside
 from scipy.ndimage import distance_transform_edt
 
@@ -98,6 +99,7 @@ def cells_of(found, n, v_max):
     return np.concatenate(cells, axis=1)
 
 
+@deep  # as above, and in the contract of Figure 6
 def test_the_stable_manifolds_of_a_and_b_bound_the_basins():
     """Of a million cells fewer than 0.1 % of those at a boundary are further than two cells from them."""
     n = 1000

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from depth import deep
 from scipy.integrate import solve_ivp
 
 from rattle import ParameterError, RattleError
@@ -23,7 +24,7 @@ def integrated(gear: StiffGear, tau: float, v: float, time: np.ndarray) -> np.nd
     return found.y
 
 
-@pytest.mark.parametrize("point", POINTS)
+@pytest.mark.parametrize("point", [*POINTS[:2], *(pytest.param(point, marks=deep) for point in POINTS[2:])])
 def test_against_an_integrator(point: tuple[float, float, float, float]) -> None:
     gear = StiffGear(*point)
     found = gear.trajectory(0.3, 2.5, 2.0, 300)

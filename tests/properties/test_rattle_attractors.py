@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from depth import deep, either
 
 import rattle
 from rattle import curves, lyapunov, settle, survey
 from rattle.sampling import initial_conditions
+
+GEARS = either(50, 120)
 
 
 def random_gears(count, seed):
@@ -15,7 +18,7 @@ def random_gears(count, seed):
 
 @pytest.fixture(scope="module")
 def found():
-    return [(gear, gear.attractors(count=24)) for gear in random_gears(120, 12)]
+    return [(gear, gear.attractors(count=24)) for gear in random_gears(GEARS, 12)]
 
 
 def test_fractions_are_shares_of_the_sample(found):
@@ -59,7 +62,7 @@ def test_periodic_attractors_close_with_their_label_and_multipliers(found):
             assert a.lyapunov[0] == pytest.approx(np.log(radius) / a.m, abs=1e-6)
             assert a.lyapunov[0] < 0
             checked += 1
-    assert checked > 30
+    assert checked > GEARS / 4
 
 
 def test_chaotic_attractors_are_chaotic_by_their_own_error_bar(found):
@@ -97,7 +100,7 @@ def test_attractors_are_deterministic_and_seeds_agree_within_sampling_error():
 
 def test_equal_labels_at_different_places_stay_apart():
     """Coexisting orbits of one label are separate attractors, and no attractor is listed twice."""
-    for gear in random_gears(40, 77):
+    for gear in random_gears(either(20, 40), 77):
         seen = [(a.kind, a.m, a.n_plus, a.n_minus, round(a.v, 6)) for a in gear.attractors(count=16)]
         periodic = [s for s in seen if s[0] == "periodic"]
         assert len(set(periodic)) == len(periodic)
@@ -152,12 +155,13 @@ def test_a_leaking_chaotic_set_is_not_an_attractor():
     the last ones on it are not called chaotic.
     """
     gear = rattle.Gear(0.5885844496978019, 0.27795866486477266)
+    seeds, most = either((8, 5), (20, 9))  # probability of more: 1e-3, 3e-3
     kinds = [
-        tuple((a.kind, a.m, a.n_plus, a.n_minus) for a in gear.attractors(count=32, seed=seed)) for seed in range(20)
+        tuple((a.kind, a.m, a.n_plus, a.n_minus) for a in gear.attractors(count=32, seed=seed)) for seed in range(seeds)
     ]
     periodic, chaotic = (("periodic", 2, 3, 2),), (("chaotic", 0, 0, 0),)
     assert set(kinds) <= {periodic, chaotic}
-    assert kinds.count(chaotic) < 10  # probability of more: 3e-3
+    assert kinds.count(chaotic) <= most
 
 
 @pytest.mark.parametrize(
@@ -168,7 +172,7 @@ def test_a_leaking_chaotic_set_is_not_an_attractor():
         (0.5256912654113595, 0.1597973756394151, 0.7778802937632774),  # ten bands, visited in turn
     ],
 )
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=deep) for seed in (1, 2))])
 def test_one_chaotic_attractor_is_not_split(point, seed):
     """Large backlash: few impacts a period, so that thin footprints of one set need not overlap by half."""
     found = rattle.Gear(*point).attractors(count=16, seed=seed)

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from depth import either
 
 import rattle
 from rattle.branches import beyond, branch, doubled, fate
@@ -17,7 +18,7 @@ from rattle.errors import ParameterError, RattleError
 from rattle.periodic import PeriodicOrbit, periodic_orbit
 
 SEED = int(os.environ.get("CONTINUATION_SEED", 2009))
-PLACES = 12
+PLACES = either(5, 12)
 MOST_IMPACTS = 16
 
 
