@@ -6,7 +6,7 @@ error of the rounded polynomial, evaluated exactly on a fine grid; evaluating it
 """
 
 from collections.abc import Callable
-from functools import partial
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import mpmath as mp
@@ -73,12 +73,13 @@ def coefficients(p: Polynomial) -> list[np.floating]:
 
 def error(p: Polynomial, found: list[np.floating]) -> Any:
     """The largest relative error on the grid; absolute where the function has a zero."""
-    worst = mp.mpf(0)
+    worst, powers = mp.mpf(0), [mp.mpf(float(c)) for c in reversed(found)]
     for i in range(GRID + 1):
         x = p.low + (p.high - p.low) * mp.mpf(i) / GRID
         true = p.function(x)
         size = 1 if p.name.startswith("MEAN") else abs(true)
-        worst = max(worst, abs(mp.polyval([mp.mpf(float(c)) for c in reversed(found)], x) - true) / size)
+        value = reduce(lambda total, c, x=x: total * x + c, powers)  # releases of mpmath differ in polyval's order
+        worst = max(worst, abs(value - true) / size)
     return worst
 
 

@@ -113,7 +113,7 @@ def test_the_command_prints_shares_and_the_rest(store: Path) -> None:
 
 def test_the_command_fails_where_a_region_has_no_boundary(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with open_survey(store) as dataset:
-        wrong = dataset.load()
+        wrong = dataset.isel(delta=slice(-4, None), epsilon=slice(4)).load()
     wrong["region"][0, -1] = 5
     monkeypatch.setattr("workers.open_survey", lambda _: wrong)
     assert CliRunner().invoke(app, ["explain", str(store), "--curves", "0"]).exit_code == 1
