@@ -20,7 +20,7 @@ phases = st.floats(0.0, 1.0, exclude_max=True)
 speeds = st.floats(1e-4, 12.0)
 
 
-@settings(max_examples=either(100, 300), deadline=None)
+@settings(max_examples=either(100, 300))
 @given(points, phases, speeds)
 def test_determinant_in_energy_coordinates_is_the_damping_over_the_flight(gear, tau, v):
     found = impact_map.impact_tangent(tau, v, gear.delta, gear.epsilon, gear.beta, DRIFT, True)
@@ -32,7 +32,7 @@ def test_determinant_in_energy_coordinates_is_the_damping_over_the_flight(gear, 
     assert product == pytest.approx(np.exp(-gear.delta * time), abs=1e-10 * size + 1e-9)
 
 
-@settings(max_examples=either(100, 300), deadline=None)
+@settings(max_examples=either(100, 300))
 @given(points, phases, speeds)
 def test_inverse_undoes_the_map(gear, tau, v):
     forward = gear.impact(tau, v)
@@ -46,7 +46,7 @@ def test_inverse_undoes_the_map(gear, tau, v):
         assert condition > 1e5
 
 
-@settings(max_examples=either(60, 150), deadline=None)
+@settings(max_examples=either(60, 150))
 @given(points, phases, st.floats(0.05, 10.0))
 def test_tangent_is_the_derivative(gear, tau, v):
     step = gear.impact(tau, v)
@@ -71,7 +71,7 @@ def test_differences_do_straddle_rarely():
     assert np.mean(same) > 0.98
 
 
-@settings(max_examples=either(25, 60), deadline=None)
+@settings(max_examples=either(25, 60))
 @given(points, phases, speeds, st.integers(0, 12))
 def test_iterate_repeats_the_map(gear, tau, v, n):
     """Step by step: another order of rounding, which the next steps may amplify, is the only difference."""

@@ -79,7 +79,7 @@ def test_tile_shape_does_not_show(tmp_path: Path, whole: xr.Dataset, delta: int,
     assert_bits(run(survey(delta, epsilon), tmp_path / "survey.zarr"), whole)
 
 
-@settings(max_examples=either(2, 3), deadline=None)
+@settings(max_examples=either(2, 3))
 @given(order=st.permutations(range(9)))
 def test_order_does_not_show(tmp_path_factory: pytest.TempPathFactory, whole: xr.Dataset, order: list[int]) -> None:
     assert_bits(run(survey(2, 2), tmp_path_factory.mktemp("order") / "survey.zarr", order), whole)
