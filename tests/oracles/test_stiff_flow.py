@@ -122,8 +122,8 @@ def test_a_grazing_contact_is_short_and_exact(kappa: float) -> None:
 
 
 def test_runs_agree_with_solve_ivp() -> None:
-    rng, contacts, runs = np.random.default_rng(5), np.zeros(2), either(15, 60)
-    for i in range(runs):
+    rng, contacts = np.random.default_rng(5), np.zeros(2)
+    for i in range(60):
         kappa, delta = 10 ** rng.uniform(0, 4.5), 10 ** rng.uniform(-2, 0.7)
         epsilon, beta = rng.uniform(0, 0.4) * (i % 5 > 0), rng.uniform(0.1, 2)
         tau, position, w, duration = rng.random(), rng.uniform(-beta, beta), 4 * rng.normal(), rng.uniform(0.3, 2)
@@ -137,7 +137,7 @@ def test_runs_agree_with_solve_ivp() -> None:
         assert (end if wall == 0 else wall * (beta + end)) == pytest.approx(expected, abs=1e-9 * growth)
         assert w1 == pytest.approx(expected_w, abs=1e-8 * growth)
         contacts += n_plus, n_minus
-    assert contacts.min() > runs / 2
+    assert contacts.min() > 30
 
 
 @pytest.mark.parametrize("kappa", [1.0, 50.0, 1e4, 1e7, 1e10])
