@@ -7,13 +7,11 @@ import shutil
 import signal
 import subprocess
 import tempfile
-import time
 from contextlib import suppress
 from pathlib import Path
 
 import psycopg
-
-START_SECONDS = 60
+from waiting import HANG, wait_until
 
 
 def missing() -> str:
@@ -70,25 +68,22 @@ class Postgres:
         settings = {"listen_addresses": "", "unix_socket_directories": self._directory, "fsync": "off"}
         options = [part for name, value in settings.items() for part in ("-c", f"{name}={value}")]
         self._process = self._run("postgres", "-D", str(self._directory / "data"), *options)
-        deadline = time.monotonic() + START_SECONDS
-        while True:
-            try:
-                self._execute("SELECT 1")
-                return
-            except psycopg.OperationalError:
-                assert self._process.poll() is None, self.log
-                assert time.monotonic() < deadline, self.log
-                time.sleep(0.05)
+        wait_until(self._answers)
+
+    def _answers(self) -> bool:
+        assert self._process is not None
+        try:
+            self._execute("SELECT 1")
+        except psycopg.OperationalError:
+            assert self._process.poll() is None, self.log
+            return False
+        return True
 
     def stop(self, how: signal.Signals = signal.SIGINT) -> None:
         """Stop the server: SIGINT is a fast shutdown, SIGQUIT an immediate one, as if it had crashed."""
         if self._process is not None:
             self._process.send_signal(how)
-            try:
-                self._process.wait(timeout=30)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+            self._process.wait(timeout=HANG)
             self._process = None
 
     def close(self) -> None:

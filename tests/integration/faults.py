@@ -1,4 +1,4 @@
-"""Faults put into real processes from outside, and a count of what they execute.
+"""Faults put into real processes from outside, a count of what they execute, and tiles that wait to be released.
 
 Every process that inherits the environment made here patches modules as it imports them, also the processes that it
 starts. Nothing in the code under test knows of it.
@@ -13,17 +13,17 @@ from service_processes import ENVIRONMENT, ROOT
 
 from workers import Axis, SurveyRequest
 
-#: 256 cells in 64 tiles.
+#: 64 cells in 16 tiles.
 REQUEST = SurveyRequest(
-    delta=Axis(start=0.58, stop=0.78, num=16),
-    epsilon=Axis(start=0.05, stop=0.24, num=16),
+    delta=Axis(start=0.58, stop=0.78, num=8),
+    epsilon=Axis(start=0.05, stop=0.24, num=8),
     initial_conditions={"count": 4},
     tile={"delta": 2, "epsilon": 2},
 )
 
 _HOOK = """
 import importlib.util, os, signal, sys, time
-LOG = {log!r}
+LOG, HOLD = {log!r}, {hold!r}
 
 def note(line):
     with open(LOG, "a") as log:  # short appends are whole
@@ -82,9 +82,32 @@ class Finder:
 
 sys.meta_path.insert(0, Finder())
 
+def held(index):
+    try:
+        with open(HOLD) as file:
+            return index >= int(file.read())
+    except FileNotFoundError:
+        return False
+
 @patch("workers.tiles")
 def count(tiles):
-    before(tiles, "compute_tile", lambda request, tile, outcomes=None: note(f"tile {{tile.index}}"))
+    def act(request, tile, outcomes=None):
+        note(f"tile {{tile.index}} {{os.getpid()}}")
+        while held(tile.index):
+            time.sleep(0.01)
+    before(tiles, "compute_tile", act)
+"""
+
+#: A cluster in the process of the service, which loads kernels when it needs them: it starts sooner, and dies with it.
+IN_PROCESS = """
+    @patch("workers.cluster")
+    def inside(cluster):
+        local = cluster.LocalCluster
+        def start(env, preload, **options):
+            return local(**options | {"processes": False, "n_workers": 1})
+        async def nothing(self, worker):
+            pass
+        cluster.LocalCluster, cluster.WarmKernels.setup = start, nothing
 """
 
 
@@ -92,14 +115,25 @@ class Faults:
     """A directory of patches: put its `environment` around the processes that shall have them."""
 
     def __init__(self, directory: Path) -> None:
-        self._directory, self._log = directory / "faults", directory / "executed"
+        self._directory, self._log, self._hold = directory / "faults", directory / "executed", directory / "hold"
         self._directory.mkdir()
         self._log.touch()
         self.inject("")
 
-    def inject(self, patches: str) -> None:
+    def inject(self, *patches: str) -> None:
         """Replace the patches, for processes that start from now on; executions are always counted."""
-        (self._directory / "sitecustomize.py").write_text(_HOOK.format(log=str(self._log)) + textwrap.dedent(patches))
+        hook = _HOOK.format(log=str(self._log), hold=str(self._hold))
+        (self._directory / "sitecustomize.py").write_text(hook + "".join(map(textwrap.dedent, patches)))
+
+    def hold(self, first: int) -> None:
+        """Let tiles from this index on begin, and never end unless they are released."""
+        new = self._hold.with_suffix(".new")
+        new.write_text(str(first))
+        new.rename(self._hold)
+
+    def release(self) -> None:
+        """Let every tile end."""
+        self._hold.unlink()
 
     @property
     def environment(self) -> dict[str, str]:
@@ -112,4 +146,11 @@ class Faults:
 
     def executions(self) -> Counter[int]:
         """How often each tile has begun, by index."""
-        return Counter({int(index): times for index, times in self.notes("tile").items()})
+        return self._begun(0)
+
+    def processes(self) -> set[int]:
+        """Every process in which a tile has begun."""
+        return set(self._begun(1))
+
+    def _begun(self, column: int) -> Counter[int]:
+        return Counter(int(line.split()[column]) for line in self.notes("tile").elements())

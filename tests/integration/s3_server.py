@@ -3,12 +3,12 @@
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import httpx
+from waiting import HANG, wait_until
 
 ROOT = Path(__file__).parents[2]
 PYTHON = ROOT / ".venv-s3" / "bin" / "python"
@@ -55,7 +55,7 @@ class S3:
 
     def fail(self, requests: int) -> None:
         """Let the server answer the next requests with 503."""
-        httpx.post(f"{self.url}/-/fail?{requests}").raise_for_status()
+        httpx.post(f"{self.url}/-/fail?{requests}", timeout=HANG).raise_for_status()
 
 
 @contextmanager
@@ -70,10 +70,7 @@ def s3_server() -> Iterator[S3]:
         line = process.stdout.readline()
         assert line.strip(), "the S3 server does not start: make .venv-s3/.installed"
         s3 = S3(int(line))
-        deadline = time.monotonic() + 60
-        while httpx.put(f"{s3.url}/{BUCKET}", timeout=60).status_code != 200:
-            assert time.monotonic() < deadline
-            time.sleep(0.2)
+        wait_until(lambda: httpx.put(f"{s3.url}/{BUCKET}", timeout=HANG).status_code == 200)
         yield s3
     finally:
         process.kill()

@@ -6,8 +6,7 @@ import signal
 import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -16,7 +15,9 @@ from typing import Any
 import httpx
 import numpy as np
 import xarray as xr
+from waiting import HANG, wait_until
 
+from service.client import Client
 from workers import SurveyRequest, compute_tile, tiles_of
 
 ROOT = Path(__file__).parents[2]
@@ -27,19 +28,18 @@ ENVIRONMENT = {
     "PYTHONUNBUFFERED": "1",
     "RATTLE_EXPLORER": "false",  # tests in a browser ask for it; the others start sooner
 }
-START_SECONDS = 120
 NO_SETTINGS: Mapping[str, str] = {}
 
-#: 144 cells in 36 tiles, which take seconds on two processes.
+#: 36 cells in 9 tiles. What shall happen in the middle of it happens while `faults.Faults` holds its tiles.
 FIELDS: dict[str, Any] = {
-    "delta": {"start": 0.45, "stop": 0.9, "num": 12},
-    "epsilon": {"start": 0.02, "stop": 0.25, "num": 12},
-    "initial_conditions": {"count": 768},
+    "delta": {"start": 0.45, "stop": 0.9, "num": 6},
+    "epsilon": {"start": 0.02, "stop": 0.25, "num": 6},
+    "initial_conditions": {"count": 16},
     "tile": {"delta": 2, "epsilon": 2},
     "seed": 7,
 }
 REQUEST = SurveyRequest(**FIELDS)
-OPTIONS = ["--delta", "0.45:0.9:12", "--epsilon", "0.02:0.25:12", "--count", "768", "--tile", "2x2", "--seed", "7"]
+OPTIONS = ["--delta", "0.45:0.9:6", "--epsilon", "0.02:0.25:6", "--count", "16", "--tile", "2x2", "--seed", "7"]
 
 
 def free_port() -> int:
@@ -49,15 +49,6 @@ def free_port() -> int:
         with socket.socket() as probe, suppress(OSError):
             probe.bind(("127.0.0.1", port))
             return port
-
-
-def wait_until(condition: Callable[[], Any], seconds: float = START_SECONDS) -> Any:
-    """Poll until the condition is true; its value."""
-    deadline = time.monotonic() + seconds
-    while not (value := condition()):
-        assert time.monotonic() < deadline, f"{condition} did not happen within {seconds} s"
-        time.sleep(0.02)
-    return value
 
 
 def start(*arguments: str, settings: Mapping[str, str] = NO_SETTINGS, **options: Any) -> subprocess.Popen[str]:
@@ -72,7 +63,7 @@ def finish(*arguments: str, settings: Mapping[str, str] = NO_SETTINGS) -> subpro
     """A command of rattle, when it has ended, with what it printed."""
     environment = ENVIRONMENT | settings
     return subprocess.run(
-        [*RATTLE, *arguments], cwd=ROOT, env=environment, text=True, capture_output=True, timeout=START_SECONDS
+        [*RATTLE, *arguments], cwd=ROOT, env=environment, text=True, capture_output=True, timeout=HANG
     )
 
 
@@ -80,14 +71,14 @@ def finish(*arguments: str, settings: Mapping[str, str] = NO_SETTINGS) -> subpro
 def server(
     data: Path, port: int, *arguments: str, settings: Mapping[str, str] = NO_SETTINGS
 ) -> Iterator[subprocess.Popen[str]]:
-    """A server that answers; stopped by SIGTERM at the end, and it must stop in time and without error."""
+    """A server that answers; stopped by SIGTERM at the end, and it must stop without error."""
     process = start("serve", "--port", str(port), "--data", str(data), *arguments, settings=settings)
     try:
         wait_until(lambda: answers(process, port))
         yield process
         if process.poll() is None:
             process.send_signal(signal.SIGTERM)
-            assert process.wait(timeout=60) == 0
+            assert process.wait(timeout=HANG) == 0
     finally:
         if process.poll() is None:
             process.kill()
@@ -97,9 +88,22 @@ def server(
 def answers(process: subprocess.Popen[str], port: int) -> bool:
     assert process.poll() is None, "the server ended"
     try:
-        return httpx.get(f"http://127.0.0.1:{port}/v1/health").is_success
+        return get(f"http://127.0.0.1:{port}/v1/health").is_success
     except httpx.TransportError:
         return False
+
+
+def get(url: str, **options: Any) -> httpx.Response:
+    """An answer, however long it takes."""
+    return httpx.get(url, timeout=HANG, **options)
+
+
+@contextmanager
+def client_of(port: int, key: str | None = None) -> Iterator[Client]:
+    """A client of the service at this port, that waits however long an answer takes."""
+    url = f"http://127.0.0.1:{port}"
+    with Client(url, http=httpx.Client(base_url=url, timeout=HANG), key=key) as client:
+        yield client
 
 
 @cache

@@ -8,44 +8,56 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
+from faults import Faults
 from s3_server import BUCKET, S3, s3_server
 from service_processes import (
     OPTIONS,
     REQUEST,
     assert_bit_identical,
+    client_of,
     finish,
     free_port,
+    get,
     server,
     start,
-    wait_until,
 )
+from waiting import HANG, wait_until
 
-from service.client import Client
 from workers import Bucket, open_survey
+
+ONE = ("--workers", "1")
+MIDDLE = 3  # tiles that are done while the others are held
+
+
+@pytest.fixture(scope="module")
+def storage() -> Iterator[S3]:
+    with s3_server() as running:
+        yield running
 
 
 @pytest.fixture
-def s3(monkeypatch: pytest.MonkeyPatch) -> Iterator[S3]:
-    with s3_server() as running:
-        for name, value in running.settings.items():
-            monkeypatch.setenv(name, value)
-        yield running
+def s3(storage: S3, monkeypatch: pytest.MonkeyPatch) -> S3:
+    for name, value in storage.settings.items():
+        monkeypatch.setenv(name, value)
+    return storage
 
 
 def tiles_in(place: Bucket) -> int:
     return sum(1 for _ in place.keys("status/c"))
 
 
-def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray]) -> None:
-    url = f"s3://{BUCKET}/some/where/survey.zarr"
-    place = Bucket(url)
-    process = start("run", *OPTIONS, "--out", url, settings=s3.settings)
-    wait_until(lambda: tiles_in(place) >= 3)
+def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_path: Path) -> None:
+    faults, url = Faults(tmp_path), f"s3://{BUCKET}/some/where/survey.zarr"
+    place, settings = Bucket(url), faults.environment | s3.settings
+    faults.hold(MIDDLE)
+    process = start("run", *OPTIONS, *ONE, "--out", url, settings=settings)
+    wait_until(lambda: tiles_in(place) == MIDDLE)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    assert tiles_in(place) < REQUEST.n_tiles
+    assert tiles_in(place) == MIDDLE
     assert place.has(".lock")  # of a process that is known to be dead
-    ended = finish("run", *OPTIONS, "--out", url, settings=s3.settings)
+    faults.release()
+    ended = finish("run", *OPTIONS, *ONE, "--out", url, settings=settings)
     assert ended.returncode == 0, ended.stderr
     assert not place.has(".lock")
     with open_survey(url) as dataset:
@@ -54,25 +66,27 @@ def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray]) -> None
 
 
 def test_service_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_path: Path) -> None:
-    port, url = free_port(), f"s3://{BUCKET}/stores"
-    options = {"settings": s3.settings}
-    with server(tmp_path, port, "--store", url, **options) as process, Client(f"http://127.0.0.1:{port}") as client:
+    faults, port, url, data = Faults(tmp_path), free_port(), f"s3://{BUCKET}/stores", tmp_path / "data"
+    options = {"settings": faults.environment | s3.settings}
+    faults.hold(MIDDLE)
+    with server(data, port, *ONE, "--store", url, **options) as process, client_of(port) as client:
         job = client.submit(REQUEST)
         place = Bucket(f"{url}/{job.id}.zarr")
-        wait_until(lambda: tiles_in(place) >= 3)
+        wait_until(lambda: tiles_in(place) == MIDDLE)
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
-    with server(tmp_path, port, "--store", url, **options), Client(f"http://127.0.0.1:{port}") as client:
+    faults.release()
+    with server(data, port, *ONE, "--store", url, **options), client_of(port) as client:
         job = client.job(job.id)
         with job.wait().open() as dataset:
             assert_bit_identical(dataset, expected)
         base = f"http://127.0.0.1:{port}/v1/surveys/{job.id}"
         assert_reads_like_files(f"{base}/store", place)
-        assert httpx.get(f"{base}/map.png").content.startswith(b"\x89PNG")
-        assert not list((tmp_path / "surveys").iterdir())
-        assert httpx.delete(base).status_code == 204
+        assert get(f"{base}/map.png").content.startswith(b"\x89PNG")
+        assert not list((data / "surveys").iterdir())
+        assert httpx.delete(base, timeout=HANG).status_code == 204
         assert list(place.keys()) == []
-        assert httpx.get(f"{base}/store/zarr.json").status_code == 404
+        assert get(f"{base}/store/zarr.json").status_code == 404
 
 
 def test_a_bucket_that_is_not_there_is_said_at_the_start(s3: S3, tmp_path: Path) -> None:
@@ -83,17 +97,17 @@ def test_a_bucket_that_is_not_there_is_said_at_the_start(s3: S3, tmp_path: Path)
 
 def assert_reads_like_files(store: str, place: Bucket) -> None:
     whole = place.read("region/c/0/0")
-    answer = httpx.get(f"{store}/region/c/0/0")
+    answer = get(f"{store}/region/c/0/0")
     assert answer.content == whole
-    head = httpx.head(f"{store}/region/c/0/0")
+    head = httpx.head(f"{store}/region/c/0/0", timeout=HANG)
     assert (head.content, head.headers["content-length"]) == (b"", str(len(whole)))
-    known = httpx.get(f"{store}/region/c/0/0", headers={"If-None-Match": answer.headers["etag"]})
+    known = get(f"{store}/region/c/0/0", headers={"If-None-Match": answer.headers["etag"]})
     assert (known.status_code, known.content) == (304, b"")
     for asked, part in {"0-3": whole[:4], "5-": whole[5:], "-4": whole[-4:], "2-9999": whole[2:]}.items():
-        ranged = httpx.get(f"{store}/region/c/0/0", headers={"Range": f"bytes={asked}"})
+        ranged = get(f"{store}/region/c/0/0", headers={"Range": f"bytes={asked}"})
         assert (ranged.status_code, ranged.content) == (206, part), asked
-    beyond = httpx.get(f"{store}/region/c/0/0", headers={"Range": f"bytes={len(whole)}-"})
+    beyond = get(f"{store}/region/c/0/0", headers={"Range": f"bytes={len(whole)}-"})
     assert (beyond.status_code, beyond.headers["content-range"]) == (416, f"bytes */{len(whole)}")
-    assert httpx.get(f"{store}/zarr.json").headers["content-type"] == "application/json"
+    assert get(f"{store}/zarr.json").headers["content-type"] == "application/json"
     for nothing in ("region/c/9/9", ".lock", "../x", "region"):
-        assert httpx.get(f"{store}/{nothing}").status_code == 404, nothing
+        assert get(f"{store}/{nothing}").status_code == 404, nothing

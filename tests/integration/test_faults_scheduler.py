@@ -4,13 +4,13 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from itertools import islice
 from pathlib import Path
 
 from faults import REQUEST, Faults
-from service_processes import ROOT, assert_bit_identical, free_port, serial_run, server, wait_until
+from service_processes import ROOT, assert_bit_identical, client_of, free_port, serial_run, server
+from waiting import wait_until
 
-from service.client import Client
+MIDDLE = 5  # tiles that are done while the others are held
 
 
 @contextmanager
@@ -31,11 +31,7 @@ def dask(faults: Faults, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
 
 def test_killed_and_started_again(tmp_path: Path) -> None:
     faults, port, scheduler_port = Faults(tmp_path), free_port(), free_port()
-    faults.inject("""
-        @patch("workers.tiles")
-        def slow(tiles):
-            before(tiles, "compute_tile", lambda *_: time.sleep(0.05))
-    """)
+    faults.hold(MIDDLE)
     url = f"tcp://127.0.0.1:{scheduler_port}"
 
     def start_cluster(stack: ExitStack) -> subprocess.Popen[bytes]:
@@ -45,23 +41,18 @@ def test_killed_and_started_again(tmp_path: Path) -> None:
         stack.enter_context(dask(faults, *worker))
         return process
 
-    with (
-        ExitStack() as stack,
-        server(tmp_path / "data", port, "--scheduler", url),
-        Client(f"http://127.0.0.1:{port}") as client,
-    ):
+    with ExitStack() as stack, server(tmp_path / "data", port, "--scheduler", url), client_of(port) as client:
         scheduler = start_cluster(stack)
         job = client.submit(REQUEST)
-        tiles = (event for _, event in client.events(job.document["links"]["events"], 0) if "tile" in event)
-        done = list(islice(tiles, 10))[-1]["tiles_done"]
+        wait_until(lambda: job.refresh().document["tiles_done"] == MIDDLE and faults.executions()[MIDDLE])
         scheduler.kill()
         scheduler.wait()
         wait_until(lambda: client.call("GET", "/v1/health").json()["status"] == "degraded")
         assert job.refresh().state == "running"
-        assert done <= job.document["tiles_done"] < 64
+        assert job.document["tiles_done"] == MIDDLE
+        faults.release()
         start_cluster(stack)
         job.wait()
         assert_bit_identical(job.open(), serial_run(REQUEST))
-    executed = faults.executions()
-    assert set(executed) == set(range(64))
-    assert executed.total() <= 65  # only the tile that was at work
+    assert set(faults.executions()) == set(range(REQUEST.n_tiles))
+    assert faults.executions().total() <= REQUEST.n_tiles + 1  # only the tile that was at work

@@ -9,32 +9,37 @@ from pathlib import Path
 
 import psutil
 import pytest
+from faults import Faults
+from service_processes import OPTIONS
+from waiting import HANG, wait_until
 
 COMMAND = (
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from service.cli import main; main()"
 )
-OPTIONS = ["--delta", "0.4:1.0:16", "--epsilon", "0.01:0.3:16", "--count", "16"]
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.7])
 def test_while_the_cluster_starts(tmp_path: Path, delay: float) -> None:
-    out = tmp_path / "survey.zarr"
+    faults, out = Faults(tmp_path), tmp_path / "survey.zarr"
+    faults.hold(0)  # it cannot be done before the signal comes
     run = subprocess.Popen(
-        [sys.executable, "-c", COMMAND, "run", *OPTIONS, "--out", str(out)],
+        [sys.executable, "-c", COMMAND, "run", *OPTIONS, "--workers", "2", "--out", str(out)],
+        env=faults.environment,
         start_new_session=True,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
     )
-    deadline = time.monotonic() + 60
-    while len(psutil.Process(run.pid).children()) < 3:  # multiprocessing's tracker and two workers
-        assert run.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
+    wait_until(lambda: begun(run))
     time.sleep(delay)  # not a wait for anything: the moment of the interrupt is what varies
     os.killpg(run.pid, signal.SIGINT)
-    output, _ = run.communicate(timeout=120)
+    output, _ = run.communicate(timeout=HANG)
     assert run.returncode == 130, output
     assert "Traceback" not in output
     assert "same command resumes it" in output
     assert (out / "zarr.json").exists()
+
+
+def begun(run: subprocess.Popen[str]) -> bool:
+    assert run.poll() is None
+    return len(psutil.Process(run.pid).children()) >= 3  # multiprocessing's tracker and two workers

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from service_processes import ENVIRONMENT, ROOT, finish, free_port
+from waiting import HANG
 
 from service.database import Database
 from service.datadir import DataDirectory
@@ -72,22 +73,20 @@ def test_several_workers_of_uvicorn_are_refused(tmp_path: Path) -> None:
     arguments = ["-m", "uvicorn", "service.app:create_app", "--factory", "--workers", "2", "--port", str(free_port())]
     environment = ENVIRONMENT | {"RATTLE_DATA": str(tmp_path), "RATTLE_SCHEDULER": NO_CLUSTER}
     with running(*arguments, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
-        said, _ = process.communicate(timeout=100)  # it ends, though one of the workers could have gone on
+        said, _ = process.communicate(timeout=HANG)  # it ends, though one of the workers could have gone on
     assert "Another server uses the data directory" in said
     assert "start uvicorn without --workers" in said
 
 
-@pytest.mark.parametrize("milliseconds", [3, 100])
-def test_what_was_committed_outlives_sigkill_at_any_instant(database_url: str, milliseconds: int) -> None:
+@pytest.mark.parametrize("told", [2, 60])
+def test_what_was_committed_outlives_sigkill_at_any_instant(database_url: str, told: int) -> None:
     with running("-c", WRITER, database_url, env=ENVIRONMENT, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
-        lines = [process.stdout.readline()]
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(milliseconds / 1000)
-        process.kill()
+        lines = [process.stdout.readline() for _ in range(told)]
+        process.kill()  # in the middle of something else: it does not wait for its reader
         lines += process.stdout.readlines()
     committed = [line.split() for line in lines if line.endswith("\n")]
-    assert committed
+    assert len(committed) >= told
     database = Database(database_url)  # the lock went with the process
     surveys, count = database.jobs(500)
     assert count == len(surveys)

@@ -4,27 +4,35 @@ import os
 import signal
 import sqlite3
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import postgres as server_of_tests
 import pytest
 import xarray as xr
+from faults import Faults
 from postgres import Postgres
 from service_processes import (
     OPTIONS,
     REQUEST,
     assert_bit_identical,
+    client_of,
     finish,
     free_port,
     server,
     start,
-    wait_until,
 )
+from typer.testing import CliRunner
+from waiting import HANG, wait_until
 
+from service.cli import app
 from service.client import Client
 from service.errors import ResponseError, ServiceError
+
+MIDDLE = 3  # tiles that are done while the others are held
 
 
 @pytest.fixture(scope="module")
@@ -33,9 +41,21 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def client(data: Path) -> Iterator[Client]:
+def faults(tmp_path_factory: pytest.TempPathFactory) -> Faults:
+    return Faults(tmp_path_factory.mktemp("faults"))
+
+
+@pytest.fixture(scope="module")
+def settings(request: pytest.FixtureRequest, faults: Faults) -> dict[str, str]:
+    """With the jobs on PostgreSQL, where it is installed."""
+    url = {} if server_of_tests.missing() else {"RATTLE_DATABASE_URL": request.getfixturevalue("postgres").create()}
+    return faults.environment | url
+
+
+@pytest.fixture(scope="module")
+def client(data: Path, settings: dict[str, str]) -> Iterator[Client]:
     port = free_port()
-    with server(data, port), Client(f"http://127.0.0.1:{port}") as client:
+    with server(data, port, settings=settings), client_of(port) as client:
         yield client
 
 
@@ -49,23 +69,26 @@ def test_a_survey_by_rest_equals_a_serial_run_bit_for_bit(
     seen += islice(client.events(path, after=seen[-1][0]), 5)
     seen += client.events(path, after=seen[-1][0])
     assert [number for number, _ in seen] == list(range(1, len(seen) + 1))
-    assert sorted(event["tile"] for _, event in seen if "tile" in event) == list(range(36))
+    assert sorted(event["tile"] for _, event in seen if "tile" in event) == list(range(REQUEST.n_tiles))
     assert seen[-1][1]["state"] == "successful"
     assert job.refresh().document["progress"] == 100
 
-    over_http = xr.open_zarr(f"{client.url}/v1/surveys/{job.id}/store")
+    over_http = xr.open_zarr(f"{client.url}/v1/surveys/{job.id}/store").load()
     from_disk = xr.open_zarr(data / "surveys" / f"{job.id}.zarr").load()
     assert_bit_identical(from_disk, expected)
-    assert over_http.load().identical(from_disk)
-    assert_bit_identical(over_http, expected)
+    assert over_http.identical(from_disk)
     assert job.open().identical(from_disk)
     for name, variable in over_http.variables.items():
         assert {"long_name", "units"} <= set(variable.attrs), name
 
 
-def test_a_picture_is_there_while_a_survey_runs(client: Client) -> None:
+def test_a_picture_is_there_while_a_survey_runs_and_the_next_one_runs_after_its_dismissal(
+    client: Client, faults: Faults
+) -> None:
+    faults.hold(MIDDLE)
     job = client.submit(REQUEST.model_copy(update={"seed": 8}))
-    first_tile = next(event for _, event in client.events(job.document["links"]["events"], 0) if "tile" in event)
+    stream = client.events(job.document["links"]["events"], after=0)
+    first_tile = next(event for _, event in stream if "tile" in event)
     assert first_tile["progress"] < 100
     for variable in ("region", "quiet_fraction", "lyapunov_max"):
         answer = client.call("GET", job.document["links"]["map"], params={"variable": variable})
@@ -74,104 +97,108 @@ def test_a_picture_is_there_while_a_survey_runs(client: Client) -> None:
     with pytest.raises(ResponseError, match="weather") as refused:
         client.call("GET", job.document["links"]["map"], params={"variable": "weather"})
     assert refused.value.status == 422
-    job.wait()
 
-
-def test_a_dismissed_survey_stops_and_the_next_one_runs(client: Client) -> None:
-    job = client.submit(REQUEST.model_copy(update={"seed": 9}))
-    stream = client.events(job.document["links"]["events"], after=0)
-    next(event for _, event in stream if "tile" in event)
+    assert job.refresh().state == "running"
     job.delete()
-    assert list(stream)[-1][1]["state"] == "dismissed"
+    assert list(stream)[-1][1]["state"] == "dismissed"  # although its tiles would never have ended
     with pytest.raises(ServiceError, match="dismissed"):
         job.wait()
-    following = client.submit(REQUEST.model_copy(update={"seed": 10})).wait()
-    assert following.document["tiles_done"] == 36
-    assert job.refresh().document["tiles_done"] < 36
+    faults.release()
+    following = client.submit(REQUEST.model_copy(update={"seed": 9})).wait()
+    assert following.document["tiles_done"] == REQUEST.n_tiles
+    assert job.refresh().document["tiles_done"] <= MIDDLE
     job.delete()
     with pytest.raises(ResponseError) as gone:
         job.refresh()
     assert gone.value.status == 404
 
 
-def test_a_survey_outlives_the_kill_of_its_server_and_a_row_that_lies(
+@pytest.mark.skipif(bool(server_of_tests.missing()), reason=server_of_tests.missing())
+def test_a_survey_outlives_a_crash_of_its_database_server(
+    client: Client, faults: Faults, postgres: Postgres, expected: dict[str, np.ndarray]
+) -> None:
+    faults.hold(MIDDLE)
+    job = client.submit(REQUEST, force=True)
+    tiles = (event for _, event in client.events(job.document["links"]["events"], 0) if "tile" in event)
+    list(islice(tiles, MIDDLE))
+    postgres.stop(signal.SIGQUIT)  # what pg_ctl stop -m immediate sends
+    try:
+        for method, path in (
+            ("GET", "/v1/surveys"),
+            ("GET", f"/v1/surveys/{job.id}"),
+            ("DELETE", f"/v1/surveys/{job.id}"),
+        ):
+            with pytest.raises(ResponseError, match="database cannot answer") as refused:
+                client.call(method, path)
+            assert refused.value.status == 503
+            assert refused.value.problem["title"] == "Service Unavailable"
+        faults.release()
+    finally:
+        postgres.start()
+    found = wait_until(lambda: first_of(client))
+    assert found.id == job.id
+    assert found.wait().document["tiles_done"] == REQUEST.n_tiles
+    assert_bit_identical(found.open(), expected)
+    every = [number for number, _ in client.events(job.document["links"]["events"], 0)]
+    assert every == list(range(1, len(every) + 1))
+
+
+def first_of(client: Client) -> Any:
+    """The newest survey; None while the service has not found its database again."""
+    try:
+        return next(iter(client.surveys()))
+    except ResponseError as error:
+        assert error.status == 503
+        return None
+
+
+def test_a_survey_outlives_the_kill_of_its_server_and_a_row_that_is_lost(
     tmp_path: Path, expected: dict[str, np.ndarray]
 ) -> None:
-    port = free_port()
-    with Client(f"http://127.0.0.1:{port}") as client:
-        with server(tmp_path, port) as process:
+    faults, port, data = Faults(tmp_path), free_port(), tmp_path / "data"
+    faults.hold(MIDDLE)
+    with client_of(port) as client:
+        with server(data, port, "--workers", "1", settings=faults.environment) as process:
             job = client.submit(REQUEST)
             tiles = (event for _, event in client.events(job.document["links"]["events"], 0) if "tile" in event)
-            done = list(islice(tiles, 5))[-1]["tiles_done"]
+            assert list(islice(tiles, MIDDLE))[-1]["tiles_done"] == MIDDLE
+            wait_until(lambda: faults.executions()[MIDDLE])
             process.kill()
             process.wait()
-        with server(tmp_path, port):
+        with sqlite3.connect(data / "jobs.sqlite") as database:  # killed between a tile and its commit
+            database.execute('DELETE FROM tiles WHERE "index" = 1')
+        faults.release()
+        with server(data, port, "--workers", "1", settings=faults.environment):
             assert [found.id for found in client.surveys()] == [job.id]
-            job.wait()
-            assert job.document["tiles_done"] == 36 > done
+            assert job.wait().document["tiles_done"] == REQUEST.n_tiles
             assert_bit_identical(job.open(), expected)
-        # As if the server had been killed between the last tile, or the end of the store, and its commit.
-        with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
-            database.execute("UPDATE jobs SET state = 'running', tiles_done = 35, cells_done = 140")
-            database.execute('DELETE FROM tiles WHERE "index" = 11')
-        with server(tmp_path, port):
-            assert job.wait().document["tiles_done"] == 36
-            assert_bit_identical(job.open(), expected)
-
-
-def test_a_survey_outlives_a_crash_of_its_database_server(
-    tmp_path: Path, postgres: Postgres, postgres_url: str, expected: dict[str, np.ndarray]
-) -> None:
-    port = free_port()
-    settings = {"RATTLE_DATABASE_URL": postgres_url}
-    with server(tmp_path, port, settings=settings), Client(f"http://127.0.0.1:{port}") as client:
-        job = client.submit(REQUEST)
-        tiles = (event for _, event in client.events(job.document["links"]["events"], 0) if "tile" in event)
-        list(islice(tiles, 5))
-        postgres.stop(signal.SIGQUIT)  # what pg_ctl stop -m immediate sends
-        try:
-            for method, path in (
-                ("GET", "/v1/surveys"),
-                ("GET", f"/v1/surveys/{job.id}"),
-                ("DELETE", f"/v1/surveys/{job.id}"),
-            ):
-                with pytest.raises(ResponseError, match="database cannot answer") as refused:
-                    client.call(method, path)
-                assert refused.value.status == 503
-                assert refused.value.problem["title"] == "Service Unavailable"
-        finally:
-            postgres.start()
-        with Client(client.url) as again:
-            found = wait_until(lambda: next(iter(again.surveys()), None))
-            assert found.wait().document["tiles_done"] == 36
-            assert_bit_identical(found.open(), expected)
-            every = [number for number, _ in again.events(job.document["links"]["events"], 0)]
-            assert every == list(range(1, len(every) + 1))
+    once = dict.fromkeys(range(REQUEST.n_tiles), 1)
+    assert faults.executions() == once | {1: 2, MIDDLE: 2}  # the lost row's, and the one at work
 
 
 def test_an_interrupted_run_is_resumed_by_the_same_command(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
-    out = tmp_path / "survey.zarr"
-    command = ["run", *OPTIONS, "--out", str(out)]
-    done = 0
-    for number in (signal.SIGINT, signal.SIGTERM):
-        errors = interrupt(start(*command, stdout=subprocess.PIPE, stderr=subprocess.PIPE), number, out, done)
+    faults, out = Faults(tmp_path), tmp_path / "survey.zarr"
+    command = ["run", *OPTIONS, "--workers", "1", "--out", str(out)]
+    for number, tiles in ((signal.SIGINT, 2), (signal.SIGTERM, 5)):
+        faults.hold(tiles)
+        process = start(*command, settings=faults.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        errors = interrupt(process, number, lambda tiles=tiles: faults.executions()[tiles])
         assert "the same command resumes it" in errors
         assert "Traceback" not in errors
-        status = xr.open_zarr(out)["status"].values
-        assert done < np.count_nonzero(status) < status.size
-        done = np.count_nonzero(status)
+        assert np.count_nonzero(xr.open_zarr(out)["status"]) == 4 * tiles
 
+    faults.release()
     ended = finish(*command)
     assert ended.returncode == 0, ended.stderr
-    assert f"{144 - done} cells in" in ended.stdout
-    assert "144 cells, 0 failed" in ended.stdout
+    assert f"{4 * (REQUEST.n_tiles - 5)} cells in" in ended.stdout
+    assert f"{REQUEST.n_cells} cells, 0 failed" in ended.stdout
     assert "undecided" in ended.stdout
     assert "\x1b" not in ended.stdout + ended.stderr
     assert_bit_identical(xr.open_zarr(out), expected)
 
     before = chunks(out)
-    again = finish(*command)
-    assert again.returncode == 0, again.stderr
+    again = CliRunner().invoke(app, command)
+    assert again.exit_code == 0, again.stderr
     assert "is complete" in again.stdout
     other = finish(*command, "--beta", "0.7")
     assert other.returncode == 2
@@ -180,14 +207,14 @@ def test_an_interrupted_run_is_resumed_by_the_same_command(tmp_path: Path, expec
     assert chunks(out) == before
 
 
-def interrupt(process: subprocess.Popen[str], number: signal.Signals, out: Path, done: int) -> str:
-    """Send a signal once more cells are done than before; what the process wrote to stderr until its end."""
-    wait_until(lambda: process.poll() is not None or len(list(out.glob("status/c/*/*"))) * 4 > done)
+def interrupt(process: subprocess.Popen[str], number: signal.Signals, condition: Callable[[], Any]) -> str:
+    """Send a signal once a condition holds, while a tile is at work that never ends; what stderr said until the end."""
+    wait_until(lambda: process.poll() is not None or condition())
     if number == signal.SIGINT:
         os.killpg(process.pid, number)  # as a terminal does: the processes of the cluster get it too
     else:
         process.send_signal(number)
-    _, errors = process.communicate(timeout=60)
+    _, errors = process.communicate(timeout=HANG)
     assert process.returncode == 130, errors
     return errors
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import dask
 import pytest
-from service_processes import ENVIRONMENT, ROOT, free_port, server, wait_until
+from service_processes import ENVIRONMENT, ROOT, client_of, free_port, server
+from waiting import HANG, wait_until
 
-from service.client import Client
 from workers import ClusterLostError, connect
 
 BODY = {
@@ -24,7 +24,7 @@ Settings = dict[str, str]
 
 
 def openssl(*arguments: str) -> None:
-    subprocess.run(["openssl", *arguments], check=True, capture_output=True, timeout=60)
+    subprocess.run(["openssl", *arguments], check=True, capture_output=True, timeout=HANG)
 
 
 def authority(directory: Path) -> Settings:
@@ -62,7 +62,7 @@ def dask_part(settings: Settings, *arguments: str) -> Iterator[None]:
         assert process.poll() is None, arguments
     finally:
         process.terminate()
-        process.wait(timeout=30)
+        process.wait(timeout=HANG)
 
 
 @pytest.fixture(scope="module")
@@ -96,8 +96,7 @@ def reachable(url: str, settings: Settings) -> bool:
 
 def test_a_survey_is_computed_over_tls(scheduler: str, trusted: Settings, tmp_path: Path) -> None:
     port = free_port()
-    url = f"http://127.0.0.1:{port}"
-    with server(tmp_path, port, "--scheduler", scheduler, settings=environment(trusted)), Client(url) as client:
+    with server(tmp_path, port, "--scheduler", scheduler, settings=environment(trusted)), client_of(port) as client:
         job = client.submit(**BODY).wait()
         assert job.document["cells_done"] == 8
         with job.open() as dataset:
@@ -108,7 +107,7 @@ def test_every_port_speaks_tls(scheduler: str, trusted: Settings) -> None:
     with dask.config.set(trusted), connect(scheduler) as client:
         (worker,) = client.nthreads()
         assert worker.startswith("tls://127.0.0.1:")
-        assert client.submit(os.getpid).result(timeout=30) != os.getpid()
+        assert client.submit(os.getpid).result(timeout=HANG) != os.getpid()
 
 
 def test_a_client_without_tls_is_refused(scheduler: str) -> None:
