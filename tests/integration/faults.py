@@ -22,7 +22,7 @@ REQUEST = SurveyRequest(
 )
 
 _HOOK = """
-import importlib.util, os, signal, sys, time
+import functools, importlib.util, os, signal, sys, time
 LOG, HOLD = {log!r}, {hold!r}
 
 def note(line):
@@ -37,6 +37,7 @@ def in_service():
 
 def before(module, name, act):
     function = getattr(module, name)
+    @functools.wraps(function)
     def patched(*args, **kwargs):
         act(*args, **kwargs)
         return function(*args, **kwargs)
@@ -44,6 +45,7 @@ def before(module, name, act):
 
 def after(module, name, act):
     function = getattr(module, name)
+    @functools.wraps(function)
     def patched(*args, **kwargs):
         result = function(*args, **kwargs)
         act(*args, **kwargs)
@@ -110,6 +112,14 @@ IN_PROCESS = """
         cluster.LocalCluster, cluster.WarmKernels.setup = start, nothing
 """
 
+#: A service that waits for ever for what it ends by itself.
+NO_DEADLINE = """
+    @patch("service.server")
+    def patient(server):
+        server.STOP_SECONDS = 1e6
+        after(server.Server, "__init__", lambda self, config, app: setattr(config, "timeout_graceful_shutdown", None))
+"""
+
 
 class Faults:
     """A directory of patches: put its `environment` around the processes that shall have them."""
@@ -133,7 +143,11 @@ class Faults:
 
     def release(self) -> None:
         """Let every tile end."""
-        self._hold.unlink()
+        self._hold.unlink(missing_ok=True)
+
+    def forget(self) -> None:
+        """Count from here."""
+        self._log.write_text("")
 
     @property
     def environment(self) -> dict[str, str]:

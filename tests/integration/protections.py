@@ -240,13 +240,19 @@ PROTECTIONS = (
         "fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)",
         "pass",
     ),
-    Protection(
-        "surveys stop while open requests end, and what does not is killed in time",
-        f"{ENDS}::test_a_busy_service_ends_in_time_with_its_tiles",
-        (
-            Edit("service/server.py", "            front.end()\n", "            pass\n"),
-            Edit("service/server.py", "        deadline.start()\n", ""),
-        ),
+    _one(
+        "what is open ends with the service",
+        f"{ENDS}::test_a_busy_service_ends_by_itself_with_its_tiles",
+        "service/server.py",
+        "            front.end()\n",
+        "            pass\n",
+    ),
+    _one(
+        "what does not end is killed in time",
+        f"{ENDS}::test_what_cannot_be_ended_is_killed_in_time",
+        "service/server.py",
+        "        deadline.start()\n",
+        "",
     ),
 )
 

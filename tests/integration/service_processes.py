@@ -69,10 +69,10 @@ def finish(*arguments: str, settings: Mapping[str, str] = NO_SETTINGS) -> subpro
 
 @contextmanager
 def server(
-    data: Path, port: int, *arguments: str, settings: Mapping[str, str] = NO_SETTINGS
+    data: Path, port: int, *arguments: str, settings: Mapping[str, str] = NO_SETTINGS, **options: Any
 ) -> Iterator[subprocess.Popen[str]]:
     """A server that answers; stopped by SIGTERM at the end, and it must stop without error."""
-    process = start("serve", "--port", str(port), "--data", str(data), *arguments, settings=settings)
+    process = start("serve", "--port", str(port), "--data", str(data), *arguments, settings=settings, **options)
     try:
         wait_until(lambda: answers(process, port))
         yield process
