@@ -16,22 +16,13 @@ import numpy as np
 import postgres
 import pytest
 import yaml
-from service_processes import ROOT, assert_bit_identical, free_port, serial_run, wait_until
+from service_processes import REQUEST, ROOT, assert_bit_identical, client_of, free_port, serial_run
+from waiting import HANG, wait_until
 
 import rattle._compile
-from service.client import Client
-from workers import SurveyRequest
 
 SERVICES: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
 PASSWORD = "of this test only"
-#: 144 cells in 36 tiles.
-REQUEST = SurveyRequest(
-    delta={"start": 0.45, "stop": 0.9, "num": 12},
-    epsilon={"start": 0.02, "stop": 0.25, "num": 12},
-    initial_conditions={"count": 16},
-    tile={"delta": 2, "epsilon": 2},
-)
-
 
 class Here:
     """Everything that is other here than in the file: names of hosts, ports, directories, the password."""
@@ -75,7 +66,7 @@ class Here:
 
     def run(self, name: str, *command: str) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            command, env=self.environment(name), cwd=self.directory, text=True, capture_output=True, timeout=120
+            command, env=self.environment(name), cwd=self.directory, text=True, capture_output=True, timeout=HANG
         )
 
     @contextmanager
@@ -94,11 +85,7 @@ class Here:
             assert process.poll() is None, (self.directory / f"{name}{number}.log").read_text()
         finally:
             process.terminate()
-            try:
-                process.wait(timeout=30)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
+            process.wait(timeout=HANG)
 
     def _healthy(self, name: str, process: subprocess.Popen[bytes], check: list[str]) -> bool:
         assert process.poll() is None, "\n".join(log.read_text() for log in self.directory.glob(f"{name}*.log"))
@@ -170,7 +157,7 @@ def test_a_survey_through_everything(tmp_path: Path) -> None:
         assert added.returncode == 0, added.stderr
         stack.enter_context(here.started("front"))
         expected: dict[str, np.ndarray] = serial_run(REQUEST)
-        with Client(f"http://127.0.0.1:{here.front}", key=added.stdout.strip()) as client:
+        with client_of(here.front, added.stdout.strip()) as client:
             job = client.submit(REQUEST)
             with job.wait().open() as dataset:
                 assert_bit_identical(dataset, expected)

@@ -4,6 +4,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import aclosing, asynccontextmanager, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,11 @@ import numpy as np
 import pytest
 import xarray as xr
 from distributed import Client
+from faults import Faults
 from service_processes import assert_bit_identical, serial_run
+from waiting import eventually
 
+import workers.refinement
 from rattle import RattleError
 from service.app import create_app
 from service.errors import UnavailableError
@@ -33,20 +37,54 @@ from workers import (
 )
 
 REQUEST = SurveyRequest(
-    delta={"start": 0.5, "stop": 0.8, "num": 24},
-    epsilon={"start": 0.05, "stop": 0.2, "num": 24},
+    delta={"start": 0.5, "stop": 0.8, "num": 12},
+    epsilon={"start": 0.05, "stop": 0.2, "num": 12},
     initial_conditions={"count": 8},
     tile={"delta": 4, "epsilon": 4},
 )
 WINDOW = Window((0.55, 0.65), (0.08, 0.12))
-LARGE = (800, 800)  # pixels: minutes of work
+PIXELS = (65, 33)
 HERE = "http://127.0.0.1:8000"
+THREADS = 2
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[Client]:
-    with embedded_cluster(2) as client:
-        yield client
+def faults(tmp_path_factory: pytest.TempPathFactory) -> Faults:
+    return Faults(tmp_path_factory.mktemp("faults"))
+
+
+@pytest.fixture(scope="module")
+def cluster(faults: Faults) -> Iterator[Client]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", faults.environment["PYTHONPATH"])
+        with embedded_cluster(THREADS) as client:
+            yield client
+
+
+@pytest.fixture
+def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A file that keeps every part of WINDOW waiting but those of its coarsest level, as long as it is there."""
+    gate = tmp_path / "gate"
+    gate.touch()
+    survey = window_survey(REQUEST, WINDOW, PIXELS)
+    coarsest = {*survey.delta.values()[::32]}, {*survey.epsilon.values()[::32]}
+    monkeypatch.setattr(workers.refinement, "compute_part", partial(behind, gate, coarsest))
+    return gate
+
+
+def behind(
+    gate: Path, coarsest: tuple[set[float], set[float]], survey: SurveyRequest, variable: str, index: int, *axes: Any
+) -> Any:
+    """What a part of a window is, once it may be computed."""
+    if not all(known.issuperset(values) for known, values in zip(coarsest, axes, strict=True)):
+        wait_for(gate.exists)
+    return compute_part(survey, variable, index, *axes)
+
+
+def wait_for(blocked: Callable[[], bool]) -> None:
+    """Keep a worker busy."""
+    while blocked():
+        time.sleep(0.01)
 
 
 @asynccontextmanager
@@ -59,13 +97,6 @@ async def service(data: Path, open_cluster: Callable[[], Any], **settings: Any) 
         transport = httpx.ASGITransport(app, client=("127.0.0.1", 50000))
         async with httpx.AsyncClient(transport=transport, base_url=HERE) as http:
             yield front, http
-
-
-async def eventually(holds: Callable[[], bool], seconds: float = 30) -> None:
-    deadline = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.02)
 
 
 def run(data: Path, cluster: Client, body: Callable[[Front, Any], Awaitable[None]], **settings: Any) -> None:
@@ -82,30 +113,44 @@ def run(data: Path, cluster: Client, body: Callable[[Front, Any], Awaitable[None
     asyncio.run(main())
 
 
-async def all_frames(front: Front, variable: str, index: int, pixels: tuple[int, int] = (65, 33)) -> list[Frame]:
-    return [frame async for frame in refine(front, REQUEST, variable, index, WINDOW, pixels)]
+def shown(front: Front, variable: str, index: int = 0) -> Any:
+    """Frames of the window."""
+    return refine(front, REQUEST, variable, index, WINDOW, PIXELS)
 
 
-def has_no_windows(cluster: Client) -> bool:
-    return not any(str(key).startswith("window") for keys in cluster.processing().values() for key in keys)
+async def all_frames(front: Front, variable: str, index: int = 0) -> list[Frame]:
+    return [frame async for frame in shown(front, variable, index)]
+
+
+def parts(cluster: Client) -> int:
+    """Parts of windows that are at a worker."""
+    return sum(str(key).startswith("window") for keys in cluster.processing().values() for key in keys)
 
 
 @pytest.mark.parametrize(
     ("variable", "index"), [("region", 0), ("orbit_velocity", 2), ("quiet_fraction", 0), ("attractor_kind", 1)]
 )
-def test_frames_become_the_survey_of_the_window(tmp_path: Path, cluster: Client, variable: str, index: int) -> None:
+def test_frames_become_the_survey_of_the_window(
+    tmp_path: Path, cluster: Client, gate: Path, variable: str, index: int
+) -> None:
     async def body(front: Front, _: Any) -> None:
-        survey = window_survey(REQUEST, WINDOW, (65, 33))
+        survey = window_survey(REQUEST, WINDOW, PIXELS)
         delta, epsilon = survey.delta.values(), survey.epsilon.values()
         expected = compute_part(survey, variable, index, delta, epsilon).values
-        frames = await all_frames(front, variable, index)
+        at_once = variable in ("region", "orbit_velocity")
+        if at_once:
+            gate.unlink()
+        frames = []
+        async for frame in shown(front, variable, index):
+            frames.append(frame)
+            gate.unlink(missing_ok=True)  # the first one, of the coarsest level, has been seen
         last = frames[-1]
         np.testing.assert_array_equal(last.values, expected)
         np.testing.assert_array_equal(last.delta, delta)
         np.testing.assert_array_equal(last.epsilon, epsilon)
         assert last.done == 1
         assert last.failed == 0
-        assert len(frames) == 1 if variable in ("region", "orbit_velocity") else len(frames) > 1
+        assert len(frames) == 1 if at_once else len(frames) > 1
         sizes, done = [frame.values.size for frame in frames], [frame.done for frame in frames]
         assert sizes == sorted(sizes)
         assert done == sorted(set(done))
@@ -117,73 +162,77 @@ def test_frames_become_the_survey_of_the_window(tmp_path: Path, cluster: Client,
 
 
 def test_a_window_goes_before_what_waits_for_the_workers(tmp_path: Path, cluster: Client) -> None:
+    first, others = tmp_path / "first", tmp_path / "others"
+    first.touch()
+    others.touch()
+
     async def body(front: Front, _: Any) -> None:
-        each = list(cluster.nthreads()) * 30  # named, they wait at their worker, not at the scheduler: 4.5 s
-        waiting = [cluster.submit(time.sleep, 0.15, pure=False, workers=[worker]) for worker in each]
-        assert len(await all_frames(front, "region", 0)) == 1
-        assert sum(future.done() for future in waiting) < 30
+        submit = partial(cluster.submit, wait_for, pure=False)
+        begun = [submit(first.exists, workers=[worker]) for worker in cluster.nthreads()]
+        await eventually(lambda: sum(map(len, cluster.processing().values())) == THREADS)
+        waiting = [submit(others.exists, workers=[worker]) for worker in cluster.nthreads() for _ in range(10)]
+        window = asyncio.create_task(all_frames(front, "region"))
+        await eventually(lambda: parts(cluster) > 0)
+        first.unlink()  # each worker takes what is next: the window, or what never ends
+        assert len(await window) == 1
+        assert all(future.status == "finished" for future in begun)
+        assert not any(future.done() for future in waiting)
+        others.unlink()
         await asyncio.to_thread(cluster.cancel, waiting)
 
     run(tmp_path, cluster, body)
 
 
-def test_a_survey_stays_as_it_is_beside_a_window(tmp_path: Path, cluster: Client) -> None:
+def test_a_survey_stays_as_it_is_beside_a_window(tmp_path: Path, cluster: Client, faults: Faults) -> None:
     async def body(front: Front, http: Any) -> None:
+        faults.hold(REQUEST.n_tiles - 1)
         answer = await http.post("/v1/surveys", json=REQUEST.model_dump(mode="json"))
         survey_id = answer.json()["id"]
         await eventually(lambda: front.database.job(survey_id).tiles_done > 0)
-        frames = await all_frames(front, "lyapunov_max", 0, (33, 33))
-        assert frames[-1].done == 1
-        assert front.database.job(survey_id).tiles_done < 36
-        await eventually(lambda: front.database.job(survey_id).state == "successful", 60)
+        assert (await all_frames(front, "lyapunov_max"))[-1].done == 1
+        assert front.database.job(survey_id).state == "running"
+        faults.release()
+        await eventually(lambda: front.database.job(survey_id).state == "successful")
         with xr.open_zarr(front.directory.store(survey_id)) as dataset:
             assert_bit_identical(dataset, serial_run(REQUEST))
 
     run(tmp_path, cluster, body)
 
 
-def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(tmp_path: Path, cluster: Client) -> None:
+def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(tmp_path: Path, cluster: Client, gate: Path) -> None:
     async def body(front: Front, _: Any) -> None:
-        ticks = 0
-
-        async def tick() -> None:
-            nonlocal ticks
-            while True:
-                ticks += 1
-                await asyncio.sleep(0.01)
-
-        ticking = asyncio.create_task(tick())
-        async with aclosing(refine(front, REQUEST, "lyapunov_max", 0, WINDOW, LARGE)) as frames:
-            async for frame in frames:
-                before = frame.done
-                if before > 0.01:
-                    break
-        assert before < 0.5
-        assert ticks > 20
-        await eventually(lambda: has_no_windows(cluster), 5)
-        ticking.cancel()
+        async with aclosing(shown(front, "lyapunov_max")) as frames:
+            assert (await anext(frames)).done < 0.5
+            second = asyncio.create_task(anext(frames))
+            await eventually(lambda: parts(cluster) > THREADS)  # at work for ever, and behind them
+            assert not second.done()
+            second.cancel()
+            await asyncio.wait([second])
+        await eventually(lambda: parts(cluster) <= THREADS)
         # A task that is cancelled gives up, too, and neither keeps its turn.
         for _ in range(3):
-            task = asyncio.create_task(all_frames(front, "lyapunov_max", 0, LARGE))
-            await asyncio.sleep(0.3)
+            task = asyncio.create_task(all_frames(front, "lyapunov_max"))
+            await eventually(lambda: parts(cluster) > THREADS)
             task.cancel()
             await asyncio.wait([task])
-        await eventually(lambda: has_no_windows(cluster), 5)
+            await eventually(lambda: parts(cluster) <= THREADS)
         assert front.windows.borrowed_tokens == 0
-        assert len(await all_frames(front, "region", 0)) == 1
+        gate.unlink()
+        await eventually(lambda: parts(cluster) == 0)
+        assert len(await all_frames(front, "region")) == 1
 
     run(tmp_path, cluster, body)
 
 
 def test_so_many_at_once_and_so_many_wait(tmp_path: Path, cluster: Client) -> None:
     async def body(front: Front, _: Any) -> None:
-        async with aclosing(refine(front, REQUEST, "lyapunov_max", 0, WINDOW, LARGE)) as first:
+        async with aclosing(shown(front, "lyapunov_max")) as first:
             await anext(first)
-            second = asyncio.create_task(all_frames(front, "region", 0))
-            await asyncio.sleep(0.5)
-            assert not second.done()
+            second = asyncio.create_task(all_frames(front, "region"))
+            await eventually(lambda: front.windows.statistics().tasks_waiting == 1)
             with pytest.raises(UnavailableError, match="Too many"):
-                await all_frames(front, "region", 0)
+                await all_frames(front, "region")
+            assert not second.done()
         assert len(await second) == 1
 
     run(tmp_path, cluster, body, max_windows=1, max_points_waiting=1)
@@ -192,14 +241,15 @@ def test_so_many_at_once_and_so_many_wait(tmp_path: Path, cluster: Client) -> No
 def test_what_cannot_be_computed(tmp_path: Path, cluster: Client) -> None:
     async def body(front: Front, _: Any) -> None:
         with pytest.raises(SurveyError, match="weather"):
-            await all_frames(front, "weather", 0)
+            await all_frames(front, "weather")
         with pytest.raises(SurveyError, match="zoom out"):
-            await anext(refine(front, REQUEST, "region", 0, Window((0.6, 0.6 + 3e-16), (0.1, 0.2)), LARGE))
+            await anext(refine(front, REQUEST, "region", 0, Window((0.6, 0.6 + 3e-16), (0.1, 0.2)), PIXELS))
         assert front.windows.borrowed_tokens == 0
 
     run(tmp_path, cluster, body)
 
 
+@pytest.mark.usefixtures("gate")
 def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path) -> None:
     """The scheduler goes away under a window, with no survey that would notice; the next window has a new one."""
     opened: list[Client] = []
@@ -213,7 +263,7 @@ def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path) -> None:
     async def main() -> None:
         nonlocal scheduler
         async with service(tmp_path, existing) as (front, _):
-            async with aclosing(refine(front, REQUEST, "lyapunov_max", 0, WINDOW, LARGE)) as frames:
+            async with aclosing(shown(front, "lyapunov_max")) as frames:
                 await anext(frames)
                 await asyncio.to_thread(scheduler.cluster.close)
                 with pytest.raises(ClusterLostError, match="workers are gone"):
@@ -222,10 +272,10 @@ def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path) -> None:
             assert front.windows.borrowed_tokens == 0
             await eventually(lambda: front.manager.cluster_state != "ready")
             with pytest.raises(RattleError, match="workers"):
-                await all_frames(front, "region", 0)
+                await all_frames(front, "region")
             with embedded_cluster(1) as scheduler:
                 await eventually(lambda: front.manager.cluster_state == "ready")
-                assert (await all_frames(front, "region", 0))[-1].done == 1
+                assert (await all_frames(front, "region"))[-1].done == 1
             assert len(opened) == 2
 
     with embedded_cluster(1) as scheduler:

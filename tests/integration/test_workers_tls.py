@@ -12,6 +12,7 @@ import pytest
 from service_processes import ENVIRONMENT, ROOT, client_of, free_port, server
 from waiting import HANG, wait_until
 
+import workers.cluster
 from workers import ClusterLostError, connect
 
 BODY = {
@@ -65,6 +66,20 @@ def dask_part(settings: Settings, *arguments: str) -> Iterator[None]:
         process.wait(timeout=HANG)
 
 
+@pytest.fixture
+def hopeless(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody waits long for who never answers."""
+    monkeypatch.setattr(workers.cluster, "CONNECT_SECONDS", 1)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _patience() -> Iterator[None]:
+    """The others wait, however long an answer takes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workers.cluster, "CONNECT_SECONDS", HANG)
+        yield
+
+
 @pytest.fixture(scope="module")
 def trusted(tmp_path_factory: pytest.TempPathFactory) -> Settings:
     return authority(tmp_path_factory.mktemp("trusted") / "ca") | {"distributed.comm.require-encryption": "true"}
@@ -110,22 +125,26 @@ def test_every_port_speaks_tls(scheduler: str, trusted: Settings) -> None:
         assert client.submit(os.getpid).result(timeout=HANG) != os.getpid()
 
 
+@pytest.mark.usefixtures("hopeless")
 def test_a_client_without_tls_is_refused(scheduler: str) -> None:
     with pytest.raises(ClusterLostError, match="tcp://"), connect(scheduler.replace("tls://", "tcp://")):
         pass
 
 
+@pytest.mark.usefixtures("hopeless")
 def test_a_client_without_a_certificate_is_told_so(scheduler: str) -> None:
     with pytest.raises(ClusterLostError, match="TLS"), connect(scheduler):
         pass
 
 
+@pytest.mark.usefixtures("hopeless")
 def test_a_certificate_of_another_authority_is_refused(scheduler: str, tmp_path: Path) -> None:
     stranger = authority(tmp_path / "stranger")
     with dask.config.set(stranger), pytest.raises(ClusterLostError, match=scheduler), connect(scheduler):
         pass
 
 
+@pytest.mark.usefixtures("hopeless")
 def test_who_trusts_any_scheduler_still_needs_a_certificate_of_the_authority(
     scheduler: str, trusted: Settings, tmp_path: Path
 ) -> None:
@@ -136,6 +155,7 @@ def test_who_trusts_any_scheduler_still_needs_a_certificate_of_the_authority(
         pass
 
 
+@pytest.mark.usefixtures("hopeless")
 def test_with_encryption_required_nothing_is_sent_in_the_clear(scheduler: str, trusted: Settings) -> None:
     tcp = scheduler.replace("tls://", "tcp://")
     with dask.config.set(trusted), pytest.raises(ClusterLostError, match="encryption"), connect(tcp):
