@@ -9,8 +9,10 @@ from typing import Any
 
 import httpx
 import pytest
-from playwright.sync_api import Browser, BrowserContext, Page, sync_playwright
-from service_processes import free_port, server, wait_until
+from faults import Faults
+from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
+from service_processes import free_port, get, server
+from waiting import HANG, wait_until
 
 #: So that it runs as root, without a screen, and asks nothing of the network by itself.
 FLAGS = [
@@ -18,7 +20,8 @@ FLAGS = [
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 ]
 EXPLORER = {"RATTLE_EXPLORER": "true"}
-PATIENCE_MS = 60_000  # of a busy machine; nothing waits for a time, everything for a condition
+PATIENCE_MS = 1000 * HANG
+expect.set_options(timeout=PATIENCE_MS)
 SURVEY: dict[str, Any] = {
     "name": "small",
     "delta": {"start": 0.42, "stop": 0.98, "num": 29},
@@ -41,20 +44,26 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="session")
-def service() -> Iterator[str]:
+def held(tmp_path_factory: pytest.TempPathFactory) -> Faults:
+    """What holds the tiles of the service."""
+    return Faults(tmp_path_factory.mktemp("faults"))
+
+
+@pytest.fixture(scope="session")
+def service(held: Faults) -> Iterator[str]:
     """URL of a service with one small survey that is done."""
-    port = free_port()
-    with tempfile.TemporaryDirectory() as data, server(Path(data), port, "--workers", "1", settings=EXPLORER):
+    port, settings = free_port(), held.environment | EXPLORER
+    with tempfile.TemporaryDirectory() as data, server(Path(data), port, "--workers", "1", settings=settings):
         url = f"http://127.0.0.1:{port}"
-        here = httpx.post(f"{url}/v1/surveys", json=SURVEY).json()["links"]["self"]
-        wait_until(lambda: httpx.get(url + here).json()["state"] == "successful")
+        here = httpx.post(f"{url}/v1/surveys", json=SURVEY, timeout=HANG).json()["links"]["self"]
+        wait_until(lambda: get(url + here).json()["state"] == "successful")
         yield url
 
 
 @pytest.fixture(scope="session")
 def survey_id(service: str) -> str:
     """The id of the survey of the service."""
-    return str(httpx.get(f"{service}/v1/surveys").json()["surveys"][-1]["id"])
+    return str(get(f"{service}/v1/surveys").json()["surveys"][-1]["id"])
 
 
 @contextmanager

@@ -4,7 +4,7 @@ from contextlib import suppress
 from typing import Any
 
 from playwright.sync_api import Page, TimeoutError
-from service_processes import wait_until
+from waiting import wait_until
 
 #: A condition on the map of a page, as JavaScript of the figure.
 _MODELS = "Bokeh.documents.map((each) => each.get_model_by_name('map')).find((each) => each)"
@@ -58,7 +58,7 @@ def visible_lines(page: Page) -> set[str]:
 
 
 def place_of(page: Page, delta: float, epsilon: float) -> tuple[float, float]:
-    """Where on the screen a point (δ, ε) is, once the page has been laid out: when it stays there for a while."""
+    """Where on the screen a point (δ, ε) is, once nothing is being laid out and it stays there."""
     places: list[list[float]] = []
 
     def settled() -> bool:
@@ -67,16 +67,19 @@ def place_of(page: Page, delta: float, epsilon: float) -> tuple[float, float]:
                 const model = {_MODELS}
                 const view = Bokeh.index.find_one(model)
                 const box = view.canvas_view.el.getBoundingClientRect()
-                return [box.x + view.frame.x_scale.compute(delta), box.y + view.frame.y_scale.compute(epsilon)]
+                const idle = Bokeh.documents.every((each) => each.is_idle)
+                return [
+                    idle, box.x + view.frame.x_scale.compute(delta), box.y + view.frame.y_scale.compute(epsilon),
+                ]
             }}""",
             [delta, epsilon],
         )
         places.append(found)
         page.wait_for_timeout(STEADY_MS)
-        return len(places) > 2 and places[-1] == places[-2] == places[-3]
+        return len(places) > 2 and places[-1] == places[-2] == places[-3] and places[-1][0]
 
     wait_until(settled)
-    x, y = places[-1]
+    _, x, y = places[-1]
     return float(x), float(y)
 
 
@@ -93,3 +96,10 @@ def point_at(page: Page, delta: float, epsilon: float, until: str) -> None:
         return False
 
     wait_until(read)
+
+
+def click_cell(page: Page, delta: float, epsilon: float) -> None:
+    """Click a cell of the survey, once it is read that the mouse is there."""
+    point_at(page, delta, epsilon, until=f"Cell at δ {delta:g}, ε {epsilon:g}")
+    page.mouse.down()
+    page.mouse.up()

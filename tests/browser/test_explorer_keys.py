@@ -9,7 +9,6 @@ from playwright.sync_api import Browser, Page, expect
 import rattle
 from rattle.plot.plane import REGIONS
 
-expect.set_options(timeout=60_000)
 COLUMN = "renderers.find((each) => each.glyph.marker?.value === 'circle' && each.glyph.size?.value === 17).data_source"
 
 

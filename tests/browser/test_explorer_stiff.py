@@ -2,17 +2,16 @@
 
 import re
 
-import httpx
 import numpy as np
 import pytest
-from explorer_support import of_map, open_view, place_of, point_at
+from explorer_support import click_cell, of_map, open_view, point_at
 from playwright.sync_api import Page, expect
-from service_processes import wait_until
+from service_processes import get
+from waiting import wait_until
 
 import rattle
 from rattle.plot.plane import REGIONS
 
-expect.set_options(timeout=60_000)
 DELTA, EPSILON, KAPPA = 0.6, 0.1, 2e4
 
 
@@ -42,7 +41,7 @@ def test_a_stiff_survey_is_submitted_shown_and_clicked(page: Page, service: str)
     page.get_by_role("button", name="Submit").click()
     row = page.locator("button.survey", has_text="stiff")
     expect(row).to_have_attribute("data-state", "successful")
-    request = httpx.get(service + httpx.get(f"{service}/v1/surveys").json()["surveys"][0]["links"]["self"]).json()
+    request = get(service + get(f"{service}/v1/surveys").json()["surveys"][0]["links"]["self"]).json()
     assert (request["request"]["model"], request["request"]["kappa"]) == ("stiff", KAPPA)
 
     born, limit = rattle.stiff.saddle_node_1(DELTA, KAPPA).epsilon, rattle.Gear(DELTA, EPSILON).sn1
@@ -53,7 +52,7 @@ def test_a_stiff_survey_is_submitted_shown_and_clicked(page: Page, service: str)
     region = int(rattle.stiff.regions(np.array([DELTA]), np.array([EPSILON]), 0.6, KAPPA)[0])
     expect(page.locator(".beside")).to_contain_text(f"region here{REGIONS[region]}")
 
-    page.mouse.click(*place_of(page, DELTA, EPSILON))
+    click_cell(page, DELTA, EPSILON)
     beside = page.locator(".beside")
     expect(beside).to_contain_text(f"walls of stiffness κ = {KAPPA:.0f}")
     expect(beside).to_contain_text("probability")

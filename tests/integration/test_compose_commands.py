@@ -24,6 +24,7 @@ import rattle._compile
 SERVICES: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
 PASSWORD = "of this test only"
 
+
 class Here:
     """Everything that is other here than in the file: names of hosts, ports, directories, the password."""
 

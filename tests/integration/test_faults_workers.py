@@ -107,9 +107,7 @@ def replaced(client: Client, *old: int) -> bool:
     return len(client.nthreads()) == 2 == len(pids(client)) and not {*old} & {*pids(client)}
 
 
-def test_workers_killed_at_random(
-    faults: Faults, client: Client, store: Path, expected: dict[str, np.ndarray]
-) -> None:
+def test_workers_killed_at_random(faults: Faults, client: Client, store: Path, expected: dict[str, np.ndarray]) -> None:
     chance, killed = random.Random(1), []
 
     def kill(done: int) -> None:
