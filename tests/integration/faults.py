@@ -106,7 +106,7 @@ IN_PROCESS = """
     def inside(cluster):
         local = cluster.LocalCluster
         def start(env, preload, **options):
-            return local(**options | {"processes": False, "n_workers": 1})
+            return local(**options | {"processes": False, "n_workers": 1, "protocol": "tcp"})
         async def nothing(self, worker):
             pass
         cluster.LocalCluster, cluster.WarmKernels.setup = start, nothing
