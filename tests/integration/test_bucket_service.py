@@ -11,8 +11,8 @@ import pytest
 from faults import Faults
 from s3_server import BUCKET, S3, s3_server
 from service_processes import (
+    FIELDS,
     OPTIONS,
-    REQUEST,
     assert_bit_identical,
     client_of,
     finish,
@@ -21,11 +21,16 @@ from service_processes import (
     server,
     start,
 )
+from typer.testing import CliRunner
 from waiting import HANG, wait_until
 
-from workers import Bucket, open_survey
+from service.cli import app
+from workers import Bucket, SurveyRequest, open_survey
 
 ONE = ("--workers", "1")
+SOME = ("region", "attractors")
+REQUEST = SurveyRequest(**FIELDS, quantities=SOME)
+RUN = ("run", *OPTIONS, *ONE, *(word for name in SOME for word in ("--quantity", name)))
 MIDDLE = 3  # tiles that are done while the others are held
 
 
@@ -50,19 +55,19 @@ def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_pat
     faults, url = Faults(tmp_path), f"s3://{BUCKET}/some/where/survey.zarr"
     place, settings = Bucket(url), faults.environment | s3.settings
     faults.hold(MIDDLE)
-    process = start("run", *OPTIONS, *ONE, "--out", url, settings=settings)
+    process = start(*RUN, "--out", url, settings=settings)
     wait_until(lambda: tiles_in(place) == MIDDLE)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     assert tiles_in(place) == MIDDLE
     assert place.has(".lock")  # of a process that is known to be dead
     faults.release()
-    ended = finish("run", *OPTIONS, *ONE, "--out", url, settings=settings)
+    ended = finish(*RUN, "--out", url, settings=settings)
     assert ended.returncode == 0, ended.stderr
     assert not place.has(".lock")
     with open_survey(url) as dataset:
         assert_bit_identical(dataset, expected)
-    assert finish("verify", url, settings=s3.settings).returncode == 0
+    assert CliRunner().invoke(app, ["verify", url]).exit_code == 0
 
 
 def test_service_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_path: Path) -> None:

@@ -199,11 +199,15 @@ def test_a_survey_stays_as_it_is_beside_a_window(tmp_path: Path, cluster: Client
     run(tmp_path, cluster, body)
 
 
-def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(tmp_path: Path, cluster: Client, gate: Path) -> None:
+def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(
+    tmp_path: Path, cluster: Client, gate: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workers.refinement, "PART_SECONDS", 0)  # of a cell each, so that some must wait
+
     async def body(front: Front, _: Any) -> None:
         async with aclosing(shown(front, "lyapunov_max")) as frames:
             assert (await anext(frames)).done < 0.5
-            second = asyncio.create_task(anext(frames))
+            second = asyncio.ensure_future(anext(frames))
             await eventually(lambda: parts(cluster) > THREADS)  # at work for ever, and behind them
             assert not second.done()
             second.cancel()
