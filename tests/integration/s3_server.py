@@ -74,7 +74,7 @@ def s3_server() -> Iterator[S3]:
         yield s3
     finally:
         process.kill()
-        process.wait()
+        process.communicate()
 
 
 if __name__ == "__main__":
