@@ -252,8 +252,7 @@ def test_what_cannot_be_computed(tmp_path: Path, cluster: Client) -> None:
     run(tmp_path, cluster, body)
 
 
-@pytest.mark.usefixtures("gate")
-def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path) -> None:
+def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path, gate: Path) -> None:
     """The scheduler goes away under a window, with no survey that would notice; the next window has a new one."""
     opened: list[Client] = []
 
@@ -272,6 +271,7 @@ def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path) -> None:
                 with pytest.raises(ClusterLostError, match="workers are gone"):
                     async for _ in frames:
                         pass
+            gate.unlink()
             assert front.windows.borrowed_tokens == 0
             await eventually(lambda: front.manager.cluster_state != "ready")
             with pytest.raises(RattleError, match="workers"):

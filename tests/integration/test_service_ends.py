@@ -16,7 +16,7 @@ from waiting import HANG, wait_until
 from service.server import STOP_SECONDS
 
 MIDDLE = 3  # tiles that are done; the next one never ends
-PROMISED = 5.0  # seconds, in docs/reliability.md
+PROMISED = 5.0  # seconds, in CHANGELOG.md
 #: Nor does this point.
 ENDLESS = """
     @patch("rattle.gear")
