@@ -1,16 +1,20 @@
 """What is left of a connection when it closes."""
 
 import asyncio
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from uvicorn import Config
+from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
+from waiting import eventually
 
 from service.protocol import LEAST_READ, protocol_of
 from service.settings import Settings
 
-PATIENCE = 0.05
+LIMITS = Settings(request_seconds=16, unread_seconds=32)
+KEEP_ALIVE = 100
 
 
 class UnreadTransport(asyncio.Transport):
@@ -42,6 +46,44 @@ class UnreadTransport(asyncio.Transport):
     def resume_reading(self) -> None: ...
 
 
+class Clock:
+    """The event loop of a connection, whose timers run when the test says so."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.timers: dict[object, tuple[float, Callable[[], None]]] = {}
+        self.create_task = asyncio.get_running_loop().create_task
+
+    def call_later(self, seconds: float, act: Callable[[], None]) -> "Timer":
+        timer = Timer(self)
+        self.timers[timer] = self.now + seconds, act
+        return timer
+
+    def go_on(self, seconds: float) -> None:
+        until = self.now + seconds
+        while self.timers and (first := min(at for at, _ in self.timers.values())) <= until:
+            self.now = first
+            self.timers.pop(next(timer for timer, (at, _) in self.timers.items() if at == first))[1]()
+        self.now = until
+
+
+class Timer:
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+
+    def cancel(self) -> None:
+        self._clock.timers.pop(self, None)
+
+
+def connected(application: Any) -> tuple[H11Protocol, UnreadTransport, Clock]:
+    """A new connection."""
+    clock, transport = Clock(), UnreadTransport()
+    config = Config(application, timeout_keep_alive=KEEP_ALIVE, log_config=None)
+    protocol = protocol_of(LIMITS)(config, ServerState(), {}, clock)  # type: ignore[arg-type] # enough of a loop
+    protocol.connection_made(transport)
+    return protocol, transport, clock
+
+
 async def hello(scope: Any, receive: Any, send: Any) -> None:  # noqa: ARG001 - the signature of ASGI
     await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"2")]})
     await send({"type": "http.response.body", "body": b"ok"})
@@ -52,65 +94,69 @@ async def wait(scope: Any, receive: Any, send: Any) -> None:  # noqa: ARG001 - t
         pass
 
 
-async def closed(way: str) -> UnreadTransport:
-    """A connection that was closed in this way, some time ago."""
-    limits = Settings(unread_seconds=PATIENCE, request_seconds=PATIENCE if way == "late" else 60)
-    config = Config(hello, timeout_keep_alive=0 if way == "idle" else 60, log_config=None)
-    transport = UnreadTransport()
-    protocol = protocol_of(limits)(config, ServerState(), {})
-    protocol.connection_made(transport)
+async def closed(way: str) -> tuple[UnreadTransport, Clock]:
+    """A connection that has just been closed in this way."""
+    protocol, transport, clock = connected(hello)
     ending = "close" if way == "asked" else "keep-alive"
-    if way != "late":
+    if way == "late":
+        clock.go_on(LIMITS.request_seconds - 1)
+        assert not transport.closed
+        clock.go_on(1)
+    else:
         protocol.data_received(f"GET / HTTP/1.1\r\nHost: x\r\nConnection: {ending}\r\n\r\n".encode())
-        await asyncio.sleep(0.01)
+        await eventually(lambda: protocol.cycle.response_complete)
+    if way == "idle":
+        clock.go_on(KEEP_ALIVE)
     if way == "shutdown":
         protocol.shutdown()
     if way == "nonsense":
         protocol.data_received(b"nonsense\r\n\r\n")
-    await asyncio.sleep(3 * PATIENCE)
     assert transport.closed
-    return transport
+    return transport, clock
 
 
 @pytest.mark.parametrize("way", ["asked", "idle", "shutdown", "nonsense", "late"])
 def test_a_closed_connection_does_not_wait_for_its_reader_for_ever(way: str) -> None:
-    transport = asyncio.run(closed(way))
+    async def leave() -> UnreadTransport:
+        transport, clock = await closed(way)
+        clock.go_on(LIMITS.unread_seconds - 1)
+        assert not transport.aborted
+        clock.go_on(1)
+        return transport
+
+    transport = asyncio.run(leave())
     assert transport.aborted
     assert transport.written.startswith(b"HTTP/1.1 " + (b"408" if way == "late" else b"200"))
 
 
 async def reads(size: int, closing: bool) -> bool:
-    """Whether a client that reads this much each time is kept until it has read everything."""
-    transport = UnreadTransport()
-    protocol = protocol_of(Settings(unread_seconds=10 * PATIENCE))(Config(hello, log_config=None), ServerState(), {})
-    protocol.connection_made(transport)
-    transport.written = bytes(40 * LEAST_READ)
+    """Whether a client that reads this much, eight times in the longest wait, is kept until it has read everything."""
+    protocol, transport, clock = connected(hello)
+    transport.written = bytes(5 * LEAST_READ)
     protocol.pause_writing()
     if closing:
         transport.close()
         protocol._leave()
         protocol.resume_writing()  # asyncio says so when little is left, which somebody must still read
     while transport.get_write_buffer_size() > 0 and not transport.aborted:
-        await asyncio.sleep(PATIENCE)
         transport.read += size
+        clock.go_on(LIMITS.unread_seconds / 8)
     protocol.connection_lost(None)
     return not transport.aborted
 
 
 @pytest.mark.parametrize("closing", [False, True])
 def test_a_slow_reader_is_kept_and_one_that_all_but_stands_still_is_not(closing: bool) -> None:
-    assert asyncio.run(reads(2 * LEAST_READ, closing))
-    assert not asyncio.run(reads(LEAST_READ // 100, closing))
+    assert asyncio.run(reads(LEAST_READ // 8, closing))
+    assert not asyncio.run(reads(LEAST_READ // 8 - 1, closing))
 
 
 def test_a_head_request_gets_no_body_even_when_it_is_late() -> None:
     async def late() -> bytes:
-        transport = UnreadTransport()
-        config = Config(wait, log_config=None)
-        protocol = protocol_of(Settings(request_seconds=PATIENCE))(config, ServerState(), {})
-        protocol.connection_made(transport)
+        protocol, transport, clock = connected(wait)
         protocol.data_received(b"HEAD / HTTP/1.1\r\nHost: x\r\nContent-Length: 5\r\n\r\n")
-        await asyncio.sleep(3 * PATIENCE)
+        clock.go_on(LIMITS.request_seconds)
+        await asyncio.gather(*protocol.tasks)  # the application hears that nobody is there, and ends
         return transport.written
 
     head, _, body = asyncio.run(late()).partition(b"\r\n\r\n")
@@ -119,11 +165,11 @@ def test_a_head_request_gets_no_body_even_when_it_is_late() -> None:
 
 
 def test_a_connection_that_goes_by_itself_leaves_no_timer() -> None:
-    async def come_and_go() -> Any:
-        protocol = protocol_of(Settings())(Config(hello, log_config=None), ServerState(), {})
-        protocol.connection_made(UnreadTransport())
+    async def come_and_go() -> dict[object, Any]:
+        protocol, _, clock = connected(hello)
         protocol.pause_writing()
+        assert len(clock.timers) == 2
         protocol.connection_lost(None)
-        return [timer for timer in asyncio.get_running_loop()._scheduled if not timer.cancelled()]
+        return clock.timers
 
-    assert asyncio.run(come_and_go()) == []
+    assert asyncio.run(come_and_go()) == {}
