@@ -7,6 +7,7 @@ from typing import Any
 
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
+from waiting import HANG
 
 from service.app import create_app
 from service.errors import UnavailableError
@@ -44,8 +45,9 @@ def idle_cluster() -> Iterator[Any]:
 
 @contextmanager
 def front_end(data: Path, **settings: Any) -> Iterator[TestClient]:
-    """A client of an application with these settings, without a cluster."""
-    with local_client(create_app(Settings(data=data, **settings), no_cluster)) as client:
+    """A client of an application with these settings, without a cluster; points may take as long as they like."""
+    limits = {"max_point_seconds": HANG} | settings
+    with local_client(create_app(Settings(data=data, **limits), no_cluster)) as client:
         yield client
 
 

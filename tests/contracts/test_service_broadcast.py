@@ -6,12 +6,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from waiting import eventually
 
 from service import broadcast
 from service.broadcast import Broadcast, written
 from service.errors import UnknownSurveyError
 
 PAGE = 7
+KEPT = 10
 
 
 class Survey:
@@ -34,8 +36,8 @@ class Survey:
         return self.rows[after : after + PAGE]
 
 
-async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, delay: float = 0.0) -> list[int]:
-    """Ids of the events from `seen` to `until`, by a stream that takes its time."""
+async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, lag: int = 0) -> list[int]:
+    """Ids of the events from `seen` to `until`, by a stream that looks again when `lag` more have happened."""
     found: list[int] = []
     with feeds.listen("x", survey.read, len(survey.rows)) as (feed, grown):
         while not feed.deleted and (not found or found[-1] < until):
@@ -44,24 +46,30 @@ async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, delay:
             if later is None:
                 later = written(survey.read("x", found[-1] if found else seen))
             found += [event.id for event in later]
-            if later:
-                await asyncio.sleep(delay)
-            else:
-                await asyncio.wait_for(grown.wait(), 10)
+            if not later:
+                await grown.wait()
+            elif lag:
+                await eventually(lambda: len(survey.rows) >= min(found[-1] + lag, until))
     return found
 
 
+async def watched(feeds: Broadcast, number: int) -> None:
+    """So many listen to the survey."""
+    await eventually(lambda: "x" in feeds._feeds and len(feeds._feeds["x"].listeners) == number)
+
+
 def test_every_stream_gets_every_event_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(broadcast, "KEPT", 10)
-    monkeypatch.setattr(broadcast, "PAUSE", 0.001)
+    monkeypatch.setattr(broadcast, "KEPT", KEPT)
+    monkeypatch.setattr(broadcast, "PAUSE", 0)
 
     async def run() -> None:
         feeds, survey = Broadcast(), Survey()
         survey.happen(25)
-        streams = [follow(feeds, survey, seen, 100, delay) for seen in (0, 3, 24, 25) for delay in (0.0, 0.02)]
+        streams = [follow(feeds, survey, seen, 100, lag) for seen in (0, 3, 24, 25) for lag in (0, KEPT + 5)]
         running = [asyncio.create_task(stream) for stream in streams]
+        await watched(feeds, len(streams))
         for _ in range(15):
-            await asyncio.sleep(0.01)
+            await asyncio.sleep(0)
             survey.happen(5)
             feeds.changed("x")
         found = await asyncio.gather(*running)
@@ -76,7 +84,7 @@ def test_many_who_watch_cost_one_read() -> None:
     async def run() -> None:
         feeds, survey = Broadcast(), Survey()
         running = [asyncio.create_task(follow(feeds, survey, 0, 5)) for _ in range(200)]
-        await asyncio.sleep(0.1)
+        await watched(feeds, 200)
         survey.happen(5)
         feeds.changed("x")
         assert await asyncio.gather(*running) == [[1, 2, 3, 4, 5]] * 200
@@ -89,10 +97,10 @@ def test_a_deleted_survey_ends_its_streams() -> None:
     async def run() -> None:
         feeds, survey = Broadcast(), Survey()
         running = asyncio.create_task(follow(feeds, survey, 0, 5))
-        await asyncio.sleep(0.1)
+        await watched(feeds, 1)
         survey.deleted = True
         feeds.changed("x")
-        assert await asyncio.wait_for(running, 5) == []
+        assert await running == []
 
     asyncio.run(run())
 
@@ -114,7 +122,7 @@ def test_a_crowd_that_watches_does_not_hold_up_others() -> None:
                 turns[0] += 1
 
         running = [asyncio.create_task(watch()) for _ in range(200)]
-        await asyncio.sleep(0.1)
+        await watched(feeds, 200)
         turning = asyncio.create_task(turn())
         survey.happen(1)
         feeds.changed("x")

@@ -1,6 +1,5 @@
 """Nothing is sent twice to who has it, and nothing old is ever taken for new."""
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -168,8 +167,6 @@ def test_refusals_carry_no_tag(client: TestClient) -> None:
 
 
 def test_head_of_an_event_stream_ends(client: TestClient, running: str) -> None:
-    began = time.monotonic()
     head = client.head(f"{running}/events")
     assert (head.status_code, head.content) == (200, b"")
     assert head.headers["content-type"].startswith("text/event-stream")
-    assert time.monotonic() - began < 10

@@ -10,6 +10,7 @@ import pytest
 from fastapi.testclient import TestClient
 from httpx_sse import EventSource
 from service_support import BODY, assert_problem, front_end, front_of
+from waiting import HANG
 
 from service.database import DoneTile
 from service.database.engine import UNPOOLED, open_engine
@@ -116,7 +117,7 @@ def test_an_open_stream_ends_with_the_survey(client: TestClient) -> None:
     with ThreadPoolExecutor(1) as pool:
         stream = pool.submit(events, client, survey_id)
         finish(client, survey_id)
-        assert stream.result(timeout=20)[-1][2]["state"] == "successful"
+        assert stream.result(timeout=HANG)[-1][2]["state"] == "successful"
 
 
 def test_failed_cells_are_counted_and_explained(client: TestClient) -> None:

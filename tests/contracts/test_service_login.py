@@ -9,8 +9,10 @@ import pytest
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of
 from starlette.websockets import WebSocketDisconnect
+from waiting import HANG
 
 from service import keys
+from service.explorer import mount
 from service.keys import COOKIE
 from service.tables import Scope
 
@@ -165,6 +167,7 @@ def test_the_page_does_not_hold_the_key(client: TestClient) -> None:
         assert b"rattle_" not in urlsafe_b64decode(body + "=" * (-len(body) % 4))
 
 
-def test_pages_beyond_the_limit_wait(tmp_path: Path) -> None:
+def test_pages_beyond_the_limit_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mount, "SWEEP_SECONDS", HANG)  # none of them is put away meanwhile
     with front_end(tmp_path, max_pages=2) as client:
         assert [client.get("/").status_code for _ in range(3)] == [200, 200, 503]

@@ -1,7 +1,6 @@
 """The thread that runs surveys: when it waits, what it says meanwhile, and that it ends."""
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_of, idle_cluster, local_client
+from waiting import HANG, wait_until
 
 from service import jobs
 from service.app import create_app
@@ -22,13 +22,6 @@ from workers import StorageError, TileRecord
 def service(data: Path) -> Iterator[TestClient]:
     with local_client(create_app(Settings(data=data), idle_cluster)) as client:
         yield client
-
-
-def wait_until(true: Callable[[], bool]) -> None:
-    end = time.monotonic() + 10
-    while not true():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def full_disk(*_: Any) -> None:
@@ -73,17 +66,24 @@ def test_a_deletion_waits_for_the_last_tiles_of_a_survey_that_has_ended(
     tiles_end = threading.Event()
     monkeypatch.setattr(jobs, "create_store", lambda *_: None)
     monkeypatch.setattr(jobs, "tiles_done", lambda *_: set())
-    monkeypatch.setattr(jobs, "run_tiles", lambda *_: tiles_end.wait(60))
+    monkeypatch.setattr(jobs, "run_tiles", lambda *_: tiles_end.wait(HANG))
     monkeypatch.setattr(jobs, "LAST_TILES_SECONDS", 0.1)
     with service(tmp_path) as client:
         path = client.post("/v1/surveys", json=BODY).headers["location"]
         wait_until(lambda: client.get(path).json()["state"] == "running")
         assert client.delete(path).json()["state"] == "dismissed"
         assert_problem(client.delete(path), 409, "last tiles")
-        monkeypatch.setattr(jobs, "LAST_TILES_SECONDS", 60)
-        threading.Timer(0.3, tiles_end.set).start()
+        ended = front_of(client).manager._lock
+        wait_for = ended.wait_for
+
+        def end_while_waited_for(is_over: Callable[[], bool], seconds: float) -> bool:
+            assert not is_over()
+            tiles_end.set()
+            return wait_for(is_over, seconds)
+
+        monkeypatch.setattr(jobs, "LAST_TILES_SECONDS", HANG)
+        monkeypatch.setattr(ended, "wait_for", end_while_waited_for)
         assert client.delete(path).status_code == 204
-        assert tiles_end.is_set()
         assert_problem(client.get(path), 404)
 
 
@@ -92,15 +92,21 @@ def test_a_stop_is_never_overlooked(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     with service(tmp_path) as client:
         manager = front_of(client).manager
         wait_until(lambda: manager.cluster_state == "ready")
-        clear = manager._wake.clear
+        clear, wait = manager._wake.clear, manager._wake.wait
+        overlooked = threading.Event()
 
         def stop_and_clear() -> None:
             manager.ask_to_stop()
             clear()
 
+        def wait_although_stopped(*_: Any) -> None:
+            if manager._stopping.is_set():
+                overlooked.set()
+            else:
+                wait()
+
         monkeypatch.setattr(manager._wake, "clear", stop_and_clear)
+        monkeypatch.setattr(manager._wake, "wait", wait_although_stopped)
         manager.wake()
-        manager._thread.join(5)
-        alive = manager._thread.is_alive()
-        manager._wake.set()
-    assert not alive
+        wait_until(lambda: not manager._thread.is_alive() or overlooked.is_set())
+    assert not overlooked.is_set()

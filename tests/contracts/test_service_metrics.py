@@ -5,7 +5,9 @@ import logging
 import logging.config
 from collections.abc import Callable, Iterator
 from io import StringIO
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from fastapi.testclient import TestClient
@@ -105,7 +107,11 @@ def lines(request: pytest.FixtureRequest) -> Iterator[Callable[[], list[str]]]:
 
 
 @pytest.mark.parametrize("lines", ["json"], indirect=True)
-def test_json_lines(client: TestClient, lines: Callable[[], list[str]]) -> None:
+def test_json_lines(
+    client: TestClient, lines: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = count(0, 2.5)
+    monkeypatch.setattr("service.logs.time", SimpleNamespace(perf_counter=lambda: next(clock)))
     survey_id = "0123456789abcdef"
     response = client.get(f"/v1/surveys/{survey_id}", headers={"X-Request-ID": "mine-1"})
     assert response.headers["x-request-id"] == "mine-1"
@@ -116,7 +122,7 @@ def test_json_lines(client: TestClient, lines: Callable[[], list[str]]) -> None:
     assert request["survey"] == survey_id
     assert (request["request"], request["method"], request["status"]) == ("mine-1", "GET", 404)
     assert request["route"] == "/v1/surveys/{survey_id}"
-    assert 0 < request["seconds"] < 60
+    assert request["seconds"] == 2.5
     job = next(record for record in records if record["logger"] == "service.jobs")
     assert (job["survey"], job["level"], job["message"]) == (survey_id, "WARNING", "two\nlines here")
 

@@ -8,10 +8,18 @@ import pytest
 from fastapi.testclient import TestClient
 from service_support import front_end
 from starlette.websockets import WebSocketDisconnect
+from waiting import HANG
+
+from service.explorer import mount
 
 HOST = "127.0.0.1:8000"
 SOCKET = f"ws://{HOST}/ws"
 OWN = {"Origin": f"http://{HOST}", "Sec-Fetch-Site": "same-origin"}
+
+
+@pytest.fixture(autouse=True)
+def _no_page_is_put_away_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mount, "SWEEP_SECONDS", HANG)
 
 
 def test_a_page_is_let_go_of_when_its_browser_leaves(tmp_path: Path) -> None:

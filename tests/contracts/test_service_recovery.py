@@ -1,6 +1,5 @@
 """What a service finds when it starts: what is its own is cleared away or ended, the rest is left alone and named."""
 
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import pytest
 import zarr
 from fastapi.testclient import TestClient
 from service_support import BODY, front_end, idle_cluster, local_client
+from waiting import wait_until
 
 from service.app import create_app
 from service.database import Database, DoneTile, NewJob
@@ -107,11 +107,12 @@ def test_a_deletion_is_noted_before_it_begins(stores: Path, monkeypatch: pytest.
 
 
 def end_of(client: TestClient, survey_id: str) -> dict[str, Any]:
-    deadline = time.monotonic() + 20
-    while (document := client.get(f"/v1/surveys/{survey_id}").json())["state"] in ("accepted", "running"):
-        assert time.monotonic() < deadline, document
-        time.sleep(0.02)
-    return dict(document)
+    def ended() -> dict[str, Any] | None:
+        document: dict[str, Any] = client.get(f"/v1/surveys/{survey_id}").json()
+        return document if State(document["state"]).final else None
+
+    found: dict[str, Any] = wait_until(ended)
+    return found
 
 
 def test_a_survey_that_cannot_go_on_is_ended_and_says_why(stores: Path, database: Database) -> None:
