@@ -57,9 +57,11 @@ def _points(curve: Curve) -> dict[str, Any]:
 
 def orbits_document(gear: AnyGear) -> dict[str, Any]:
     """What the body of `GET /v1/orbits` says of a point, by its gear."""
-    limits = model_at(gear).limits(gear.delta)._asdict()
+    with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
+        limits = model_at(gear).limits(gear.delta)._asdict()
+        region, orbits = gear.region(), gear.orbits()
     return {
-        "region": gear.region(),
+        "region": region,
         **{name: None if value is None else number(value) for name, value in limits.items()},
         "orbits": [
             {
@@ -72,7 +74,7 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
                 "multipliers": [_complex(value) for value in orbit.multipliers],
                 "stable": orbit.stable,
             }
-            for orbit in gear.orbits()
+            for orbit in orbits
         ],
     }
 

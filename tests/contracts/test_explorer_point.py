@@ -1,28 +1,31 @@
 """The view of one parameter point without a browser: its words, its parts, and how they come together."""
 
 import asyncio
+import os
 import re
-import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from depth import either
 from service_support import no_cluster
+from waiting import HANG, eventually
 
 import rattle
 from rattle.models import Impacting, Stiff
 from rattle.stiff import StiffGear
 from service.app import create_app
 from service.errors import UnavailableError
-from service.explorer import point_parts, point_words
+from service.explorer import point_parts, point_words, point_work
 from service.explorer.point import PointView
 from service.explorer.point_panel import PointPanel
 from service.explorer.point_state import PointState
 from service.explorer.point_work import prepare
 from service.settings import Settings
 from service.state import Front
+from service.turns import in_turn
 
 # Words
 
@@ -155,24 +158,28 @@ def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) 
 
 # The view
 
+COARSER = either(6, 1)  # basins
 
-def with_front(data: Path, body: Callable[[Front], Awaitable[None]], **settings: Any) -> None:
+
+def with_front(data: Path, body: Callable[[Front], Awaitable[None]]) -> None:
     async def main() -> None:
-        app = create_app(Settings(data=data, **settings), no_cluster)
+        app = create_app(Settings(data=data, max_point_seconds=HANG), no_cluster)
         async with app.router.lifespan_context(app):
             await body(app.state.front)
 
     asyncio.run(main())
 
 
-async def until(holds: Callable[[], bool], seconds: float = 60) -> None:
-    deadline = time.monotonic() + seconds
-    while not holds():
-        assert time.monotonic() < deadline
-        await asyncio.sleep(0.02)
+def coarse(work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    """A part of a view, computed here, with few cells and starts."""
+    if work is point_parts.basins:
+        arguments = (arguments[0], 40, "cells")
+    if work is point_parts.chances:
+        arguments = (arguments[0], 64)
+    return work(*arguments)
 
 
-def is_complete(view: PointView) -> bool:
+def is_complete(view: PointView, side: int) -> bool:
     texts = (
         view.panel.likely,
         view.panel.safe,
@@ -180,26 +187,39 @@ def is_complete(view: PointView) -> bool:
         view.panel.under_motion,
         view.panel.under_diagram,
     )
-    return all(text.html and "computing" not in text.html for text in texts) and "600 ×" in view.panel.under_basins.html
+    return (
+        all(text.html and "computing" not in text.html for text in texts)
+        and f"{side} ×" in view.panel.under_basins.html
+    )
 
 
-def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path) -> None:
+def with_process(compute: Callable[..., Any], *arguments: Any) -> tuple[int, Any]:
+    """What a function returns, and the process that computed it."""
+    point_parts.STEPS = either(20, point_parts.STEPS)  # in that process
+    return os.getpid(), compute(*arguments)
+
+
+def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    computed: dict[str, set[int]] = {}
+
+    async def in_turn_and_noted(front: Front, *work: Any, **words: Any) -> Any:
+        if work[0] is point_parts.basins:
+            work = (*work[:2], work[2] // COARSER, work[3])
+        process, found = await in_turn(front, with_process, *work, **words)
+        computed.setdefault(words["what"], set()).add(process)
+        return found
+
     async def body(front: Front) -> None:
         await prepare(front)
-        ticks: list[float] = []
-
-        async def tick() -> None:
-            while True:
-                ticks.append(time.monotonic())
-                await asyncio.sleep(0.01)
-
-        ticking = asyncio.create_task(tick())
+        monkeypatch.setattr(point_work, "in_turn", in_turn_and_noted)
         view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
         assert "region IV" in view.panel.where.html
         assert "2.602, 0.2109" in view.panel.orbits.html
-        await until(lambda: is_complete(view))
-        ticking.cancel()
-        assert np.median(np.diff(ticks)) < 0.1  # the loop runs on
+        await eventually(lambda: is_complete(view, 600 // COARSER))
+        assert len(computed) == 6
+        processes = set.union(*computed.values())
+        assert os.getpid() not in processes  # the loop runs on
+        assert len(processes) <= front.settings.max_points  # which stay warm
         assert "probability 7" in view.panel.likely.html
         assert "<caption>Attractors from 1024 starts</caption>" in view.panel.table.html
         assert "chaotic" in view.panel.under_motion.html  # the first that is not quiet
@@ -207,19 +227,19 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path) -> None:
         states: list[dict[str, str]] = []
         view.param.watch(lambda event: states.append(event.new), "state")
         view.panel.choice.value = 2
-        await until(lambda: view.panel.under_motion.html.startswith('<p class="faint">P(1,1,0)'))
+        await eventually(lambda: view.panel.under_motion.html.startswith('<p class="faint">P(1,1,0)'))
         view.panel.picture._tapped(type("Tap", (), {"x": 1.25, "y": 4.5}))
-        await until(lambda: "initial condition" in view.panel.under_motion.html)
+        await eventually(lambda: "initial condition" in view.panel.under_motion.html)
         samples = view.panel.motions._samples.data
         expected = rattle.Gear(0.6, 0.1).trajectory(0.25, 4.5, float(samples["t"][-1]), len(samples["t"]))
         np.testing.assert_array_equal(samples["phi"], expected.phi)
         view.panel.direction.value = "delta"
-        await until(lambda: "damping δ" in view.panel.under_diagram.html)
+        await eventually(lambda: "damping δ" in view.panel.under_diagram.html)
         start = {"tau": "0.25", "v": "4.5"}
         assert states == [{"attractor": "2"}, start, start | {"direction": "delta"}]
         again = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6), **view.state)
-        await until(lambda: again.panel.under_motion.html == view.panel.under_motion.html)
-        await until(lambda: again.panel.under_diagram.html == view.panel.under_diagram.html)
+        await eventually(lambda: again.panel.under_motion.html == view.panel.under_motion.html)
+        await eventually(lambda: again.panel.under_diagram.html == view.panel.under_diagram.html)
         assert again.panel.choice.value == view.panel.choice.value
         for each in (view, again):
             each.stop()
@@ -235,10 +255,11 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
         view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
 
         async def compute(work: Any, *arguments: Any, what: str, slow: bool = False) -> Any:
-            return refusing(arguments[0]) if slow and what == "The margin" else work(*arguments)
+            return refusing(arguments[0]) if slow and what == "The margin" else coarse(work, arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
-        await until(lambda: is_complete(view))
+        monkeypatch.setattr(point_parts, "STEPS", 10)
+        await eventually(lambda: is_complete(view, 40))
         assert "too long" in view.panel.safe.html
         assert "<b>" not in view.panel.safe.html
         assert 'role="alert"' in view.panel.safe.html
@@ -251,12 +272,12 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
 def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Path) -> None:
     async def body(front: Front) -> None:
         view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
-        await until(lambda: front.points.borrowed_tokens > 0)
+        await eventually(lambda: front.points.borrowed_tokens > 0)
         view.stop()
         said = view.panel.likely.html
-        await until(lambda: front.points.borrowed_tokens == 0, 10)
-        await asyncio.sleep(0.2)
+        await eventually(lambda: not view._work._tasks)  # what was at work has ended, and nothing can follow
         assert view.panel.likely.html == said
+        assert front.points.borrowed_tokens == 0
         assert front.points.statistics().tasks_waiting == 0
 
     with_front(tmp_path, body)
@@ -279,16 +300,13 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
         async def compute(work: Any, *arguments: Any, what: str, **_slow: bool) -> Any:
             asked.append(what)
-            if work is point_parts.basins:
-                arguments = (arguments[0], 40, "cells")
-            if work is point_parts.chances:
-                arguments = (arguments[0], 64)
-            return work(*arguments)
+            return coarse(work, arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
+        monkeypatch.setattr(point_parts, "STEPS", 10)
         assert "stiffness κ = 10000" in view.panel.where.html
         texts = (view.panel.under_motion, view.panel.under_diagram, view.panel.orbits)
-        await until(lambda: asked.count("The basins") == 3 and not any("computing" in each.html for each in texts))
+        await eventually(lambda: asked.count("The basins") == 3 and not any("computing" in each.html for each in texts))
         gear = StiffGear(0.6, 0.075, 0.6, 1e4)
         quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
         assert point_words.percent(quiet.fraction) in view.panel.likely.html

@@ -49,7 +49,7 @@ async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, lag: i
             if not later:
                 await grown.wait()
             elif lag:
-                await eventually(lambda: len(survey.rows) >= min(found[-1] + lag, until))
+                await eventually(lambda enough=min(found[-1] + lag, until): len(survey.rows) >= enough)
     return found
 
 

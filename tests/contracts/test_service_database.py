@@ -1,16 +1,19 @@
 """Many threads, or two services, on one job database: what was promised to each of them holds."""
 
 import signal
-import time
+import sys
+import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from postgres import Postgres
 from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
+from waiting import HANG, wait_until
 
 from service.database import Database, DoneTile, NewJob
 from service.database.engine import UNPOOLED, open_engine
@@ -19,6 +22,7 @@ from service.errors import ConflictError, DataDirectoryError, QueueFullError, Un
 from service.tables import Scope, State
 
 THREADS = 12
+HOLD = sys.modules["service.database.hold"]  # of the package, it is the function
 
 
 def new(key: str | None = None, body: str = "b", owner: str | None = None, tiles: int = 4) -> NewJob:
@@ -177,25 +181,20 @@ def holders(url: str) -> list[int]:
         return list(connection.execute(text(held)).scalars())
 
 
-def wait_for(condition: Any) -> Any:
-    deadline = time.monotonic() + 20
-    while not (value := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    return value
-
-
 def kill_session(url: str, pid: int) -> None:
     with open_engine(url, UNPOOLED).connect() as connection:
-        connection.execute(text(f"SELECT pg_terminate_backend({pid}, 5000)"))
+        connection.execute(text(f"SELECT pg_terminate_backend({pid}, {HANG * 1000:.0f})"))
 
 
-def test_a_lost_lock_is_taken_again_and_meanwhile_nothing_is_lost(postgres_url: str) -> None:
+def test_a_lost_lock_is_taken_again_and_meanwhile_nothing_is_lost(
+    postgres_url: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(HOLD, "LOOK_SECONDS", 0.05)
     database = Database(postgres_url)
     (pid,) = holders(postgres_url)
     kill_session(postgres_url, pid)
     survey_id = database.accept(new(), 1).id  # nobody else came: this service may go on
-    assert wait_for(lambda: holders(postgres_url)) != [pid]
+    assert wait_until(lambda: holders(postgres_url)) != [pid]
     with pytest.raises(DataDirectoryError, match="Another service"):
         Database(postgres_url)
     database.set_state(survey_id, State.RUNNING)
@@ -203,7 +202,24 @@ def test_a_lost_lock_is_taken_again_and_meanwhile_nothing_is_lost(postgres_url: 
     assert holders(postgres_url) == []
 
 
-def test_a_lock_that_another_service_took_is_not_taken_back(postgres_url: str) -> None:
+class Looks(threading.Event):
+    """Between two looks at the lock a service waits until the test says so, or until its end."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.due = threading.Event()
+
+    def set(self) -> None:
+        super().set()
+        self.due.set()
+
+    def wait(self, timeout: float | None = None) -> bool:  # noqa: ARG002 - that of a real one
+        self.due.wait()
+        return self.is_set()
+
+
+def test_a_lock_that_another_service_took_is_not_taken_back(postgres_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(HOLD, "threading", SimpleNamespace(Event=Looks, Thread=threading.Thread))
     first = Database(postgres_url)
     kill_session(postgres_url, holders(postgres_url)[0])
     second = Database(postgres_url)
@@ -211,7 +227,8 @@ def test_a_lock_that_another_service_took_is_not_taken_back(postgres_url: str) -
         first.accept(new(), 9)
     assert second.accept(new(), 9).number == 1
     second.close()
-    time.sleep(3)  # the first one looks again, and leaves the database to whoever starts next
+    first._hold._released.due.set()  # the first one looks again, and leaves the database to whoever starts next
+    wait_until(lambda: not first._hold._thread.is_alive())
     with pytest.raises(UnavailableError, match="Another service"):
         first.accept(new(), 9)
     Database(postgres_url).close()
@@ -231,5 +248,5 @@ def test_a_crash_of_the_database_server_loses_nothing_that_was_committed(postgre
         postgres.start()
     assert database.tiles_done(survey_id) == {0}
     assert database.set_state(survey_id, State.RUNNING)
-    assert wait_for(lambda: holders(postgres_url))
+    assert wait_until(lambda: holders(postgres_url))
     database.close()

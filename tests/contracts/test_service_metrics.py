@@ -107,9 +107,7 @@ def lines(request: pytest.FixtureRequest) -> Iterator[Callable[[], list[str]]]:
 
 
 @pytest.mark.parametrize("lines", ["json"], indirect=True)
-def test_json_lines(
-    client: TestClient, lines: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_json_lines(client: TestClient, lines: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
     clock = count(0, 2.5)
     monkeypatch.setattr("service.logs.time", SimpleNamespace(perf_counter=lambda: next(clock)))
     survey_id = "0123456789abcdef"

@@ -1,0 +1,39 @@
+"""Points at the ends of double precision are answered, in JSON that has neither NaN nor infinity."""
+
+import json
+from collections.abc import Iterator
+
+import pytest
+from fastapi.testclient import TestClient
+from service_support import front_end
+
+ORDINARY = {"delta": "0.6", "epsilon": "0.1", "beta": "0.6"}
+EXTREMES = [
+    *({"delta": value} for value in ("5e-324", "1e-300", "1e-9", "1e6", "1e300")),
+    *({"epsilon": value} for value in ("0", "5e-324", "1e-300", "1e6")),
+    *({"beta": value} for value in ("5e-324", "1e-300", "1e-9", "1e6", "1e300")),
+]
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    with front_end(tmp_path_factory.mktemp("data")) as client:
+        yield client
+
+
+def refuse(constant: str) -> None:
+    raise AssertionError(f"{constant} is no JSON")
+
+
+@pytest.mark.parametrize("extreme", EXTREMES, ids=str)
+def test_a_point_is_answered(client: TestClient, extreme: dict[str, str]) -> None:
+    for route, sample in (("orbits", {}), ("attractors", {"count": 1}), ("basins.png", {"resolution": 2})):
+        if route == "basins.png" and "beta" not in extreme:
+            continue  # Γ and its images take minutes
+        answer = client.get(f"/v1/{route}", params=ORDINARY | extreme | sample)
+        assert answer.status_code == 200, answer.text
+        if route == "basins.png":
+            assert answer.content.startswith(b"\x89PNG")
+        else:
+            document = json.loads(answer.text, parse_constant=refuse)
+            assert {name: float(value) for name, value in extreme.items()}.items() <= document.items()
