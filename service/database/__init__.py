@@ -47,11 +47,11 @@ class Database(Surveys, Keys):
             raise DataDirectoryError(f"The job database {_shown(url)} cannot be opened: {error}") from error
 
     def close(self) -> None:
-        """Close every connection, and let others have the database."""
-        self._reader.dispose()
+        """Let others have the database, and close every connection: last, since what holds it reads from it."""
         if self._hold is not None:
             self._hold.release()
             self._hold = None
+        self._reader.dispose()
 
     def _open(self, exclusive: bool) -> None:
         current = is_current(self._reader)  # refuses what is not ours before anything is touched

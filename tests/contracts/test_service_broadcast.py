@@ -2,6 +2,7 @@
 
 import asyncio
 from collections import Counter
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,6 +30,9 @@ class Survey:
             data = {"tile": len(self.rows)}
             self.rows.append(SimpleNamespace(id=len(self.rows) + 1, kind="tile", data=data, at="now"))
 
+    def has(self, number: int) -> bool:
+        return len(self.rows) >= number
+
     def read(self, _: str, after: int) -> list[Any]:
         self.reads += 1
         if self.deleted:
@@ -49,7 +53,7 @@ async def follow(feeds: Broadcast, survey: Survey, seen: int, until: int, lag: i
             if not later:
                 await grown.wait()
             elif lag:
-                await eventually(lambda enough=min(found[-1] + lag, until): len(survey.rows) >= enough)
+                await eventually(partial(survey.has, min(found[-1] + lag, until)))
     return found
 
 
