@@ -105,8 +105,14 @@ def url(finished: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[st
 
 
 @pytest.fixture(scope="module")
-def document(url: str) -> dict[str, Any]:
-    found: dict[str, Any] = httpx.get(f"{url}/openapi.json").json()
+def http(url: str) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=url, timeout=HANG) as http:
+        yield http
+
+
+@pytest.fixture(scope="module")
+def document(http: httpx.Client) -> dict[str, Any]:
+    found: dict[str, Any] = http.get("/openapi.json").json()
     return found
 
 
@@ -164,8 +170,8 @@ def operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, A
             yield path, method, operation
 
 
-def test_every_example_of_a_request_is_executed(url: str, document: dict[str, Any]) -> None:
-    survey_id = Client(url).submit(BODY, force=True).wait().id
+def test_every_example_of_a_request_is_executed(http: httpx.Client, document: dict[str, Any]) -> None:
+    survey_id = Client(http=http).submit(BODY, force=True).wait().id
     executed = set()
     for path, method, operation in sorted(operations(document), key=lambda each: each[1] == "delete"):
         examples: dict[str, dict[str, Any]] = {"path": {}, "query": {}, "header": {}}
@@ -177,16 +183,14 @@ def test_every_example_of_a_request_is_executed(url: str, document: dict[str, An
         headers = {name: str(value) for name, value in examples["header"].items()}
         content = operation.get("requestBody", {}).get("content", {}).get("application/json", {})
         for body in content["schema"]["examples"] if "examples" in content.get("schema", {}) else [None]:
-            answer = httpx.request(
-                method, url + where, params=examples["query"], headers=headers, json=body, timeout=60
-            )
+            answer = http.request(method, where, params=examples["query"], headers=headers, json=body)
             assert answer.status_code < 400, (method, where, answer.text)
             assert str(answer.status_code) in operation["responses"]
             executed.add((method, path))
     assert len(executed) == len(list(operations(document)))
 
 
-def test_every_example_of_an_answer_fits_its_schema_and_is_true(url: str, document: dict[str, Any]) -> None:
+def test_every_example_of_an_answer_fits_its_schema_and_is_true(http: httpx.Client, document: dict[str, Any]) -> None:
     shown = {name: model for name, model in document["components"]["schemas"].items() if name in examples.ANSWERS}
     assert set(shown) == set(examples.ANSWERS)
     for name, model in shown.items():
@@ -194,12 +198,12 @@ def test_every_example_of_an_answer_fits_its_schema_and_is_true(url: str, docume
         for example in model["examples"]:
             jsonschema_rs.validate(schema, example)
             assert set(model["required"]) <= set(example), name
-    accepted = httpx.post(f"{url}/v1/surveys?force=true", json=examples.REQUEST).json()
+    accepted = http.post("/v1/surveys?force=true", json=examples.REQUEST).json()
     changing = {"id", "created", "content_hash", "links", "state", "started", "finished", "progress", "message"}
     for name in set(accepted) - changing:
         assert accepted[name] == examples.DETAIL[name], name
     for name, query, example in POINTS:
-        answer = httpx.get(f"{url}/v1/{name}", params=query, timeout=60).json()
+        answer = http.get(f"/v1/{name}", params=query).json()
         assert_close(first_of_each(answer), example)
 
 
@@ -232,12 +236,14 @@ def first_of_each(value: Any) -> Any:
     return value
 
 
-def test_the_lines_of_the_readme_are_executed(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_lines_of_the_readme_are_executed(
+    url: str, http: httpx.Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if shutil.which("curl") is None:
         pytest.skip("curl is not installed")
     section = README.split("## Ask the service\n")[1].split("\n## ")[0].replace("http://localhost:8000", url)
     shell, python = (re.findall(rf"```{kind}\n(.*?)```", section, re.DOTALL)[0] for kind in ("sh", "python"))
-    survey_id = httpx.post(f"{url}/v1/surveys?force=true", json=BODY).json()["id"]
+    survey_id = http.post("/v1/surveys?force=true", json=BODY).json()["id"]
     (tmp_path / ".curlrc").write_text("fail\nsilent\nshow-error\n")
     (tmp_path / "python").symlink_to(sys.executable)
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
@@ -245,20 +251,20 @@ def test_the_lines_of_the_readme_are_executed(url: str, tmp_path: Path, monkeypa
     *lines, deletion = script.strip().splitlines()
     printed = ""
     for part in ("\n".join(lines), deletion):
-        Client(url).job(survey_id).wait()  # a survey that is still being verified would only be dismissed
+        Client(http=http).job(survey_id).wait()  # a survey that is still being verified would only be dismissed
         run = subprocess.run(
             ["bash", "-euxc", part],
             cwd=tmp_path,
             env=os.environ | {"CURL_HOME": str(tmp_path)},
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=HANG,
         )
         assert run.returncode == 0, run.stdout + run.stderr
         printed += run.stdout
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
     assert "event: state" in printed
-    assert httpx.get(f"{url}/v1/surveys/{survey_id}").status_code == 404
+    assert http.get(f"/v1/surveys/{survey_id}").status_code == 404
     names: dict[str, Any] = {}
     exec(python, names)
     assert "region" in names["survey"]

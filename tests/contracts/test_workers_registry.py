@@ -73,6 +73,11 @@ def template(request_: SurveyRequest, tmp_path_factory: pytest.TempPathFactory) 
 
 
 @pytest.fixture(scope="module")
+def empty(template: Path) -> xr.Dataset:
+    return xr.open_zarr(template, chunks=None)
+
+
+@pytest.fixture(scope="module")
 def survey(request_: SurveyRequest, tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
     path = tmp_path_factory.mktemp("survey") / "survey.zarr"
     create_store(request_, path)
@@ -86,8 +91,8 @@ def test_the_registry_is_the_schema() -> None:
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES, ids=lambda quantity: quantity.name)
-def test_variable_of_an_empty_store(template: Path, quantity: Quantity) -> None:
-    variable = xr.open_zarr(template, chunks=None)[quantity.name]
+def test_variable_of_an_empty_store(empty: xr.Dataset, quantity: Quantity) -> None:
+    variable = empty[quantity.name]
     dims, dtype = SCHEMA[quantity.name]
     assert (variable.dims, variable.dtype) == (dims, np.dtype(dtype))
     assert variable.shape == tuple(SIZES[dim] for dim in dims)
@@ -110,19 +115,18 @@ def test_variable_of_a_filled_store(survey: xr.Dataset, quantity: Quantity) -> N
 
 
 @pytest.mark.parametrize("name", COORDINATES)
-def test_coordinate(template: Path, name: str) -> None:
-    coordinate = xr.open_zarr(template, chunks=None).coords[name]
+def test_coordinate(empty: xr.Dataset, name: str) -> None:
+    coordinate = empty.coords[name]
     assert coordinate.shape == (SIZES[name],)
     assert coordinate.attrs["long_name"]
     assert coordinate.attrs["units"] == "1"
 
 
-def test_axes_are_the_computed_values(template: Path, request_: SurveyRequest) -> None:
-    dataset = xr.open_zarr(template)
-    assert dataset.delta.values.tobytes() == request_.delta.values().tobytes()
-    assert dataset.epsilon.values.tobytes() == request_.epsilon.values().tobytes()
-    assert list(dataset.orbit.values) == ["A", "B", "C", "D"]
-    assert list(dataset.grazing_curve.values) == ["G1", "G2"]
+def test_axes_are_the_computed_values(empty: xr.Dataset, request_: SurveyRequest) -> None:
+    assert empty.delta.values.tobytes() == request_.delta.values().tobytes()
+    assert empty.epsilon.values.tobytes() == request_.epsilon.values().tobytes()
+    assert list(empty.orbit.values) == ["A", "B", "C", "D"]
+    assert list(empty.grazing_curve.values) == ["G1", "G2"]
 
 
 @pytest.mark.parametrize("open_it", [xr.open_zarr, lambda path: xr.open_datatree(path, engine="zarr")])
@@ -132,8 +136,8 @@ def test_opens_without_a_warning(template: Path, open_it) -> None:
         open_it(template).load()
 
 
-def test_attributes_tell_where_it_comes_from(template: Path, request_: SurveyRequest) -> None:
-    attributes = xr.open_zarr(template).attrs
+def test_attributes_tell_where_it_comes_from(empty: xr.Dataset, request_: SurveyRequest) -> None:
+    attributes = empty.attrs
     assert SurveyRequest.model_validate_json(attributes["request"]) == request_
     assert attributes["content_hash"] == request_.content_hash()
     assert attributes["doi"] == "10.1137/090759641"

@@ -1,6 +1,7 @@
 """The store: created whole or not at all, never over anything else, written in whole chunks."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,16 @@ REQUEST = SurveyRequest(
 TILES = tiles_of(REQUEST)
 
 
-@pytest.fixture
-def store(tmp_path: Path) -> Path:
-    path = tmp_path / "survey.zarr"
+@pytest.fixture(scope="module")
+def template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("template") / "survey.zarr"
     create_store(REQUEST, path)
     return path
+
+
+@pytest.fixture
+def store(template: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(template, tmp_path / "survey.zarr"))
 
 
 def snapshot(path: Path) -> dict[str, bytes]:
@@ -40,9 +46,9 @@ def fill(store: Path, tiles: list[Tile]) -> None:
         compute_and_write(REQUEST, str(store), tile)
 
 
-def test_created_whole_and_alone(store: Path) -> None:
-    assert [path.name for path in store.parent.iterdir()] == ["survey.zarr"]
-    assert tiles_done(REQUEST, store) == set()
+def test_created_whole_and_alone(template: Path) -> None:
+    assert [path.name for path in template.parent.iterdir()] == ["survey.zarr"]
+    assert tiles_done(REQUEST, template) == set()
 
 
 def test_created_in_new_and_in_empty_directories(tmp_path: Path) -> None:
