@@ -60,8 +60,9 @@ def find_identical(session: Session, new: NewJob, has_results: Callable[[str], b
     """
     own = JobRow.owner.is_(None) if new.owner is None else JobRow.owner == new.owner
     same = select(JobRow).where(JobRow.content_hash == new.content_hash).order_by(JobRow.number.desc())
-    successful = session.scalars(same.where(JobRow.state == State.SUCCESSFUL), execution_options={"yield_per": 10})
-    job = next((job for job in successful if has_results(job.id)), None)
+    some = {"yield_per": 10}
+    with session.scalars(same.where(JobRow.state == State.SUCCESSFUL), execution_options=some) as successful:
+        job = next((job for job in successful if has_results(job.id)), None)
     if job is None:
         job = session.scalars(same.where(JobRow.state.in_(ACTIVE), own).limit(1)).first()
     if job is not None and new.stored_key is not None:

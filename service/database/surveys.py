@@ -192,8 +192,9 @@ class Surveys(Transactions):
         with self._read() as session:
             has_failed = text("tiles.failed > 0")  # literal, for the index ix_tiles_failed
             failed = select(TileRow.failures).where(TileRow.job == _number(session, survey_id), has_failed)
-            tiles = session.scalars(failed.order_by(TileRow.index).limit(limit), execution_options={"yield_per": 10})
-            return list(islice(chain.from_iterable(tiles), limit))
+            some = {"yield_per": 10}
+            with session.scalars(failed.order_by(TileRow.index).limit(limit), execution_options=some) as tiles:
+                return list(islice(chain.from_iterable(tiles), limit))
 
     def events(self, survey_id: str, after: int, limit: int = 500) -> Sequence[EventRow]:
         """The events that follow number ``after``; UnknownSurveyError once the survey is deleted."""
