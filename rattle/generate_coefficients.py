@@ -6,7 +6,7 @@ error of the rounded polynomial, evaluated exactly on a fine grid; evaluating it
 """
 
 from collections.abc import Callable
-from functools import partial, reduce
+from functools import partial
 from typing import Any, NamedTuple
 
 import mpmath as mp
@@ -78,7 +78,9 @@ def error(p: Polynomial, found: list[np.floating]) -> Any:
         x = p.low + (p.high - p.low) * mp.mpf(i) / GRID
         true = p.function(x)
         size = 1 if p.name.startswith("MEAN") else abs(true)
-        value = reduce(lambda total, c, x=x: total * x + c, powers)  # releases of mpmath differ in polyval's order
+        value = mp.mpf(0)
+        for c in powers:  # releases of mpmath differ in the order that polyval takes
+            value = value * x + c
         worst = max(worst, abs(value - true) / size)
     return worst
 

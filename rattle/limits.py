@@ -35,7 +35,7 @@ def sn1(delta: ArrayLike) -> FloatArray:
 def flip(delta: ArrayLike) -> FloatArray:
     """Flip PDC at which C loses stability: ε² = SN1² + (δ² coth(δ/2)/2π)². Not in the paper."""
     d = _damping(delta)
-    return np.hypot(sn1(d), d * d / np.tanh(d / 2) / (2 * np.pi))
+    return np.hypot(sn1(d), d * (2.0 - sine_offset(d)) / (2 * np.pi))
 
 
 def quiet_limit(delta: ArrayLike) -> FloatArray:

@@ -1,7 +1,7 @@
 """Compiled kernels, made ready in a process of their own before anybody's time is counted.
 
-A fresh installation compiles for a minute. That begins with the service, and goes on in this order: what closed forms
-and curves need, attractors, all that the view of a point shows. The stiff model's wait until somebody asks for it. The
+A fresh installation compiles for a minute. That begins with the service, and goes on in this order: closed forms,
+curves, attractors, all that the view of a point shows. The stiff model's wait until somebody asks for it. The
 workers compile their own meanwhile: the cache of kernels lets every other process wait for one that is being compiled.
 """
 
@@ -31,17 +31,23 @@ log = logging.getLogger(__name__)
 class Part(IntEnum):
     """What kernels are for, in the order in which they are compiled."""
 
-    FORMS = 0  # period-one motions, limits, curves
-    ATTRACTORS = 1
-    POINT = 2  # basins, manifolds, margins, diagrams
+    ORBITS = 0  # period-one motions and limits
+    CURVES = 1
+    ATTRACTORS = 2
+    POINT = 3  # basins, manifolds, margins, diagrams
 
 
-def _forms(model: AnyModel) -> None:
-    from service.tracing import curves_document, orbits_document
+def _orbits(model: AnyModel) -> None:
+    from service.tracing import orbits_document
 
-    delta, epsilon = AT
-    orbits_document(model.gear(delta, epsilon))
-    curves_document(model, (0.9 * delta, delta), (0.0, 0.2))
+    orbits_document(model.gear(*AT))
+
+
+def _curves(model: AnyModel) -> None:
+    from service.tracing import curves_document
+
+    delta, _ = AT
+    curves_document(model, (0.99 * delta, delta), (0.0, 0.2))
 
 
 def _attractors(model: AnyModel) -> None:
@@ -54,7 +60,13 @@ def _point(model: AnyModel) -> None:
     point_parts.warm_up(model.gear(*AT))
 
 
-WORK: dict[Part, Callable[[AnyModel], None]] = {Part.FORMS: _forms, Part.ATTRACTORS: _attractors, Part.POINT: _point}
+WORK: dict[Part, Callable[[AnyModel], None]] = {
+    Part.ORBITS: _orbits,
+    Part.CURVES: _curves,
+    Part.ATTRACTORS: _attractors,
+    Part.POINT: _point,
+}
+HERE = {Part.ORBITS, Part.CURVES}  # of the impacting model: in this process too, for its routes and its page
 
 
 def model_for(name: Model) -> AnyModel:
@@ -133,8 +145,8 @@ class Kernels:
         for part, work in WORK.items():
             try:
                 await to_process.run_sync(work, computed, cancellable=True, limiter=self._limiter)
-                if (model, part) == (Model.IMPACTING, Part.FORMS):
-                    await run_in_threadpool(work, computed)  # this process uses them too, in its event loop
+                if model is Model.IMPACTING and part in HERE:
+                    await run_in_threadpool(work, computed)
             except BrokenWorkerProcess as error:  # requests compile what they need, and say what goes wrong
                 log.warning("the process that compiles kernels has died: %s", error)
             except Exception:

@@ -43,7 +43,7 @@ class Lines:
             self._tasks[name] = self._viewer.start(self._line(name, model, window))
 
     async def _line(self, name: str, model: AnyModel, window: tuple[Pair, Pair]) -> None:
-        await self._viewer.front.kernels.require(model.name, Part.FORMS, patience=math.inf)
+        await self._viewer.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.read(lambda: overlays.points_of(model))
             self._viewer.change(lambda: self._map.points(points))

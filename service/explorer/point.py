@@ -72,7 +72,7 @@ class PointView(param.Parameterized):
             panel.likely.html = f'<p class="faint">{COMPILING}</p>'
         if not isinstance(self._gear, rattle.Gear):
             pass
-        elif front.kernels.has(model.name, Part.FORMS):
+        elif front.kernels.has(model.name, Part.ORBITS):
             self._tell_orbits(point_parts.period_one(self._gear))  # in closed form
         else:
             self._work.start(self._part(panel.orbits, partial(self._closed_form, self._gear)))
@@ -116,7 +116,7 @@ class PointView(param.Parameterized):
         await self._work.change(show)
 
     async def _closed_form(self, gear: rattle.Gear) -> None:
-        await self._work.kernels(Part.FORMS)
+        await self._work.kernels(Part.ORBITS)
         await self._work.change(lambda: self._tell_orbits(point_parts.period_one(gear)))
 
     async def _continued(self) -> None:

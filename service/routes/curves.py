@@ -113,7 +113,7 @@ async def curves(
         model,
         window["delta"],
         window["epsilon"],
-        needs=(model.name, Part.FORMS),
+        needs=(model.name, Part.CURVES),
         what="The curves",
         advice="Ask for a smaller window.",
     )

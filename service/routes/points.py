@@ -114,14 +114,14 @@ GearQuery = Annotated[AnyGear, Depends(gear_of_query)]
 )
 async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
     if isinstance(gear, rattle.Gear):
-        await front.kernels.require(Model.IMPACTING, Part.FORMS)
+        await front.kernels.require(Model.IMPACTING, Part.ORBITS)
         found = await run_in_threadpool(orbits_document, gear)
     else:
         found = await in_turn(
             front,
             orbits_document,
             gear,
-            needs=(Model.STIFF, Part.FORMS),
+            needs=(Model.STIFF, Part.ORBITS),
             what="The orbits",
             advice="Choose another point.",
         )

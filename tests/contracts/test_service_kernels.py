@@ -66,7 +66,7 @@ def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: list[Kernels])
         first = threads.submit(client.get, POINTS[0])
         wait_until(lambda: compiling and compiling[0]._waiting)
         assert_problem(client.get(POINTS[1]), 503, "Kernels are being compiled")
-        client.portal.call(front_of(client).kernels._ready[Model.IMPACTING, Part.FORMS].set)
+        client.portal.call(front_of(client).kernels._ready[Model.IMPACTING, Part.ORBITS].set)
         assert first.result(HANG).status_code == 200
 
 
