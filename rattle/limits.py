@@ -20,9 +20,9 @@ def _damping(delta: ArrayLike) -> FloatArray:
 def sine_offset(delta: ArrayLike) -> FloatArray:
     """ε sin 2πτ of A and C: 2 − δ coth(δ/2) ≤ 0, by its series where the difference would cancel."""
     d = np.asarray(delta, dtype=np.float64)
-    q = d * d
-    series = -q / 6 * (1 - q / 60 * (1 - q / 42 * (1 - q / 40)))
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of the one that is not taken
+        q = d * d
+        series = -q / 6 * (1 - q / 60 * (1 - q / 42 * (1 - q / 40)))
         exact = 2.0 - d / np.tanh(d / 2)
     return np.where(d < 0.05, series, exact)
 
@@ -35,7 +35,8 @@ def sn1(delta: ArrayLike) -> FloatArray:
 def flip(delta: ArrayLike) -> FloatArray:
     """Flip PDC at which C loses stability: ε² = SN1² + (δ² coth(δ/2)/2π)². Not in the paper."""
     d = _damping(delta)
-    return np.hypot(sn1(d), d * (2.0 - sine_offset(d)) / (2 * np.pi))
+    with np.errstate(over="ignore"):  # it is beyond double precision from δ = 3e154 on
+        return np.hypot(sn1(d), d * (2.0 - sine_offset(d)) / (2 * np.pi))
 
 
 def quiet_limit(delta: ArrayLike) -> FloatArray:
