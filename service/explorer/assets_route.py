@@ -10,7 +10,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import Message, Receive, Scope, Send
 
 if TYPE_CHECKING:
-    from bokeh_fastapi import BokehFastAPI
+    from service.explorer.transport import Transport
 
 #: Seconds: so long nobody asks for anything, and so long at most, until a browser is taken to have what it needs.
 QUIET, LONGEST = 0.08, 0.6
@@ -21,7 +21,7 @@ MOST_KEPT = 16 << 20  # bytes
 class Assets:
     """Sends them; those that every page asks for from memory, whole: a browser waits for them all."""
 
-    def __init__(self, load: Callable[[], Awaitable[BokehFastAPI]]) -> None:
+    def __init__(self, load: Callable[[], Awaitable[Transport]]) -> None:
         self._load = load
         self._kept: dict[tuple[str, bytes], list[Message]] = {}
         self._size = 0
@@ -59,7 +59,7 @@ class Assets:
             sent.append(message)
             await send(message)
 
-        await bokeh.app({**scope, "app": bokeh.app, "router": bokeh.app.router}, receive, keep)
+        await bokeh.asset(scope, receive, keep)
         body = b"".join(message.get("body", b"") for message in sent[1:])
         if whole and sent[0]["status"] == 200 and self._size + len(body) < MOST_KEPT:
             self._size += len(body)

@@ -10,7 +10,7 @@ from service.explorer.address import THEMES, View
 from service.explorer.files import asset
 
 if TYPE_CHECKING:
-    from bokeh_fastapi import BokehFastAPI
+    from service.explorer.transport import Transport
 
 UNUSED = ("bokeh-gl",)  # the page has no WebGL; Panel's own script needs all others
 #: Styles that parts of the page ask for, each where it is: late.
@@ -36,7 +36,7 @@ def following(head: str, view: View, scheme: str) -> str:
     return head.replace("{follow}", f"<script>{script}</script>")
 
 
-def head_of(bokeh: BokehFastAPI) -> str:
+def head_of(bokeh: Transport) -> str:
     """The head of every page of an application, with `{follow}` where what depends on the page goes."""
     from panel.io.resources import JS_VERSION, bundle_resources
 

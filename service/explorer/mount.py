@@ -5,15 +5,15 @@ from __future__ import annotations
 import asyncio
 import gc
 import logging
-import secrets
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from fastapi import FastAPI, Request, Response, WebSocket
+from fastapi import FastAPI, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 from starlette.routing import Route, WebSocketRoute
+from starlette.types import Receive, Scope, Send
 
 from service.errors import UnavailableError
 from service.explorer import login
@@ -26,8 +26,7 @@ from service.settings import Settings
 from service.state import Front
 
 if TYPE_CHECKING:
-    from bokeh.server.contexts import ApplicationContext
-    from bokeh_fastapi import BokehFastAPI
+    from service.explorer.transport import Transport
 
 TITLE = "gear rattle"
 LOOK_SECONDS = 0.2
@@ -57,13 +56,13 @@ class Explorer:
         self._settings = settings
         self._front: Front | None = None
         self._news: News | None = None
-        self._loading: asyncio.Future[BokehFastAPI] | None = None
+        self._loading: asyncio.Future[Transport] | None = None
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
         self._assets = Assets(self.load)
         app.router.routes += [
             Route("/", self._page, methods=["GET"], include_in_schema=False),
-            WebSocketRoute("/ws", self._socket),
+            WebSocketRoute("/ws", _Socket(self.load)),
             Route("/static/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             Route("/components/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             *login.ROUTES,
@@ -82,6 +81,8 @@ class Explorer:
             sweeper.cancel()
             with suppress(asyncio.CancelledError):
                 await sweeper
+            if (bokeh := self._loaded()) is not None:
+                await bokeh.stop()
 
     async def prepare(self) -> None:
         """Load what the page needs before anybody asks for it, and after the cluster, which has more to load."""
@@ -93,49 +94,38 @@ class Explorer:
         except Exception:  # told again to whoever opens the page
             log.exception("the explorer cannot be loaded")
 
-    async def load(self) -> BokehFastAPI:
+    async def load(self) -> Transport:
         """The Bokeh application; what it imports takes more than a second, so that is done once and in a thread."""
         failed = self._loading is not None and self._loading.done() and self._loading.exception() is not None
         if self._loading is None or failed:
             self._loading = asyncio.ensure_future(run_in_threadpool(self._build))
         return await asyncio.shield(self._loading)
 
-    def _build(self) -> BokehFastAPI:
+    def _build(self) -> Transport:
         from bokeh.settings import settings
-        from panel.io.application import build_applications
-        from panel.io.fastapi import BokehFastAPI
 
         from service.explorer.overlays import Crises
         from service.explorer.page import Shared, open_page
         from service.explorer.planes import Atlas
+        from service.explorer.transport import transport_of
 
         assert self._front is not None
         assert self._news is not None
         settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
         shared = Shared(self._front, self._news, Atlas(self._front), Crises(self._front))
-        found: Any = BokehFastAPI(
-            build_applications({"/": lambda: open_page(shared)}, title=TITLE),
-            app=FastAPI(openapi_url=None),
-            secret_key=secrets.token_bytes(32),  # a page belongs to who opened it: nobody makes up another's
-            sign_sessions=True,
-            include_headers=[],  # they would be written into the page, the key among them
-            include_cookies=[],
-        )
+        found = transport_of(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
         gc.freeze()  # as in service.server, for what has just been loaded
         return found
 
     async def _page(self, request: Request) -> Response:
-        from panel.io.fastapi import DocHandler
-
         from service.explorer.point_work import prepare
         from service.explorer.viewer import CALLER
 
         assert self._front is not None
 
         bokeh = await self.load()
-        context = _context(bokeh)
-        if len(list(context.sessions)) >= self._settings.max_pages:
+        if len(list(bokeh.context.sessions)) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
         if self._warming is None:  # processes for the first click, which nobody needs where nobody looks
             self._warming = asyncio.create_task(prepare(self._front))
@@ -148,40 +138,35 @@ class Explorer:
             await self._assets.quiet()
             CALLER.set(request.state.caller)
             SCHEME.set(scheme)
-            page: Response = await DocHandler(bokeh, application_context=context).get(request)
-            yield body_of(bytes(page.body).decode())
+            yield body_of(await bokeh.document(request))
 
         headers = {"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"}
         return StreamingResponse(parts(), media_type="text/html", headers=headers)
 
-    async def _socket(self, websocket: WebSocket) -> None:
-        from service.explorer.socket import PageSocket
-        from service.explorer.viewer import CALLER
-
-        bokeh = await self.load()
-        CALLER.set(websocket.state.caller)
-        handler: Any = PageSocket(bokeh, application_context=_context(bokeh))
-        try:
-            await handler.ws_connect(websocket)
-        except Exception as error:  # bokeh_fastapi raises anything at a token that is not one of ours
-            log.info("a page was refused: %s", error)
-            with suppress(RuntimeError):
-                await websocket.close(1008)
-        finally:
-            # bokeh_fastapi does not notice when a browser leaves: its page would be kept for ever
-            if handler.connection is not None:
-                bokeh.client_lost(handler.connection)
-
     async def _sweep(self) -> None:
         while True:
             await asyncio.sleep(SWEEP_SECONDS)
-            if self._loading is not None and self._loading.done() and not self._loading.exception():
-                await _context(self._loading.result())._cleanup_sessions(UNUSED_MILLISECONDS)
+            if (bokeh := self._loaded()) is not None:
+                await bokeh.context._cleanup_sessions(UNUSED_MILLISECONDS)
+
+    def _loaded(self) -> Transport | None:
+        done = self._loading is not None and self._loading.done() and not self._loading.exception()
+        return self._loading.result() if self._loading is not None and done else None
 
 
 SWEEP_SECONDS = 10.0
 UNUSED_MILLISECONDS = 15_000  # without a browser
 
 
-def _context(bokeh: BokehFastAPI) -> ApplicationContext:
-    return bokeh._applications["/"]
+class _Socket:
+    """The route of the websockets of the pages."""
+
+    def __init__(self, load: Callable[[], Awaitable[Transport]]) -> None:
+        self._load = load
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        from service.explorer.viewer import CALLER
+
+        bokeh = await self._load()
+        CALLER.set(scope["state"]["caller"])
+        await bokeh.socket(scope, receive, send)

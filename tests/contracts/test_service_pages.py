@@ -46,4 +46,4 @@ def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path
 
 
 def open_pages(client: TestClient) -> list[Any]:
-    return list(client.app.state.explorer._loading.result()._applications["/"].sessions)
+    return list(client.app.state.explorer._loading.result().context.sessions)
