@@ -1,0 +1,163 @@
+"""The wheel as users install it: built, put into clean environments outside the checkout, and used (`inside.py`).
+
+For every Python of ``PYTHONS`` that is installed: the newest release of every dependency, and the lowest of those that
+pyproject.toml names. Takes uv (`pip install uv`), which has what it needs from its cache after the first time.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PYTHONS = ("3.11", "3.12", "3.13")
+RESOLUTIONS = {"newest": "highest", "lowest": "lowest-direct"}
+AT_ONCE = 2
+HANG = 900  # seconds: nothing takes as long unless it hangs
+#: What the lines name: where versions differ most, and what broke before.
+NAMED = ("numpy", "numba", "zarr", "xarray", "dask", "fastapi", "starlette", "sqlalchemy", "panel", "bokeh")
+
+
+class FailedError(Exception):
+    """A command of an environment failed; what it printed."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """One Python with one set of releases, in a directory of its own."""
+
+    python: str
+    interpreter: Path
+    which: str
+    where: Path
+
+    def check(self, uv: str, wheel: Path) -> str:
+        """Install the wheel and use it; the line that says so.
+
+        Raises FailedError.
+        """
+        began = time.monotonic()
+        bin_ = self.where / "venv" / "bin"
+        python = str(bin_ / "python")
+        self._run(uv, "venv", "--quiet", "--no-project", "--python", str(self.interpreter), str(bin_.parent))
+        resolution = RESOLUTIONS[self.which]
+        self._run(
+            *(uv, "pip", "install", "--quiet", "--no-config", "--python", python),
+            *("--resolution", resolution, f"gear-rattle[service] @ {wheel.as_uri()}"),
+        )
+        installed = time.monotonic()
+        listed = self._run(uv, "pip", "freeze", "--quiet", "--python", python)
+        versions = dict(re.findall(r"^([\w.-]+)==(\S+)$", listed, re.M))
+        inside = shutil.copy(Path(__file__).with_name("inside.py"), self.where)
+        self._run(python, "-I", "-u", str(inside), str(ROOT))
+        named = ", ".join(f"{name} {versions[name]}" for name in NAMED if name in versions)
+        return (
+            f"Python {self.python}, {self.which}: {installed - began:.0f} s to install {len(versions) + 1} packages, "
+            f"{time.monotonic() - installed:.0f} s to use them: {named}"
+        )
+
+    def _run(self, *command: str) -> str:
+        """What a command of this environment prints, which knows nothing of the checkout or of other environments."""
+        home = self.where / "home"
+        home.mkdir(parents=True, exist_ok=True)
+        kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "RATTLE_", "VIRT"))}
+        cache = os.environ.get("UV_CACHE_DIR") or str(Path.home() / ".cache" / "uv")
+        environment = {
+            **kept,
+            "HOME": str(home),
+            "XDG_CACHE_HOME": str(home / ".cache"),
+            "RATTLE_CACHE_DIR": str(self.where / "kernels"),
+            "UV_CACHE_DIR": cache,  # downloads only
+        }
+        try:
+            return subprocess.run(
+                command, cwd=self.where, env=environment, text=True, timeout=HANG, check=True,
+                stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            ).stdout  # fmt: skip
+        except subprocess.CalledProcessError as error:
+            raise FailedError(f"{' '.join(command)}\n{error.stdout}") from error
+        except subprocess.TimeoutExpired as error:
+            said = (error.stdout or b"").decode() if isinstance(error.stdout, bytes) else error.stdout or ""
+            raise FailedError(f"{' '.join(command)} hangs\n{said}") from error
+
+
+def interpreters() -> dict[str, Path]:
+    """Where each Python is that runs here; a shim of pyenv may be there for one that does not."""
+    found: dict[str, Path] = {}
+    for version in PYTHONS:
+        for candidate in _candidates(version):
+            said = subprocess.run(
+                [candidate, "-c", "import sys, venv; print('%d.%d' % sys.version_info[:2])"],
+                capture_output=True, text=True, check=False,
+            )  # fmt: skip
+            if said.returncode == 0 and said.stdout.strip() == version:
+                found[version] = Path(candidate)
+                break
+    return found
+
+
+def _candidates(version: str) -> Iterator[str]:
+    if f"{sys.version_info.major}.{sys.version_info.minor}" == version:
+        yield sys.executable
+    if on_path := shutil.which(f"python{version}"):
+        yield on_path
+    yield from map(str, sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python")))
+
+
+def main() -> int:
+    """Check everything; the exit code says whether all is well."""
+    uv = shutil.which("uv", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+    if uv is None:
+        sys.exit("uv is not there: pip install uv")
+    began = time.monotonic()
+    pythons = interpreters()
+    absent = [version for version in PYTHONS if version not in pythons]
+    failures = 0
+    with tempfile.TemporaryDirectory(prefix="gear-rattle-") as temporary, ThreadPoolExecutor(AT_ONCE) as pool:
+        top = Path(temporary)
+        wheel = build(uv, top)
+        jobs = {}
+        for which in RESOLUTIONS:
+            for version, interpreter in pythons.items():
+                where = top / f"{version}-{which}"
+                where.mkdir()
+                jobs[pool.submit(Environment(version, interpreter, which, where).check, uv, wheel)] = (version, which)
+        for job in as_completed(jobs):
+            try:
+                print(job.result(), flush=True)
+            except Exception as error:
+                failures += 1
+                version, which = jobs[job]
+                print(f"FAILED: Python {version}, {which}: {error}", flush=True)
+    for version in absent:
+        print(f"Python {version} is not installed: not checked")
+    print(f"{len(jobs) - failures} passed, {failures} failed in {time.monotonic() - began:.0f} s")
+    return 1 if failures or not jobs else 0
+
+
+def build(uv: str, top: Path) -> Path:
+    """The wheel of the checkout, built from a copy: setuptools leaves files where it builds."""
+    source = top / "source"
+    source.mkdir()
+    for name in ("pyproject.toml", "README.md"):
+        shutil.copy(ROOT / name, source)
+    for package in ("rattle", "workers", "service"):
+        shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
+    command = [uv, "build", "--quiet", "--wheel", "--out-dir", str(top / "dist"), str(source)]
+    subprocess.run(command, check=True, timeout=HANG)
+    shutil.rmtree(source)
+    (wheel,) = (top / "dist").glob("*.whl")
+    return wheel
+
+
+if __name__ == "__main__":
+    sys.exit(main())
