@@ -64,5 +64,4 @@ def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None
     """
     if grazed is not None:
         itinerary, x = itinerary.without(grazed), np.delete(x, grazed)
-    trace = np.trace(itinerary.monodromy(x))
-    return multipliers_of(trace, np.exp(-x[itinerary.n] * itinerary.m))
+    return multipliers_of(itinerary.trace(x), np.exp(-x[itinerary.n] * itinerary.m))

@@ -196,6 +196,11 @@ class Itinerary:
                 product = np.array(energy) @ product
         return product
 
+    def trace(self, x: Array) -> float:
+        """The trace of the monodromy; infinite at a graze, where the terms are too, of either sign, and have no sum."""
+        terms = np.diagonal(self.monodromy(x))
+        return float(terms.sum()) if np.isfinite(terms).all() else np.inf
+
     def begun_at(self, first: int) -> "Itinerary":
         """The itinerary of the same motion, begun at impact number `first`."""
         return Itinerary(self.walls[first:] + self.walls[:first], self.m, self.beta)

@@ -107,9 +107,8 @@ def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
     n = itinerary.n
     speeds = -np.asarray(itinerary.walls) * itinerary.flights(x).w0
     determinant = np.exp(-x[n] * itinerary.m)
-    diagonal = np.diagonal(itinerary.monodromy(x))  # infinite at a graze, of either sign
-    finite = np.isfinite(diagonal).all()
-    large, small = multipliers_of(diagonal.sum(), determinant) if finite else (complex(np.inf), 0j)
+    trace = itinerary.trace(x)
+    large, small = multipliers_of(trace, determinant) if np.isfinite(trace) else (complex(np.inf), 0j)
     return PeriodicOrbit(
         float(x[n]),
         float(x[n + 1]),

@@ -14,10 +14,12 @@ from rattle.branches import beyond, branch, doubled, fate
 from rattle.cascades import cascade
 from rattle.curves import bifurcation_curve, codimension_two
 from rattle.events import Event
-from rattle.periodic import PeriodicOrbit, periodic_orbit
+from rattle.impact_equations import Itinerary
+from rattle.periodic import PeriodicOrbit, orbit_of, periodic_orbit
 
 DELTA, BETA = 0.6, 0.6
 FLIPS = (0.0761557116, 0.0783442320, 0.0786063064, 0.0786551004, 0.0786654050, 0.0786676134)
+G1_AT_0762 = np.array([0.7604594925243812, 1.29124639087498, 0.762, 0.09605760200295939])  # times, δ, ε
 STARTS = {  # ε, τ, v, impacts on Σ⁺, as `Gear.attractors` finds them
     (3, 3, 2): (0.0835, 0.60209043, 4.49212657, 3),
     (4, 4, 2): (0.0835, 0.57923715, 4.50735714, 4),
@@ -230,6 +232,19 @@ def test_both_itineraries_meet_at_a_graze(label):
             assert happens(orbit) == found.admissible[i]
     sides = {bool(found.admissible[found.start + k]) for found in (misses, touches) for k in (-1, 1)}
     assert sides == {True, False}
+
+
+@pytest.mark.filterwarnings("error")
+def test_the_multipliers_of_a_graze_are_infinite_and_come_without_a_warning():
+    """Its terms of the monodromy are infinite, of opposite signs where the motion is one of the figures'."""
+    assert np.isinf(orbit_of(Itinerary((1, -1), 1, BETA), G1_AT_0762).multipliers[0])
+    for label in ((2, 2, 1), (4, 4, 2), (5, 5, 2)):
+        for event in followed(label).events:
+            if event.kind == "GR":
+                large, small = event.orbit.multipliers
+                assert abs(large) > 1e13  # rounding of the graze's speed, which is 0, makes it finite
+                assert abs(small) < 1e-13
+                assert np.isfinite(event.multipliers).all()  # of the motion that misses the wall
 
 
 def test_grazing_curves_of_several_motions_end_at_cod23():
