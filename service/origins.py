@@ -5,12 +5,14 @@ from __future__ import annotations
 import socket
 from collections.abc import Collection
 from ipaddress import IPv4Address, IPv6Address, ip_address
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from starlette.datastructures import Headers
-from starlette.types import Scope
-
 from service.errors import ForbiddenError
+
+if TYPE_CHECKING:  # not there where surveys are computed without a service
+    from starlette.datastructures import Headers
+    from starlette.types import Scope
 
 #: What proxies add, beside everything that begins with x-forwarded.
 FORWARDED = frozenset({"forwarded", "x-real-ip", "x-client-ip", "true-client-ip", "cf-connecting-ip", "via"})
