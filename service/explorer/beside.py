@@ -84,6 +84,10 @@ class Beside:
         if tell:
             self._on_close()
 
+    def end(self) -> None:
+        """Give up the view of the point: its page was closed, and its document is no more."""
+        self._drop()
+
     def _drop(self) -> None:
         if self._view is not None:
             self._view.stop()

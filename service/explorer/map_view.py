@@ -373,7 +373,7 @@ class MapView:
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""
         self._zoom.stop()
-        self._beside.close()
+        self._beside.end()
 
     def _close_point(self) -> None:
         self._change(point=None, point_state={})

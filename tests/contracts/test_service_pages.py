@@ -47,3 +47,16 @@ def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path
 
 def open_pages(client: TestClient) -> list[Any]:
     return list(client.app.state.explorer._loading.result().context.sessions)
+
+
+def test_a_page_that_is_swept_has_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    failures: list[str] = []
+    monkeypatch.setattr("panel.io.application.logger.warning", failures.append)  # of what is done at the end
+    with front_end(tmp_path) as client:
+        assert client.get("/").status_code == 200
+        explorer = client.app.state.explorer
+        assert len(explorer._news._listeners) == 1
+        client.portal.call(explorer._loading.result().context._cleanup_sessions, 0)
+        assert open_pages(client) == []
+        assert explorer._news._listeners == set()
+    assert failures == []
