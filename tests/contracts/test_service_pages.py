@@ -53,7 +53,9 @@ def test_a_page_that_is_swept_has_ended(tmp_path: Path, monkeypatch: pytest.Monk
     failures: list[str] = []
     monkeypatch.setattr("panel.io.application.logger.warning", failures.append)  # of what is done at the end
     with front_end(tmp_path) as client:
-        assert client.get("/").status_code == 200
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        with client.websocket_connect(SOCKET, headers=OWN, subprotocols=["bokeh", token]) as socket:
+            assert "ACK" in socket.receive_text()
         explorer = client.app.state.explorer
         assert len(explorer._news._listeners) == 1
         client.portal.call(explorer._loading.result().context._cleanup_sessions, 0)
