@@ -2,17 +2,30 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# What a survey needs, and what everything needs, in the same environment; one after the other.
+SURVEY := $(VENV)/.survey
 INSTALLED := $(VENV)/.installed
 # The S3 server of the tests: its libraries and the project's cannot be installed together.
 S3 := .venv-s3
 S3_INSTALLED := $(S3)/.installed
 
-.PHONY: survey figures test test-deep test-under-load kernels impacting-kernels stiff-kernels lint bench clean
+# uv if it is there, else pip; neither has to be asked for.
+UV := $(shell uv --version > /dev/null 2>&1 && command -v uv)
+ifdef UV
+environment = test -x $(1)/bin/python || $(UV) venv --quiet --no-project --python $(PYTHON) $(1)
+install = $(UV) pip install --quiet --python $(1)/bin/python
+else
+environment = $(PYTHON) -m venv $(1)
+install = $(1)/bin/python -m pip install --quiet --disable-pip-version-check
+endif
 
-survey: $(INSTALLED)
+.PHONY: survey figures test test-deep test-install test-under-load kernels impacting-kernels stiff-kernels lint bench \
+	constraints clean
+
+survey: $(SURVEY)
 	$(BIN)/rattle run --delta 0.4:1.0:61 --epsilon 0.005:0.3:60 --count 64 --out survey.zarr --figure survey.png
 
-figures: $(INSTALLED)
+figures: $(SURVEY)
 	$(BIN)/rattle figure all --out figures
 
 test: kernels $(S3_INSTALLED)
@@ -25,6 +38,10 @@ test-deep: kernels $(S3_INSTALLED)
 # No verdict depends on speed: three times beside busy programs, once on one core.
 test-under-load: kernels $(S3_INSTALLED)
 	$(BIN)/python tests/under_load.py
+
+# The wheel in clean environments, on every Python that is there, with the newest and the lowest releases it allows.
+test-install: $(INSTALLED)
+	$(BIN)/python tests/install/check.py
 
 # Compiled once and before, so that the tests find them: either model's beside the other's.
 kernels: impacting-kernels stiff-kernels
@@ -41,14 +58,25 @@ lint: $(INSTALLED)
 bench: $(INSTALLED)
 	$(BIN)/rattle bench
 
-$(INSTALLED): pyproject.toml constraints.txt
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+$(SURVEY): pyproject.toml constraints.txt
+	$(call environment,$(VENV))
+	$(call install,$(VENV)) --constraint constraints.txt --editable '.[cli]'
 	touch $@
 
+$(INSTALLED): $(SURVEY)
+	$(call install,$(VENV)) --constraint constraints.txt --editable '.[dev]'
+	touch $@
+
+# What constraints.txt says, brought up to date.
+constraints: $(INSTALLED)
+	$(BIN)/uv pip compile --quiet --upgrade $(COMPILE) --output-file constraints.txt
+
+COMPILE := pyproject.toml --extra dev --extra peers --universal --python-version 3.11 --fork-strategy fewest \
+	--no-annotate --custom-compile-command 'make constraints'
+
 $(S3_INSTALLED): tests/s3-server.txt
-	$(PYTHON) -m venv $(S3)
-	$(S3)/bin/python -m pip install --quiet --disable-pip-version-check --requirement tests/s3-server.txt
+	$(call environment,$(S3))
+	$(call install,$(S3)) --requirement tests/s3-server.txt
 	touch $@
 
 clean:

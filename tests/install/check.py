@@ -52,7 +52,7 @@ class Environment:
         resolution = RESOLUTIONS[self.which]
         self._run(
             *(uv, "pip", "install", "--quiet", "--no-config", "--python", python),
-            *("--resolution", resolution, f"gear-rattle[service] @ {wheel.as_uri()}"),
+            *("--only-binary", ":all:", "--resolution", resolution, f"gear-rattle[service] @ {wheel.as_uri()}"),
         )
         installed = time.monotonic()
         listed = self._run(uv, "pip", "freeze", "--quiet", "--python", python)
