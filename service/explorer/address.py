@@ -54,6 +54,7 @@ class View:
             except ValueError:
                 return default
 
+        point = read("point", _point, None)
         return cls(
             survey=read("survey", _word, ""),
             variable=read("variable", _word, ""),
@@ -63,12 +64,12 @@ class View:
             overlays=read("overlays", _overlays, DEFAULT_OVERLAYS),
             delta=read("delta", _positive_window, None),
             epsilon=read("epsilon", _window, None),
-            point=read("point", _point, None),
+            point=point,
             theme=text["theme"] if text.get("theme") in THEMES else "",
             point_state={
                 name.removeprefix(POINT_STATE): value
                 for name, value in list(text.items())[:50]
-                if name.startswith(POINT_STATE)
+                if name.startswith(POINT_STATE) and value and point
             },
         )
 

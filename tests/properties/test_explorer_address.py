@@ -4,7 +4,7 @@ from urllib.parse import parse_qs
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from service.explorer import axes
@@ -39,6 +39,8 @@ names = ("survey", "variable", "index", "limits", "log", "overlays", "delta", "e
 nonsense = st.binary(max_size=30) | st.sampled_from((b"nan,1", b"1,2", b"1e400,2", b"-1,-2", b"9" * 5000))
 
 
+@example({"p.": [b""]})
+@example({"p.tab": [b"basins"]})  # of no point
 @given(st.dictionaries(st.sampled_from(names) | st.text(max_size=5), st.lists(nonsense, max_size=2)))
 def test_no_address_is_an_error(query: dict[str, list[bytes]]) -> None:
     view = View.parse(query)
