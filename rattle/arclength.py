@@ -118,13 +118,18 @@ class Bound:
 
 def last_inside(problem: Problem, a: Array, b: Array, happens: Callable[[Array], bool]) -> tuple[Array, Array]:
     """The last solution between a (which happens) and b (which does not) that happens, and the first that does not, by
-    bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps are shorter.
+    bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps follow the tangent,
+    as b may be a solution of another branch, and are shorter.
     """
     inside, outside, share = a, b, 0.5
     for _ in range(MOST_BISECTIONS):
         if share * np.max(np.abs(outside - inside)) < 1e-15:
             break
-        found = newton(problem, inside + share * (outside - inside), b - a)
+        ahead = outside - inside
+        found = newton(problem, inside + share * ahead, b - a)
+        if found is None:
+            tangent = tangent_at(problem, inside, ahead)
+            found = newton(problem, inside + share * float(np.linalg.norm(ahead)) * tangent, tangent)
         if found is None:
             share *= 0.5
         elif happens(found[0]):
