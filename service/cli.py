@@ -45,6 +45,11 @@ def main() -> None:
     """Run a command; an error of this project is one sentence and exit status 2, never a traceback."""
     try:
         app()
+    except ModuleNotFoundError as error:
+        typer.echo(
+            f"rattle: {error.name} is not installed. The service needs: pip install 'gear-rattle[service]'", err=True
+        )
+        raise SystemExit(REFUSED) from error
     except Exception as error:
         from rattle import RattleError  # loads the compiler: only when it is needed
 

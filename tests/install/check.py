@@ -1,7 +1,7 @@
 """The wheel as users install it: built, put into clean environments outside the checkout, and used (`inside.py`).
 
 For every Python of ``PYTHONS`` that is installed: the newest release of every dependency, and the lowest of those that
-pyproject.toml names. Takes uv (`pip install uv`), which has what it needs from its cache after the first time.
+pyproject.toml names; or what is given as arguments (`check.py lowest`). Takes uv (`pip install uv`), which has what it needs from its cache after the first time.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PYTHONS = ("3.11", "3.12", "3.13")
 RESOLUTIONS = {"newest": "highest", "lowest": "lowest-direct"}
+SERVICE = ("plot", "workers", "cli", "service")  # the extras that the service holds
 AT_ONCE = 2
 HANG = 900  # seconds: nothing takes as long unless it hangs
 #: What the lines name: where versions differ most, and what broke before.
@@ -53,17 +55,33 @@ class Environment:
         self._run(
             *(uv, "pip", "install", "--quiet", "--no-config", "--python", python),
             *("--only-binary", ":all:", "--resolution", resolution, f"gear-rattle[service] @ {wheel.as_uri()}"),
+            # What the wheel asks for is asked for directly: only of that uv takes the lowest.
+            *("--requirements", str(ROOT / "pyproject.toml"), "--extra", "service"),
         )
         installed = time.monotonic()
         listed = self._run(uv, "pip", "freeze", "--quiet", "--python", python)
         versions = dict(re.findall(r"^([\w.-]+)==(\S+)$", listed, re.M))
+        if self.which == "lowest":
+            self._require_lowest(versions)
         inside = shutil.copy(Path(__file__).with_name("inside.py"), self.where)
-        self._run(python, "-I", "-u", str(inside), str(ROOT))
+        said = self._run(python, "-I", "-u", str(inside), str(ROOT))
         named = ", ".join(f"{name} {versions[name]}" for name in NAMED if name in versions)
         return (
             f"Python {self.python}, {self.which}: {installed - began:.0f} s to install {len(versions) + 1} packages, "
-            f"{time.monotonic() - installed:.0f} s to use them: {named}"
+            f"{time.monotonic() - installed:.0f} s ({said.splitlines()[-1]}) to use them: {named}"
         )
+
+    def _require_lowest(self, versions: dict[str, str]) -> None:
+        """The bounds of pyproject.toml are releases that exist, and were installed."""
+        project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+        extras = project["optional-dependencies"]
+        asked = project["dependencies"] + [each for name in SERVICE for each in extras[name]]
+        for name in re.findall(r"^([\w-]+)>=", "\n".join(asked), re.M):
+            found = versions.get(name)
+            bounds = re.findall(rf"^{name}>=([\d.]+)", "\n".join(asked), re.M)  # one for each range of Pythons
+            found = versions.get(name)
+            if found is not None and not any(found == each or found.startswith(f"{each}.") for each in bounds):
+                raise FailedError(f"{name} {found} was installed as the lowest, of {bounds}")
 
     def _run(self, *command: str) -> str:
         """What a command of this environment prints, which knows nothing of the checkout or of other environments."""
@@ -126,7 +144,7 @@ def main() -> int:
         top = Path(temporary)
         wheel = build(uv, top)
         jobs = {}
-        for which in RESOLUTIONS:
+        for which in sys.argv[1:] or RESOLUTIONS:
             for version, interpreter in pythons.items():
                 where = top / f"{version}-{which}"
                 where.mkdir()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import subprocess
 import sys
 import time
@@ -143,6 +144,8 @@ def main() -> None:
     with served() as url, httpx.Client(base_url=url, timeout=HANG) as client:
         survey_is_right(client)
         page_is_right(client)  # last: it lets kernels of points be compiled, which the end of the service ends
+    used = [resource.getrusage(which) for which in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    print(f"{sum(each.ru_utime + each.ru_stime for each in used):.0f} s of processor time")
 
 
 if __name__ == "__main__":
