@@ -1,7 +1,8 @@
 """The wheel as users install it: built, put into clean environments outside the checkout, and used (`inside.py`).
 
 For every Python of ``PYTHONS`` that is installed: the newest release of every dependency, and the lowest of those that
-pyproject.toml names; or what is given as arguments (`check.py lowest`). Takes uv (`pip install uv`), which has what it needs from its cache after the first time.
+pyproject.toml names; or one of these (`check.py lowest`). Takes uv, which has what it needs from its cache after the
+first time.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
 PYTHONS = ("3.11", "3.12", "3.13")
@@ -76,12 +79,15 @@ class Environment:
         project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
         extras = project["optional-dependencies"]
         asked = project["dependencies"] + [each for name in SERVICE for each in extras[name]]
-        for name in re.findall(r"^([\w-]+)>=", "\n".join(asked), re.M):
-            found = versions.get(name)
-            bounds = re.findall(rf"^{name}>=([\d.]+)", "\n".join(asked), re.M)  # one for each range of Pythons
-            found = versions.get(name)
-            if found is not None and not any(found == each or found.startswith(f"{each}.") for each in bounds):
-                raise FailedError(f"{name} {found} was installed as the lowest, of {bounds}")
+        for requirement in map(Requirement, asked):
+            found = versions.get(requirement.name)
+            if found is None or (
+                requirement.marker and not requirement.marker.evaluate({"python_version": self.python})
+            ):
+                continue
+            (bound,) = [each.version for each in requirement.specifier if each.operator == ">="]
+            if found != bound and not found.startswith(f"{bound}."):
+                raise FailedError(f"{requirement.name} {found} was installed as the lowest, not {bound}")
 
     def _run(self, *command: str) -> str:
         """What a command of this environment prints, which knows nothing of the checkout or of other environments."""
