@@ -17,7 +17,8 @@ import anyio
 from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 from starlette.concurrency import run_in_threadpool
 
-from rattle.models import AnyModel, Model, model_of
+import rattle
+from rattle.models import AnyModel, Impacting, Model, model_of
 from service.errors import KernelsError
 from service.settings import Settings
 
@@ -58,6 +59,8 @@ def _point(model: AnyModel) -> None:
     from service.explorer import point_parts
 
     point_parts.warm_up(model.gear(*AT))
+    if isinstance(model, Impacting):
+        rattle.crisis_side(*AT)  # surveys of basins ask it, and the estimate of their cost
 
 
 WORK: dict[Part, Callable[[AnyModel], None]] = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Callable
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Protocol
@@ -13,8 +14,13 @@ if TYPE_CHECKING:
     from bokeh.server.contexts import ApplicationContext
 
 #: Of a Bokeh application. A page belongs to who opened it: nobody makes up another's. Neither headers nor cookies are
-#: kept for it: they would be written into the page, the key among them.
-PRIVATE: dict[str, Any] = {"sign_sessions": True, "include_headers": [], "include_cookies": []}
+#: kept for it: they would be written into the page, the key among them. Bokeh signs by the first secret of a process.
+PRIVATE: dict[str, Any] = {
+    "secret_key": secrets.token_bytes(32),
+    "sign_sessions": True,
+    "include_headers": [],
+    "include_cookies": [],
+}
 
 
 class Transport(Protocol):

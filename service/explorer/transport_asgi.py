@@ -6,7 +6,6 @@ anything else may change it: what `socket` does for their predecessors.
 
 from __future__ import annotations
 
-import secrets
 from collections.abc import Callable
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
@@ -47,7 +46,6 @@ class AsgiTransport:
     def __init__(self, open_page: Callable[[], Any], title: str) -> None:
         self._panel: Any = PanelASGI(
             build_applications({"/": open_page}, title=title),
-            secret_key=secrets.token_bytes(32),
             index_enabled=False,
             ico_path="none",
             extra_websocket_origins=["*"],  # who may ask at all has been decided before

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import secrets
 from collections.abc import Callable
 from contextlib import suppress
 from typing import TYPE_CHECKING, Any
@@ -31,7 +30,6 @@ class FastapiTransport:
         self._bokeh: Any = BokehFastAPI(
             build_applications({"/": open_page}, title=title),
             app=FastAPI(openapi_url=None),
-            secret_key=secrets.token_bytes(32),
             **PRIVATE,
         )
 

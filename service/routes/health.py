@@ -7,7 +7,7 @@ from pydantic import BaseModel, Field
 
 import rattle
 from service.errors import KernelsError, UnavailableError
-from service.jobs import OK, READY
+from service.jobs import OK, READY, STARTING
 from service.state import Front, FrontState
 from service.tables import ACTIVE
 
@@ -33,9 +33,12 @@ class Ready(BaseModel):
 
 
 def _status(front: Front) -> str:
+    cluster, storage = front.manager.cluster_state, front.manager.storage_state
+    if cluster not in (READY, STARTING) or storage != OK:
+        return "degraded"
     if front.kernels.at_work:
         return WARMING
-    return "ok" if (front.manager.cluster_state, front.manager.storage_state) == (READY, OK) else "degraded"
+    return "ok" if cluster == READY else "degraded"
 
 
 @router.get("/health", summary="State of the service")

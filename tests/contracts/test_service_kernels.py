@@ -136,16 +136,16 @@ log = logging.getLogger("rattle._compile")
 log.setLevel(logging.DEBUG)
 log.addHandler(Needed())
 kappa = KAPPA if name is Model.STIFF else None
-for delta, epsilon, beta in (0.6, 0.05, 0.6), (0.5, 0.25, 0.6), (0.762, 0.096, 0.6), (1.5, 0.4, 0.3):
+for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if kappa else 2]:
     model = model_of(beta, kappa)
     gear = model.gear(delta, epsilon)
     orbits_document(gear)
     gear.attractors(8)
     point_parts.warm_up(gear)
     _draw(gear, 10)
-    curves_document(model, (0.9 * delta, delta), (0.0, 0.3))
+    curves_document(model, (0.98 * delta, delta), (0.0, 0.3))
 fields = {"model": name} | ({"kappa": kappa} if kappa else {})
-groups = ["region", "orbits", "attractors", "lyapunov", "grazing", "basins"][: 5 if kappa else 6]
+groups = ["region", "orbits", "attractors", "lyapunov", "basins", *([] if kappa else ["grazing"])]
 cell_seconds(
     SurveyRequest(
         delta={"start": 0.5, "stop": 0.6, "num": 2},

@@ -125,14 +125,14 @@ def test_a_header_wins_over_the_cookie(client: TestClient) -> None:
 
 
 def test_the_websocket_of_a_page_needs_a_key_and_a_page(client: TestClient) -> None:
-    with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect(SOCKET, headers=OWN):
+    with pytest.raises(WebSocketDisconnect) as refused, client.websocket_connect(SOCKET, headers={**OWN}):
         pass
     assert refused.value.code == 1008
     sign_in(client, token_of(client, Scope.READ))
     forged = ["bokeh", "eyJzZXNzaW9uX2lkIjogIngiLCAic2Vzc2lvbl9leHBpcnkiOiA5OTk5OTk5OTk5fQ.c2ln"]
     with (
         pytest.raises(WebSocketDisconnect) as refused,
-        client.websocket_connect(SOCKET, headers=OWN, subprotocols=forged) as socket,
+        client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=forged) as socket,
     ):
         socket.receive_json()
     assert refused.value.code == 1008

@@ -25,7 +25,7 @@ def _no_page_is_put_away_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_page_is_let_go_of_when_its_browser_leaves(tmp_path: Path) -> None:
     with front_end(tmp_path) as client:
         (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
-        with client.websocket_connect(SOCKET, headers=OWN, subprotocols=["bokeh", token]) as socket:
+        with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
             assert "ACK" in socket.receive_text()
             (page,) = open_pages(client)
             assert page.connection_count == 1
@@ -39,7 +39,7 @@ def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path
         forged = f"{body}.{signature[::-1]}"
         with (
             pytest.raises(WebSocketDisconnect),
-            client.websocket_connect(SOCKET, headers=OWN, subprotocols=["bokeh", forged]) as socket,
+            client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", forged]) as socket,
         ):
             socket.receive_text()
         assert [page.connection_count for page in open_pages(client)] == [0]
@@ -54,7 +54,7 @@ def test_a_page_that_is_swept_has_ended(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr("panel.io.application.logger.warning", failures.append)  # of what is done at the end
     with front_end(tmp_path) as client:
         (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
-        with client.websocket_connect(SOCKET, headers=OWN, subprotocols=["bokeh", token]) as socket:
+        with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
             assert "ACK" in socket.receive_text()
         explorer = client.app.state.explorer
         assert len(explorer._news._listeners) == 1

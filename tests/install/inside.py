@@ -111,6 +111,9 @@ def page_is_right(client: httpx.Client) -> None:
     for each in assets:
         assert client.get(f"/{each}").status_code == 200, each
     (token,) = set(re.findall(r'"token":\s*"([^"]+)"', page.text))
+    named = client.get("/", params={"bokeh-session-id": "of-another-page"})
+    assert token not in named.text
+    assert '"token"' in named.text  # a page of its own all the same
     where = url.replace("http", "ws", 1) + "/ws"
     with connect(where, origin=url, subprotocols=["bokeh", token], max_size=None, open_timeout=HANG) as socket:
         assert "ACK" in received(socket)[0]

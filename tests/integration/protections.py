@@ -181,8 +181,8 @@ PROTECTIONS = (
         "a run says that the disk is full",
         f"{STORAGE}::test_a_run_on_a_full_disk_is_resumed",
         "workers/submission.py",
-        "            if isinstance(error, OSError):\n",
-        "            if False:\n",
+        "    if isinstance(error, OSError):\n",
+        "    if False:\n",
     ),
     _one(
         "a service waits for its store",

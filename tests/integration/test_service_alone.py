@@ -50,6 +50,8 @@ def running(*command: str, **options: object) -> Iterator[subprocess.Popen[str]]
         if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
 
 
 def assert_refused(data: Path, database_url: str | None, words: str) -> None:
