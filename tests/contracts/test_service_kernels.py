@@ -50,14 +50,16 @@ def test_a_request_that_waits_too_long_for_kernels_says_so(tmp_path: Path, path:
 
 def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: list[Kernels]) -> None:
     """A request waits for kernels, and computes for as long as the limit says from when they are there."""
-    with front_end(tmp_path, max_point_seconds=HANG) as client, ThreadPoolExecutor() as threads:
+    app = create_app(Settings(data=tmp_path, max_point_seconds=HANG), idle_cluster)
+    with local_client(app) as client, ThreadPoolExecutor() as threads:
         asked = [threads.submit(client.get, path) for path in POINTS]
         wait_until(lambda: compiling and compiling[0]._waiting == len(POINTS))
-        assert client.get("/v1/health").json()["status"] == "warming"
-        assert_problem(client.get("/v1/ready"), 503, "Kernels are being compiled")
+        health, ready = client.get("/v1/health").json(), client.get("/v1/ready")
         kernels = front_of(client).kernels
         for part in Part:
             client.portal.call(kernels._ready[Model.IMPACTING, part].set)
+        assert health["status"] == "warming"
+        assert_problem(ready, 503, "Kernels are being compiled")
         assert [each.result(HANG).status_code for each in asked] == [200] * len(POINTS)
 
 
@@ -65,8 +67,9 @@ def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: list[Kernels])
     with front_end(tmp_path, max_points_waiting=1, max_point_seconds=HANG) as client, ThreadPoolExecutor() as threads:
         first = threads.submit(client.get, POINTS[0])
         wait_until(lambda: compiling and compiling[0]._waiting)
-        assert_problem(client.get(POINTS[1]), 503, "Kernels are being compiled")
+        second = client.get(POINTS[1])
         client.portal.call(front_of(client).kernels._ready[Model.IMPACTING, Part.ORBITS].set)
+        assert_problem(second, 503, "Kernels are being compiled")
         assert first.result(HANG).status_code == 200
 
 
