@@ -70,12 +70,11 @@ class PointView(param.Parameterized):
             text.html = _waiting(what)
         if not front.kernels.has(model.name, Part.POINT):
             panel.likely.html = f'<p class="faint">{COMPILING}</p>'
-        if not isinstance(self._gear, rattle.Gear):
-            pass
-        elif front.kernels.has(model.name, Part.ORBITS):
-            self._tell_orbits(point_parts.period_one(self._gear))  # in closed form
-        else:
-            self._work.start(self._part(panel.orbits, partial(self._closed_form, self._gear)))
+        if isinstance(self._gear, rattle.Gear):
+            if front.kernels.has(model.name, Part.ORBITS):
+                self._tell_orbits(point_parts.period_one(self._gear))  # in closed form
+            else:
+                self._work.start(self._part(panel.orbits, partial(self._closed_form, self._gear)))
         self._work.start(self._fill())
 
     # What is computed, and in what order
