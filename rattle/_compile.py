@@ -23,6 +23,7 @@ from typing import Any
 import llvmlite
 import numba
 import numpy as np
+from llvmlite import binding
 from llvmlite.binding import Linkage
 from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
@@ -52,6 +53,12 @@ def _cache_directory() -> str:
     toolchain = (sys.version, platform.machine(), numba.__version__, llvmlite.__version__, np.__version__)
     key = hashlib.sha256(repr((source_hash(), toolchain)).encode()).hexdigest()[:24]
     return os.path.join(root, key)
+
+
+def note_in_cache(name: str) -> Path:
+    """Where a note about this cache may be left, such as that it is complete; of this processor, as its kernels are."""
+    processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
+    return Path(_cache_directory(), f"{name}-{hashlib.sha256(processor.encode()).hexdigest()[:12]}.note")
 
 
 #: IEEE arithmetic but for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation would

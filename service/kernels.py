@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from enum import IntEnum
 
 import anyio
@@ -18,6 +18,7 @@ from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 from starlette.concurrency import run_in_threadpool
 
 import rattle
+from rattle._compile import note_in_cache
 from rattle.models import AnyModel, Impacting, Model, model_of
 from service.errors import KernelsError
 from service.settings import Settings
@@ -81,6 +82,18 @@ def compile_all(name: Model) -> None:
     """Compile or load every kernel of a model, in this process."""
     for work in WORK.values():
         work(model_for(name))
+    note_compiled(name)
+
+
+def compiled(name: Model) -> bool:
+    """Whether every kernel of a model is in the cache: to find that out by loading them takes seconds."""
+    return note_in_cache(name).exists()
+
+
+def note_compiled(name: Model) -> None:
+    """Leave a note that every kernel of a model is in the cache; without a cache, nothing."""
+    with suppress(OSError):
+        note_in_cache(name).touch()
 
 
 class Kernels:
@@ -103,20 +116,30 @@ class Kernels:
                 task.cancel()
             await asyncio.gather(*self._tasks.values(), return_exceptions=True)
 
-    def begin(self, model: Model = Model.IMPACTING) -> None:
-        """Compile or load what this model needs, unless that has begun."""
-        if model not in self._tasks:
-            for part in Part:
-                self._ready[model, part] = asyncio.Event()
+    def begin(self, model: Model = Model.IMPACTING, *, load: bool = False) -> None:
+        """Compile what this model needs, unless that has begun or an earlier process has done it.
+
+        Args:
+            load: also load what is compiled, so that the first point need not.
+        """
+        if (model, Part.ORBITS) in self._ready:
+            return
+        known = compiled(model)
+        for part in Part:
+            self._ready[model, part] = asyncio.Event()
+            if known:
+                self._ready[model, part].set()
+        if load or not known:
             self._tasks[model] = asyncio.get_running_loop().create_task(self._compile(model))
 
     @property
     def at_work(self) -> bool:
-        """Whether kernels are being compiled or loaded now."""
-        return any(not task.done() for task in self._tasks.values())
+        """Whether kernels are being compiled now."""
+        last = max(Part)
+        return any(not task.done() and not self.has(model, last) for model, task in self._tasks.items())
 
     def has(self, model: Model, part: Part) -> bool:
-        """Whether these kernels can be used at once."""
+        """Whether these kernels need not be compiled any more."""
         return (model, part) in self._ready and self._ready[model, part].is_set()
 
     async def require(self, model: Model, part: Part, patience: float | None = None) -> None:
@@ -144,7 +167,7 @@ class Kernels:
             self._waiting -= 1
 
     async def _compile(self, model: Model) -> None:
-        computed = model_for(model)
+        computed, failed = model_for(model), False
         for part, work in WORK.items():
             try:
                 await to_process.run_sync(work, computed, cancellable=True, limiter=self._limiter)
@@ -152,6 +175,10 @@ class Kernels:
                     await run_in_threadpool(work, computed)
             except BrokenWorkerProcess as error:  # requests compile what they need, and say what goes wrong
                 log.warning("the process that compiles kernels has died: %s", error)
+                failed = True
             except Exception:
                 log.exception("kernels could not be made ready")
+                failed = True
             self._ready[model, part].set()
+        if not failed:
+            note_compiled(model)

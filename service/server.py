@@ -32,7 +32,9 @@ class Server(uvicorn.Server):
         await super().startup(sockets)
         gc.collect()
         gc.freeze()  # or every full collection looks through all modules again, and nothing is answered meanwhile
-        self._app.state.front.kernels.begin()  # before anybody asks for what needs them
+        front = self._app.state.front
+        if front.settings.preload:
+            front.kernels.begin(load=True)  # before anybody asks for what needs them
         # the first who opens the explorer shall not wait for it; a reference, or the task may be collected
         if explorer := self._app.state.explorer:
             self._preparing = asyncio.ensure_future(explorer.prepare())

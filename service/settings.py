@@ -52,6 +52,9 @@ class Settings(BaseSettings):
     max_point_seconds: float = Field(default=60.0, gt=0, description="longest wait for a point or for curves")
     max_points_waiting: int = Field(default=16, ge=0, description="parameter points waiting for their turn")
     explorer: bool = Field(default=True, description="the page at /, which takes 2 s of a core after the start")
+    preload: bool = Field(
+        default=True, description="kernels from the start, which take 4 s of a core: else when somebody asks for them"
+    )
     max_windows: int = Field(default=2, ge=1, description="windows of the explorer refined at once; others wait")
     max_pages: int = Field(default=100, ge=1, description="open pages of the explorer")
     heartbeat_seconds: float = Field(default=15.0, gt=0, description="comment line on silent event streams")

@@ -5,8 +5,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -27,7 +27,14 @@ POINTS = (
 
 
 @pytest.fixture
-def compiling(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Kernels]]:
+def note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Where it would be written that all is compiled, and is not."""
+    monkeypatch.setattr("service.kernels.note_in_cache", lambda name: tmp_path / f"{name}.note")
+    return tmp_path / "impacting.note"
+
+
+@pytest.fixture
+def compiling(monkeypatch: pytest.MonkeyPatch, note: Path) -> list[Kernels]:  # noqa: ARG001 - nothing is compiled yet
     """Kernels whose compilation never ends: those of every application that asks for them."""
     begun: list[Kernels] = []
 
@@ -83,10 +90,12 @@ def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path) -> None:
         assert any(model is Model.STIFF for model, _ in kernels._ready)
 
 
-def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path) -> None:
+def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, note: Path) -> None:
     with local_client(create_app(Settings(data=tmp_path), idle_cluster)) as client:
         client.portal.call(front_of(client).kernels.begin)
+        assert not note.exists()
         wait_until(lambda: client.get("/v1/ready").status_code == 200)
+        wait_until(note.exists)
         assert client.get("/v1/ready").json() == {"status": "ready"}
         assert client.get("/v1/health").json()["status"] == "ok"
         front_of(client).manager.storage_state = "unavailable: full"
@@ -102,10 +111,26 @@ def test_a_service_ends_while_it_compiles(tmp_path: Path) -> None:
     assert not kernels.at_work
 
 
-def test_a_process_that_dies_of_compiling_is_no_hang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_dies_of_compiling_is_no_hang(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, note: Path
+) -> None:
     monkeypatch.setattr("service.kernels.WORK", dict.fromkeys(Part, _die))
     with front_end(tmp_path, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
+        task = front_of(client).kernels._tasks[Model.IMPACTING]
+        wait_until(task.done)
+    assert not note.exists()  # or nobody would ever compile the rest before it is asked for
+
+
+def test_what_another_process_has_compiled_is_not_waited_for(tmp_path: Path, compiling: list[Kernels], note: Path) -> None:
+    note.touch()
+    with front_end(tmp_path, max_point_seconds=HANG) as client:
+        assert client.get(POINTS[0]).status_code == 200
+        assert not compiling
+        front_of(client).kernels._ready.clear()
+        client.portal.call(partial(front_of(client).kernels.begin, load=True))  # as a service does at its start
+        assert compiling
+        assert not front_of(client).kernels.at_work  # it loads, which nobody has to wait for
 
 
 def _die(_model: object) -> None:

@@ -27,6 +27,7 @@ ENVIRONMENT = {
     "PYTHONPATH": str(ROOT),
     "PYTHONUNBUFFERED": "1",
     "RATTLE_EXPLORER": "false",  # tests in a browser ask for it; the others start sooner
+    "RATTLE_PRELOAD": "false",
 }
 NO_SETTINGS: Mapping[str, str] = {}
 
