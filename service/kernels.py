@@ -19,7 +19,7 @@ from starlette.concurrency import run_in_threadpool
 
 import rattle
 from rattle._compile import note_in_cache
-from rattle.models import AnyModel, Impacting, Model, model_of
+from rattle.models import AnyModel, Impacting, Model, Stiff, model_of
 from service.errors import KernelsError
 from service.settings import Settings
 
@@ -53,7 +53,7 @@ def _curves(model: AnyModel) -> None:
 
 
 def _attractors(model: AnyModel) -> None:
-    model.gear(*AT).attractors(16)
+    rattle.warm_up(model.kappa if isinstance(model, Stiff) else None)
 
 
 def _point(model: AnyModel) -> None:

@@ -3,20 +3,33 @@
 Pictures are apart, in `workers.figure` and `workers.maps`: processes that compute need not load what draws.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from workers.bucket import Bucket
-from workers.cluster import connect, embedded_cluster
 from workers.errors import ClusterLostError, StorageError, SurveyError
 from workers.in_process import is_short, run_tiles_here
 from workers.integrity import Integrity, examine
 from workers.location import Directory, Place, place_of
 from workers.quantities import QUANTITIES
-from workers.refinement import refined
 from workers.request import Axis, InitialConditions, SurveyRequest, TileShape
-from workers.runner import run_tiles
 from workers.schema import Group, Quantity
 from workers.store import create_store, finish_store, open_survey, tiles_done
 from workers.tiles import Tile, TileRecord, compute_tile, tiles_of
 from workers.window import Frame, Window, compute_part, map_quantity, window_survey
+
+if TYPE_CHECKING:
+    from workers.cluster import connect, embedded_cluster
+    from workers.refinement import refined
+    from workers.runner import run_tiles
+
+#: What needs dask's cluster, a quarter of a second that a survey in one process does not wait for.
+_ON_CLUSTERS = {
+    "connect": "workers.cluster",
+    "embedded_cluster": "workers.cluster",
+    "refined": "workers.refinement",
+    "run_tiles": "workers.runner",
+}
 
 __all__ = [
     "QUANTITIES",
@@ -55,3 +68,9 @@ __all__ = [
     "tiles_of",
     "window_survey",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _ON_CLUSTERS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_ON_CLUSTERS[name]), name)

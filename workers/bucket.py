@@ -5,11 +5,10 @@ last, and only if nobody else has put one; it is deleted in the opposite order. 
 variables AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, AWS_ENDPOINT, and AWS_ALLOW_HTTP for tests.
 """
 
-import asyncio
 import json
 import os
 import socket
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -18,8 +17,7 @@ from urllib.parse import urlsplit
 from uuid import uuid4
 
 import psutil
-from zarr.core.buffer import default_buffer_prototype
-from zarr.storage import MemoryStore, ObjectStore, StoreLike
+from zarr.storage import ObjectStore
 
 from workers.errors import StorageError, SurveyError
 
@@ -142,12 +140,11 @@ class Bucket:
                 f"{self} cannot be reached ({_first_line(error)}): the survey goes on once it can"
             ) from error
 
-    def build(self, write: Callable[[StoreLike], None]) -> None:
+    def build(self, template: Mapping[str, bytes]) -> None:
         """Create the store: its root is put last, unless another run has put one meanwhile."""
         import obstore
         from obstore.exceptions import AlreadyExistsError
 
-        template = _written(write)
         with self.writing(), self.reaching():
             obstore.put(self.objects, CREATING, b"")
             for key in sorted(template.keys() - {ROOT}):
@@ -156,16 +153,13 @@ class Bucket:
                 obstore.put(self.objects, ROOT, template[ROOT], mode="create")
             obstore.delete(self.objects, CREATING)
 
-    def mend(self, write: Callable[[StoreLike], None], names: Iterable[str]) -> None:
-        """Replace every object below these names by the one of a store just written."""
+    def mend(self, files: Mapping[str, bytes]) -> None:
+        """Replace objects, each at once."""
         import obstore
 
-        template = _written(write)
         with self.reaching():
-            for name in names:
-                for key in template:
-                    if key.startswith(f"{name}/"):
-                        obstore.put(self.objects, key, template[key])
+            for key, content in files.items():
+                obstore.put(self.objects, key, content)
 
     def sweep(self) -> None:
         """Remove what a killed creation left: its marker."""
@@ -256,19 +250,6 @@ def _connect(url: str) -> "S3Store":
         )
     except (BaseError, ValueError) as error:
         raise SurveyError(f"{url} cannot be used ({_first_line(error)}): look at the variables AWS_…") from error
-
-
-def _written(write: Callable[[StoreLike], None]) -> dict[str, bytes]:
-    """Every key of what is written to a store, by its bytes."""
-    store = MemoryStore()
-    write(store)
-
-    async def gather() -> dict[str, bytes]:
-        prototype = default_buffer_prototype()
-        found = {key: await store.get(key, prototype) async for key in store.list()}
-        return {key: value.to_bytes() for key, value in found.items() if value is not None}
-
-    return asyncio.run(gather())
 
 
 def _identity() -> dict[str, Any]:

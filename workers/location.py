@@ -7,14 +7,12 @@ import fcntl
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
-
-from zarr.storage import StoreLike
 
 from workers.bucket import ROOT, SCHEME, Bucket
 from workers.errors import SurveyError, storage_error
@@ -53,30 +51,32 @@ class Directory:
         """Let errors of the file system pass as they are: OSError."""
         return nullcontext()
 
-    def build(self, write: Callable[[StoreLike], None]) -> None:
+    def build(self, template: Mapping[str, bytes]) -> None:
         """Create the store: beside its place, and renamed."""
         try:
-            with self._beside(write) as sibling:
+            with self._beside(template) as sibling:
                 os.rename(sibling, self.path)
         except OSError:
             if not self.occupied():  # otherwise another run was first, and its store is judged like any other
                 raise
 
-    def mend(self, write: Callable[[StoreLike], None], names: Iterable[str]) -> None:
-        """Replace every file below these names by the one of a store just written."""
-        with self._beside(write) as sibling:
-            for name in names:
-                for file in [file for file in (sibling / name).rglob("*") if file.is_file()]:
-                    target = self.path / file.relative_to(sibling)
-                    target.parent.mkdir(parents=True, exist_ok=True)
-                    os.replace(file, target)
+    def mend(self, files: Mapping[str, bytes]) -> None:
+        """Replace files, each at once."""
+        with self._beside(files) as sibling:
+            for key in files:
+                target = self.path / key
+                target.parent.mkdir(parents=True, exist_ok=True)
+                os.replace(sibling / key, target)
 
     @contextmanager
-    def _beside(self, write: Callable[[StoreLike], None]) -> Iterator[Path]:
+    def _beside(self, files: Mapping[str, bytes]) -> Iterator[Path]:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         sibling = self.path.with_name(f".{self.path.name}.{uuid4().hex}")
         try:
-            write(sibling)
+            for directory in {(sibling / key).parent for key in files}:
+                directory.mkdir(parents=True, exist_ok=True)
+            for key, content in files.items():
+                (sibling / key).write_bytes(content)
             yield sibling
         finally:
             shutil.rmtree(sibling, ignore_errors=True)

@@ -12,10 +12,7 @@ from workers.location import Place, place_of
 from workers.request import SurveyRequest
 from workers.store import require_aligned, write_tile
 from workers.submission import Submission
-from workers.tiles import Tile, TileRecord, compute_tile
-
-POLL_SECONDS = 0.2
-GRACE_SECONDS = 2.0
+from workers.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile
 
 
 def compute_and_write(request: SurveyRequest, path: str, tile: Tile, apart: bool = False) -> TileRecord:

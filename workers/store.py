@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
-from zarr.storage import StoreLike
 
 from workers.bucket import SCHEME
 from workers.errors import SurveyError, storage_error
@@ -17,7 +16,7 @@ from workers.integrity import damaged_template, examine
 from workers.location import Place, place_of
 from workers.quantities import stored
 from workers.request import SurveyRequest
-from workers.template import consolidate, now, write_template
+from workers.template import consolidate, now, template_of
 from workers.tiles import Tile
 from workers.version import code_version
 
@@ -36,16 +35,15 @@ def create_store(request: SurveyRequest, where: str | Path | Place) -> None:
         SurveyError: something else is there, or it cannot be written.
     """
     place = place_of(where)
-
-    def write(store: StoreLike) -> None:
-        write_template(request, store)
-
     try:
         if not place.occupied():
-            place.build(write)
+            place.build(template_of(request))
         _require_same(request, place)
         if damaged := damaged_template(place):
-            place.mend(write, damaged)
+            template = template_of(request)
+            place.mend(
+                {key: template[key] for key in template if key.startswith(tuple(f"{name}/" for name in damaged))}
+            )
     except OSError as error:
         raise storage_error(f"{place} cannot be created", error) from error
 

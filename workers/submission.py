@@ -12,9 +12,9 @@ from dask.typing import Key
 from distributed import Client, Future, KilledWorker
 
 from workers.cluster import end_processes
-from workers.errors import ClusterLostError, StorageError, SurveyError, storage_error
+from workers.errors import ClusterLostError, SurveyError
 from workers.request import SurveyRequest
-from workers.tiles import Tile, TileRecord
+from workers.tiles import Tile, TileRecord, described, tile_error
 
 #: A tile is late after this time, and after ten times the longest tile of the run: its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
@@ -111,7 +111,7 @@ class Submission:
         if not isinstance(error, KilledWorker):
             raise tile_error(self._request, attempt.tile, error) from error
         if attempt.apart:
-            what, attempts = _described(self._request, attempt.tile), error.allowed_failures + 1
+            what, attempts = described(self._request, attempt.tile), error.allowed_failures + 1
             raise SurveyError(
                 f"{what} killed its worker (attempts: {attempts}), although its cells were computed in another process"
                 ": look at the workers' logs"
@@ -146,21 +146,6 @@ class Submission:
         except OSError as error:
             raise _lost() from error
         return processing
-
-
-def tile_error(request: SurveyRequest, tile: Tile, error: BaseException) -> SurveyError:
-    """Return what a run raises for a tile that could not be computed or written."""
-    what = _described(request, tile)
-    if isinstance(error, StorageError):
-        return StorageError(f"{what} cannot be written: {error}")
-    if isinstance(error, OSError):
-        return storage_error(f"{what} cannot be written", error)
-    return SurveyError(f"{what} failed: {type(error).__name__}: {error}")
-
-
-def _described(request: SurveyRequest, tile: Tile) -> str:
-    delta, epsilon = request.delta.values()[tile.delta], request.epsilon.values()[tile.epsilon]
-    return f"tile {tile.index} (delta {delta[0]} to {delta[-1]}, epsilon {epsilon[0]} to {epsilon[-1]})"
 
 
 def _lost() -> ClusterLostError:

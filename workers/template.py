@@ -10,8 +10,9 @@ import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 from zarr.core.array_spec import ArrayConfigParams
+from zarr.core.buffer import Buffer
 from zarr.errors import ZarrUserWarning
-from zarr.storage import StoreLike
+from zarr.storage import MemoryStore, StoreLike
 
 from workers.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
 from workers.quantities import COORDINATES, DOI, shape_of, stored
@@ -26,12 +27,17 @@ CODECS = (ZstdCodec(level=0), Crc32cCodec())
 WHOLE: ArrayConfigParams = {"write_empty_chunks": True}
 
 
-def write_template(request: SurveyRequest, store: StoreLike) -> None:
-    """Write the template to where nothing is.
+Template = dict[str, bytes]  # of every file of a store without tiles, by its key
 
-    Its metadata is consolidated here, before the first tile: chunks never touch it, so a survey can be opened from
-    disk and over HTTP while it runs, and nothing is left to go stale.
+
+def template_of(request: SurveyRequest) -> Template:
+    """Return what a survey's store consists of before its first tile.
+
+    Its metadata is consolidated here: chunks never touch it, so a survey can be opened from disk and over HTTP while it
+    runs, and nothing is left to go stale.
     """
+    kept: dict[str, Buffer] = {}
+    store = MemoryStore(kept)
     root = zarr.create_group(store, zarr_format=3, attributes=_attributes(request))
     quantities = stored(request.quantities, request.model)
     _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
@@ -39,6 +45,7 @@ def write_template(request: SurveyRequest, store: StoreLike) -> None:
         _create(root, request, quantity)
     _write_curves(root, request)
     consolidate(store)
+    return {key: value.to_bytes() for key, value in kept.items()}
 
 
 def consolidate(store: StoreLike) -> None:

@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from workers.cells import Cells
+from workers.errors import StorageError, SurveyError, storage_error
 from workers.evaluate import FAILED, SOME_UNDECIDED
 from workers.quantities import shape_of, stored
 from workers.request import SurveyRequest
 from workers.schema import SAMPLED
 
 LONGEST_MESSAGE = 300
+POLL_SECONDS = 0.2  # between two questions whether a run shall stop
+GRACE_SECONDS = 2.0  # of tiles at work, after a stop
 
 #: Failures of the machine, not of a cell: stored, they would make the survey depend on where it ran.
 MACHINE_FAILURES = (MemoryError, OSError, ImportError)
@@ -150,3 +153,19 @@ def _gather(
 def _fills(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
     quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
     return {each.name: np.full(shape_of(each, shape), each.fill, each.dtype) for each in quantities}
+
+
+def tile_error(request: SurveyRequest, tile: Tile, error: BaseException) -> SurveyError:
+    """Return what a run raises for a tile that could not be computed or written."""
+    what = described(request, tile)
+    if isinstance(error, StorageError):
+        return StorageError(f"{what} cannot be written: {error}")
+    if isinstance(error, OSError):
+        return storage_error(f"{what} cannot be written", error)
+    return SurveyError(f"{what} failed: {type(error).__name__}: {error}")
+
+
+def described(request: SurveyRequest, tile: Tile) -> str:
+    """Return how messages name a tile."""
+    delta, epsilon = request.delta.values()[tile.delta], request.epsilon.values()[tile.epsilon]
+    return f"tile {tile.index} (delta {delta[0]} to {delta[-1]}, epsilon {epsilon[0]} to {epsilon[-1]})"

@@ -115,8 +115,8 @@ def _compute(
     cluster: AbstractContextManager[Client | None],
     should_stop: Callable[[], bool],
 ) -> None:
+    import workers as survey
     from service.commands.progress import reporter
-    from workers import run_tiles, run_tiles_here
 
     todo = sum(tile.n_cells for tile in missing)
     done = before = request.n_cells - todo
@@ -131,9 +131,9 @@ def _compute(
 
         began = time.monotonic()
         if client is None:
-            run_tiles_here(request, out, missing, on_tile, should_stop)
+            survey.run_tiles_here(request, out, missing, on_tile, should_stop)
         else:
-            run_tiles(request, out, missing, client, on_tile, should_stop)
+            survey.run_tiles(request, out, missing, client, on_tile, should_stop)
         seconds = time.monotonic() - began
     typer.echo(f"{done - before} cells in {seconds:.1f} s: {(done - before) / seconds:.1f} cells/s")
     for i, j, message in failed[:MAX_MESSAGES]:
@@ -141,12 +141,16 @@ def _compute(
 
 
 def _summarise(out: str) -> None:
-    from workers import open_survey
-    from workers.evaluate import FAILED
+    import numpy as np
+    import zarr  # xarray takes half a second to load
 
-    with open_survey(out) as dataset:
-        status = dataset["status"]
-        summary = f"{status.size} cells, {int((status == FAILED).sum())} failed"
-        if "undecided_fraction" in dataset:
-            summary += f", {100 * float(dataset['undecided_fraction'].mean()):.3f} % of samples undecided"
-        typer.echo(summary)
+    from workers.evaluate import FAILED
+    from workers.location import place_of
+
+    arrays = zarr.open_group(place_of(out).zarr(), mode="r")
+    status = np.asarray(arrays["status"])
+    summary = f"{status.size} cells, {int((status == FAILED).sum())} failed"
+    if "undecided_fraction" in arrays and (status != FAILED).any():
+        undecided = np.asarray(arrays["undecided_fraction"], float)[status != FAILED]
+        summary += f", {100 * undecided.mean():.3f} % of samples undecided"
+    typer.echo(summary)

@@ -122,7 +122,9 @@ def test_a_process_that_dies_of_compiling_is_no_hang(
     assert not note.exists()  # or nobody would ever compile the rest before it is asked for
 
 
-def test_what_another_process_has_compiled_is_not_waited_for(tmp_path: Path, compiling: list[Kernels], note: Path) -> None:
+def test_what_another_process_has_compiled_is_not_waited_for(
+    tmp_path: Path, compiling: list[Kernels], note: Path
+) -> None:
     note.touch()
     with front_end(tmp_path, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
@@ -148,7 +150,8 @@ from service.explorer import point_parts
 from service.kernels import KAPPA, compile_all
 from service.routes.basins import _draw
 from service.tracing import curves_document, orbits_document
-from workers import SurveyRequest
+from workers import SurveyRequest, compute_tile, tiles_of
+from workers.template import template_of
 
 name = Model(sys.argv[1])
 compile_all(name)
@@ -174,15 +177,11 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if kappa els
     curves_document(model, (0.98 * delta, delta), (0.0, 0.3))
 fields = {"model": name} | ({"kappa": kappa} if kappa else {})
 groups = ["region", "orbits", "attractors", "lyapunov", "basins", *([] if kappa else ["grazing"])]
-cell_seconds(
-    SurveyRequest(
-        delta={"start": 0.5, "stop": 0.6, "num": 2},
-        epsilon={"start": 0.05, "stop": 0.1, "num": 2},
-        initial_conditions={"count": 4},
-        quantities=groups,
-        **fields,
-    )
-)
+axes = {"delta": {"start": 0.5, "stop": 0.6, "num": 2}, "epsilon": {"start": 0.05, "stop": 0.1, "num": 2}}
+cell_seconds(SurveyRequest(**axes, initial_conditions={"count": 4}, quantities=groups, **fields))
+usual = SurveyRequest(**axes, initial_conditions={"count": 4}, **fields)
+template_of(usual)
+compute_tile(usual, tiles_of(usual)[0])
 print("needed:", needed)
 """
 

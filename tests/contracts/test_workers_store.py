@@ -116,10 +116,10 @@ def test_a_file_is_refused_untouched(tmp_path: Path) -> None:
 
 
 def test_a_creation_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def no_space(_: Path) -> None:
+    def no_space(*_: Path) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("workers.template.consolidate", no_space)
+    monkeypatch.setattr("os.rename", no_space)
     with pytest.raises(SurveyError, match="No space left"):
         create_store(REQUEST, tmp_path / "survey.zarr")
     assert list(tmp_path.iterdir()) == []
@@ -127,13 +127,13 @@ def test_a_creation_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytes
 
 @pytest.mark.parametrize("winner", [REQUEST, REQUEST.model_copy(update={"seed": 1})], ids=["same", "other"])
 def test_of_two_creators_the_first_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, winner: SurveyRequest) -> None:
-    path, write = tmp_path / "survey.zarr", workers.store.write_template
+    path, template_of = tmp_path / "survey.zarr", workers.store.template_of
 
-    def overtaken(request: SurveyRequest, sibling: Path) -> None:
-        write(request, sibling)
-        write(winner, path)
+    def overtaken(request: SurveyRequest) -> dict[str, bytes]:
+        place_of(path).build(template_of(winner))
+        return template_of(request)
 
-    monkeypatch.setattr(workers.store, "write_template", overtaken)
+    monkeypatch.setattr(workers.store, "template_of", overtaken)
     if winner == REQUEST:
         create_store(REQUEST, path)
     else:

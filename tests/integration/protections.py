@@ -146,8 +146,10 @@ PROTECTIONS = (
         "a store appears whole",
         f"{SERVICE}::test_killed_at_every_instant",
         "workers/location.py",
-        "            with self._beside(write) as sibling:\n                os.rename(sibling, self.path)\n",
-        "            write(self.path)\n",
+        "            with self._beside(template) as sibling:\n                os.rename(sibling, self.path)\n",
+        "            for key, content in template.items():\n"
+        "                (self.path / key).parent.mkdir(parents=True, exist_ok=True)\n"
+        "                (self.path / key).write_bytes(content)\n",
     ),
     _one(
         "an interrupted survey is taken up again",

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from depth import deep, either
+from scipy.stats import qmc
 
 import rattle
 from rattle import curves, lyapunov, settle, survey
-from rattle.sampling import initial_conditions
+from rattle.sampling import initial_conditions, sobol
 
 GEARS = either(50, 120)
 
@@ -106,6 +107,12 @@ def test_equal_labels_at_different_places_stay_apart():
         assert len(set(periodic)) == len(periodic)
         assert sum(s[0] == "quiet" for s in seen) <= 1
         assert sum(s[0] == "undecided" for s in seen) <= 1
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 64, 1000, 4096, 65537])
+def test_points_are_those_of_scipy_to_the_last_bit(count):
+    drawn = qmc.Sobol(2, scramble=False).random_base2(max(count - 1, 1).bit_length())
+    np.testing.assert_array_equal(sobol(count), drawn[:count])
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 100, 256])
