@@ -182,7 +182,7 @@ PROTECTIONS = (
     _one(
         "a run says that the disk is full",
         f"{STORAGE}::test_a_run_on_a_full_disk_is_resumed",
-        "workers/submission.py",
+        "workers/tiles.py",
         "    if isinstance(error, OSError):\n",
         "    if False:\n",
     ),
