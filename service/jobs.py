@@ -20,11 +20,13 @@ from service.logs import about
 from service.tables import JobRow, State
 from workers import (
     ClusterLostError,
+    StoppedError,
     StorageError,
     SurveyRequest,
     create_store,
     finish_store,
     run_tiles,
+    template_on,
     tiles_done,
     tiles_of,
 )
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from workers import TileRecord
+    from workers.template import Template
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK, READY, STARTING = "ok", "ready", "starting"
@@ -195,6 +198,8 @@ class JobManager:
     def _run(self, survey_id: str, client: Client) -> None:
         try:
             self._compute(survey_id, client)
+        except StoppedError:
+            return
         except (ClusterLostError, CommClosedError, SQLAlchemyError, UnavailableError):
             raise  # not the survey's fault: it goes on later
         except StorageError as error:
@@ -216,11 +221,16 @@ class JobManager:
             return  # dismissed since it was found
         request = _request_of(job)
         path = self._directory.store(survey_id)
-        create_store(request, path)
+
+        # Curves take minutes in some windows: nothing is computed in this process.
+        def template(request: SurveyRequest, created: str | None) -> Template:
+            return template_on(client, request, created, self._interrupted)
+
+        create_store(request, path, template)
         if job.content_hash != request.content_hash():
             self._database.set_content_hash(survey_id, request.content_hash())
         # A tile counts only if both agree: the database knows its failures, the store holds its numbers.
-        done = self._database.tiles_done(survey_id) & tiles_done(request, path)
+        done = self._database.tiles_done(survey_id) & tiles_done(request, path, self._interrupted)
         self._database.keep_tiles(survey_id, done)
         missing = [tile for tile in tiles_of(request) if tile.index not in done]
         says_that_it_waits = bool(job.message)  # perhaps since before a restart

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from workers.bucket import Bucket
-from workers.errors import ClusterLostError, StorageError, SurveyError
+from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
 from workers.in_process import is_short, run_tiles_here
 from workers.integrity import Integrity, examine
 from workers.location import Directory, Place, place_of
@@ -21,7 +21,7 @@ from workers.window import Frame, Window, compute_part, map_quantity, window_sur
 if TYPE_CHECKING:
     from workers.cluster import connect, embedded_cluster
     from workers.refinement import refined
-    from workers.runner import run_tiles
+    from workers.runner import run_tiles, template_on
 
 #: What needs dask's cluster, a quarter of a second that a survey in one process does not wait for.
 _ON_CLUSTERS = {
@@ -29,6 +29,7 @@ _ON_CLUSTERS = {
     "embedded_cluster": "workers.cluster",
     "refined": "workers.refinement",
     "run_tiles": "workers.runner",
+    "template_on": "workers.runner",
 }
 
 __all__ = [
@@ -43,6 +44,7 @@ __all__ = [
     "Integrity",
     "Place",
     "Quantity",
+    "StoppedError",
     "StorageError",
     "SurveyError",
     "SurveyRequest",
@@ -64,6 +66,7 @@ __all__ = [
     "refined",
     "run_tiles",
     "run_tiles_here",
+    "template_on",
     "tiles_done",
     "tiles_of",
     "window_survey",

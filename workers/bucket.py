@@ -8,7 +8,7 @@ variables AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, AWS_ENDPOINT, an
 import json
 import os
 import socket
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -113,12 +113,6 @@ class Bucket:
         with self.reaching():
             return self.has(DELETING)
 
-    def finder(self, prefix: str) -> Callable[[str], bool]:
-        """Return a function that says whether a key below the prefix is here, from one listing."""
-        with self.reaching():
-            keys = frozenset(self.keys(prefix))
-        return lambda key: f"{prefix}/{key}" in keys
-
     @contextmanager
     def reaching(self) -> Iterator[None]:
         """Turn what obstore raises into errors of this project.
@@ -153,13 +147,12 @@ class Bucket:
                 obstore.put(self.objects, ROOT, template[ROOT], mode="create")
             obstore.delete(self.objects, CREATING)
 
-    def mend(self, files: Mapping[str, bytes]) -> None:
-        """Replace objects, each at once."""
+    def put(self, key: str, content: bytes) -> None:
+        """Write an object, or replace it at once. Raises what `reaching` does."""
         import obstore
 
         with self.reaching():
-            for key, content in files.items():
-                obstore.put(self.objects, key, content)
+            obstore.put(self.objects, key, content)
 
     def sweep(self) -> None:
         """Remove what a killed creation left: its marker."""

@@ -12,7 +12,7 @@ from multiprocessing import resource_tracker
 from threading import Thread
 
 import dask
-from distributed import Client, LocalCluster, Security, Worker, WorkerPlugin, comm
+from distributed import Client, Future, LocalCluster, Security, Worker, WorkerPlugin, comm
 from distributed.utils import silence_logging_cmgr
 
 import rattle
@@ -159,6 +159,17 @@ def end_processes(client: Client, addresses: list[str]) -> None:
         thread = Thread(target=ending, name="end-processes", daemon=True)
         thread.start()
         thread.join(END_SECONDS)
+
+
+def end_tasks(client: Client, futures: list[Future]) -> None:
+    """Give up tasks, and end at once the processes that compute nothing else."""
+    keys = {future.key for future in futures}
+    try:
+        processing = client.processing()
+        client.cancel(futures)  # or they would begin again elsewhere
+    except OSError:  # the scheduler is gone
+        return
+    end_processes(client, [address for address, busy in processing.items() if busy and keys.issuperset(busy)])
 
 
 async def _end_process(dask_worker: Worker) -> None:

@@ -18,6 +18,8 @@ from rattle.models import AnyModel
 from workers.quantities import DOI
 
 LOWEST_DELTA = 0.1  # of the axis' start: where half a cell reaches 0, which no curve does
+NARROWEST = 1e-9  # half of a window, as a share of its parameter: below, a curve takes minutes
+LEAST_EPSILON = 1e-6  # whose share it is where ε is less
 
 
 class Window(NamedTuple):
@@ -141,14 +143,15 @@ def window_around(delta: np.ndarray, epsilon: np.ndarray) -> Window:
 
     So a curve that crosses a cell, also one on the border, has points on both sides of it.
     """
-    low, high = _around(delta)
-    bottom, top = _around(epsilon)
+    low, high = _around(delta, 0.0)
+    bottom, top = _around(epsilon, LEAST_EPSILON)
     return Window((max(low, LOWEST_DELTA * float(delta[0])), high), (max(bottom, 0.0), top))
 
 
-def _around(axis: np.ndarray) -> tuple[float, float]:
+def _around(axis: np.ndarray, scale: float) -> tuple[float, float]:
+    """Not narrower than curves can be followed in: there they are straight, to more digits than are drawn."""
     low, high = float(axis[0]), float(axis[-1])
-    half = (high - low) / max(2 * (axis.size - 1), 1)
+    half = max((high - low) / max(2 * (axis.size - 1), 1), NARROWEST * max(abs(high), scale))
     return low - half, min(high + half, sys.float_info.max)
 
 

@@ -9,6 +9,10 @@ class SurveyError(RattleError):
     """A survey that cannot be asked for, stored, run, opened or drawn; the message says what to do."""
 
 
+class StoppedError(SurveyError):
+    """What was being done was asked to stop. The survey is whole."""
+
+
 class ClusterLostError(SurveyError):
     """The cluster went away during a run. The survey is whole: another cluster resumes it."""
 

@@ -1,31 +1,42 @@
-"""Whether a store still holds what was written to it: every chunk has its file, and every file its checksum."""
+"""Whether a store still holds what was written to it: every file is where it was put, and as it was put there.
+
+`zarr.json` of the root and of the group `checksums` carry a checksum of themselves. The group has one of every other
+file of the template; its array has one of every chunk of every tile, over the chunk's key and bytes, because a chunk's
+own checksum knows no position. Any zarr reader reads all that as numbers and text.
+"""
 
 import errno
-from collections.abc import Iterator
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import zarr
-from zarr.codecs import Crc32cCodec
 
-from workers.errors import SurveyError
-from workers.location import Place, place_of, read_json
-from workers.schema import CELL
+from workers.bucket import ROOT
+from workers.errors import StoppedError, StorageError, SurveyError
+from workers.location import Place, place_of
 
 STATUS = "status"
+GROUP = "checksums"
+TILES = f"{GROUP}/tiles"
+OWN = f"{GROUP}/{ROOT}"
+SEALED = (ROOT, OWN)
+SEAL = "checksum"
+READERS = 8  # of files at a time: a bucket answers each after a while
 
 
 @dataclass(frozen=True)
 class Integrity:
-    """What a look at every chunk of a store found."""
+    """What a look at every file of a store found."""
 
     done: frozenset[int]  # indices of the tiles that are computed and whole
     damaged: dict[int, tuple[str, ...]]  # computed tiles with a lost or damaged chunk, and of which variables
-    template: tuple[str, ...]  # arrays and groups that tiles do not write to, such as curves, with damage
+    template: tuple[str, ...]  # damaged files that tiles do not write to: metadata, coordinates, curves
     tiles: int
-    checksums: bool  # without them, in stores of older versions, only what cannot be decoded is found
 
     @property
     def whole(self) -> bool:
@@ -33,121 +44,175 @@ class Integrity:
         return not self.damaged and not self.template
 
 
-def examine(where: str | Path | Place) -> Integrity:
-    """Read every chunk of a survey's store.
+@dataclass(frozen=True)
+class Manifest:
+    """What a store's checksums say about it, from the group of that name."""
+
+    content_hash: str
+    date_created: str
+    grid: tuple[int, int]  # tiles along (epsilon, delta)
+    chunks: dict[str, str]  # of each variable that tiles write: its key, with {row} and {column}
+    files: dict[str, str]  # checksum of every file of the template, by its key
+
+    @classmethod
+    def of(cls, attributes: Mapping[str, Any]) -> "Manifest":
+        """From the group's attributes. Raises KeyError, TypeError, ValueError."""
+        rows, columns = attributes["grid"]
+        return cls(
+            attributes["content_hash"],
+            attributes["date_created"],
+            (int(rows), int(columns)),
+            dict(attributes["chunks"]),
+            dict(attributes["files"]),
+        )
+
+    def keys(self, row: int, column: int) -> dict[str, str]:
+        """Where the chunks of a tile are, by variable."""
+        return {name: key.format(row=row, column=column) for name, key in self.chunks.items()}
+
+
+def checksum(key: str, content: bytes) -> bytes:
+    """Return eight bytes that depend on where a file is and on what it holds."""
+    return hashlib.blake2b(content, digest_size=8, key=hashlib.blake2b(key.encode()).digest()).digest()
+
+
+def sealed(document: Mapping[str, Any]) -> bytes:
+    """Return a JSON document of metadata with its own checksum among its attributes."""
+    attributes = {**document.get("attributes", {}), SEAL: _seal(document)}
+    return json.dumps({**document, "attributes": attributes}, indent=2).encode()
+
+
+def _seal(document: Mapping[str, Any]) -> str:
+    attributes = {name: value for name, value in document.get("attributes", {}).items() if name != SEAL}
+    canonical = json.dumps({**document, "attributes": attributes}, sort_keys=True)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def read_sealed(place: Place, key: str) -> dict[str, Any] | None:
+    """Return a sealed document, or None if it is lost or damaged. Raises StorageError, and SurveyError."""
+    try:
+        document: dict[str, Any] = json.loads(read(place, key) or b"")
+        return document if document["attributes"][SEAL] == _seal(document) else None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+
+
+def read(place: Place, key: str) -> bytes | None:
+    """Return a file; None if it is not there, or the disk cannot read it.
 
     Raises:
-        SurveyError: there is no survey, or its `status` cannot be found.
+        SurveyError: it may not be read: nobody may take that for lost.
+        StorageError: the object store fails.
+    """
+    try:
+        return place.read(key)
+    except StorageError:
+        raise
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+        return None
+    except OSError as error:
+        if error.errno != errno.EIO:
+            raise SurveyError(f"{place} cannot be read ({error}): make it readable") from error
+        return None
+
+
+def manifest_of(place: Place) -> Manifest | None:
+    """Return what the checksums of a store say; None if there are none that can be trusted, or no store."""
+    root = read_sealed(place, ROOT)
+    try:
+        if root is not None:
+            return Manifest.of(root["consolidated_metadata"]["metadata"][GROUP]["attributes"])
+        if not place.deletion_begun() and (own := read_sealed(place, OWN)) is not None:
+            return Manifest.of(own["attributes"])
+    except (KeyError, TypeError, ValueError):
+        pass
+    return None
+
+
+def examine(where: str | Path | Place, should_stop: Callable[[], bool] | None = None) -> Integrity:
+    """Read every file of a survey's store.
+
+    Args:
+        should_stop: asked at each tile.
+
+    Raises:
+        StoppedError: because `should_stop` said so.
+        SurveyError: there is no survey, or too much of it is damaged to know which it was.
         StorageError: the object store fails.
     """
     place = place_of(where)
-    try:
-        with place.reaching():
-            root = zarr.open_group(place.zarr(), mode="r", zarr_format=3)
-        finished = "date_completed" in root.attrs
-        per_cell = [array for _, array in root.arrays() if _per_cell(array) and array.name != f"/{STATUS}"]
-        status = _Array(place, root[STATUS])  # type: ignore[arg-type]  # an array, or an error below
-        arrays = [_Array(place, array) for array in per_cell]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise SurveyError(f"{place} holds no survey that can be read ({error}): name the store of a survey") from error
+    manifest = manifest_of(place)
+    if manifest is None:
+        raise SurveyError(
+            f"{place} holds no survey that can be read: name the store of a survey of this version, or take its"
+            f" {ROOT} and {OWN} from a copy"
+        )
+    rows, columns = manifest.grid
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
-    rows, columns = status.grid
-    for row in range(rows):
-        known = {column for column in range(columns) if finished or status.has(row, column)}
-        unread = set(status.unreadable(row, known))
-        computed = {column for column in known - unread if status.computed(row, column)}
-        lost = dict.fromkeys(unread, (STATUS,))
-        for array in arrays:
-            for column in array.unreadable(row, computed):
-                lost[column] = (*lost.get(column, ()), array.name)
-        damaged |= {row * columns + column: names for column, names in sorted(lost.items())}
-        done |= {row * columns + column for column in computed.difference(lost)}
-    return Integrity(frozenset(done), damaged, damaged_template(place), rows * columns, status.checked)
+    with ThreadPoolExecutor(READERS) as readers:
+        for row in range(rows):
+            found = readers.map(lambda column, row=row: _damage(place, manifest, row, column), range(columns))
+            for column, lost in enumerate(found):
+                if should_stop and should_stop():
+                    raise StoppedError(f"stopped while {place} was read")
+                if lost:
+                    damaged[row * columns + column] = lost
+                elif lost is not None:
+                    done.add(row * columns + column)
+        template = damaged_template(place, manifest)
+    return Integrity(frozenset(done), damaged, template, rows * columns)
 
 
-def damaged_template(place: Place) -> tuple[str, ...]:
-    """Return the arrays and groups of a survey that cannot be read, but for what tiles write.
-
-    Raises:
-        SurveyError: the metadata of the store itself is damaged.
-    """
-    try:
-        described: dict[str, Any] = read_json(place, "zarr.json")["consolidated_metadata"]["metadata"]
-        with place.reaching():
-            members = dict(zarr.open_group(place.zarr(), mode="r", zarr_format=3).members(max_depth=None))
-    except (ValueError, KeyError, TypeError) as error:
-        raise SurveyError(f"zarr.json of {place} is damaged ({error!r}): take it from a copy of the survey") from error
-    return tuple(name for name in described if not _template_whole(place, name, described[name], members[name]))
-
-
-def _template_whole(place: Place, name: str, described: dict[str, Any], member: zarr.Array | zarr.Group) -> bool:
-    try:
-        own = read_json(place, f"{name}/zarr.json")
-        if {**own, "consolidated_metadata": None} != {**described, "consolidated_metadata": None}:
-            return False
-    except (OSError, ValueError):
-        return False
-    if isinstance(member, zarr.Group) or _per_cell(member) or not member.size:
-        return True
-    array = _Array(place, member)
-    return (array.has(*[0] * member.ndim) or not array.checked) and array.readable(...)
+def _damage(place: Place, manifest: Manifest, row: int, column: int) -> tuple[str, ...] | None:
+    """Return the variables of a tile that are lost or damaged; None if it is not computed."""
+    keys = manifest.keys(row, column)
+    noted = read(place, tile_key(row, column))
+    if noted is None and read(place, keys[STATUS]) is None:
+        return None
+    known = _checksums_in(noted or b"", tile_key(row, column), len(keys))
+    if known is None:
+        return (GROUP,)
+    contents = {name: read(place, key) for name, key in keys.items()}
+    lost = tuple(
+        name
+        for (name, content), expected in zip(contents.items(), known, strict=True)
+        if content is None or checksum(keys[name], content) != expected
+    )
+    # The status comes last: a tile that was interrupted before it is not computed, and not damaged.
+    return None if lost == (STATUS,) and contents[STATUS] is None else lost
 
 
-def _per_cell(array: zarr.Array) -> bool:
-    return (getattr(array.metadata, "dimension_names", None) or ())[-2:] == CELL
+def tile_key(row: int, column: int) -> str:
+    """Where the checksums of a tile are."""
+    return f"{TILES}/c/0/{row}/{column}"
 
 
-class _Array:
-    """An array of a store, by the rows and columns of its chunks."""
+def checksums_of(row: int, column: int, keys: Mapping[str, str], contents: Mapping[str, bytes]) -> np.ndarray:
+    """Return the checksums of a tile's chunks and one of these, as the store holds them: (variables + 1, 1, 1)."""
+    noted = b"".join(checksum(key, contents[name]) for name, key in keys.items())
+    noted += checksum(tile_key(row, column), noted)
+    return np.frombuffer(noted, "<u8").reshape(-1, 1, 1)
 
-    def __init__(self, place: Place, array: zarr.Array) -> None:
-        self._array, self._place, self._is_there = array, place, place.finder(array.path)
-        self.name = array.path
-        self.checked = any(isinstance(codec, Crc32cCodec) for codec in array.metadata.codecs)  # type: ignore[union-attr]
 
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Chunks along (epsilon, delta)."""
-        rows, columns = (-(-n // size) for n, size in zip(self._array.shape[-2:], self._array.chunks[-2:], strict=True))
-        return rows, columns
+def _checksums_in(stored: bytes, key: str, count: int) -> list[bytes] | None:
+    """Return the checksums that a chunk holds, which is not compressed; None if it is lost or damaged."""
+    noted, own = stored[: 8 * count], stored[8 * count : 8 * count + 8]
+    if checksum(key, noted) != own:
+        return None
+    return [noted[start : start + 8] for start in range(0, 8 * count, 8)]
 
-    def has(self, *chunk: int) -> bool:
-        """Whether a chunk, given by its last indices, has a file; older versions wrote none for fill values."""
-        where = (0,) * (self._array.ndim - len(chunk)) + chunk
-        key = self._array.metadata.encode_chunk_key(where)
-        return self._is_there(key)
 
-    def unreadable(self, row: int, columns: set[int]) -> Iterator[int]:
-        """Those of the chunks that are lost or damaged."""
-        lost = {column for column in columns if self.checked and not self.has(row, column)}
-        yield from lost
-        there = columns - lost
-        if len(there) == self.grid[1] and self.readable((..., self._span(0, row), slice(None))):
-            return  # one read for the whole row
-        yield from (column for column in there if not self.readable(self._cells(row, column)))
+def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
+    """Return the files of a survey that are lost or damaged, but for what tiles write."""
+    lost = [key for key in SEALED if read_sealed(place, key) is None]
+    lost += [
+        key
+        for key, known in manifest.files.items()
+        if (content := read(place, key)) is None or checksum(key, content).hex() != known
+    ]
+    return tuple(lost)
 
-    def computed(self, row: int, column: int) -> bool:
-        """Whether no value of a chunk is 0."""
-        return bool(np.all(self._array[self._cells(row, column)]))
 
-    def readable(self, selection: Any) -> bool:
-        """Whether a part of the array decodes, and matches its checksums."""
-        try:
-            with self._place.reaching():
-                self._array[selection]
-        except (MemoryError, SurveyError):
-            raise
-        except OSError as error:
-            if error.errno not in (errno.EIO, errno.ENOENT):  # nobody may take what he is not allowed to read for lost
-                raise SurveyError(f"{self._place} cannot be read ({error}): make it readable") from error
-            return False
-        except Exception:  # whatever a codec raises
-            return False
-        return True
-
-    def _cells(self, row: int, column: int) -> tuple[Any, ...]:
-        return (..., self._span(0, row), self._span(1, column))
-
-    def _span(self, axis: int, index: int) -> slice:
-        size = self._array.chunks[axis - 2]
-        return slice(index * size, (index + 1) * size)
+def files_of(template: Mapping[str, bytes]) -> dict[str, str]:
+    """Return the checksum of each file of a template but the sealed ones, by its key."""
+    return {key: checksum(key, content).hex() for key, content in template.items() if key not in SEALED}

@@ -1,4 +1,4 @@
-"""A tile that killed its workers, cell by cell in a process of its own: only the cells that kill it are lost."""
+"""A tile that killed its workers, or never ended, cell by cell in a process of its own: only guilty cells are lost."""
 
 import os
 import pickle
@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from typing import IO
 
@@ -15,6 +16,8 @@ from workers.tiles import CellOutcome, Tile, TileArrays, TileRecord, cell_outcom
 
 #: A cell is given up after this many processes that died of it: one death may be somebody else's doing.
 ATTEMPTS = 2
+#: Processor time of one cell, in seconds: a hundred times what the slowest took that is known to end.
+CELL_SECONDS = 600
 _START = [sys.executable, "-c", "from workers.isolation import serve; serve()"]
 
 
@@ -44,7 +47,10 @@ def _outcomes(request: SurveyRequest, tile: Tile, memory: int | None) -> Iterato
         finally:
             child.kill()
             child.communicate()
-        if first < tile.n_cells:
+        if first < tile.n_cells and child.returncode == -signal.SIGXCPU:
+            yield f"took more than {CELL_SECONDS} s of processor time"
+            first, deaths = first + 1, 0
+        elif first < tile.n_cells:
             deaths += 1
             if deaths == ATTEMPTS:
                 yield f"killed its process {ATTEMPTS} times ({_cause(child.returncode)})"
@@ -88,11 +94,20 @@ def serve() -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
     _send(out, None)
     try:
+        _limit_next_cell()
         for outcome in cell_outcomes(request, cells_of(request, tile), first, failing=(MemoryError,)):
             _send(out, outcome)
+            _limit_next_cell()
     except Exception as error:
         _send(out, error)
     os._exit(0)
+
+
+def _limit_next_cell() -> None:
+    """The system ends this process after a cell's processor time: nothing else interrupts a kernel."""
+    _, most = resource.getrlimit(resource.RLIMIT_CPU)
+    limit = int(time.process_time()) + CELL_SECONDS
+    resource.setrlimit(resource.RLIMIT_CPU, (limit if most == resource.RLIM_INFINITY else min(limit, most), most))
 
 
 def _send(out: IO[bytes], item: object) -> None:

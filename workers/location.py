@@ -4,17 +4,15 @@ Both promise: a store appears whole or not at all, a key is replaced at once or 
 """
 
 import fcntl
-import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 from uuid import uuid4
 
-from workers.bucket import ROOT, SCHEME, Bucket
+from workers.bucket import LOCK, ROOT, SCHEME, Bucket
 from workers.errors import SurveyError, storage_error
 
 
@@ -39,13 +37,13 @@ class Directory:
         """Whether a whole store is here."""
         return (self.path / ROOT).exists()
 
+    def deletion_begun(self) -> bool:
+        """Whether a deletion was begun and has not ended: never, it begins by renaming."""
+        return False
+
     def read(self, key: str) -> bytes:
         """Return a file. Raises OSError."""
         return (self.path / key).read_bytes()
-
-    def finder(self, prefix: str) -> Callable[[str], bool]:
-        """Return a function that says whether a key below the prefix is here."""
-        return lambda key: (self.path / prefix / key).exists()
 
     def reaching(self) -> AbstractContextManager[None]:
         """Let errors of the file system pass as they are: OSError."""
@@ -60,13 +58,17 @@ class Directory:
             if not self.occupied():  # otherwise another run was first, and its store is judged like any other
                 raise
 
-    def mend(self, files: Mapping[str, bytes]) -> None:
-        """Replace files, each at once."""
-        with self._beside(files) as sibling:
-            for key in files:
-                target = self.path / key
-                target.parent.mkdir(parents=True, exist_ok=True)
-                os.replace(sibling / key, target)
+    def put(self, key: str, content: bytes) -> None:
+        """Write a file, or replace it at once. Raises OSError."""
+        target = self.path / key
+        partial = target.with_name(f"{target.name}.{uuid4().hex}.partial")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            partial.write_bytes(content)
+            os.replace(partial, target)
+        except OSError:
+            partial.unlink(missing_ok=True)
+            raise
 
     @contextmanager
     def _beside(self, files: Mapping[str, bytes]) -> Iterator[Path]:
@@ -77,6 +79,7 @@ class Directory:
                 directory.mkdir(parents=True, exist_ok=True)
             for key, content in files.items():
                 (sibling / key).write_bytes(content)
+            (sibling / LOCK).touch()
             yield sibling
         finally:
             shutil.rmtree(sibling, ignore_errors=True)
@@ -90,7 +93,7 @@ class Directory:
             SurveyError: another run holds it: two would sweep each other's files. Or it is not there.
         """
         try:
-            held = (self.path / "status" / "zarr.json").open("rb+")  # a file that nobody replaces
+            held = (self.path / LOCK).open("ab")
         except OSError as error:
             raise storage_error(f"{self} cannot be written", error) from error
         with held:
@@ -127,9 +130,3 @@ def place_of(where: str | Path | Place) -> Place:
 @lru_cache(maxsize=64)
 def _bucket(url: str) -> Bucket:
     return Bucket(url)
-
-
-def read_json(place: Place, key: str) -> dict[str, Any]:
-    """Return a JSON document of a store. Raises OSError or ValueError."""
-    document: dict[str, Any] = json.loads(place.read(key))
-    return document

@@ -3,15 +3,21 @@
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from concurrent.futures import CancelledError
+from contextlib import suppress
 from pathlib import Path
+from uuid import uuid4
 
-from distributed import Client, get_worker
+from distributed import Client, KilledWorker, get_worker
 
+from workers.cluster import end_tasks
+from workers.errors import ClusterLostError, StoppedError, SurveyError
 from workers.isolation import compute_tile_apart
 from workers.location import Place, place_of
 from workers.request import SurveyRequest
 from workers.store import require_aligned, write_tile
 from workers.submission import Submission
+from workers.template import Template, template_of
 from workers.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile
 
 
@@ -29,6 +35,36 @@ def _never() -> bool:
     return False
 
 
+def template_on(
+    client: Client, request: SurveyRequest, created: str | None, should_stop: Callable[[], bool]
+) -> Template:
+    """Return what `template_of` does, computed on a cluster: some curves take minutes to trace.
+
+    Args:
+        should_stop: asked several times a second; then the process that computes it is ended.
+
+    Raises:
+        StoppedError: because `should_stop` said so.
+        SurveyError: it cannot be computed.
+        ClusterLostError: the cluster is gone.
+    """
+    key = f"template-{uuid4().hex}"
+    future = client.submit(template_of, request, created, key=key, pure=False)
+    try:
+        while not should_stop():
+            with suppress(TimeoutError):
+                template: Template = future.result(timeout=POLL_SECONDS)
+                return template
+        end_tasks(client, [future])
+        raise StoppedError("stopped while the survey was prepared")
+    except KilledWorker as error:
+        raise SurveyError("the curves of the survey killed the process that traced them: look at the log") from error
+    except (CancelledError, OSError) as error:
+        raise ClusterLostError("the dask scheduler is gone: start one and run the survey again") from error
+    finally:
+        future.release()
+
+
 def run_tiles(
     request: SurveyRequest,
     where: str | Path | Place,
@@ -40,7 +76,8 @@ def run_tiles(
 ) -> None:
     """Compute tiles of a created store on a cluster, until all are written or `should_stop` says so.
 
-    A tile that kills its workers is computed cell by cell in a process of its own: only the cells that kill it fail.
+    A tile that kills its workers, or takes a quarter of an hour, is computed cell by cell in a process of its own: only
+    the cells that kill it fail, and those that take too much processor time.
 
     Args:
         on_tile: called in this thread, with each tile that has been written.
@@ -78,6 +115,7 @@ def _run(
             submission.submit(waiting.popleft())
         if room and not waiting:
             submission.repeat_late_tiles()
+        submission.set_endless_tiles_apart()
         if record := submission.next_record(POLL_SECONDS):
             on_tile(record)
     if submission.in_flight and unwanted():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,13 +11,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
-from workers.bucket import SCHEME
+from workers.bucket import ROOT, SCHEME
 from workers.errors import SurveyError, storage_error
-from workers.integrity import damaged_template, examine
+from workers.integrity import (
+    OWN,
+    STATUS,
+    TILES,
+    Manifest,
+    checksums_of,
+    damaged_template,
+    examine,
+    manifest_of,
+    read,
+    read_sealed,
+    sealed,
+    tile_key,
+)
 from workers.location import Place, place_of
-from workers.quantities import stored
 from workers.request import SurveyRequest
-from workers.template import consolidate, now, template_of
+from workers.template import Template, blank, now, per_cell, template_of
 from workers.tiles import Tile
 from workers.version import code_version
 
@@ -24,61 +37,97 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-def create_store(request: SurveyRequest, where: str | Path | Place) -> None:
+Make = Callable[[SurveyRequest, str | None], Template]
+COMPLETED = "date_completed"
+_blank = lru_cache(maxsize=16)(blank)
+
+
+def create_store(request: SurveyRequest, where: str | Path | Place, make: Make | None = None) -> None:
     """Create the empty store of a survey, or accept the one that an earlier run of the same survey left.
 
     Whatever else is there is left as it is. The store appears at once and whole. Of a survey's own store, what tiles do
-    not write to is mended if it is damaged.
+    not write to, its metadata first of all, is made again if any of it is damaged. Numbers of cells are not touched.
+
+    Args:
+        make: as `template_of`, which is the default: to compute elsewhere what takes long.
 
     Raises:
         StorageError: it cannot be written now.
-        SurveyError: something else is there, or it cannot be written.
+        SurveyError: something else is there, or it cannot be written, or another run writes to what is damaged.
     """
-    place = place_of(where)
+    place, make = place_of(where), make or template_of
     try:
         if not place.occupied():
-            place.build(template_of(request))
-        _require_same(request, place)
-        if damaged := damaged_template(place):
-            template = template_of(request)
-            place.mend(
-                {key: template[key] for key in template if key.startswith(tuple(f"{name}/" for name in damaged))}
-            )
+            place.build(make(request, None))
+        manifest = _require_same(request, place)
+        if not _template_whole(request, place, manifest):
+            with place.writing():
+                _mend(place, make(request, manifest.date_created))
     except OSError as error:
         raise storage_error(f"{place} cannot be created", error) from error
 
 
-def _require_same(request: SurveyRequest, place: Place) -> None:
-    attributes = _survey_attributes(place)
-    if attributes["content_hash"] == request.content_hash():
-        return
-    if attributes.get("code_version") != code_version():
+def _template_whole(request: SurveyRequest, place: Place, manifest: Manifest) -> bool:
+    if damaged_template(place, manifest):
+        return False
+    described = (read_sealed(place, ROOT) or {})["consolidated_metadata"]["metadata"]
+    return all(described.get(name) == metadata for name, metadata in per_cell(request).items())
+
+
+def _mend(place: Place, template: Template) -> None:
+    """Write the template over what is there, the root last."""
+    root = json.loads(template[ROOT])
+    if completed := ((read_sealed(place, ROOT) or {}).get("attributes", {})).get(COMPLETED):
+        root["attributes"][COMPLETED] = completed
+    for key, content in (template | {ROOT: sealed(root)}).items():
+        if key != ROOT:
+            place.put(key, content)
+    place.put(ROOT, sealed(root))
+
+
+def _require_same(request: SurveyRequest, place: Place) -> Manifest:
+    manifest = manifest_of(place)
+    if manifest is not None and manifest.content_hash == request.content_hash():
+        return manifest
+    attributes = _attributes(place)
+    if manifest is None and "content_hash" not in attributes:
+        raise SurveyError(f"{place} holds something that is not a survey: choose another path")
+    if attributes.get("code_version", code_version()) != code_version():
         raise SurveyError(
             f"{place} holds a survey computed by version {attributes.get('code_version')}, and this is {code_version()}"
             ": choose another path, or finish it with that version"
         )
+    if manifest is None:
+        raise SurveyError(
+            f"{place} is damaged: neither {ROOT} nor {OWN} says what it was. Take one of them from a copy of the"
+            " survey, or choose another path"
+        )
     raise SurveyError(f"{place} holds another survey: choose another path, or delete that one first")
 
 
-def _survey_attributes(place: Place) -> dict[str, Any]:
+def _attributes(place: Place) -> dict[str, Any]:
+    """What the root says, damaged or not."""
     try:
-        with place.reaching():
-            attributes = dict(zarr.open_group(place.zarr(), mode="r", zarr_format=3).attrs)
-    except (OSError, ValueError, KeyError, TypeError):  # no group, unreadable, or other people's metadata
+        attributes = json.loads(read(place, ROOT) or b"{}").get("attributes", {})
+    except (ValueError, AttributeError, RecursionError):
         attributes = {}
-    if "content_hash" not in attributes:
-        raise SurveyError(f"{place} holds something that is not a survey: choose another path")
-    return attributes
+    return attributes if isinstance(attributes, dict) else {}
 
 
-def tiles_done(request: SurveyRequest, where: str | Path | Place) -> set[int]:
-    """Return the indices of the tiles that are computed and undamaged. Raises SurveyError if this survey is not there.
+def tiles_done(
+    request: SurveyRequest, where: str | Path | Place, should_stop: Callable[[], bool] | None = None
+) -> set[int]:
+    """Return the indices of the tiles that are computed and undamaged.
 
-    Every chunk is read, for its checksum.
+    Every chunk is read, for its checksum; `should_stop` is asked at each tile.
+
+    Raises:
+        SurveyError: this survey is not there.
+        StoppedError: because `should_stop` said so.
     """
     place = place_of(where)
     _require_same(request, place)
-    return set(examine(place).done)
+    return set(examine(place, should_stop).done)
 
 
 def require_aligned(request: SurveyRequest, tile: Tile) -> None:
@@ -90,36 +139,45 @@ def require_aligned(request: SurveyRequest, tile: Tile) -> None:
 
 
 def write_tile(request: SurveyRequest, path: str, tile: Tile, values: Mapping[str, np.ndarray]) -> None:
-    """Write a tile, `status` last: a tile that was interrupted is not done.
+    """Write every variable of a tile, `status` last: a tile that was interrupted is not done.
 
     Raises:
         SurveyError: the tile or a shape is not a chunk of the store, or the store is gone or of another survey.
     """
     require_aligned(request, tile)
-    place = place_of(path)
-    arrays = _arrays(path, request)
-    cells = (tile.epsilon.stop - tile.epsilon.start, tile.delta.stop - tile.delta.start)
-    for name in sorted(values, key=lambda name: name == "status"):
-        if values[name].shape != (*arrays[name].shape[:-2], *cells):
-            raise SurveyError(f"tile {tile.index}: {name} has shape {values[name].shape}, not that of its chunk")
-        if not place.exists():  # zarr would bring a deleted survey back, in pieces
+    place = _place(path, request)
+    for key, content in _encoded(request, tile, values):
+        if not place.exists():  # a deleted survey would come back, in pieces
             raise SurveyError(f"the store {path} is gone")
-        with place.reaching():
-            arrays[name][..., tile.epsilon, tile.delta] = values[name]
+        place.put(key, content)
 
 
 @lru_cache(maxsize=16)
-def _arrays(path: str, request: SurveyRequest) -> dict[str, zarr.Array]:
-    """Open the arrays that tiles write to, once a process: opening costs more than writing."""
-    place = place_of(path)
-    _require_same(request, place)
-    with zarr.config.set({"array.write_empty_chunks": True}), place.reaching():  # see template.WHOLE
-        arrays = dict(zarr.open_group(place.zarr(), mode="r+", zarr_format=3).arrays())
-    return {
-        quantity.name: arrays[quantity.name]
-        for quantity in stored(request.quantities, request.model)
-        if quantity.per_cell
-    }
+def _place(path: str, request: SurveyRequest) -> Place:
+    """Look once a process whether the store is this survey's."""
+    _require_same(request, place_of(path))
+    return place_of(path)
+
+
+def _encoded(request: SurveyRequest, tile: Tile, values: Mapping[str, np.ndarray]) -> list[tuple[str, bytes]]:
+    """Return the files of a tile, in the order in which they are to be written."""
+    kept, arrays, chunks = _blank(request)
+    cells = (tile.epsilon.stop - tile.epsilon.start, tile.delta.stop - tile.delta.start)
+    for name, given in values.items():
+        if given.shape != (*arrays[name].shape[:-2], *cells):
+            raise SurveyError(f"tile {tile.index}: {name} has shape {given.shape}, not that of its chunk")
+    if missing := chunks.keys() - values.keys():
+        raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}")
+    row, column = (span.start // n for span, n in zip((tile.epsilon, tile.delta), request.tile_shape, strict=True))
+    keys = {name: key.format(row=row, column=column) for name, key in chunks.items()}
+    contents = {}
+    for name, key in keys.items():
+        arrays[name][..., tile.epsilon, tile.delta] = values[name]
+        contents[name] = kept.pop(key).to_bytes()
+    sums = tile_key(row, column)
+    arrays[TILES][:, row : row + 1, column : column + 1] = checksums_of(row, column, keys, contents)
+    first = [(key, contents[name]) for name, key in keys.items() if name != STATUS]
+    return [*first, (sums, kept.pop(sums).to_bytes()), (keys[STATUS], contents[STATUS])]
 
 
 def finish_store(where: str | Path | Place) -> None:
@@ -130,17 +188,18 @@ def finish_store(where: str | Path | Place) -> None:
         SurveyError: there is no survey, cells are missing, or a run still writes to it.
     """
     place = place_of(where)
-    _survey_attributes(place)
+    if manifest_of(place) is None:
+        raise SurveyError(f"{place} holds something that is not a survey: choose another path")
     with place.writing():
         if missing := _missing_cells(place):
             raise SurveyError(f"{place} lacks {missing} cells: run the survey again to resume it")
         try:
             place.sweep()
-            with place.reaching():
-                root = zarr.open_group(place.zarr(), mode="r+", zarr_format=3)
-                if "date_completed" not in root.attrs:
-                    root.attrs["date_completed"] = now()  # keeps the consolidated metadata, in one atomic replacement
-                    consolidate(place.zarr())
+            if (root := read_sealed(place, ROOT)) is None:
+                raise SurveyError(f"{ROOT} of {place} is damaged: run the survey again to repair it")
+            if COMPLETED not in root["attributes"]:
+                root["attributes"][COMPLETED] = now()
+                place.put(ROOT, sealed(root))
         except OSError as error:
             raise storage_error(f"{place} cannot be finished", error) from error
 

@@ -11,13 +11,15 @@ from uuid import uuid4
 from dask.typing import Key
 from distributed import Client, Future, KilledWorker
 
-from workers.cluster import end_processes
+from workers.cluster import end_tasks
 from workers.errors import ClusterLostError, SurveyError
 from workers.request import SurveyRequest
 from workers.tiles import Tile, TileRecord, described, tile_error
 
 #: A tile is late after this time, and after ten times the longest tile of the run: its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
+#: A tile may take so long on a worker; a usual one takes seconds.
+TILE_SECONDS = 900.0
 #: A cluster may be without workers for so long: they are being restarted.
 WORKERLESS_SECONDS = 60.0
 
@@ -81,6 +83,15 @@ class Submission:
             for attempt, address in zip(late, idle, strict=False):
                 self.submit(attempt.tile, attempt.apart, workers=[address])
 
+    def set_endless_tiles_apart(self) -> None:
+        """End the processes of tiles that have taken too long: apart, each of their cells has a limit of its own."""
+        endless_since = time.monotonic() - TILE_SECONDS
+        for attempt in list(self.in_flight.values()):
+            if not attempt.apart and attempt.began < endless_since:
+                end_tasks(self._client, [attempt.future])
+                self._drop(attempt.tile)
+                self.submit(attempt.tile, apart=True)
+
     def next_record(self, seconds: float) -> TileRecord | None:
         """Return the record of the next tile that ends, None if none does in this time."""
         try:
@@ -128,11 +139,9 @@ class Submission:
 
     def cut_off(self) -> None:
         """Give up what is in flight, and end the processes that compute nothing else."""
-        keys = set(self.in_flight)
-        busy = [address for address, running in self._processing().items() if running and keys.issuperset(running)]
-        self.cancel()
+        futures = [attempt.future for attempt in self.in_flight.values()]
         self.in_flight.clear()
-        end_processes(self._client, busy)
+        end_tasks(self._client, futures)
 
     def cancel(self) -> None:
         """Give up what is in flight."""

@@ -2,7 +2,7 @@
 
 import json
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
@@ -10,11 +10,13 @@ import numpy as np
 import zarr
 from zarr.codecs import Crc32cCodec, ZstdCodec
 from zarr.core.array_spec import ArrayConfigParams
-from zarr.core.buffer import Buffer
+from zarr.core.buffer import Buffer, cpu
 from zarr.errors import ZarrUserWarning
 from zarr.storage import MemoryStore, StoreLike
 
+from workers.bucket import ROOT
 from workers.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
+from workers.integrity import GROUP, OWN, TILES, files_of, sealed
 from workers.quantities import COORDINATES, DOI, shape_of, stored
 from workers.request import SurveyRequest
 from workers.schema import Quantity
@@ -30,25 +32,85 @@ WHOLE: ArrayConfigParams = {"write_empty_chunks": True}
 Template = dict[str, bytes]  # of every file of a store without tiles, by its key
 
 
-def template_of(request: SurveyRequest) -> Template:
-    """Return what a survey's store consists of before its first tile.
+def template_of(request: SurveyRequest, created: str | None = None) -> Template:
+    """Return what a survey's store consists of before its first tile; the date of its creation is now by default.
 
     Its metadata is consolidated here: chunks never touch it, so a survey can be opened from disk and over HTTP while it
     runs, and nothing is left to go stale.
     """
     kept: dict[str, Buffer] = {}
     store = MemoryStore(kept)
-    root = zarr.create_group(store, zarr_format=3, attributes=_attributes(request))
+    created = created or now()
+    root = zarr.create_group(store, zarr_format=3, attributes=_attributes(request, created))
     quantities = stored(request.quantities, request.model)
     _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
     for quantity in quantities:
         _create(root, request, quantity)
     _write_curves(root, request)
-    consolidate(store)
+    chunks = _create_checksums(root, request, quantities)
+    template = _contents(kept)
+    attributes = {
+        "long_name": "checksums of every file (workers/integrity.py)",
+        "content_hash": request.content_hash(),
+        "date_created": created,
+        "grid": [-(-n // size) for n, size in zip(request.shape, request.tile_shape, strict=True)],
+        "chunks": chunks,
+        "files": files_of(template),
+    }
+    kept[OWN] = cpu.Buffer.from_bytes(sealed({**json.loads(template[OWN]), "attributes": attributes}))
+    _consolidate(store)
+    consolidated = _contents(kept)
+    return consolidated | {ROOT: sealed(json.loads(consolidated[ROOT]))}
+
+
+def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
+    """Return what tiles write to, in memory: where it is kept, the arrays, and the key of each variable's chunks.
+
+    What a store on a disk says of itself has no part in what is written to it.
+    """
+    kept: dict[str, Buffer] = {}
+    with zarr.config.set({"array.write_empty_chunks": True}):  # see WHOLE
+        root = zarr.create_group(MemoryStore(kept), zarr_format=3)
+        quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
+        for quantity in quantities:
+            _create(root, request, quantity)
+        chunks = _create_checksums(root, request, quantities)
+        arrays: dict[str, Any] = {name: root[name] for name in (*chunks, TILES)}
+    return kept, arrays, chunks
+
+
+def per_cell(request: SurveyRequest) -> dict[str, dict[str, Any]]:
+    """Return the metadata of what tiles write to, by name, as in `template_of`."""
+    kept, _, chunks = blank(request)
+    return {name: json.loads(kept[f"{name}/{ROOT}"].to_bytes()) for name in (*chunks, TILES)}
+
+
+def _create_checksums(root: zarr.Group, request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str, str]:
+    """Create the group of checksums. Returns the key of each variable's chunks, with {row} and {column}."""
+    chunks = {
+        quantity.name: "/".join([quantity.name, "c", *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
+        for quantity in quantities
+        if quantity.per_cell
+    }
+    rows, columns = (-(-n // size) for n, size in zip(request.shape, request.tile_shape, strict=True))
+    root.create_group(GROUP).create_array(
+        TILES.rpartition("/")[2],
+        shape=(len(chunks) + 1, rows, columns),
+        chunks=(len(chunks) + 1, 1, 1),
+        dtype="uint64",
+        fill_value=0,
+        compressors=(Crc32cCodec(),),
+        dimension_names=("checksum", "tile_epsilon", "tile_delta"),
+        attributes={"long_name": "checksums of the chunks of a tile, by variable, and one of these"},
+    )
+    return chunks
+
+
+def _contents(kept: Mapping[str, Buffer]) -> Template:
     return {key: value.to_bytes() for key, value in kept.items()}
 
 
-def consolidate(store: StoreLike) -> None:
+def _consolidate(store: StoreLike) -> None:
     """Gather all metadata in the root's: without that, an HTTP open gives an empty dataset and no error."""
     with warnings.catch_warnings():
         # zarr warns that other libraries may ignore consolidated metadata, which is harmless.
@@ -56,7 +118,7 @@ def consolidate(store: StoreLike) -> None:
         zarr.consolidate_metadata(store)
 
 
-def _attributes(request: SurveyRequest) -> dict[str, Any]:
+def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
     """Return the attributes of the whole survey: text and numbers, which NetCDF can hold too."""
     return {
         "Conventions": "CF-1.11",
@@ -64,7 +126,7 @@ def _attributes(request: SurveyRequest) -> dict[str, Any]:
         "source": f"gear-rattle {code_version()}",
         "references": f"https://doi.org/{DOI}",
         "doi": DOI,
-        "date_created": now(),
+        "date_created": created,
         "request": json.dumps(request.model_dump(mode="json")),
         "content_hash": request.content_hash(),
         "code_version": code_version(),

@@ -23,8 +23,6 @@ def verify(
     typer.echo(f"{found.tiles} tiles: {len(found.done)} whole, {len(found.damaged)} damaged")
     if missing := found.tiles - len(found.done) - len(found.damaged):
         typer.echo(f"{missing} tiles are not computed yet")
-    if not found.checksums:
-        typer.echo("This store has no checksums: only what cannot be decoded was found.")
     lines = [f"damaged: tile {tile}: {', '.join(names)}" for tile, names in found.damaged.items()]
     lines += [f"damaged: {name}" for name in found.template]
     for line in lines[:MAX_LINES]:

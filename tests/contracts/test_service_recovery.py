@@ -15,8 +15,7 @@ from service.database import Database, DoneTile, NewJob
 from service.datadir import DataDirectory
 from service.settings import Settings
 from service.tables import State
-from workers import SurveyRequest
-from workers.version import code_version
+from workers import SurveyRequest, create_store
 
 HEX = "0123456789abcdef" * 2
 
@@ -121,9 +120,7 @@ def test_a_survey_that_cannot_go_on_is_ended_and_says_why(stores: Path, database
     fill(stores / f"{foreign}.zarr")
     database.add_tile(older, DoneTile(0, 6, 0.1, 0, []))
     zarr.create_group(stores / f"{older}.zarr", attributes={"content_hash": "x", "code_version": "0.0+old"})
-    same_code = SurveyRequest(**BODY | {"seed": 1})
-    attributes = {"content_hash": same_code.content_hash(), "code_version": code_version()}
-    zarr.create_group(stores / f"{other}.zarr", attributes=attributes)
+    create_store(SurveyRequest(**BODY | {"seed": 1}), stores / f"{other}.zarr")
     database.close()
     before = {path.name: files(path) for path in stores.iterdir()}
     with local_client(create_app(Settings(data=stores.parent), idle_cluster)) as client:

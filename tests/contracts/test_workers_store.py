@@ -129,9 +129,9 @@ def test_a_creation_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytes
 def test_of_two_creators_the_first_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, winner: SurveyRequest) -> None:
     path, template_of = tmp_path / "survey.zarr", workers.store.template_of
 
-    def overtaken(request: SurveyRequest) -> dict[str, bytes]:
-        place_of(path).build(template_of(winner))
-        return template_of(request)
+    def overtaken(request: SurveyRequest, created: str | None) -> dict[str, bytes]:
+        place_of(path).build(template_of(winner, created))
+        return template_of(request, created)
 
     monkeypatch.setattr(workers.store, "template_of", overtaken)
     if winner == REQUEST:

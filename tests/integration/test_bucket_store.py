@@ -84,6 +84,7 @@ def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.M
         fill(where, TILES)
         finish_store(where)
     on_disk = {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+    assert on_disk.pop(".lock") == b""
     assert documents(place_of(url)) == on_disk
     assert examine(url) == examine(path)
 

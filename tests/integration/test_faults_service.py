@@ -1,5 +1,6 @@
 """The service killed at every instant of a survey's life, and dismissals, deletions and repairs by REST."""
 
+import json
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,9 +23,9 @@ N_TILES = REQUEST.n_tiles
 #: Where the service kills itself; together, in this order, they are the life of one survey.
 INSTANTS = {
     "template creation": """
-        @patch("workers.template")
-        def kill(template):
-            before(template, "consolidate", lambda *_: die())
+        @patch("workers.location")
+        def kill(location):
+            before(os, "rename", lambda _, path: str(path).endswith(".zarr") and die())
     """,
     "template renamed": """
         @patch("workers.store")
@@ -32,24 +33,10 @@ INSTANTS = {
             before(store, "_require_same", lambda *_: in_service() and die())
     """,
     "tile half written": """
-        @patch("workers.store")
-        def kill(store):
-            arrays = store._arrays
-            calls = []
-
-            def patched(path, request):
-                found = dict(arrays(path, request))
-                calls.append(1)
-
-                class Deadly:
-                    shape = found["status"].shape
-
-                    def __setitem__(self, where, values):
-                        die()
-
-                return found | ({"status": Deadly()} if len(calls) == 3 else {})
-
-            store._arrays = patched
+        @patch("workers.location")
+        def kill(location):
+            third = at_call(3, die)
+            before(location.Directory, "put", lambda _, key, content: key.startswith("status/c/") and third())
     """,
     "tile written, row not": """
         @patch("service.database")
@@ -66,12 +53,12 @@ INSTANTS = {
         def kill(store):
             before(store, "_missing_cells", lambda *_: die())
     """,
-    "dated, not consolidated": """
-        @patch("workers.store")
-        def kill(store):
-            before(store, "consolidate", lambda *_: die())
+    "whole, not dated": """
+        @patch("workers.location")
+        def kill(location):
+            before(location.Directory, "put", lambda _, key, content: key == "zarr.json" and die())
     """,
-    "consolidated, not published": """
+    "dated, not published": """
         @patch("service.database")
         def kill(database):
             before(database.Database, "set_state", lambda _, id, state, *__: state == "successful" and die())
@@ -87,7 +74,7 @@ TELLING = (
     "template creation",
     "tile half written",
     "tile written, row not",
-    "consolidated, not published",
+    "dated, not published",
     "published",
 )
 
@@ -118,8 +105,8 @@ def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]
     assert executed["template creation"] == executed.get("template renamed", 0) == 0
     assert executed["tile half written"] == 3
     # One worker has one tile at work: at most one is computed again after each death before the last tile.
-    assert executed["consolidated, not published"] <= N_TILES + 3
-    assert faults.executions().total() == executed.get("all tiles done", executed["consolidated, not published"])
+    assert executed["dated, not published"] <= N_TILES + 3
+    assert faults.executions().total() == executed.get("all tiles done", executed["dated, not published"])
     assert set(faults.executions()) == set(range(N_TILES))
 
 
@@ -130,9 +117,25 @@ def try_to_submit(client: Client) -> Any:
         return None
 
 
+#: A survey whose curves are never traced.
+ENDLESS = "endless"
+ENDLESS_CURVES = """
+    @patch("workers.template")
+    def endless(template):
+        def act(request, created=None):
+            if request.name == "endless":
+                note(f"tracing {os.getpid()}")
+                while True:
+                    time.sleep(0.01)
+        before(template, "template_of", act)
+"""
+
+
 @pytest.fixture(scope="module")
 def faults(tmp_path_factory: pytest.TempPathFactory) -> Faults:
-    return Faults(tmp_path_factory.mktemp("faults"))
+    faults = Faults(tmp_path_factory.mktemp("faults"))
+    faults.inject(ENDLESS_CURVES)
+    return faults
 
 
 @pytest.fixture(scope="module")
@@ -187,6 +190,40 @@ def deleted(job: Any) -> bool:
             raise
         return False
     return True
+
+
+def test_a_survey_that_is_being_prepared_can_be_dismissed(service: tuple[Client, int], faults: Faults) -> None:
+    """Its curves took minutes in the thread that manages all surveys; nothing is computed there."""
+    client, pid = service
+    job = client.submit(REQUEST.model_copy(update={"name": ENDLESS}), force=True)
+    wait_until(lambda: faults.notes("tracing"))
+    (tracing,) = map(int, faults.notes("tracing"))
+    assert tracing in worker_processes(pid)
+    job.delete()
+    wait_until(lambda: not psutil.pid_exists(tracing))
+    wait_until(lambda: deleted(job))
+    assert client.submit(REQUEST, force=True).wait().state == "successful"
+    assert len(faults.notes("tracing")) == 1  # nobody has tried again
+
+
+def test_a_damaged_root_is_mended_on_request(
+    service: tuple[Client, int], data: Path, faults: Faults, expected: dict[str, np.ndarray]
+) -> None:
+    """Verification ended as successful over it, and repair rewrote every chunk in another type."""
+    client, _ = service
+    job = client.submit(REQUEST, force=True).wait()
+    root = data / "surveys" / f"{job.id}.zarr" / "zarr.json"
+    before, document = faults.executions(), json.loads(root.read_bytes())
+    document["consolidated_metadata"]["metadata"]["quiet_fraction"] |= {"data_type": "int64", "fill_value": 0}
+    root.write_text(json.dumps(document))
+    job.verify()
+    assert job.wait().state == "successful"
+    assert_bit_identical(xr.open_zarr(root.parent), expected)
+    root.write_text("{}")
+    job.verify()
+    assert job.wait().state == "successful"
+    assert_bit_identical(xr.open_zarr(root.parent), expected)
+    assert faults.executions() == before
 
 
 def test_damage_is_repaired_on_request(

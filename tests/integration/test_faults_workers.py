@@ -19,6 +19,7 @@ import workers.cluster
 import workers.submission
 from workers import TileRecord, create_store, embedded_cluster, finish_store, open_survey, run_tiles
 from workers.evaluate import FAILED
+from workers.isolation import CELL_SECONDS
 from workers.tiles import tiles_of
 
 TILES = tiles_of(REQUEST)
@@ -42,13 +43,34 @@ POISON = """
                 raise FloatingPointError("no such cell")
         before(tiles, "_evaluate", act)
 """
+#: A cell that never ends, and what the system does to its process apart, at once.
+ENDLESS = REQUEST.model_copy(update={"seed": 14})
+ENDLESS_CELL = (3, 5)
+NEVER_ENDING = """
+    @patch("workers.tiles")
+    def endless(tiles):
+        import resource
+        def act(request, cells):
+            if request.seed == 14 and {0} in cells.delta and {1} in cells.epsilon:
+                limit = resource.getrlimit(resource.RLIMIT_CPU)[0]
+                note(f"endless {{limit - time.process_time():.0f}}")
+                if "workers.isolation" in sys.modules and limit > 0:
+                    os.kill(os.getpid(), signal.SIGXCPU)
+                while True:
+                    time.sleep(0.01)
+        before(tiles, "_evaluate", act)
+"""
 
 
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Faults]:
     """Faults in every worker of this module."""
     faults = Faults(tmp_path_factory.mktemp("faults"))
-    faults.inject(POISON.format(*((float(DELTA[column]), float(EPSILON[row])) for row, column in (DEADLY, RAISING))))
+    row, column = ENDLESS_CELL
+    faults.inject(
+        POISON.format(*((float(DELTA[column]), float(EPSILON[row])) for row, column in (DEADLY, RAISING))),
+        NEVER_ENDING.format(float(DELTA[column]), float(EPSILON[row])),
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", faults.environment["PYTHONPATH"])
         yield faults
@@ -212,3 +234,32 @@ def test_unwanted_tiles_end_at_once(faults: Faults, client: Client, store: Path)
     wait_until(lambda: not any(psutil.pid_exists(pid) for pid in at_work))  # although their tiles never end
     wait_until(lambda: replaced(client, *at_work))
     assert faults.executions().total() == 2
+
+
+def test_a_cell_that_never_ends_is_the_only_one_lost(
+    faults: Faults, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its tile is taken from the worker and computed apart, where each cell has its limit of processor time."""
+    path = tmp_path / "endless.zarr"
+    create_store(ENDLESS, path)
+    records: list[TileRecord] = []
+    monkeypatch.setattr(workers.submission, "TILE_SECONDS", HANG)
+
+    def should_stop() -> bool:
+        if faults.notes("endless"):  # whatever else is taken apart then has the same values
+            monkeypatch.setattr(workers.submission, "TILE_SECONDS", 0.0)
+        return False
+
+    run_tiles(ENDLESS, path, TILES, client, records.append, should_stop)
+    finish_store(path)
+    failed = {(i, j): message for record in records for i, j, message in record.failed_cells}
+    assert failed == {ENDLESS_CELL: f"took more than {CELL_SECONDS} s of processor time"}
+    limits = sorted(int(left) for left in faults.notes("endless"))
+    assert limits[0] < 0  # on the worker there is none
+    assert limits[1:] == [pytest.approx(CELL_SECONDS, abs=2)]  # apart: only once, and what had gone before not counted
+    survey = open_survey(path).load()
+    assert survey["status"].values[ENDLESS_CELL] == FAILED
+    whole = survey["status"].values != FAILED
+    assert whole.sum() == ENDLESS.n_cells - 1
+    for name, values in serial_run(ENDLESS).items():
+        assert survey[name].values[..., whole].tobytes() == values[..., whole].tobytes(), name

@@ -1,0 +1,244 @@
+"""What is damaged in a store is named and mended, and what is not is left as it is, to the last byte."""
+
+import json
+import shutil
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import workers.store
+from workers import Axis, SurveyError, SurveyRequest, create_store, examine, finish_store, tiles_done, tiles_of
+from workers.integrity import read_sealed
+from workers.location import Directory
+from workers.runner import compute_and_write
+from workers.version import code_version
+
+REQUEST = SurveyRequest(
+    delta=Axis(start=0.5, stop=0.9, num=4),
+    epsilon=Axis(start=0.05, stop=0.2, num=4),
+    quantities=("region", "orbits", "grazing"),
+    tile={"delta": 2, "epsilon": 2},
+)
+ROOT, OWN = "zarr.json", "checksums/zarr.json"
+
+
+_template_of = cache(workers.store.template_of)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "survey.zarr"
+    create_store(REQUEST, path)
+    for tile in tiles_of(REQUEST):
+        compute_and_write(REQUEST, str(path), tile)
+    finish_store(path)
+    return path
+
+
+@pytest.fixture
+def store(whole: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(whole, tmp_path / "survey.zarr"))
+
+
+@pytest.fixture(autouse=True)
+def _curves_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The template is computed once: the same curves are mended many times."""
+    monkeypatch.setattr(workers.store, "template_of", _template_of)
+
+
+def contents(path: Path) -> dict[str, bytes]:
+    return {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+
+
+def assert_named_and_mended(store: Path, before: dict[str, bytes], *names: str) -> None:
+    assert set(names) <= set(examine(store).template)
+    create_store(REQUEST, store)
+    finish_store(store)  # what a run does when no tile is missing
+    after = contents(store)
+    assert examine(store).whole
+    assert tiles_done(REQUEST, store) == set(range(REQUEST.n_tiles))
+    changed = {key for key in before if before[key] != after.get(key)}
+    assert changed <= {ROOT}  # dated anew where its own date could not be trusted
+    root, had = json.loads(after[ROOT]), json.loads(before[ROOT])
+    for name in ("date_completed", "checksum"):
+        del root["attributes"][name], had["attributes"][name]
+    assert root == had
+
+
+def test_single_bits_of_the_root_are_named_and_mended(store: Path) -> None:
+    """700 of them, over the whole file, and every bit of the last byte."""
+    before = contents(store)
+    size = len(before[ROOT])
+    flips = [(size * k // 700, k % 8) for k in range(700)] + [(size - 1, bit) for bit in range(8)]
+    for number, (position, bit) in enumerate(flips):
+        content = bytearray(before[ROOT])
+        content[position] ^= 1 << bit
+        (store / ROOT).write_bytes(content)
+        if same_json(content, before[ROOT]):
+            continue
+        assert read_sealed(Directory(store), ROOT) is None, (position, bit)
+        if number % 50 == 0:
+            assert_named_and_mended(store, before, ROOT)
+
+
+def same_json(one: bytes, other: bytes) -> bool:
+    """As `1e5` and `1E5`."""
+    try:
+        return bool(json.loads(one) == json.loads(other))
+    except ValueError:
+        return False
+
+
+def edited_root(change: Callable[[dict[str, Any]], None]) -> Callable[[Path], None]:
+    def edit(store: Path) -> None:
+        root = json.loads((store / ROOT).read_bytes())
+        change(root)
+        (store / ROOT).write_text(json.dumps(root))
+
+    return edit
+
+
+def _described(root: dict[str, Any], name: str) -> Any:
+    return root["consolidated_metadata"]["metadata"][name]
+
+
+EDITS: dict[str, Callable[[dict[str, Any]], Any]] = {
+    "another type": lambda root: _described(root, "region").update(data_type="int64", fill_value=0),
+    "another fill value": lambda root: _described(root, "orbit_phase").update(fill_value=0.0),
+    "another shape": lambda root: _described(root, "status").update(shape=[2, 4]),
+    "no checksum": lambda root: _described(root, "region").update(codecs=[{"name": "bytes"}]),
+    "a variable is gone": lambda root: root["consolidated_metadata"]["metadata"].pop("region"),
+    "a variable too many": lambda root: root["consolidated_metadata"]["metadata"].update(
+        mine=_described(root, "region")
+    ),
+    "another survey's hash": lambda root: root["attributes"].update(content_hash="0" * 64),
+    "another request": lambda root: root["attributes"].update(request="{}"),
+    "another version": lambda root: root["attributes"].update(code_version="0"),
+    "another date": lambda root: root["attributes"].update(date_created="1990-01-01T00:00:00+00:00"),
+    "no attributes": lambda root: root.update(attributes={}),
+    "no consolidated metadata": lambda root: root.update(consolidated_metadata=None),
+    "attributes are a list": lambda root: root.update(attributes=[1]),
+}
+
+
+@pytest.mark.parametrize("change", EDITS.values(), ids=EDITS.keys())
+def test_edits_of_the_root_are_named_and_mended(store: Path, change: Callable[[dict[str, Any]], Any]) -> None:
+    before = contents(store)
+    edited_root(change)(store)
+    assert_named_and_mended(store, before, ROOT)
+
+
+@pytest.mark.parametrize("content", [b"", b"[]", b"{", b"\xff", b"[" * 100_000, None], ids=str)
+@pytest.mark.parametrize("key", [ROOT, OWN])
+def test_a_root_that_is_none(store: Path, key: str, content: bytes | None) -> None:
+    before = contents(store)
+    (store / key).unlink() if content is None else (store / key).write_bytes(content)
+    assert_named_and_mended(store, before, key)
+
+
+def test_without_both_nobody_knows_what_it_was(store: Path) -> None:
+    for key in (ROOT, OWN):
+        (store / key).write_bytes(b"{}")
+    before = contents(store)
+    with pytest.raises(SurveyError, match="not a survey"):
+        create_store(REQUEST, store)
+    with pytest.raises(SurveyError, match="from a copy"):
+        examine(store)
+    assert contents(store) == before
+
+
+def test_a_damaged_root_of_another_survey_is_not_ours(store: Path) -> None:
+    edited_root(lambda root: root["attributes"].update(content_hash=REQUEST.content_hash(), title="x"))(store)
+    before = contents(store)
+    other = REQUEST.model_copy(update={"beta": 0.5})
+    with pytest.raises(SurveyError, match="another survey"):
+        create_store(other, store)
+    assert contents(store) == before
+
+
+@pytest.mark.parametrize(
+    "name", ["region", "status", "delta", "curves/G1/point_delta", "checksums/tiles", "codimension_two"]
+)
+def test_other_metadata_is_named_and_mended(store: Path, name: str) -> None:
+    before = contents(store)
+    path = store / name / "zarr.json"
+    path.write_bytes(path.read_bytes().replace(b"3", b"4"))
+    assert_named_and_mended(store, before, f"{name}/zarr.json")
+
+
+def test_tiles_are_written_as_the_request_says_whatever_the_store_says(store: Path, whole: Path) -> None:
+    """Written as int64 because the root said so, thousands of values were other ones, without an error."""
+    edited_root(lambda root: _described(root, "region").update(data_type="int64"))(store)
+    path = store / "region" / "zarr.json"
+    path.write_text(json.dumps(json.loads(path.read_bytes()) | {"data_type": "int64"}))
+    for tile in tiles_of(REQUEST):
+        compute_and_write(REQUEST, str(store), tile)
+    for tile in range(REQUEST.n_tiles):
+        chunk = f"region/c/{tile // 2}/{tile % 2}"
+        assert (store / chunk).read_bytes() == (whole / chunk).read_bytes()
+
+
+def test_swapped_chunks_are_damage(store: Path) -> None:
+    """Of another place, and of another variable of the same kind; each is whole by its own checksum."""
+    swap(store / "orbit_phase/c/0/0/0", store / "orbit_phase/c/0/1/1")
+    swap(store / "orbit_phase/c/0/0/1", store / "orbit_velocity/c/0/0/1")
+    xr.open_zarr(store).load()  # plain xarray reads them
+    assert examine(store).damaged == {
+        0: ("orbit_phase",),
+        1: ("orbit_phase", "orbit_velocity"),
+        3: ("orbit_phase",),
+    }
+    assert tiles_done(REQUEST, store) == {2}
+
+
+def test_swapped_checksums_and_a_swapped_template_are_damage(store: Path) -> None:
+    swap(store / "checksums/tiles/c/0/0/0", store / "checksums/tiles/c/0/0/1")
+    swap(store / "curves/SN1/point_delta/c/0", store / "curves/SN1/point_epsilon/c/0")
+    found = examine(store)
+    assert found.damaged == {0: ("checksums",), 1: ("checksums",)}
+    assert set(found.template) == {"curves/SN1/point_delta/c/0", "curves/SN1/point_epsilon/c/0"}
+
+
+def swap(one: Path, other: Path) -> None:
+    first, second = one.read_bytes(), other.read_bytes()
+    assert first != second
+    one.write_bytes(second)
+    other.write_bytes(first)
+
+
+@pytest.mark.parametrize("lost", ["checksums/tiles/c/0/1/0", "status/c/1/0", "region/c/1/0"])
+def test_a_file_of_a_tile_that_is_lost_is_damage(store: Path, lost: str) -> None:
+    (store / lost).unlink()
+    found = examine(store)
+    assert found.done == {0, 1, 3}
+    # without its status, which is written last, a tile counts as not computed
+    assert found.damaged == ({} if lost.startswith("status") else {2: (lost.partition("/")[0],)})
+
+
+def test_other_readers_see_the_checksums_as_numbers(store: Path) -> None:
+    tree = xr.open_datatree(store, engine="zarr")
+    assert tree["checksums/tiles"].dtype == np.uint64
+    assert tree["checksums"].attrs["content_hash"] == REQUEST.content_hash()
+    assert set(tree["checksums"].attrs["chunks"]) >= {"status", "region"}
+
+
+def test_damage_is_mended_by_one_run_at_a_time(store: Path) -> None:
+    edited_root(EDITS["another type"])(store)
+    before = contents(store)
+    with Directory(store).writing(), pytest.raises(SurveyError, match="another run"):
+        create_store(REQUEST, store)
+    assert contents(store) == before
+
+
+def test_a_store_of_another_version_is_left_alone(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = contents(store)
+    monkeypatch.setattr(workers.store, "code_version", lambda: f"{code_version()}.1")
+    monkeypatch.setattr(SurveyRequest, "content_hash", lambda _: "other")
+    with pytest.raises(SurveyError, match="computed by version"):
+        create_store(REQUEST, store)
+    assert contents(store) == before
