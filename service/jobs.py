@@ -231,16 +231,16 @@ class JobManager:
             self._database.set_content_hash(survey_id, request.content_hash())
         # A tile counts only if both agree: the database knows its failures, the store holds its numbers.
         done = self._database.tiles_done(survey_id) & tiles_done(request, path, self._interrupted)
-        self._database.keep_tiles(survey_id, done)
+        lost = self._database.keep_tiles(survey_id, done)
         missing = [tile for tile in tiles_of(request) if tile.index not in done]
-        says_that_it_waits = bool(job.message)  # perhaps since before a restart
+        has_message = bool(job.message or lost)  # perhaps that it waits, since before a restart
 
         def on_tile(tile: TileRecord) -> None:
-            nonlocal says_that_it_waits
+            nonlocal has_message
             self._record(survey_id, tile)
-            if says_that_it_waits:
+            if has_message:
                 self._database.set_state(survey_id, State.RUNNING)  # without the message
-                says_that_it_waits = False
+                has_message = False
             self.storage_state = OK
 
         run_tiles(request, path, missing, client, on_tile, self._interrupted, self._dismissed.is_set)

@@ -174,8 +174,11 @@ class Surveys(Transactions):
             total = select(func.sum(TileRow.seconds)).where(TileRow.job == _number(session, survey_id))
             return session.scalar(total) or 0.0
 
-    def keep_tiles(self, survey_id: str, kept: set[int]) -> None:
-        """Forget every tile that is not in ``kept``: its chunks have been lost."""
+    def keep_tiles(self, survey_id: str, kept: set[int]) -> int:
+        """Forget every tile that is not in ``kept``: its chunks have been lost. Returns how many those are.
+
+        Who watches is told before the counts fall.
+        """
         with self._write() as (session, _):
             number = _number(session, survey_id)
             lost = sorted(set(session.scalars(select(TileRow.index).where(TileRow.job == number))) - kept)
@@ -186,6 +189,13 @@ class Surveys(Transactions):
             totals = select(func.count(), func.sum(TileRow.cells), func.sum(TileRow.failed))
             counts = session.execute(totals.where(TileRow.job == number)).one()
             job.tiles_done, job.cells_done, job.cells_failed = (int(count or 0) for count in counts)
+            if lost and State(job.state) in ACTIVE:
+                tiles = "1 tile is" if len(lost) == 1 else f"{len(lost)} tiles are"
+                job.message = f"{tiles} lost or damaged, and computed again"
+                _add_state_event(session, job)
+        if lost:
+            self._on_change(survey_id)
+        return len(lost)
 
     def failures(self, survey_id: str, limit: int) -> list[dict[str, Any]]:
         """The first failed cells of a survey: indices and message."""
