@@ -4,15 +4,17 @@ import asyncio
 import logging
 import os
 import signal
+import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from multiprocessing import resource_tracker
 from threading import Thread
+from typing import Any
 
 import dask
-from distributed import Client, Future, LocalCluster, Security, Worker, WorkerPlugin, comm
+from distributed import Client, Future, Nanny, Scheduler, Security, SpecCluster, Worker, WorkerPlugin, comm
 from distributed.utils import silence_logging_cmgr
 
 import rattle
@@ -60,6 +62,21 @@ class Nice(WorkerPlugin):
         os.setpriority(os.PRIO_PROCESS, 0, self._nice)
 
 
+class NoPages:
+    """A part of a cluster without dask's HTTP server, whose pages nobody reads and every local account could."""
+
+    def start_http_server(self, *_: Any, **__: Any) -> None:
+        """Open no port."""
+
+
+class SilentScheduler(NoPages, Scheduler):
+    """A scheduler that listens for certificates of its cluster only."""
+
+
+class SilentWorker(NoPages, Worker):
+    """A worker that listens for certificates of its cluster only."""
+
+
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
     """Let what is begun here, threads and their processes, never see the Ctrl-C that a terminal sends to all of us.
@@ -76,7 +93,10 @@ def _interrupts_blocked() -> Iterator[None]:
 
 @contextmanager
 def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
-    """Start processes of one thread each on this machine, on loopback only, for as long as the context lasts.
+    """Start processes of one thread each on this machine, for as long as the context lasts.
+
+    They listen on loopback only, and to each other only: every connection shows the certificate of this cluster, whose
+    key is in the memory of its processes.
 
     Args:
         n_workers: processes.
@@ -88,31 +108,19 @@ def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
     if n_workers < 1:
         raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
     with ExitStack() as stack:
-        # dask drops a worker for good that is not back after this time, and a busy machine starts one in half a minute.
-        stack.enter_context(dask.config.set({"distributed.deploy.lost-worker-timeout": RETURN_SECONDS}))
+        # Python looks for modules there first: in dask's own place, which all accounts share, they could be anybody's.
+        scratch = tempfile.TemporaryDirectory(
+            prefix="rattle-", dir=dask.config.get("temporary-directory", None), ignore_cleanup_errors=True
+        )
+        settings = {
+            "temporary-directory": stack.enter_context(scratch),
+            # dask drops a worker for good that is not back after it, and a busy machine starts one in half a minute.
+            "distributed.deploy.lost-worker-timeout": RETURN_SECONDS,
+        }
+        stack.enter_context(dask.config.set(settings))
         try:
             with _interrupts_blocked():
-                cluster = stack.enter_context(
-                    LocalCluster(
-                        n_workers=n_workers,
-                        threads_per_worker=1,
-                        processes=True,
-                        host="127.0.0.1",
-                        dashboard_address=None,
-                        # dask's health page takes port 8787 otherwise, and complains if somebody has it.
-                        scheduler_kwargs={
-                            "dashboard": False,
-                            "dashboard_address": "127.0.0.1:0",
-                            "worker_ttl": SILENT_SECONDS,
-                            "allowed_failures": ALLOWED_DEATHS,
-                        },
-                        memory_limit=MEMORY_LIMIT,
-                        security=Security(require_encryption=False),  # on loopback, whatever dask's settings say
-                        silence_logs=logging.CRITICAL,
-                        env=ONE_THREAD,
-                        preload=__name__,  # imported before the heart has to beat
-                    )
-                )
+                cluster = stack.enter_context(_cluster(n_workers))
                 client = stack.enter_context(Client(cluster, set_as_default=False))
             client.register_plugin(WarmKernels())
             if nice:
@@ -120,6 +128,27 @@ def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
         except Exception as error:
             raise SurveyError(f"the embedded cluster of {n_workers} processes does not start: {error}") from error
         yield client
+
+
+def _cluster(n_workers: int) -> SpecCluster:
+    part = {"host": "127.0.0.1", "protocol": "tls://", "security": Security.temporary()}
+    scheduler = {**part, "dashboard": False, "worker_ttl": SILENT_SECONDS, "allowed_failures": ALLOWED_DEATHS}
+    worker = {
+        **part,
+        "worker_class": SilentWorker,
+        "nthreads": 1,
+        "memory_limit": MEMORY_LIMIT,
+        "dashboard": False,
+        "silence_logs": logging.CRITICAL,
+        "env": ONE_THREAD,
+        "preload": __name__,  # imported before the heart has to beat
+    }
+    return SpecCluster(
+        workers={name: {"cls": Nanny, "options": worker} for name in range(n_workers)},
+        scheduler={"cls": SilentScheduler, "options": scheduler},
+        security=part["security"],
+        silence_logs=logging.CRITICAL,
+    )
 
 
 @contextmanager

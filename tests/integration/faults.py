@@ -104,12 +104,13 @@ def count(tiles):
 IN_PROCESS = """
     @patch("workers.cluster")
     def inside(cluster):
-        local = cluster.LocalCluster
-        def start(env, preload, **options):
-            return local(**options | {"processes": False, "n_workers": 1, "protocol": "tcp"})
+        spec = cluster.SpecCluster
+        def start(workers, **options):
+            worker = {name: workers[0]["options"][name] for name in ("host", "protocol", "security", "nthreads")}
+            return spec({0: {"cls": cluster.SilentWorker, "options": worker}}, **options)
         async def nothing(self, worker):
             pass
-        cluster.LocalCluster, cluster.WarmKernels.setup = start, nothing
+        cluster.SpecCluster, cluster.WarmKernels.setup = start, nothing
 """
 
 #: A service that waits for ever for what it ends by itself.

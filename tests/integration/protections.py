@@ -26,6 +26,7 @@ SERVICE = "tests/integration/test_faults_service.py"
 STORAGE = "tests/integration/test_faults_storage.py"
 ALONE = "tests/integration/test_service_alone.py"
 ENDS = "tests/integration/test_service_ends.py"
+INTRUDERS = "tests/integration/test_cluster_intruders.py"
 
 
 @dataclass(frozen=True)
@@ -290,6 +291,27 @@ PROTECTIONS = (
         "service/server.py",
         "        deadline.start()\n",
         "",
+    ),
+    _one(
+        "an embedded cluster asks for its certificate",
+        f"{INTRUDERS}::test_nothing_is_executed_without_tls",
+        "workers/cluster.py",
+        '"tls://", "security": Security.temporary()',
+        '"tcp://", "security": Security(require_encryption=False)',
+    ),
+    _one(
+        "an embedded cluster has no pages",
+        f"{INTRUDERS}::test_a_service_listens_for_http_and_for_its_own_certificate_only",
+        "workers/cluster.py",
+        "    def start_http_server(",
+        "    def start_nothing(",
+    ),
+    _one(
+        "modules are looked for in private places",
+        f"{INTRUDERS}::test_modules_are_taken_from_no_place_of_others",
+        "workers/cluster.py",
+        '"temporary-directory": stack.enter_context(scratch)',
+        '"temporary-directory": stack.enter_context(scratch) and None',
     ),
 )
 

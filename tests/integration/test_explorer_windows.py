@@ -8,12 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import dask
 import httpx
 import numpy as np
 import pytest
 import xarray as xr
 from distributed import Client
 from faults import Faults
+from intruders import certificates
 from service_processes import assert_bit_identical, serial_run
 from waiting import eventually
 
@@ -258,7 +260,7 @@ def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path, gate: Pa
 
     @contextmanager
     def existing() -> Iterator[Client]:
-        with connect(scheduler.scheduler.address) as client:
+        with dask.config.set(certificates(scheduler)), connect(scheduler.scheduler.address) as client:
             opened.append(client)
             yield client
 

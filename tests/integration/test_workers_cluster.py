@@ -10,10 +10,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import dask
-import psutil
 import pytest
 import xarray as xr
 from distributed import Client
+from intruders import certificates, listening
 from waiting import HANG, wait_until
 
 import workers.cluster
@@ -54,8 +54,10 @@ def _long_starts(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[Client]:
     with ExitStack() as stack:
-        # On loopback it starts without certificates, where dask's settings ask for them, too.
-        with dask.config.set({"distributed.comm.require-encryption": True}):
+        # It has a certificate of its own, whatever dask's settings say.
+        with dask.config.set(
+            {"distributed.comm.require-encryption": False, "distributed.comm.tls.ca-file": "none.pem"}
+        ):
             client = stack.enter_context(embedded_cluster(2))
         yield client
         pids = processes(client)
@@ -119,12 +121,8 @@ def test_two_processes_of_one_thread_on_loopback(cluster: Client) -> None:
     assert len(set(processes(cluster)) - {os.getpid()}) == 2
     assert set(cluster.nthreads().values()) == {1}
     assert set(cluster.run(lambda: os.environ["NUMBA_NUM_THREADS"]).values()) == {"1"}
-    assert all(address.startswith("tcp://127.0.0.1:") for address in [*cluster.nthreads(), cluster.scheduler.address])
-    here = psutil.Process()
-    sockets = [each for process in (here, *here.children(recursive=True)) for each in process.net_connections("tcp")]
-    listening = [each.laddr for each in sockets if each.status == psutil.CONN_LISTEN]
-    assert len(listening) >= 3  # a scheduler and two workers at least
-    assert {address.ip for address in listening} == {"127.0.0.1"}
+    assert all(address.startswith("tls://127.0.0.1:") for address in [*cluster.nthreads(), cluster.scheduler.address])
+    assert {address for address, _ in listening(os.getpid())} == {"127.0.0.1"}
 
 
 def test_the_same_bits_as_a_serial_run(cluster: Client, store: Path, serial: xr.Dataset) -> None:
@@ -185,7 +183,7 @@ def test_a_store_deleted_under_a_run_ends_it_with_the_tile_named(cluster: Client
 
 
 def test_an_existing_scheduler(cluster: Client, store: Path, serial: xr.Dataset) -> None:
-    with connect(cluster.scheduler.address) as client:
+    with dask.config.set(certificates(cluster)), connect(cluster.scheduler.address) as client:
         run(store, client)
     assert len(processes(cluster)) == 2  # left running
     assert_serial(store, serial)

@@ -1,0 +1,94 @@
+"""What a local account can try on a port, and dask's settings that let `connect` into an embedded cluster."""
+
+import asyncio
+import os
+import socket
+import ssl
+from collections.abc import Collection
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+from distributed import Client, Security, comm
+from distributed.protocol import pickle
+from waiting import HANG
+
+CERTIFICATE_REQUIRED = "TLSV13_ALERT_CERTIFICATE_REQUIRED"
+GIVEN_UP = 10.0  # seconds that dask goes on trying; who gets in is in at the first try
+
+
+def anybody() -> ssl.SSLContext:
+    """A context that believes everything, and shows nothing."""
+    context = ssl.create_default_context()
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    return context
+
+
+def stranger() -> ssl.SSLContext:
+    """The same, with a certificate of its own making."""
+    context: ssl.SSLContext = Security.temporary().get_connection_args("client")["ssl_context"]
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    return context
+
+
+def listening(pid: int) -> dict[tuple[str, int], int]:
+    """Addresses at which a process or one that it has started listens, and which of them."""
+    process, found = psutil.Process(pid), {}
+    for each in (process, *process.children(recursive=True)):
+        for connection in each.net_connections("inet"):
+            assert connection.type == socket.SOCK_STREAM, connection
+            if connection.status == psutil.CONN_LISTEN:
+                found[(connection.laddr.ip, connection.laddr.port)] = each.pid
+        assert not [connection for connection in each.net_connections("unix") if connection.laddr]
+    return found
+
+
+def refusal(port: int) -> str:
+    """How a port answers TLS without a certificate."""
+    with socket.create_connection(("127.0.0.1", port), timeout=HANG) as plain:
+        try:
+            with anybody().wrap_socket(plain) as encrypted:
+                return f"answered {encrypted.recv(1)!r}"
+        except ssl.SSLError as error:
+            return error.reason
+
+
+def execute(where: str) -> None:
+    """What an intruder wants to be executed."""
+    with Path(where).open("a") as file:
+        file.write(f"{os.getpid()}\n")
+
+
+def intrude(addresses: Collection[str], context: ssl.SSLContext | None, where: Path) -> set[int]:
+    """Ask for an execution at dask's addresses, all at once; processes that did it."""
+    asyncio.run(_intrude(addresses, context, where))
+    return set(map(int, where.read_text().split())) if where.exists() else set()
+
+
+async def _intrude(addresses: Collection[str], context: ssl.SSLContext | None, where: Path) -> None:
+    await asyncio.gather(*(_ask(address, operation, context, where) for address in addresses for operation in _RUNS))
+
+
+_RUNS = ("run", "run_function")  # of a worker or nanny, of a scheduler
+
+
+async def _ask(address: str, operation: str, context: ssl.SSLContext | None, where: Path) -> None:
+    url = address if context else address.replace("tls://", "tcp://")
+    asked = {"op": operation, "function": pickle.dumps(execute), "args": pickle.dumps((str(where),)), "reply": True}
+    with suppress(OSError):
+        opened = await comm.connect(url, timeout=GIVEN_UP, ssl_context=context)
+        try:
+            await opened.write(asked)
+            await opened.read()
+        finally:
+            opened.abort()
+
+
+def certificates(client: Client) -> dict[str, str]:
+    """dask's settings of the certificate of an embedded cluster."""
+    security = client.security
+    settings = {"ca-file": security.tls_ca_file, "client.cert": security.tls_client_cert}
+    settings |= {"client.key": security.tls_client_key}
+    return {f"distributed.comm.tls.{name}": value for name, value in settings.items()}

@@ -1,0 +1,95 @@
+"""An embedded cluster executes what its own processes send, and nothing that another account of the machine does."""
+
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from distributed import Client, Worker
+from intruders import CERTIFICATE_REQUIRED, anybody, intrude, listening, refusal, stranger
+from service_processes import free_port, get, server
+from waiting import wait_until
+
+from workers import embedded_cluster
+
+WORKERS = 2
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A place for temporary files where somebody else was before us, and made what dask looks for."""
+    shared = tmp_path_factory.mktemp("shared")
+    (shared / "dask-scratch-space").mkdir()
+    (shared / "dask-scratch-space").chmod(0o777)
+    return shared
+
+
+@pytest.fixture(scope="module")
+def cluster(shared: Path) -> Iterator[Client]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tempfile, "tempdir", str(shared))
+        with embedded_cluster(WORKERS) as client:
+            yield client
+    assert [each.name for each in shared.iterdir()] == ["dask-scratch-space"]
+
+
+@pytest.fixture(scope="module")
+def addresses(cluster: Client) -> list[str]:
+    """Of the scheduler, the workers and their nannies."""
+    found = [
+        cluster.scheduler.address,
+        *cluster.nthreads(),
+        *cluster.run(lambda dask_worker: dask_worker.nanny).values(),
+    ]
+    assert len(set(found)) == 1 + 2 * WORKERS
+    return found
+
+
+def test_who_has_the_certificate_gets_in(cluster: Client, addresses: list[str], tmp_path: Path) -> None:
+    """The others are refused for want of it, not because they ask wrongly."""
+    context = cluster.security.get_connection_args("client")["ssl_context"]
+    pids = {os.getpid(), *cluster.run(os.getpid).values()}
+    assert intrude(addresses, context, tmp_path / "executed") == pids
+
+
+def test_nothing_is_executed_without_tls(addresses: list[str], tmp_path: Path) -> None:
+    assert intrude(addresses, None, tmp_path / "executed") == set()
+
+
+def test_nothing_is_executed_without_a_certificate(addresses: list[str], tmp_path: Path) -> None:
+    assert intrude(addresses, anybody(), tmp_path / "executed") == set()
+
+
+def test_nothing_is_executed_with_another_certificate(addresses: list[str], tmp_path: Path) -> None:
+    assert intrude(addresses, stranger(), tmp_path / "executed") == set()
+
+
+def test_modules_are_taken_from_no_place_of_others(cluster: Client, shared: Path) -> None:
+    def searched(dask_worker: Worker) -> list[str]:
+        return [dask_worker.local_directory, *sys.path]
+
+    for paths in [sys.path, *cluster.run(searched).values()]:
+        inside = [Path(path) for path in paths if Path(path).is_relative_to(shared)]
+        assert inside
+        assert shared / "dask-scratch-space" not in inside
+        for path in inside:
+            (private,) = (each for each in (path, *path.parents) if each.parent == shared)
+            assert stat.S_IMODE(private.stat().st_mode) == 0o700
+
+
+def test_a_service_listens_for_http_and_for_its_own_certificate_only(tmp_path: Path) -> None:
+    port = free_port()
+    settings = {"RATTLE_EXPLORER": "true", "RATTLE_PRELOAD": "true"}
+    arguments = ("--workers", str(WORKERS))
+    with server(tmp_path, port, *arguments, settings=settings) as process:
+        wait_until(lambda: get(f"http://127.0.0.1:{port}/v1/health").json()["cluster"] == "ready")
+        found = listening(process.pid)
+        assert found.pop(("127.0.0.1", port)) == process.pid
+        # the scheduler and the nannies, which are in the process of the service, and the workers
+        assert sum(pid == process.pid for pid in found.values()) == 1 + WORKERS
+        assert len(found) == 1 + 2 * WORKERS
+        assert {address for address, _ in found} == {"127.0.0.1"}
+        assert {refusal(each) for _, each in found} == {CERTIFICATE_REQUIRED}
