@@ -20,9 +20,11 @@ def submit_survey(
 
     Raises:
         LimitError: it is larger than this service allows.
+        DirectoryAwayError: there is no place for its store.
         ConflictError, QueueFullError, QuotaError, UnauthorizedError: as `service.database.Surveys.accept`.
     """
     check_limits(request, front.settings)
+    front.directory.require()
     job = front.database.accept(
         NewJob(
             name=request.name,

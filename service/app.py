@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, closing, nullcontext
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from anyio import CapacityLimiter
@@ -16,14 +16,13 @@ import workers
 from service import problems
 from service.access import AccessMiddleware, caller_of
 from service.broadcast import Broadcast
-from service.bucketdir import open_directory
-from service.database import Database
 from service.explorer.mount import Explorer
 from service.head import HeadMiddleware
 from service.jobs import JobManager
 from service.kernels import Kernels
 from service.logs import RequestLogMiddleware
 from service.metrics import Metrics
+from service.opening import opened
 from service.queries import refuse_unknown
 from service.recovery import recover
 from service.routes import ROUTERS, health
@@ -84,12 +83,8 @@ def _lifespan(
 ) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        directory = open_directory(settings.data, settings.store)
         broadcast = Broadcast()
-        with (
-            directory.locked(),
-            closing(Database(settings.database_url or directory.database_url, broadcast.changed)) as database,
-        ):
+        with opened(settings, broadcast.changed) as (directory, database):
             recover(database, directory)
             manager = JobManager(database, directory, cluster, metrics.tile)
             metrics.watch(database, manager)

@@ -14,7 +14,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from sse_starlette import ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
-from service.errors import UnknownSurveyError
+from service.errors import UnavailableError, UnknownSurveyError
 from service.tables import EventRow, State
 
 KEPT = 512  # latest events of a survey that is watched; who is further behind reads the database
@@ -84,7 +84,7 @@ class Feed:
                 rows = await run_in_threadpool(self._read, self._survey_id, self._last)
             except UnknownSurveyError:
                 self.deleted = True
-            except SQLAlchemyError as error:
+            except (SQLAlchemyError, UnavailableError) as error:
                 log.warning("the events of survey %s cannot be read: %s", self._survey_id, error)
                 self._stale.set()
                 await asyncio.sleep(RETRY_SECONDS)

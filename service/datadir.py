@@ -6,6 +6,7 @@ import fcntl
 import json
 import os
 import re
+import secrets
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,12 +16,13 @@ from typing import TYPE_CHECKING
 
 from sqlalchemy import URL
 
-from service.errors import DataDirectoryError
+from service.errors import DataDirectoryError, DirectoryAwayError
 
 if TYPE_CHECKING:
     from workers import Bucket
 
 TRASH = ".trash-"
+IDENTITY = "identity"
 SURVEY = r"(?P<survey>[0-9a-f]{16})"
 #: A store that is being deleted; one that is being created, beside its place; one in its place.
 DELETION, TEMPORARY, SURVEY_STORE = (
@@ -58,6 +60,7 @@ class DataDirectory:
 
     def __init__(self, path: Path) -> None:
         self.path = path.absolute()
+        self.identity = ""
         self._stores = self.path / "surveys"
 
     @property
@@ -65,7 +68,12 @@ class DataDirectory:
         return URL.create("sqlite", database=str(self.path / "jobs.sqlite"))
 
     def store(self, survey_id: str) -> Path | Bucket:
-        """Place of a survey's zarr store, whether it exists or not."""
+        """Place of a survey's zarr store, whether it exists or not.
+
+        Raises:
+            DirectoryAwayError: the directory is not there, so that nothing can be said of its stores.
+        """
+        self.require()
         return self._path_of(survey_id)
 
     def _path_of(self, survey_id: str) -> Path:
@@ -92,6 +100,45 @@ class DataDirectory:
                     "One service is one process: start uvicorn without --workers."
                 ) from error
             yield
+
+    def identify(self, known: str | None = None) -> None:
+        """Know this directory again. Whoever calls holds it.
+
+        Args:
+            known: identity of the directory that the job database knows, if it is elsewhere and knows one.
+
+        Raises:
+            DataDirectoryError: this is another directory, or it cannot be written to.
+        """
+        try:
+            self.identity = self._found()
+            if known and self.identity != known and (self.identity or not any(self._stores.iterdir())):
+                raise DataDirectoryError(
+                    f"{self.path} is not the data directory that the job database knows: is its disk mounted? To go on "
+                    f"with this one instead, without the stores of the other: echo {known} > {self.path / IDENTITY}"
+                )
+            if not self.identity:  # new, or of a version that knew of no identity
+                self.identity = known or secrets.token_hex(16)
+                new = self.path / f".{IDENTITY}"
+                new.write_text(f"{self.identity}\n")
+                os.replace(new, self.path / IDENTITY)
+        except OSError as error:
+            raise DataDirectoryError(f"The data directory {self.path} cannot be used: {error}") from error
+
+    def require(self) -> None:
+        """Raise DirectoryAwayError unless the directory is the one that was identified, or none was."""
+        try:
+            there = self._found() == self.identity
+        except OSError:  # of a disk that is failing
+            there = False
+        if self.identity and not there:
+            raise DirectoryAwayError
+
+    def _found(self) -> str:
+        try:
+            return (self.path / IDENTITY).read_text(errors="replace").strip()
+        except (FileNotFoundError, NotADirectoryError):
+            return ""
 
     def remove_store(self, survey_id: str) -> None:
         """Delete a store. It disappears at once: a crash in the middle leaves no half of it under its name."""

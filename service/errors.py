@@ -66,6 +66,16 @@ class UnavailableError(ServiceError):
     """The service cannot answer now; the same request may succeed later."""
 
 
+class DirectoryAwayError(UnavailableError):
+    """The data directory is not there, or another one is in its place."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "The data directory of the service is away: is its disk mounted? Nothing is stored until it is back; the "
+            "service goes on then. Try again later."
+        )
+
+
 class KernelsError(UnavailableError):
     """What was asked for waits for kernels that are being compiled."""
 

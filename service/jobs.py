@@ -15,7 +15,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from rattle import RattleError
 from service.database import Database, DoneTile
 from service.datadir import DataDirectory
-from service.errors import ConflictError, ServiceError, UnavailableError
+from service.errors import ConflictError, DirectoryAwayError, ServiceError, UnavailableError
 from service.logs import about
 from service.tables import JobRow, State
 from workers import (
@@ -103,6 +103,7 @@ class JobManager:
         Raises:
             UnknownSurveyError: there is no such survey.
             ConflictError: it was dismissed, but tiles of it have been computed for long since; or it runs again.
+            DirectoryAwayError: it cannot be deleted where it is not.
         """
         self._database.job(survey_id)
         if self._database.set_state(survey_id, State.DISMISSED, "dismissed by request"):
@@ -116,6 +117,7 @@ class JobManager:
                 raise ConflictError(f"Survey {survey_id} has ended, but its last tiles still run. Try again soon.")
             if not State((job := self._database.job(survey_id)).state).final:
                 raise ConflictError(f"Survey {survey_id} is {job.state} again; dismiss it first.")
+            self._directory.require()
             self._database.begin_deletion(survey_id)  # or a crash would leave a survey that seems whole
             self._directory.remove_store(survey_id)
             self._database.delete(survey_id)
@@ -172,7 +174,7 @@ class JobManager:
                 self.storage_state = OK
                 if not found:
                     self._wake.wait()
-            except (StorageError, SQLAlchemyError) as error:  # a full disk shows in either
+            except (StorageError, DirectoryAwayError, SQLAlchemyError) as error:  # a full disk shows in two of them
                 pause = FIRST_PAUSE if self.storage_state == OK else min(2 * pause, LONGEST_PAUSE)
                 log.warning("nothing can be stored, next try in %.0f s: %s", pause, error)
                 self.storage_state = f"unavailable: {error}"
@@ -197,14 +199,17 @@ class JobManager:
 
     def _run(self, survey_id: str, client: Client) -> None:
         try:
-            self._compute(survey_id, client)
+            with self._blaming_directory():
+                self._compute(survey_id, client)
         except StoppedError:
             return
+        except DirectoryAwayError as error:
+            self._say_that_it_waits(survey_id, error)
+            raise
         except (ClusterLostError, CommClosedError, SQLAlchemyError, UnavailableError):
             raise  # not the survey's fault: it goes on later
         except StorageError as error:
-            if self.storage_state == OK:  # told once, not at every try
-                self._database.set_state(survey_id, State.RUNNING, f"waits for its store: {error}")
+            self._say_that_it_waits(survey_id, error)
             raise
         except Exception as error:
             if client.status != "running":  # whatever a lost connection looks like
@@ -212,6 +217,22 @@ class JobManager:
             unexpected = None if isinstance(error, RattleError) else error
             log.warning("survey %s failed: %s", survey_id, error, exc_info=unexpected)
             self._database.set_state(survey_id, State.FAILED, str(error) or type(error).__name__)
+
+    @contextmanager
+    def _blaming_directory(self) -> Iterator[None]:
+        """Whatever fails while the data directory is away fails for that reason: a store that is gone, above all."""
+        try:
+            yield
+        except Exception as error:
+            try:
+                self._directory.require()
+            except DirectoryAwayError as away:
+                raise away from error
+            raise
+
+    def _say_that_it_waits(self, survey_id: str, error: Exception) -> None:
+        if self.storage_state == OK:  # told once, not at every try
+            self._database.set_state(survey_id, State.RUNNING, f"waits for its store: {error}")
 
     def _compute(self, survey_id: str, client: Client) -> None:
         job = self._database.job(survey_id)

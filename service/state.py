@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Annotated
 
 from anyio import CancelScope, CapacityLimiter
@@ -23,6 +24,8 @@ from service.jobs import JobManager
 from service.kernels import Kernels
 from service.metrics import Metrics
 from service.settings import Settings
+from service.tables import JobRow
+from workers import Bucket
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,15 @@ class Front:
     points: CapacityLimiter
     kernels: Kernels
     _interruptible: set[CancelScope] = field(default_factory=set)
+
+    def stored(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
+        """A survey, and the place of its store. Blocks: for a thread.
+
+        Raises:
+            UnknownSurveyError: there is no such survey.
+            DirectoryAwayError: the data directory is not there.
+        """
+        return self.database.job(survey_id), self.directory.store(survey_id)
 
     @cached_property
     def windows(self) -> CapacityLimiter:

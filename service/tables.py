@@ -146,7 +146,8 @@ class KeyRow(Table):
 class ServiceRow(Table):
     """The one row that every writer locks first: there is one writer at a time, on every database.
 
-    ``epoch`` grows with each service that takes the database; ``surveys`` is how many there are.
+    ``epoch`` grows with each service that takes the database; ``surveys`` is how many there are; ``directory`` is the
+    identity of the data directory with their stores, if the database is elsewhere.
     """
 
     __tablename__ = "service"
@@ -154,3 +155,4 @@ class ServiceRow(Table):
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     epoch: Mapped[int]
     surveys: Mapped[int]
+    directory: Mapped[str | None]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -43,11 +42,10 @@ def serve(
     import uvicorn
 
     from service.app import create_app
-    from service.bucketdir import open_directory
     from service.commands.options import settings_of
     from service.commands.signals import stop_requested
-    from service.database import Database
     from service.logs import log_config
+    from service.opening import opened
     from service.protocol import protocol_of
     from service.server import Server
 
@@ -55,11 +53,7 @@ def serve(
         host=host, port=port, data=data, store=store, scheduler=scheduler, workers=workers, insecure=insecure or None
     )
     # A plain sentence now, instead of uvicorn's traceback later.
-    directory = open_directory(settings.data, settings.store)
-    with (
-        directory.locked(),
-        closing(Database(settings.database_url or directory.database_url)) as database,
-    ):
+    with opened(settings) as (_, database):
         require_keys(settings, database)
     if settings.insecure:
         typer.echo(f"Everybody who reaches {settings.host} may use this service: no keys are asked.", err=True)

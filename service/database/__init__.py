@@ -26,6 +26,7 @@ class Database(Surveys, Keys):
         on_change: called with the id of a survey after each commit that added an event to it.
         exclusive: hold the database against every other service until it is closed. A short-lived tool beside a
             running service says False: it holds it only while it has to bring the schema up to date.
+        require: called before each transaction; what it raises is raised.
 
     Raises:
         DataDirectoryError: the database cannot be opened, another service holds it, or it belongs to another program
@@ -33,11 +34,16 @@ class Database(Surveys, Keys):
     """
 
     def __init__(
-        self, url: str | URL, on_change: Callable[[str], None] = lambda _: None, *, exclusive: bool = True
+        self,
+        url: str | URL,
+        on_change: Callable[[str], None] = lambda _: None,
+        *,
+        exclusive: bool = True,
+        require: Callable[[], None] | None = None,
     ) -> None:
         self._hold: Hold | None = None
         try:
-            super().__init__(open_engine(url), on_change)
+            super().__init__(open_engine(url), on_change, require)
             try:
                 self._open(exclusive)
             except BaseException:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event, make_url
+from sqlalchemy.exc import InvalidatePoolError
 
 from service.errors import DataDirectoryError
 
 BUSY_SECONDS = 10
 POOL = {"pool_size": 10, "max_overflow": 30, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}
+FILE = "file"  # in what is noted of a connection
 UNPOOLED = {"poolclass": NullPool}
 
 
@@ -43,11 +46,18 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
     engine = create_engine(url, **pool)
 
     @event.listens_for(engine, "connect")
-    def set_pragmas(connection: Any, record: object) -> None:  # noqa: ARG001 - SQLAlchemy's signature
+    def set_pragmas(connection: Any, record: Any) -> None:
+        record.info[FILE] = _file(url)
         connection.isolation_level = None  # sqlite3 shall not start transactions behind SQLAlchemy's back
         # FULL: in WAL mode, NORMAL takes back the last commits when the power fails, and a client was told of them.
         for pragma in ("synchronous=FULL", "foreign_keys=ON", f"busy_timeout={BUSY_SECONDS}000"):
             connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "checkout")
+    def require_same_file(connection: Any, record: Any, proxy: object) -> None:  # noqa: ARG001 - SQLAlchemy's signature
+        # A disk that was away may come back as another device: what is open would go on writing to the one that was.
+        if (found := _file(url)) is not None and found != record.info[FILE]:
+            raise InvalidatePoolError("the file has been replaced")
 
     @event.listens_for(engine, "begin")
     def begin(connection: Connection) -> None:
@@ -56,6 +66,15 @@ def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
     return engine
+
+
+def _file(url: URL) -> tuple[int, int] | None:
+    """Which file the path of a SQLite database names now, if any."""
+    try:
+        found = os.stat(str(url.database))
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
 
 
 def _open_postgresql(url: URL, pool: dict[str, Any]) -> Engine:

@@ -20,10 +20,14 @@ class Transactions:
     Args:
         engine: the open database.
         on_change: called with the id of a survey after each commit that added an event to it.
+        require: called before each transaction; what it raises is raised.
     """
 
-    def __init__(self, engine: Engine, on_change: Callable[[str], None]) -> None:
+    def __init__(
+        self, engine: Engine, on_change: Callable[[str], None], require: Callable[[], None] | None = None
+    ) -> None:
         self._on_change = on_change
+        self._require = require or (lambda: None)
         self._reader = engine
         self._writer = engine.execution_options(writes=True)
         self._epoch: int | None = None
@@ -31,6 +35,7 @@ class Transactions:
 
     @contextmanager
     def _read(self) -> Iterator[Session]:
+        self._require()
         with Session(self._reader, expire_on_commit=False) as session:
             yield session
 
@@ -41,6 +46,7 @@ class Transactions:
         Raises:
             UnavailableError: another service has taken the database since this one did, or writers before take long.
         """
+        self._require()
         with self._turn(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             service = session.scalars(select(ServiceRow).with_for_update()).one()
             if self._epoch not in (None, service.epoch):
@@ -59,6 +65,16 @@ class Transactions:
             yield
         finally:
             self._writing.release()
+
+    def directory(self) -> str | None:
+        """Identity of the data directory with the stores, if one was noted."""
+        with self._read() as session:
+            return session.scalar(select(ServiceRow.directory))
+
+    def remember_directory(self, identity: str) -> None:
+        """Note which data directory has the stores."""
+        with self._write() as (_, service):
+            service.directory = identity
 
     def _is_ours(self) -> bool:
         with self._read() as session:

@@ -13,6 +13,7 @@ from datetime import datetime
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
+from service.errors import UnavailableError
 from service.state import Front
 from service.tables import JobRow, State
 
@@ -78,7 +79,7 @@ class News:
                 continue
             try:
                 jobs, _ = await run_in_threadpool(self._front.database.jobs, LISTED)
-            except SQLAlchemyError as error:
+            except (SQLAlchemyError, UnavailableError) as error:
                 log.warning("the surveys cannot be listed for the explorer: %s", error)
                 self._stale.set()
             else:

@@ -16,7 +16,6 @@ from service.documents import SurveyId
 from service.errors import MissingError
 from service.problems import declared
 from service.state import Front, FrontState
-from service.tables import JobRow
 from workers import Bucket, open_survey
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
@@ -37,8 +36,7 @@ BLOCK = 1 << 18
 )
 async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Complex variables are pairs of variables, `…_real` and `…_imag`."""
-    job = await run_in_threadpool(front.database.job, survey_id)
-    place, headers = await _of(front, job, "nc")
+    place, headers = await _of(front, survey_id, "nc")
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
     with front.interruptible():
@@ -56,16 +54,15 @@ async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Re
 )
 async def csv(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Codes are written as numbers; a cell whose `status` is 0 is not computed yet."""
-    job = await run_in_threadpool(front.database.job, survey_id)
-    place, headers = await _of(front, job, "csv")
+    place, headers = await _of(front, survey_id, "csv")
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
     lines = await run_in_threadpool(_lines, place)
     return StreamingResponse(lines, media_type=CSV, headers=headers)
 
 
-async def _of(front: Front, job: JobRow, ending: str) -> tuple[Path | Bucket, dict[str, str]]:
-    place = front.directory.store(job.id)
+async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket, dict[str, str]]:
+    job, place = await run_in_threadpool(front.stored, survey_id)
     if not await run_in_threadpool(place.exists):
         raise MissingError(f"Survey {job.id} is {job.state} and has no numbers yet. Try again once it runs.")
     return place, {

@@ -6,10 +6,10 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
 import rattle
-from service.errors import KernelsError, UnavailableError
+from service.errors import DirectoryAwayError, KernelsError, UnavailableError
 from service.jobs import OK, READY, STARTING
 from service.state import Front, FrontState
-from service.tables import ACTIVE
+from service.tables import ACTIVE, State
 
 router = APIRouter(prefix="/v1", tags=["service"])
 WARMING = "warming"
@@ -22,8 +22,8 @@ class Health(BaseModel):
     version: str
     cluster: str | None = Field(description="ready, starting, or why it is not there; null without a key")
     storage: str | None = Field(description="ok, or why nothing can be stored now; null without a key")
-    accepted: int | None = Field(description="surveys that wait; null without a key")
-    running: int | None = Field(description="surveys at work; null without a key")
+    accepted: int | None = Field(description="surveys that wait; null without a key, or without the job database")
+    running: int | None = Field(description="surveys at work; null as `accepted`")
 
 
 class Ready(BaseModel):
@@ -32,8 +32,23 @@ class Ready(BaseModel):
     status: str = Field(description="ready")
 
 
-def _status(front: Front) -> str:
-    cluster, storage = front.manager.cluster_state, front.manager.storage_state
+def _storage(front: Front) -> str:
+    try:
+        front.directory.require()
+    except DirectoryAwayError as error:
+        return f"unavailable: {error}"
+    return front.manager.storage_state
+
+
+def _count(front: Front, state: State) -> int | None:
+    try:
+        return front.database.count(state)
+    except DirectoryAwayError:
+        return None
+
+
+def _status(front: Front, storage: str) -> str:
+    cluster = front.manager.cluster_state
     if cluster not in (READY, STARTING) or storage != OK:
         return "degraded"
     if front.kernels.at_work:
@@ -44,9 +59,9 @@ def _status(front: Front) -> str:
 @router.get("/health", summary="State of the service")
 def health(front: FrontState, request: Request) -> Health:
     """Needs no key, and says more with one. 503 if the job database does not answer."""
-    cluster, storage = front.manager.cluster_state, front.manager.storage_state
-    accepted, running = (front.database.count(state) for state in ACTIVE)
-    status = _status(front)
+    cluster, storage = front.manager.cluster_state, _storage(front)
+    accepted, running = (_count(front, state) for state in ACTIVE)
+    status = _status(front, storage)
     if request.state.caller is None:
         return Health(
             status=status, version=rattle.__version__, cluster=None, storage=None, accepted=None, running=None
@@ -62,13 +77,12 @@ def health(front: FrontState, request: Request) -> Health:
 
 
 @router.get("/ready", summary="Whether the service can do its work now")
-async def ready(front: FrontState) -> Ready:
+def ready(front: FrontState) -> Ready:
     """Needs no key. 503 with Retry-After until kernels are compiled and workers are there, and while nothing can be
     stored: for a load balancer, or a script that waits.
     """
     if front.kernels.at_work:
         raise KernelsError
-    manager = front.manager
-    if (manager.cluster_state, manager.storage_state) != (READY, OK):
+    if (front.manager.cluster_state, _storage(front)) != (READY, OK):
         raise UnavailableError("Surveys wait: GET /v1/health says for what. Try again in a few seconds.")
     return Ready(status=READY)

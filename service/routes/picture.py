@@ -40,8 +40,7 @@ async def picture(
     index: Annotated[int, Query(ge=0, le=64, description="which orbit, or slot of attractors")] = 0,
 ) -> Response:
     """Cells that failed or are still to be computed are told apart from the others."""
-    job = await run_in_threadpool(front.database.job, survey_id)
-    place = front.directory.store(survey_id)
+    job, place = await run_in_threadpool(front.stored, survey_id)
     if not await run_in_threadpool(place.exists):
         raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
     headers = {

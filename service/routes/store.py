@@ -52,11 +52,10 @@ async def read(
     request: Request,
 ) -> Response:
     """A chunk that is not computed yet has no file: 404, which zarr reads as fill values."""
-    job = await run_in_threadpool(front.database.job, survey_id)
+    job, store = await run_in_threadpool(front.stored, survey_id)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of survey {survey_id} has no key {key!r}.")
     unchanging = job.state == State.SUCCESSFUL
-    store = front.directory.store(survey_id)
     if isinstance(store, Bucket):
         response = await object_response(store, key, request)
     else:

@@ -25,6 +25,7 @@ WORKERS = "tests/integration/test_faults_workers.py"
 SERVICE = "tests/integration/test_faults_service.py"
 STORAGE = "tests/integration/test_faults_storage.py"
 ALONE = "tests/integration/test_service_alone.py"
+DIRECTORY = "tests/contracts/test_service_directory.py"
 ENDS = "tests/integration/test_service_ends.py"
 INTRUDERS = "tests/integration/test_cluster_intruders.py"
 
@@ -291,6 +292,55 @@ PROTECTIONS = (
         "service/server.py",
         "        deadline.start()\n",
         "",
+    ),
+    _one(
+        "nothing is accepted while the data directory is away",
+        f"{DIRECTORY}::test_while_it_is_away_nothing_is_accepted_and_nothing_written",
+        "service/actions.py",
+        "    front.directory.require()\n",
+        "",
+    ),
+    _one(
+        "a job database that is away is left alone",
+        f"{DIRECTORY}::test_while_it_is_away_nothing_is_accepted_and_nothing_written",
+        "service/opening.py",
+        "directory.database_url, directory.require)",
+        "directory.database_url, None)",
+    ),
+    _one(
+        "stores that are away are not read as empty",
+        f"{DIRECTORY}::test_while_it_is_away_nothing_is_accepted_and_nothing_written",
+        "service/datadir.py",
+        "        self.require()\n",
+        "",
+    ),
+    _one(
+        "a store that is away is not deleted",
+        f"{DIRECTORY}::test_an_ended_survey_is_not_deleted_where_it_is_not",
+        "service/jobs.py",
+        "            self._directory.require()\n            self._database",
+        "            self._database",
+    ),
+    _one(
+        "a data directory that is away is not the survey's fault",
+        f"{DIRECTORY}::test_a_survey_waits_for_its_directory",
+        "service/jobs.py",
+        "            with self._blaming_directory():\n",
+        "            if True:\n",
+    ),
+    _one(
+        "a job database that was replaced is opened anew",
+        f"{DIRECTORY}::test_what_comes_back_as_another_device_is_opened_anew",
+        "service/database/engine.py",
+        'raise InvalidatePoolError("the file has been replaced")',
+        "pass",
+    ),
+    _one(
+        "a database elsewhere knows the data directory",
+        f"{DIRECTORY}::test_a_database_elsewhere_knows_the_directory",
+        "service/opening.py",
+        "directory.identify(database.directory())",
+        "directory.identify()",
     ),
     _one(
         "an embedded cluster asks for its certificate",

@@ -14,12 +14,14 @@ from faults import REQUEST, Faults
 from service_processes import assert_bit_identical, client_of, finish, free_port, server
 from waiting import wait_until
 
+from service.errors import ResponseError
 from workers import SurveyError, create_store, examine, finish_store, tiles_done
 from workers.runner import compute_and_write
 from workers.tiles import tiles_of
 
 OPTIONS = ["--delta", "0.58:0.78:8", "--epsilon", "0.05:0.24:8", "--count", "4", "--tile", "2x2", "--workers", "1"]
 N_TILES = REQUEST.n_tiles
+MIDDLE = 5  # tiles that are done while the others are held
 SMALL, LARGE = "size=1500k", "size=64m"  # one holds the template and some of the tiles
 
 
@@ -97,6 +99,33 @@ def test_a_service_waits_for_a_full_disk(disk: Path, tmp_path: Path, expected: d
         assert_bit_identical(job.open(), expected)
     assert set(faults.executions()) == set(range(N_TILES))
     assert faults.executions().total() <= N_TILES + 2 * faults.notes("try").total()  # it does not go on against a wall
+
+
+def test_a_service_waits_for_its_data_directory(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
+    """A disk that is unmounted in the middle of a survey, which is not computed into what is in its place."""
+    faults, port, data, away = Faults(tmp_path), free_port(), tmp_path / "data", tmp_path / "away"
+    faults.hold(MIDDLE)
+    with (
+        server(data, port, "--workers", "1", settings=faults.environment),
+        client_of(port) as client,
+    ):
+        job = client.submit(REQUEST)
+        wait_until(lambda: faults.executions()[MIDDLE] and job.refresh().document["tiles_done"] == MIDDLE)
+        data.rename(away)
+        data.mkdir()
+        faults.release()
+        wait_until(lambda: client.call("GET", "/v1/health").json()["storage"] != "ok")
+        assert client.call("GET", "/v1/health").json()["status"] == "degraded"
+        with pytest.raises(ResponseError, match="data directory") as refused:
+            client.submit(REQUEST, force=True)
+        assert refused.value.status == 503
+        data.rmdir()  # nothing was written there
+        away.rename(data)
+        job.wait()
+        assert client.call("GET", "/v1/health").json()["status"] == "ok"
+        assert_bit_identical(job.open(), expected)
+    assert set(faults.executions()) == set(range(N_TILES))
+    assert faults.executions().total() <= N_TILES + 1  # the tile that was at work
 
 
 def remounted(disk: Path, options: str) -> bool:

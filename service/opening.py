@@ -1,0 +1,38 @@
+"""Opens what a service must find again: its data directory, and its job database in it or elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+
+from service.bucketdir import open_directory
+from service.database import Database
+from service.datadir import DataDirectory
+from service.settings import Settings
+
+
+@contextmanager
+def opened(
+    settings: Settings, on_change: Callable[[str], None] = lambda _: None
+) -> Iterator[tuple[DataDirectory, Database]]:
+    """The data directory and the job database, held against every other service.
+
+    Args:
+        settings: of the service.
+        on_change: called with the id of a survey after each commit that added an event to it.
+
+    Raises:
+        DataDirectoryError: one of them cannot be used, or another service holds it, or the database knows another
+            directory than this one: its disk may not be mounted.
+    """
+    directory = open_directory(settings.data, settings.store)
+    inside = settings.database_url is None
+    url, require = (directory.database_url, directory.require) if inside else (settings.database_url, None)
+    assert url is not None
+    with directory.locked(), closing(Database(url, on_change, require=require)) as database:
+        if inside or settings.store:  # the database is in it, or no store is
+            directory.identify()
+        else:
+            directory.identify(database.directory())
+            database.remember_directory(directory.identity)
+        yield directory, database
