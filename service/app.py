@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 WORKERS_NICE = 5  # answers come before tiles; at 19, beside two busy programs, a worker has 1.4 % of a core
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
+#: Asked, while the cluster starts, whether it shall not any more.
+Starting = Callable[[Callable[[], bool]], AbstractContextManager["Client"]]
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
 
@@ -51,7 +53,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         title="gear rattle",
         summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
         version=rattle.__version__,
-        lifespan=_lifespan(settings, cluster or _cluster_of(settings), metrics),
+        lifespan=_lifespan(settings, _starting(settings, cluster), metrics),
         responses=problems.declared(*problems.ANYWHERE),
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
@@ -71,15 +73,17 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     return app
 
 
-def _cluster_of(settings: Settings) -> Cluster:
+def _starting(settings: Settings, cluster: Cluster | None) -> Starting:
+    if cluster:
+        return lambda _: cluster()
     if settings.scheduler:
         url = settings.scheduler
-        return lambda: workers.connect(url)
-    return lambda: workers.embedded_cluster(settings.workers, WORKERS_NICE)
+        return lambda _: workers.connect(url)
+    return lambda should_stop: workers.embedded_cluster(settings.workers, WORKERS_NICE, should_stop)
 
 
 def _lifespan(
-    settings: Settings, cluster: Cluster, metrics: Metrics
+    settings: Settings, cluster: Starting, metrics: Metrics
 ) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

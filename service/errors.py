@@ -46,6 +46,10 @@ class AccessError(ServiceError):
     """The service would be open to everybody, or to nobody."""
 
 
+class AddressError(ServiceError):
+    """The address cannot be listened at."""
+
+
 class ConflictError(ServiceError):
     """The request contradicts what the service already holds."""
 

@@ -52,7 +52,8 @@ class JobManager:
     Args:
         database: the truth about the surveys.
         directory: where their stores are.
-        cluster: opens the dask cluster; called again whenever it was lost.
+        cluster: opens the dask cluster, unless what it is given says that it shall not any more; called again whenever
+            it was lost.
         on_tile: told of every tile that has been written.
     """
 
@@ -60,7 +61,7 @@ class JobManager:
         self,
         database: Database,
         directory: DataDirectory,
-        cluster: Callable[[], AbstractContextManager[Client]],
+        cluster: Callable[[Callable[[], bool]], AbstractContextManager[Client]],
         on_tile: Callable[[TileRecord], None] = lambda _: None,
     ) -> None:
         self._on_tile = on_tile
@@ -146,7 +147,7 @@ class JobManager:
         while not self._stopping.is_set():
             self.cluster_state = STARTING
             try:
-                with self._cluster() as client:
+                with self._cluster(self._stopping.is_set) as client:
                     self.cluster_state, pause = READY, FIRST_PAUSE
                     self._client = client
                     try:
@@ -154,6 +155,8 @@ class JobManager:
                     finally:
                         self._client = None
             except Exception as error:
+                if self._stopping.is_set():  # which ended the cluster as it started
+                    return
                 unexpected = None if isinstance(error, RattleError) else error
                 log.warning("no cluster or no database, next try in %.0f s: %s", pause, error, exc_info=unexpected)
                 self.cluster_state = f"unavailable: {error}"

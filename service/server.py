@@ -8,28 +8,50 @@ import logging
 import os
 import socket
 import threading
+from contextlib import suppress
 from types import FrameType
 
 import psutil
 import uvicorn
 from fastapi import FastAPI
 
+from service.errors import AddressError
+
 #: From the signal to the end of everything that is still at work.
 STOP_SECONDS = 3.0
+
+#: The process that removes the semaphores of the others when they are gone.
+TRACKER = "multiprocessing.resource_tracker"
 
 log = logging.getLogger("uvicorn.error")
 
 
 class Server(uvicorn.Server):
-    """uvicorn's server, whose surveys stop while open requests end, not after them."""
+    """uvicorn's server, whose surveys stop while open requests end, not after them.
 
-    def __init__(self, config: uvicorn.Config, app: FastAPI) -> None:
+    Args:
+        config: of uvicorn.
+        app: the application.
+        asked_to_stop: set if a signal came before this server listened for them.
+    """
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI, asked_to_stop: threading.Event) -> None:
         super().__init__(config)
         self._app = app
+        self._asked_to_stop = asked_to_stop
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to answer."""
+        """Begin to answer.
+
+        Raises:
+            AddressError: the address cannot be listened at; nothing has been started.
+        """
+        sockets = sockets or await self._bound()
         await super().startup(sockets)
+        self._log_started_message(sockets)
+        if self._asked_to_stop.is_set():
+            self.should_exit = True
+            return
         gc.collect()
         gc.freeze()  # or every full collection looks through all modules again, and nothing is answered meanwhile
         front = self._app.state.front
@@ -39,8 +61,22 @@ class Server(uvicorn.Server):
         if explorer := self._app.state.explorer:
             self._preparing = asyncio.ensure_future(explorer.prepare())
 
+    async def _bound(self) -> list[socket.socket]:
+        """The sockets of the address, at which nobody listens yet."""
+        config, loop = self.config, asyncio.get_running_loop()
+        try:
+            server = await loop.create_server(asyncio.Protocol, config.host, config.port, start_serving=False)
+        except OSError as error:
+            raise AddressError(
+                f"Nothing can listen at port {config.port} of {config.host} ({error.strerror}). Stop what does, or "
+                "choose another (--port, --host)."
+            ) from error
+        bound = [each.dup() for each in server.sockets]
+        server.close()
+        return bound
+
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Begin to end; what cannot be interrupted, such as a cluster that is starting, is killed in time."""
+        """Begin to end; what cannot be interrupted is killed in time."""
         deadline = threading.Timer(STOP_SECONDS, _end_now)
         deadline.daemon = True
         deadline.start()
@@ -57,5 +93,7 @@ def _end_now() -> None:
     """Nothing is lost by it: tiles are files that appear whole, and the job database keeps what it has committed."""
     log.warning("still busy after %g s: ending now", STOP_SECONDS)
     for child in psutil.Process().children(recursive=True):
-        child.kill()
+        with suppress(psutil.Error):
+            if TRACKER not in " ".join(child.cmdline()):
+                child.kill()
     os._exit(0)

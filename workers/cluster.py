@@ -5,12 +5,12 @@ import logging
 import os
 import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from multiprocessing import resource_tracker
-from threading import Thread
+from threading import Event, Thread
 from typing import Any
 
 import dask
@@ -33,6 +33,7 @@ SILENT_SECONDS = 15
 ALLOWED_DEATHS = 1
 RETURN_SECONDS = 600
 HEARTBEAT_SECONDS = 1.0
+GIVE_UP_SECONDS = 0.1  # between two questions whether a cluster shall still start
 END_SECONDS = 1.0
 
 
@@ -92,7 +93,33 @@ def _interrupts_blocked() -> Iterator[None]:
 
 
 @contextmanager
-def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
+def _given_up(should_stop: Callable[[], bool], nannies: Sequence[Nanny]) -> Iterator[None]:
+    """Kill the workers that start here once they shall not: what waits for them fails, and nobody waits for it."""
+    over = Event()
+
+    def watch() -> None:
+        while not over.wait(GIVE_UP_SECONDS):
+            if not should_stop():
+                continue
+            logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # dask leaves futures behind that say the same
+            for nanny in tuple(nannies):
+                with suppress(ProcessLookupError, ValueError, AttributeError):  # its process is ending
+                    if pid := nanny.pid:
+                        os.kill(pid, signal.SIGKILL)
+
+    thread = Thread(target=watch, name="starting-cluster", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+@contextmanager
+def embedded_cluster(
+    n_workers: int = 2, nice: int = 0, should_stop: Callable[[], bool] = lambda: False
+) -> Iterator[Client]:
     """Start processes of one thread each on this machine, for as long as the context lasts.
 
     They listen on loopback only, and to each other only: every connection shows the certificate of this cluster, whose
@@ -101,9 +128,10 @@ def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
     Args:
         n_workers: processes.
         nice: how far their priority is below that of others, up to 19.
+        should_stop: asked several times a second, while they start: whether they shall not any more.
 
     Raises:
-        SurveyError: no processes are asked for, or they do not start.
+        SurveyError: no processes are asked for, or they do not start, or shall not.
     """
     if n_workers < 1:
         raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
@@ -118,19 +146,27 @@ def embedded_cluster(n_workers: int = 2, nice: int = 0) -> Iterator[Client]:
             "distributed.deploy.lost-worker-timeout": RETURN_SECONDS,
         }
         stack.enter_context(dask.config.set(settings))
+        nannies: list[Nanny] = []
+        starting = stack.enter_context(ExitStack())
+        starting.enter_context(_given_up(should_stop, nannies))
         try:
             with _interrupts_blocked():
-                cluster = stack.enter_context(_cluster(n_workers))
+                cluster = stack.enter_context(_cluster(n_workers, nannies))
                 client = stack.enter_context(Client(cluster, set_as_default=False))
             client.register_plugin(WarmKernels())
             if nice:
                 client.register_plugin(Nice(nice))
         except Exception as error:
             raise SurveyError(f"the embedded cluster of {n_workers} processes does not start: {error}") from error
+        starting.close()
         yield client
 
 
-def _cluster(n_workers: int) -> SpecCluster:
+def _cluster(n_workers: int, nannies: list[Nanny]) -> SpecCluster:
+    def nanny(*args: Any, **options: Any) -> Nanny:
+        nannies.append(Nanny(*args, **options))
+        return nannies[-1]
+
     part = {"host": "127.0.0.1", "protocol": "tls://", "security": Security.temporary()}
     scheduler = {**part, "dashboard": False, "worker_ttl": SILENT_SECONDS, "allowed_failures": ALLOWED_DEATHS}
     worker = {
@@ -144,7 +180,7 @@ def _cluster(n_workers: int) -> SpecCluster:
         "preload": __name__,  # imported before the heart has to beat
     }
     return SpecCluster(
-        workers={name: {"cls": Nanny, "options": worker} for name in range(n_workers)},
+        workers={name: {"cls": nanny, "options": worker} for name in range(n_workers)},
         scheduler={"cls": SilentScheduler, "options": scheduler},
         security=part["security"],
         silence_logs=logging.CRITICAL,

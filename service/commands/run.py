@@ -79,7 +79,7 @@ def run(
             try:
                 short = survey.is_short(request, sum(tile.n_cells for tile in missing))
                 here = short and not (scheduler or workers)
-                cluster = nullcontext() if here else _started(request, scheduler, workers or PROCESSES)
+                cluster = nullcontext() if here else _started(request, scheduler, workers or PROCESSES, stop.is_set)
                 _compute(request, out, missing, cluster, stop.is_set)
             except survey.SurveyError:
                 if not stop.is_set():  # otherwise the stop is what ended the cluster
@@ -95,7 +95,9 @@ def run(
         draw(out, figure)
 
 
-def _started(request: SurveyRequest, scheduler: str | None, workers: int) -> AbstractContextManager[Client]:
+def _started(
+    request: SurveyRequest, scheduler: str | None, workers: int, should_stop: Callable[[], bool]
+) -> AbstractContextManager[Client]:
     """The cluster, and a word to whoever waits for it."""
     import rattle
     from workers import connect, embedded_cluster
@@ -105,7 +107,7 @@ def _started(request: SurveyRequest, scheduler: str | None, workers: int) -> Abs
     typer.echo(f"Starting {workers} process{'es' if workers > 1 else ''} …", err=True)
     # Kernels that are not there yet are compiled once for all: here too, where it is told.
     threading.Thread(target=rattle.warm_up, args=(request.kappa,), name="kernels", daemon=True).start()
-    return embedded_cluster(workers)
+    return embedded_cluster(workers, should_stop=should_stop)
 
 
 def _compute(

@@ -58,24 +58,22 @@ def serve(
     if settings.insecure:
         typer.echo(f"Everybody who reaches {settings.host} may use this service: no keys are asked.", err=True)
     app = create_app(settings)
-    server = Server(
-        uvicorn.Config(
-            app,
-            host=settings.host,
-            port=settings.port,
-            http=protocol_of(settings),
-            h11_max_incomplete_event_size=settings.max_header_bytes,
-            ws_max_size=MAX_MESSAGE_BYTES,
-            ws_per_message_deflate=False,  # of maps, in the event loop, while everybody waits
-            proxy_headers=False,  # who sends a request is who connects
-            server_header=False,
-            log_config=log_config(settings.log_format),
-            access_log=False,  # RequestLogMiddleware says more
-            timeout_graceful_shutdown=settings.shutdown_seconds,
-        ),
+    config = uvicorn.Config(
         app,
+        host=settings.host,
+        port=settings.port,
+        http=protocol_of(settings),
+        h11_max_incomplete_event_size=settings.max_header_bytes,
+        ws_max_size=MAX_MESSAGE_BYTES,
+        ws_per_message_deflate=False,  # of maps, in the event loop, while everybody waits
+        proxy_headers=False,  # who sends a request is who connects
+        server_header=False,
+        log_config=log_config(settings.log_format),
+        access_log=False,  # RequestLogMiddleware says more
+        timeout_graceful_shutdown=settings.shutdown_seconds,
     )
-    with stop_requested():  # uvicorn raises the signal again after a clean shutdown
+    with stop_requested() as asked_to_stop:  # uvicorn raises the signal again after a clean shutdown
+        server = Server(config, app, asked_to_stop)
         server.run()
     if not server.started:
         raise typer.Exit(1)

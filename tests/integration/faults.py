@@ -118,7 +118,7 @@ NO_DEADLINE = """
     @patch("service.server")
     def patient(server):
         server.STOP_SECONDS = 1e6
-        after(server.Server, "__init__", lambda self, config, app: setattr(config, "timeout_graceful_shutdown", None))
+        after(server.Server, "__init__", lambda self, config, *_: setattr(config, "timeout_graceful_shutdown", None))
 """
 
 

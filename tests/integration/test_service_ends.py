@@ -1,16 +1,19 @@
 """SIGTERM ends a service, whatever it is at, and nothing that it has noted is lost."""
 
 import signal
+import socket
 import sqlite3
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import httpx
 import psutil
+import pytest
 import xarray as xr
 from faults import NO_DEADLINE, Faults
-from service_processes import REQUEST, client_of, free_port, server
+from service_processes import REQUEST, client_of, finish, free_port, server, start
 from waiting import HANG, wait_until
 
 from service.server import STOP_SECONDS
@@ -87,22 +90,124 @@ def test_a_busy_service_ends_by_itself_with_its_tiles(tmp_path: Path) -> None:
     assert (written > 0).sum() == 4 * MIDDLE
 
 
+#: A word for every stage of a start at which a signal may come; the last two as a cluster starts.
+STAGES = {
+    "begun": """
+        @patch("service.server")
+        def begun(server):
+            after(server.Server, "__init__", lambda *_: [note("begun"), wait_for_signal()])
+        """,
+    "opened": """
+        @patch("service.jobs")
+        def opened(jobs):
+            before(jobs.JobManager, "start", lambda self: [note("opened"), wait_for_signal()])
+        """,
+    "processes": """
+        @patch("workers.tiles")
+        def processes(tiles):
+            if "--multiprocessing-fork" in sys.orig_argv:  # a worker, before it says that it is there
+                note("processes")
+                wait_for_signal()
+        """,
+    "warming": """
+        @patch("workers.cluster")
+        def warming(cluster):
+            async def setup(self, worker):
+                note("warming")
+                wait_for_signal()
+            cluster.WarmKernels.setup = setup
+        """,
+}
+EARLY = ("begun", "opened")
+#: Until the signal has come to this process, or for ever in a process that gets none.
+WAIT_FOR_SIGNAL = """
+    def wait_for_signal():
+        while not os.path.exists(LOG + ".signal"):
+            time.sleep(0.01)
+"""
+
+
+def semaphores(pid: int) -> set[Path]:
+    """Those that a process and what it has started have open."""
+    process = psutil.Process(pid)
+    found: set[Path] = set()
+    for each in (process, *process.children(recursive=True)):
+        with suppress(psutil.Error):
+            found |= {Path(mapped.path) for mapped in each.memory_maps() if mapped.path.startswith("/dev/shm/sem.")}
+    return {path for path in found if path.exists()}
+
+
+def of_all_workers(pid: int) -> set[Path]:
+    """The same, once they are there: six for each of two workers."""
+    return found if len(found := semaphores(pid)) >= 12 else set()
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_service_that_starts_ends_by_itself_and_leaves_nothing(tmp_path: Path, stage: str) -> None:
+    """Without its deadline, at any stage: a cluster is not waited for that has only begun."""
+    faults, log = Faults(tmp_path), tmp_path / "log"
+    faults.inject(NO_DEADLINE, WAIT_FOR_SIGNAL, STAGES[stage])
+    settings = faults.environment | {"TMPDIR": str(tmp_path)}
+    with log.open("w") as stderr:
+        process = start("serve", "--port", "0", "--data", str(tmp_path / "data"), settings=settings, stderr=stderr)
+        try:
+            wait_until(lambda: faults.notes(stage) or process.poll() is not None)
+            found = set() if stage in EARLY else wait_until(lambda: of_all_workers(process.pid))
+            children = psutil.Process(process.pid).children(recursive=True)
+            process.send_signal(signal.SIGTERM)
+            if stage in EARLY:  # nobody ever lets the others go on
+                (tmp_path / "executed.signal").touch()
+            assert process.wait(timeout=HANG) == 0
+        finally:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+    wait_until(lambda: all(is_dead(child) for child in children))
+    assert not [path for path in found if path.exists()]
+    assert not list(tmp_path.glob("rattle-*"))
+    said = log.read_text()
+    assert "Traceback" not in said
+    assert "no cluster" not in said
+    assert "leaked" not in said
+
+
 def test_what_cannot_be_ended_is_killed_in_time(tmp_path: Path) -> None:
     faults, port, log = Faults(tmp_path), free_port(), tmp_path / "log"
     faults.inject("""
         @patch("workers.cluster")
         def endless(cluster):
-            async def setup(self, worker):
-                note("warming")
+            def act(*_):
+                note("started")
                 while True:
                     time.sleep(1)
-            cluster.WarmKernels.setup = setup
+            after(cluster, "_cluster", act)
+            cluster.GIVE_UP_SECONDS = 1e6
     """)
     with (
         log.open("w") as stderr,
         server(tmp_path / "data", port, "--workers", "1", settings=faults.environment, stderr=stderr) as process,
     ):
-        wait_until(lambda: faults.notes("warming"))
+        wait_until(lambda: faults.notes("started"))
+        found = semaphores(process.pid)
+        assert found
         stop(process)  # while its cluster starts, which never ends
     assert f"still busy after {STOP_SECONDS:g} s: ending now" in log.read_text()
     assert STOP_SECONDS < PROMISED
+    wait_until(lambda: not [path for path in found if path.exists()])
+
+
+def test_a_port_that_is_taken_is_told_before_anything_starts(tmp_path: Path) -> None:
+    faults = Faults(tmp_path)
+    faults.inject("""
+        @patch("service.jobs")
+        def noted(jobs):
+            before(jobs.JobManager, "start", lambda self: note("manager"))
+    """)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        told = finish("serve", "--port", str(port), "--data", str(tmp_path / "data"), settings=faults.environment)
+    assert told.returncode == 2
+    assert f"port {port} of 127.0.0.1" in told.stderr
+    assert "--port" in told.stderr
+    assert "Traceback" not in told.stderr
+    assert not faults.notes("manager")
