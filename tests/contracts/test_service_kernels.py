@@ -131,7 +131,7 @@ def test_what_another_process_has_compiled_is_not_waited_for(
         assert not compiling
         front_of(client).kernels._ready.clear()
         client.portal.call(partial(front_of(client).kernels.begin, load=True))  # as a service does at its start
-        assert compiling
+        wait_until(lambda: compiling)
         assert not front_of(client).kernels.at_work  # it loads, which nobody has to wait for
 
 
