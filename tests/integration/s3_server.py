@@ -14,13 +14,17 @@ ROOT = Path(__file__).parents[2]
 PYTHON = ROOT / ".venv-s3" / "bin" / "python"
 BUCKET = "surveys"
 
-#: Answers the next N requests, and no other, with 503 after POST /-/fail?N.
+#: After POST /-/fail?N the next N requests, and no other, are answered with 503; after POST /-/trouble?N every Nth, and
+#: every other waits a while. Answers how many have been so since it was asked last.
 SCRIPT = """
+import itertools
 import sys
+import time
 from moto.server import DomainDispatcherApplication, create_backend_app
 from werkzeug.serving import make_server
 
 failing = [0]
+every, refused, counted = [0], [0], itertools.count(1)
 dispatcher = DomainDispatcherApplication(create_backend_app)
 
 def application(environ, start_response):
@@ -28,6 +32,16 @@ def application(environ, start_response):
         failing[0] = int(environ["QUERY_STRING"])
         start_response("204 No Content", [])
         return []
+    if environ["PATH_INFO"] == "/-/trouble":
+        every[0], before, refused[0] = int(environ["QUERY_STRING"]), refused[0], 0
+        start_response("200 OK", [])
+        return [str(before).encode()]
+    if every[0]:
+        if next(counted) % every[0] == 0:
+            refused[0] += 1
+            start_response("503 Service Unavailable", [("Content-Length", "0")])
+            return []
+        time.sleep(0.02)
     if failing[0] > 0:
         failing[0] -= 1
         start_response("503 Service Unavailable", [("Content-Length", "0")])
@@ -52,6 +66,10 @@ class S3:
             "AWS_ENDPOINT": self.url,
             "AWS_ALLOW_HTTP": "true",
         }
+
+    def trouble(self, every: int) -> int:
+        """Let the server answer slowly, and every so many requests with 503; 0 ends it. Returns how many were so."""
+        return int(httpx.post(f"{self.url}/-/trouble?{every}", timeout=HANG).raise_for_status().text)
 
     def fail(self, requests: int) -> None:
         """Let the server answer the next requests with 503."""

@@ -70,6 +70,20 @@ def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_pat
     assert CliRunner().invoke(app, ["verify", url]).exit_code == 0
 
 
+def test_a_server_that_is_slow_and_fails_in_five_of_a_hundred_requests(s3: S3, expected: dict[str, np.ndarray]) -> None:
+    url = f"s3://{BUCKET}/trouble/survey.zarr"
+    s3.trouble(20)
+    try:
+        ended = finish(*RUN, "--out", url, settings=s3.settings)
+        assert ended.returncode == 0, ended.stderr
+        assert finish("verify", url, settings=s3.settings).returncode == 0
+    finally:
+        refused = s3.trouble(0)
+    assert refused > 10
+    with open_survey(url) as dataset:
+        assert_bit_identical(dataset, expected)
+
+
 def test_service_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_path: Path) -> None:
     faults, port, url, data = Faults(tmp_path), free_port(), f"s3://{BUCKET}/stores", tmp_path / "data"
     options = {"settings": faults.environment | s3.settings}
