@@ -20,7 +20,7 @@ from service.explorer.mount import Explorer
 from service.head import HeadMiddleware
 from service.jobs import JobManager
 from service.kernels import Kernels
-from service.logs import RequestLogMiddleware
+from service.logs import RequestLogMiddleware, adopt_handlers
 from service.metrics import Metrics
 from service.opening import opened
 from service.queries import refuse_unknown
@@ -87,6 +87,7 @@ def _lifespan(
 ) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        adopt_handlers()
         broadcast = Broadcast()
         with opened(settings, broadcast.changed) as (directory, database):
             recover(database, directory)

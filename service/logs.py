@@ -1,12 +1,18 @@
-"""Logs as text or as lines of JSON, each with the survey and the request that it belongs to."""
+"""Logs as text or as lines of JSON, each with the survey and the request that it belongs to.
+
+A record is one line of characters that can be printed, whatever a client sent: nobody forges another one, or tells the
+terminal of a reader what to do. Only tracebacks have lines of their own.
+"""
 
 from __future__ import annotations
 
 import logging
 import re
 import time
+import traceback
 from contextlib import contextmanager
 from contextvars import ContextVar
+from copy import copy
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
@@ -15,6 +21,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from types import TracebackType
 
     from service.metrics import Metrics
 
@@ -24,6 +31,8 @@ METHODS = frozenset({"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"}
 NO_ROUTE = "none"
 #: How an answer counts that never began: the client had gone.
 UNANSWERED = 499
+#: A frame of a traceback, in an exception group too.
+FRAME = re.compile(r'[ |+\-]*File "')
 
 _survey: ContextVar[str | None] = ContextVar("survey", default=None)
 _request: ContextVar[str | None] = ContextVar("request", default=None)
@@ -51,12 +60,46 @@ class Context(logging.Filter):
         return True
 
 
-class Text(logging.Formatter):
+def printable(text: str) -> str:
+    """The text in one line: what cannot be printed, or ends a line, or turns it round, is written as Python does."""
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
+
+
+class Printable(logging.Formatter):
+    """What both forms are built on."""
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802 - the name of logging
+        return "\n".join(_traceback(*ei))
+
+    def formatStack(self, stack_info: str) -> str:  # noqa: N802
+        return "\n".join(f"  {printable(line)}" for line in stack_info.split("\n"))
+
+
+def _traceback(
+    kind: type[BaseException] | None, error: BaseException | None, frames: TracebackType | None
+) -> list[str]:
+    """Its lines, indented as no record is. Those of frames are ours; a message, which may quote anybody, is one."""
+    lines = []
+    for part in traceback.format_exception(kind, error, frames):
+        text = part.strip("\n")
+        lines += text.split("\n") if FRAME.match(text) else [text]
+    return [f"  {printable(line)}" for line in lines]
+
+
+class Text(Printable):
     """A line for people: the message, then what it belongs to."""
 
     def format(self, record: logging.LogRecord) -> str:
+        alone = copy(record)
+        alone.exc_text = None  # as another handler may have written it
+        return super().format(alone)
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
         names = ("survey", "request", "seconds")
-        return super().format(record) + "".join(f" {n}={getattr(record, n)}" for n in names if hasattr(record, n))
+        about = "".join(f" {n}={getattr(record, n)}" for n in names if hasattr(record, n))
+        return printable(super().formatMessage(record).rstrip() + about)
 
 
 def log_config(form: str) -> dict[str, Any]:
@@ -66,7 +109,7 @@ def log_config(form: str) -> dict[str, Any]:
     if form == "json":
         names = {"asctime": "time", "levelname": "level", "name": "logger"}
         formatter = {
-            "()": "pythonjsonlogger.json.JsonFormatter",
+            "()": "service.logs_json.Json",
             "format": fields,
             "datefmt": "%Y-%m-%dT%H:%M:%S%z",
             "rename_fields": names,
@@ -79,6 +122,18 @@ def log_config(form: str) -> dict[str, Any]:
         "handlers": {"stderr": {"class": "logging.StreamHandler", "formatter": "line", "filters": ["context"]}},
         "root": {"level": "INFO", "handlers": ["stderr"]},
     }
+
+
+def adopt_handlers() -> None:
+    """Let the handlers that libraries bring along, as dask and Panel do when they are imported, write as ours does."""
+    ours = next((each for each in logging.root.handlers if isinstance(each.formatter, Printable)), None)
+    if ours is None:
+        return
+    for logger in tuple(logging.root.manager.loggerDict.values()):
+        for handler in logger.handlers if isinstance(logger, logging.Logger) else ():
+            if type(handler) is logging.StreamHandler and handler.formatter is not ours.formatter:
+                handler.setFormatter(ours.formatter)
+                handler.addFilter(Context())
 
 
 class RequestLogMiddleware:

@@ -22,6 +22,7 @@ from service.explorer.assets_route import Assets
 from service.explorer.head import COOKIE, SCHEME, body_of, following, head_of
 from service.explorer.news import News
 from service.jobs import STARTING
+from service.logs import adopt_handlers
 from service.settings import Settings
 from service.state import Front
 
@@ -115,6 +116,7 @@ class Explorer:
         shared = Shared(self._front, self._news, Atlas(self._front), Crises(self._front))
         found = transport_of(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
+        adopt_handlers()  # Panel's
         gc.freeze()  # as in service.server, for what has just been loaded
         return found
 

@@ -3,18 +3,23 @@
 import json
 import logging
 import logging.config
+import re
 from collections.abc import Callable, Iterator
 from io import StringIO
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
+from urllib.parse import quote
 
 import pytest
 from fastapi.testclient import TestClient
 from prometheus_client.parser import text_string_to_metric_families
 from service_support import BODY, front_end, front_of
+from sqlalchemy.exc import OperationalError
 
-from service.logs import about, log_config
+from service.database import Database
+from service.logs import about, adopt_handlers, log_config
+from service.logs_json import TRACEBACKS
 from service.tables import State
 from workers import SurveyRequest, compute_tile, tiles_of
 
@@ -102,7 +107,7 @@ def lines(request: pytest.FixtureRequest) -> Iterator[Callable[[], list[str]]]:
     logging.config.dictConfig(log_config(request.param))
     handler = next(each for each in root.handlers if type(each) is logging.StreamHandler)
     handler.setStream(written)
-    yield lambda: written.getvalue().splitlines()
+    yield lambda: written.getvalue().removesuffix("\n").split("\n")
     root.handlers[:], root.level = handlers, level
 
 
@@ -122,7 +127,7 @@ def test_json_lines(client: TestClient, lines: Callable[[], list[str]], monkeypa
     assert request["route"] == "/v1/surveys/{survey_id}"
     assert request["seconds"] == 2.5
     job = next(record for record in records if record["logger"] == "service.jobs")
-    assert (job["survey"], job["level"], job["message"]) == (survey_id, "WARNING", "two\nlines here")
+    assert (job["survey"], job["level"], job["message"]) == (survey_id, "WARNING", r"two\nlines here")
 
 
 @pytest.mark.parametrize("lines", ["text"], indirect=True)
@@ -132,3 +137,81 @@ def test_text_lines(client: TestClient, lines: Callable[[], list[str]]) -> None:
     assert len(chosen) == 32
     line = next(line for line in lines() if "GET /v1/health 200" in line)
     assert f"request={chosen}" in line
+
+
+#: Ends of lines, escape sequences of terminals in one and two bytes, and what turns a line round.
+FORGED = "2026-01-01 00:00:00,000 ERROR root FAKE"
+HOSTILE = f"a\r\n{FORGED}\x1b[2J\x9b31m\u2028{FORGED}\u202e\x00\n{FORGED}"
+
+
+def attack(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put that into whatever a request, a survey and a library have."""
+    raw = HOSTILE.encode()
+    client.get(f"/v1/{quote(HOSTILE)}")
+    client.get(f"/v1/surveys/{quote(HOSTILE, safe='')}/events")
+    client.get("/v1/surveys", params={HOSTILE: HOSTILE})
+    client.get("/v1/surveys", headers=[(b"X-Request-ID", raw), (b"Last-Event-ID", raw), (b"x-\x1b", raw)])
+    client.post("/v1/surveys", json=BODY, headers=[(b"Idempotency-Key", raw)])
+
+    client.post("/v1/surveys", json=BODY | {"name": HOSTILE})
+
+    def fail(*_: object) -> None:
+        try:
+            raise ValueError(HOSTILE)
+        except ValueError as error:
+            error.add_note(HOSTILE)
+            raise OperationalError(HOSTILE, {"name": HOSTILE}, error) from error
+
+    monkeypatch.setattr(Database, "accept", fail)
+    assert client.post("/v1/surveys", json=BODY).status_code == 503
+    with about(HOSTILE):
+        logging.getLogger("uvicorn.error").info("%s said", HOSTILE, stack_info=True)
+    try:
+        raise ExceptionGroup(HOSTILE, [ValueError(HOSTILE)])
+    except ExceptionGroup:
+        logging.getLogger("uvicorn.error").exception("Exception in ASGI application\n")
+
+
+@pytest.mark.parametrize("lines", ["text"], indirect=True)
+def test_nobody_forges_a_line_of_text(
+    client: TestClient, lines: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attack(client, monkeypatch)
+    found = lines()
+    assert [line for line in found if not line.isprintable() or line.startswith(FORGED[:10])] == []
+    assert sum(rf"a\r\n{FORGED}\x1b[2J\x9b31m\u2028" in line for line in found) >= 5
+    dated = [line for line in found if not line.startswith("  ") and " httpx " not in line]
+    assert all(re.match(r"\d{4}-", line) for line in dated)
+    assert len(dated) == 10
+    assert any(line.endswith("Exception in ASGI application") for line in dated)
+
+
+@pytest.mark.parametrize("lines", ["json"], indirect=True)
+def test_nobody_forges_a_line_of_json(
+    client: TestClient, lines: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    attack(client, monkeypatch)
+    found = lines()
+    assert all(line.isascii() and line.isprintable() for line in found)
+    records = [record for record in map(json.loads, found) if record["logger"] != "httpx"]
+    assert len(records) == 10
+    values = [(name, value) for record in records for name, value in record.items() if isinstance(value, str)]
+    said = [part for name, value in values for part in (value.split("\n") if name in TRACEBACKS else [value])]
+    assert [part for part in said if not part.isprintable() or part.startswith(FORGED[:10])] == []
+    assert {"exc_info", "stack_info", "survey"} <= {name for name, _ in values}
+
+
+@pytest.mark.parametrize("lines", ["text"], indirect=True)
+def test_libraries_with_handlers_of_their_own_write_like_everybody(lines: Callable[[], list[str]]) -> None:
+    library = logging.getLogger("tests.library")
+    library.propagate = False
+    handler = logging.StreamHandler(written := StringIO())
+    library.addHandler(handler)
+    adopt_handlers()
+    with about("0123456789abcdef"):
+        library.warning("%s", HOSTILE)
+    library.removeHandler(handler)
+    assert written.getvalue().count("\n") == 1
+    assert written.getvalue()[:-1].isprintable()
+    assert written.getvalue().endswith("survey=0123456789abcdef\n")
+    assert lines() == [""]

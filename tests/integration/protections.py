@@ -28,6 +28,7 @@ ALONE = "tests/integration/test_service_alone.py"
 DIRECTORY = "tests/contracts/test_service_directory.py"
 ENDS = "tests/integration/test_service_ends.py"
 INTRUDERS = "tests/integration/test_cluster_intruders.py"
+METRICS = "tests/contracts/test_service_metrics.py"
 
 
 @dataclass(frozen=True)
@@ -390,6 +391,27 @@ PROTECTIONS = (
         "workers/cluster.py",
         '"temporary-directory": stack.enter_context(scratch)',
         '"temporary-directory": stack.enter_context(scratch) and None',
+    ),
+    _one(
+        "nobody forges a line of the log",
+        f"{METRICS}::test_nobody_forges_a_line_of_text",
+        "service/logs.py",
+        "    if text.isprintable():\n",
+        "    if True:\n",
+    ),
+    _one(
+        "a traceback's message stays in its line",
+        f"{METRICS}::test_nobody_forges_a_line_of_json",
+        "service/logs.py",
+        'return [f"  {printable(line)}" for line in lines]',
+        "return lines",
+    ),
+    _one(
+        "libraries' handlers write as ours",
+        f"{METRICS}::test_libraries_with_handlers_of_their_own_write_like_everybody",
+        "service/logs.py",
+        "                handler.setFormatter(ours.formatter)\n",
+        "",
     ),
 )
 
