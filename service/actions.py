@@ -9,7 +9,7 @@ from service.errors import ForbiddenError
 from service.keys import Caller
 from service.limits import check_limits
 from service.state import Front
-from service.tables import JobRow
+from service.tables import UNREADABLE, JobRow, State
 from workers import SurveyRequest
 
 
@@ -52,6 +52,8 @@ def remove_survey(front: Front, caller: Caller, survey_id: str) -> JobRow | None
         ConflictError: its last tiles still run.
     """
     require_owner(front, caller, survey_id)
+    if not front.database.job(survey_id).is_readable:  # it is shown as one that has ended
+        front.database.set_state(survey_id, State.FAILED, UNREADABLE)
     return front.manager.dismiss_or_delete(survey_id)
 
 

@@ -47,12 +47,12 @@ class Survey(BaseModel):
 class SurveyDetail(Survey):
     """A survey with its request and the messages of its failed cells."""
 
-    request: dict[str, Any]
+    request: dict[str, Any] = Field(description="empty if the job database holds none that can be read")
     failures: list[dict[str, Any]] = Field(description="the first 100 failed cells: indices and message")
 
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> SurveyDetail:
-        return cls(**_fields(job), request=job.request, failures=failures)
+        return cls(**_fields(job), request=job.request if job.is_readable else {}, failures=failures)
 
 
 class SurveyList(BaseModel):
@@ -75,12 +75,13 @@ def path_of(survey_id: str) -> str:
 
 def _fields(job: JobRow) -> dict[str, Any]:
     here = path_of(job.id)
+    state, message = job.shown
     return {
         "id": job.id,
         "name": job.name,
-        "state": job.state,
+        "state": state,
         "progress": job.progress,
-        "message": job.message,
+        "message": message,
         "created": job.created,
         "started": job.started,
         "finished": job.finished,

@@ -70,6 +70,7 @@ def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
         job
         for job in jobs
         if job.cells_done >= LEAST_CELLS
+        and job.is_readable
         and set(job.request["quantities"]) == wanted
         and _same_model(request, job)
         and 1.0 / SIMILAR <= _ratio(request, job) <= SIMILAR

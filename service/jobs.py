@@ -17,7 +17,7 @@ from service.database import Database, DoneTile
 from service.datadir import DataDirectory
 from service.errors import ConflictError, DirectoryAwayError, ServiceError, UnavailableError
 from service.logs import about
-from service.tables import JobRow, State
+from service.tables import UNREADABLE, JobRow, State
 from workers import (
     ClusterLostError,
     StoppedError,
@@ -133,6 +133,8 @@ class JobManager:
             QueueFullError: ``max_jobs`` surveys are waiting or running, or as many as the key of ``owner`` allows.
         """
         job = self._database.job(survey_id)
+        if not job.is_readable:
+            raise ConflictError(UNREADABLE)
         if job.state == State.SUCCESSFUL and not _is_of_this_version(job):  # running it would only make it fail
             raise ConflictError(
                 f"Survey {survey_id} was computed by another version, and only that one can verify it. Submit it anew."
@@ -315,6 +317,8 @@ def _is_of_this_version(job: JobRow) -> bool:
 
 
 def _request_of(job: JobRow) -> SurveyRequest:
+    if not job.is_readable:
+        raise ServiceError(UNREADABLE)
     try:
         return SurveyRequest.model_validate(job.request)
     except ValidationError as error:

@@ -23,6 +23,7 @@ from rattle import ParameterError, RattleError
 from service import errors
 from service.examples import ANSWERS
 from workers import StorageError, SurveyError
+from workers.errors import DamageError
 
 MEDIA_TYPE = "application/problem+json"
 MAX_FIELD_ERRORS = 50
@@ -45,6 +46,7 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (errors.LimitError, 422),
     (ParameterError, 422),
     (StorageError, 503),
+    (DamageError, 503),
     (SurveyError, 422),
     (errors.QueueFullError, 429),
     (errors.UnavailableError, 503),

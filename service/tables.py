@@ -25,6 +25,9 @@ class State(StrEnum):
 
 
 ACTIVE = (State.ACCEPTED, State.RUNNING)
+UNREADABLE = (
+    "What this survey computes cannot be read: its row in the job database is damaged. DELETE it, and submit it anew."
+)
 IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
@@ -69,6 +72,16 @@ class JobRow(Table):
         Index("ix_jobs_active", "number", sqlite_where=text(IN_ACTIVE), postgresql_where=text(IN_ACTIVE)),
         {"sqlite_autoincrement": True},
     )
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether the request is one; damaged JSON is read as None (`service.database.engine`)."""
+        return isinstance(self.request, dict)
+
+    @property
+    def shown(self) -> tuple[State, str]:
+        """State and message for whoever asks: nothing can be done with what cannot be read."""
+        return (State(self.state), self.message) if self.is_readable else (State.FAILED, UNREADABLE)
 
     @property
     def progress(self) -> int:

@@ -1,6 +1,8 @@
 """What can go wrong with a survey, under one exception."""
 
 import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 from rattle import RattleError
 
@@ -19,6 +21,24 @@ class ClusterLostError(SurveyError):
 
 class StorageError(SurveyError):
     """The disk is full, read-only or away. The survey is whole: it goes on once the store can be written again."""
+
+
+class DamageError(SurveyError):
+    """Something of a survey that was computed cannot be read; it can be computed again."""
+
+
+@contextmanager
+def reading(what: str) -> Iterator[None]:
+    """Turn whatever file systems, object stores and codecs raise while numbers are read into DamageError."""
+    try:
+        yield
+    except (RattleError, MemoryError):
+        raise
+    except Exception as error:
+        raise DamageError(
+            f"{what} cannot be read ({str(error) or type(error).__name__}): if its store is damaged, the command that "
+            "made it, or POST /v1/surveys/ID/verify, computes again what is"
+        ) from error
 
 
 #: What may pass without anybody touching the survey itself.

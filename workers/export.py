@@ -1,13 +1,14 @@
 """A survey as a file for other programs, a band of rows at a time: however large it is, it takes little memory."""
 
 import tempfile
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
 import numpy as np
 import xarray as xr
 
+from workers.errors import reading
 from workers.schema import CELL
 
 ROWS = 32  # of the grid, where the store does not say how many its chunks have
@@ -61,9 +62,20 @@ def _without_complex(dataset: xr.Dataset) -> xr.Dataset:
     return dataset
 
 
+def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = None) -> None:
+    """Read these variables, or all: a file that is being sent cannot be taken back. Raises DamageError."""
+    rows = _rows(dataset)
+    for name in dataset.variables if names is None else names:
+        values = dataset[name]
+        height = values.sizes.get("epsilon", 1)
+        for start in range(0, height, rows):
+            with reading(f"{name} of this survey"):
+                np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
+
+
 def csv_lines(dataset: xr.Dataset) -> Iterator[str]:
     """The variables of an open survey over (epsilon, delta) alone as lines of CSV, a cell each, δ running first."""
-    names = [str(name) for name, values in dataset.data_vars.items() if values.dims == CELL]
+    names = csv_names(dataset)
     delta, epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
     rows = _rows(dataset)
     yield ",".join(["delta", "epsilon", *names]) + "\r\n"
@@ -74,6 +86,11 @@ def csv_lines(dataset: xr.Dataset) -> Iterator[str]:
         for first in range(0, columns[0].size, CELLS):
             texts = [_texts(column[first : first + CELLS]) for column in columns]
             yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
+
+
+def csv_names(dataset: xr.Dataset) -> list[str]:
+    """The variables that CSV has."""
+    return [str(name) for name, values in dataset.data_vars.items() if values.dims == CELL]
 
 
 def _texts(column: np.ndarray) -> list[str]:

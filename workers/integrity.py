@@ -70,6 +70,18 @@ class Manifest:
         """Where the chunks of a tile are, by variable."""
         return {name: key.format(row=row, column=column) for name, key in self.chunks.items()}
 
+    def tile_of(self, key: str) -> int | None:
+        """Return the index of the tile that has this chunk; None if it is no chunk of a tile."""
+        prefix, _, where = key.rpartition("/c/")
+        place = where.split("/")
+        if not prefix or not all(part.isdecimal() and len(part) < 10 for part in place) or len(place) < 2:
+            return None
+        row, column = int(place[-2]), int(place[-1])
+        if row >= self.grid[0] or column >= self.grid[1]:
+            return None
+        known = key in self.keys(row, column).values() or key == tile_key(row, column)
+        return row * self.grid[1] + column if known else None
+
 
 def checksum(key: str, content: bytes) -> bytes:
     """Return eight bytes that depend on where a file is and on what it holds."""

@@ -11,7 +11,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 
 from rattle.plot.drawing import new_figure
-from workers.errors import SurveyError
+from workers.errors import SurveyError, reading
 from workers.evaluate import FAILED
 from workers.overlay import CURVES_ON, draw_curves, draw_points
 from workers.schema import CELL
@@ -25,6 +25,7 @@ WITHOUT_VALUE = {
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
 REGION_COLOURS = ("#e8e8e8", "#f4efe3", "#bfdcec", "#8fc79a", "#f2c879", "#dd8f7d")
+FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
 
@@ -36,9 +37,12 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
         index: which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
 
     Raises:
-        SurveyError: the survey has no such map.
+        SurveyError: the survey has no such map, it cannot be read, or its axes reach too far to be drawn.
     """
     plane = plane_of(dataset, variable, index)
+    with reading(f"the map of {variable}"):
+        plane.load()
+        dataset["status"].load()
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
     draw_map(axes, dataset, plane, WITHOUT_VALUE.get(variable, "none"))
@@ -84,7 +88,13 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
 
     Args:
         nothing: what it means that a computed cell has no value.
+
+    Raises:
+        SurveyError: its axes reach too far to be drawn.
     """
+    reach = max(float(np.abs(dataset[axis].values).max()) for axis in ("delta", "epsilon"))
+    if reach > FARTHEST_DRAWN:
+        raise SurveyError(f"axes up to {reach:g} cannot be drawn, only up to {FARTHEST_DRAWN:g}: read the numbers")
     values = numbers(plane)
     layers = valueless_layers(str(plane.name), values, np.asarray(dataset["status"]), nothing)
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])

@@ -12,7 +12,7 @@ import numpy as np
 import zarr
 
 from workers.bucket import ROOT, SCHEME
-from workers.errors import SurveyError, storage_error
+from workers.errors import StorageError, SurveyError, storage_error
 from workers.integrity import (
     OWN,
     STATUS,
@@ -142,13 +142,14 @@ def write_tile(request: SurveyRequest, path: str, tile: Tile, values: Mapping[st
     """Write every variable of a tile, `status` last: a tile that was interrupted is not done.
 
     Raises:
-        SurveyError: the tile or a shape is not a chunk of the store, or the store is gone or of another survey.
+        StorageError: it cannot be written now, or the store is gone: with its disk, or by a deletion.
+        SurveyError: the tile or a shape is not a chunk of the store, or the store is of another survey.
     """
     require_aligned(request, tile)
     place = _place(path, request)
     for key, content in _encoded(request, tile, values):
         if not place.exists():  # a deleted survey would come back, in pieces
-            raise SurveyError(f"the store {path} is gone")
+            raise StorageError(f"the store {path} is gone")
         place.put(key, content)
 
 

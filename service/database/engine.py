@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from typing import Any
 
@@ -42,12 +43,25 @@ def shown(url: URL) -> str:
     return url.render_as_string(hide_password=True)
 
 
+def _json_of(text: Any) -> Any:
+    """A value of JSON; None if it is damaged, or one row would keep all others from being read."""
+    try:
+        return json.loads(text)
+    except (ValueError, TypeError, RecursionError):
+        return None
+
+
+def _text_of(stored: bytes) -> str:
+    return stored.decode("utf-8", "replace")  # for the same reason
+
+
 def _open_sqlite(url: URL, pool: dict[str, Any]) -> Engine:
-    engine = create_engine(url, **pool)
+    engine = create_engine(url, json_deserializer=_json_of, **pool)
 
     @event.listens_for(engine, "connect")
     def set_pragmas(connection: Any, record: Any) -> None:
         record.info[FILE] = _file(url)
+        connection.text_factory = _text_of
         connection.isolation_level = None  # sqlite3 shall not start transactions behind SQLAlchemy's back
         # FULL: in WAL mode, NORMAL takes back the last commits when the power fails, and a client was told of them.
         for pragma in ("synchronous=FULL", "foreign_keys=ON", f"busy_timeout={BUSY_SECONDS}000"):

@@ -62,9 +62,10 @@ def find_identical(session: Session, new: NewJob, has_results: Callable[[str], b
     same = select(JobRow).where(JobRow.content_hash == new.content_hash).order_by(JobRow.number.desc())
     some = {"yield_per": 10}
     with session.scalars(same.where(JobRow.state == State.SUCCESSFUL), execution_options=some) as successful:
-        job = next((job for job in successful if has_results(job.id)), None)
+        job = next((job for job in successful if job.is_readable and has_results(job.id)), None)
     if job is None:
-        job = session.scalars(same.where(JobRow.state.in_(ACTIVE), own).limit(1)).first()
+        active = session.scalars(same.where(JobRow.state.in_(ACTIVE), own))
+        job = next((job for job in active if job.is_readable), None)
     if job is not None and new.stored_key is not None:
         session.add(AnsweredRow(idempotency_key=new.stored_key, body_hash=new.body_hash, job=job.number))
     return job

@@ -168,6 +168,11 @@ class Surveys(Transactions):
         with self._read() as session:
             return set(session.scalars(select(TileRow.index).where(TileRow.job == _number(session, survey_id))))
 
+    def has_tile(self, survey_id: str, index: int) -> bool:
+        """Whether this tile has been noted as written."""
+        with self._read() as session:
+            return session.get(TileRow, (_number(session, survey_id), index)) is not None
+
     def tile_seconds(self, survey_id: str) -> float:
         """Seconds that the tiles of a survey took, each in its process."""
         with self._read() as session:

@@ -15,6 +15,7 @@ from service.keys import COOKIE, find_key
 
 LOGIN, LOGOUT = "/login", "/logout"
 FORM = "application/x-www-form-urlencoded"
+MOST_FIELDS = 8  # of a form that has one
 CONTENT_SECURITY = "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; frame-ancestors 'self'"
 
 PAGE = """<!doctype html>
@@ -55,7 +56,10 @@ async def login(request: Request) -> Response:
         return _form(request)
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != FORM:
         raise HTTPException(415, f"Send the form as {FORM}.")
-    fields = parse_qs((await request.body()).decode("utf-8", "replace"), max_num_fields=8)
+    try:
+        fields = parse_qs((await request.body()).decode("utf-8", "replace"), max_num_fields=MOST_FIELDS)
+    except ValueError:
+        raise HTTPException(422, "This form has one field: send key, and no more.") from None
     token = fields.get("key", [""])[0].strip()
     if await run_in_threadpool(find_key, request.app.state.front.database, token) is None:
         return _form(request, "This API key is unknown or was revoked.", 401)

@@ -25,7 +25,7 @@ from service.explorer.readout import in_words
 from service.explorer.text import Text
 from service.explorer.viewer import Viewer
 from service.explorer.zoom import Zoom, coarser
-from service.tables import JobRow, State
+from service.tables import UNREADABLE, JobRow, State
 from workers import Frame, SurveyRequest
 
 PAUSE = 1.0  # between two drawings of a survey that runs
@@ -138,6 +138,11 @@ class MapView:
             self._shared.atlas.forget(lambda survey_id: survey_id != self.view.survey)
 
     def _follow(self, job: JobRow) -> None:
+        if not job.is_readable:
+            self._job, self._plane = job, None
+            self.map.no_cells()
+            self._title.html = f"<p>{UNREADABLE}</p>"
+            return
         if self._job is None or self._job.id != job.id:
             self._offer(job)
         self._job = job

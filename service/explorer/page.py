@@ -166,14 +166,14 @@ class Page:
         view = self._map.view
         window = self._map.window
         self._opened_form().fill_window(*window, self._map.model)
-        if view.survey in self._standings:
+        if view.survey in self._standings and self._standings[view.survey].job.is_readable:
             self._opened_form().fill_sample(self._request(view.survey))
 
     def _request(self, survey_id: str) -> SurveyRequest:
         return SurveyRequest.model_validate(self._standings[survey_id].job.request)
 
     def _act(self, action: str, survey_id: str) -> None:
-        if action == "again" and survey_id in self._standings:
+        if action == "again" and survey_id in self._standings and self._standings[survey_id].job.is_readable:
             self._opened_form().fill(self._request(survey_id))
         elif action in ("cancel", "delete") and survey_id in self._standings:
             self._viewer.start(self._remove(action, survey_id))
@@ -181,7 +181,7 @@ class Page:
     async def _remove(self, action: str, survey_id: str) -> None:
         def remove() -> None:
             front = self._shared.front
-            ended = State(front.database.job(survey_id).state).final
+            ended = front.database.job(survey_id).shown[0].final
             if ended == (action == "delete"):  # cancelling what has just ended shall not delete it
                 remove_survey(front, self._viewer.require(Scope.SUBMIT), survey_id)
 
@@ -202,12 +202,36 @@ class Page:
 
 def _first(standings: Sequence[Standing]) -> str:
     """The newest survey that has something to show."""
-    shown = (each.job.id for each in standings if each.job.cells_done or each.job.state == State.SUCCESSFUL)
-    return next(shown, standings[0].job.id if standings else "")
+    readable = [each.job for each in standings if each.job.is_readable]
+    shown = (job.id for job in readable if job.cells_done or job.state == State.SUCCESSFUL)
+    return next(shown, readable[0].id if readable else "")
 
 
 def _row(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
-    job, request = standing.job, standing.job.request
+    job = standing.job
+    state, message = job.shown
+    submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
+    size, facts = _asked(job.request) if job.is_readable else ("", [])
+    chosen = job.id == view.survey and job.is_readable
+    return {
+        "id": job.id,
+        "name": job.name or f"survey {job.id[:6]}",
+        "size": size,
+        "state": str(state),
+        "progress": job.progress,
+        "message": message,
+        "failed": job.cells_failed,
+        "rate": standing.rate,
+        "left": standing.left,
+        "mine": owned,
+        "facts": [*facts, submitted],
+        "variable": view.variable if chosen else "",
+        "index": view.index if chosen else 0,
+    }
+
+
+def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
+    """The size of a survey, and what was asked."""
     delta, epsilon = request["delta"], request["epsilon"]
     facts = [
         ["δ", f"{delta['start']:g} … {delta['stop']:g}, {delta['num']} values"],
@@ -216,20 +240,5 @@ def _row(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
         *([["κ", f"{request['kappa']:g}"]] if request.get("kappa") else []),
         ["computes", ", ".join(request["quantities"])],
         ["sample", f"{request['initial_conditions']['count']} initial conditions"],
-        ["submitted", job.created[:16].replace("T", " ") + " UTC"],
     ]
-    return {
-        "id": job.id,
-        "name": job.name or f"survey {job.id[:6]}",
-        "size": f"{delta['num']} × {epsilon['num']}",
-        "state": str(job.state),
-        "progress": job.progress,
-        "message": job.message,
-        "failed": job.cells_failed,
-        "rate": standing.rate,
-        "left": standing.left,
-        "mine": owned,
-        "facts": facts,
-        "variable": view.variable if job.id == view.survey else "",
-        "index": view.index if job.id == view.survey else 0,
-    }
+    return f"{delta['num']} × {epsilon['num']}", facts

@@ -73,9 +73,10 @@ async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket,
 
 
 def _written(place: Path | Bucket) -> IO[bytes]:
-    from workers.export import write_netcdf  # xarray
+    from workers.export import require_readable, write_netcdf  # xarray
 
     with open_survey(place) as dataset:
+        require_readable(dataset)
         return write_netcdf(dataset)
 
 
@@ -86,9 +87,14 @@ def _blocks(file: IO[bytes]) -> Iterator[bytes]:
 
 
 def _lines(place: Path | Bucket) -> Iterator[str]:
-    from workers.export import csv_lines
+    from workers.export import csv_lines, csv_names, require_readable
 
     dataset = open_survey(place)  # here, so that what is wrong is answered as a problem
+    try:
+        require_readable(dataset, csv_names(dataset))
+    except BaseException:
+        dataset.close()
+        raise
 
     def lines() -> Iterator[str]:
         with dataset:

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import pathlib
 import re
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
 from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
+from service.chunks import is_owed
 from service.conditional import HOUR, NOT_MODIFIED, REVALIDATE
-from service.documents import SurveyId
+from service.documents import SurveyId, path_of
 from service.errors import MissingError
 from service.objects import object_response
 from service.problems import declared
 from service.state import FrontState
 from service.tables import State
 from workers import Bucket
+from workers.errors import DamageError
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 # What zarr calls its groups, arrays and chunks: no dot files, no parents, no empty segments.
 NAME = r"[A-Za-z0-9_][A-Za-z0-9_.\-]*"
+NOT_THERE = (401, 404)  # 401: StaticFiles' word for a file without permission
 KEY = re.compile(rf"{NAME}(/{NAME})*")
 
 
@@ -51,20 +56,38 @@ async def read(
     key: Annotated[str, Path(description="of the zarr store", examples=["zarr.json", "region/c/0/0"])],
     request: Request,
 ) -> Response:
-    """A chunk that is not computed yet has no file: 404, which zarr reads as fill values."""
+    """A chunk that is not computed yet has no file: 404, which zarr reads as fill values. One that was computed and
+    cannot be read is no fill value: 503, and POST …/verify computes it again.
+    """
     job, store = await run_in_threadpool(front.stored, survey_id)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
         raise MissingError(f"The store of survey {survey_id} has no key {key!r}.")
     unchanging = job.state == State.SUCCESSFUL
-    if isinstance(store, Bucket):
-        response = await object_response(store, key, request)
-    else:
-        files = StaticFiles(directory=store, check_dir=False)
-        response = await files.get_response(key, request.scope if unchanging else _by_tag_only(request.scope))
+    try:
+        response = await _stored(store, key, request, unchanging)
+    except (HTTPException, OSError) as error:  # a link that leads round in a circle is an OSError
+        if getattr(error, "status_code", 404) not in NOT_THERE:
+            raise
+        if not await run_in_threadpool(is_owed, front, survey_id, key):
+            raise HTTPException(404) from error
+        try:
+            response = await _stored(store, key, request, unchanging)  # it may have come meanwhile
+        except (HTTPException, OSError):
+            raise DamageError(
+                f"{key} of survey {survey_id} was computed and cannot be read now. POST {path_of(survey_id)}/verify "
+                "computes again what is damaged or lost."
+            ) from error
     if response.status_code == 200 and key.endswith("zarr.json"):
         response.headers["content-type"] = "application/json"
     response.headers["cache-control"] = HOUR if unchanging else REVALIDATE
     return response
+
+
+async def _stored(store: pathlib.Path | Bucket, key: str, request: Request, unchanging: bool) -> Response:
+    if isinstance(store, Bucket):
+        return await object_response(store, key, request)
+    files = StaticFiles(directory=store, check_dir=False)
+    return await files.get_response(key, request.scope if unchanging else _by_tag_only(request.scope))
 
 
 def _by_tag_only(scope: Scope) -> Scope:

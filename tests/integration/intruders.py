@@ -41,8 +41,14 @@ def listening(pid: int) -> dict[tuple[str, int], int]:
             assert connection.type == socket.SOCK_STREAM, connection
             if connection.status == psutil.CONN_LISTEN:
                 found[(connection.laddr.ip, connection.laddr.port)] = each.pid
-        assert not [connection for connection in each.net_connections("unix") if connection.laddr]
     return found
+
+
+def named_sockets(pid: int) -> list[str]:
+    """Sockets of a process and those that it has started which others could find in the file system."""
+    process = psutil.Process(pid)
+    every = (process, *process.children(recursive=True))
+    return [str(each.laddr) for one in every for each in one.net_connections("unix") if each.laddr]
 
 
 def refusal(port: int) -> str:

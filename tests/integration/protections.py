@@ -29,6 +29,8 @@ DIRECTORY = "tests/contracts/test_service_directory.py"
 ENDS = "tests/integration/test_service_ends.py"
 INTRUDERS = "tests/integration/test_cluster_intruders.py"
 METRICS = "tests/contracts/test_service_metrics.py"
+DAMAGE = "tests/contracts/test_service_damage.py"
+LOGIN = "tests/contracts/test_service_login.py"
 
 
 @dataclass(frozen=True)
@@ -228,8 +230,8 @@ PROTECTIONS = (
         "a service waits for its store",
         f"{STORAGE}::test_a_service_waits_for_a_full_disk",
         "service/jobs.py",
-        "        except StorageError as error:\n            if self",
-        "        except ZeroDivisionError as error:\n            if self",
+        "        except StorageError as error:\n            self",
+        "        except ZeroDivisionError as error:\n            self",
     ),
     _one(
         "every chunk has a checksum",
@@ -412,6 +414,48 @@ PROTECTIONS = (
         "service/logs.py",
         "                handler.setFormatter(ours.formatter)\n",
         "",
+    ),
+    _one(
+        "a damaged row hides no other",
+        f"{DAMAGE}::test_a_damaged_request_is_shown_as_failed_and_can_be_deleted",
+        "service/database/engine.py",
+        "    except (ValueError, TypeError, RecursionError):\n",
+        "    except ZeroDivisionError:\n",
+    ),
+    _one(
+        "a damaged row holds up no other",
+        f"{DAMAGE}::test_the_surveys_behind_a_damaged_one_run",
+        "service/database/engine.py",
+        "    except (ValueError, TypeError, RecursionError):\n",
+        "    except ZeroDivisionError:\n",
+    ),
+    _one(
+        "a lost chunk is no fill value",
+        f"{DAMAGE}::test_a_chunk_that_was_computed_and_is_lost_is_no_fill_value",
+        "service/routes/store.py",
+        "if not await run_in_threadpool(is_owed, front, survey_id, key):",
+        "if True:",
+    ),
+    _one(
+        "what cannot be read is a problem of the survey",
+        f"{DAMAGE}::test_links_in_a_circle_are_a_problem_of_the_survey",
+        "workers/errors.py",
+        "    except Exception as error:\n",
+        "    except ZeroDivisionError as error:\n",
+    ),
+    _one(
+        "what cannot be drawn is said",
+        f"{DAMAGE}::test_axes_to_the_end_of_double_precision_are_drawn_or_refused",
+        "workers/maps.py",
+        "    if reach > FARTHEST_DRAWN:\n",
+        "    if False:\n",
+    ),
+    _one(
+        "a form of many fields is refused",
+        f"{LOGIN}::test_a_form_of_many_fields_is_refused_in_words",
+        "service/explorer/login.py",
+        "    except ValueError:\n        raise HTTPException(422",
+        "    except ZeroDivisionError:\n        raise HTTPException(422",
     ),
 )
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from distributed import Client, Worker
-from intruders import CERTIFICATE_REQUIRED, anybody, intrude, listening, refusal, stranger
+from intruders import CERTIFICATE_REQUIRED, anybody, intrude, listening, named_sockets, refusal, stranger
 from service_processes import free_port, get, server
 from waiting import wait_until
 
@@ -92,4 +92,5 @@ def test_a_service_listens_for_http_and_for_its_own_certificate_only(tmp_path: P
         assert sum(pid == process.pid for pid in found.values()) == 1 + WORKERS
         assert len(found) == 1 + 2 * WORKERS
         assert {address for address, _ in found} == {"127.0.0.1"}
+        assert named_sockets(process.pid) == []
         assert {refusal(each) for _, each in found} == {CERTIFICATE_REQUIRED}
