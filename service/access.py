@@ -18,7 +18,7 @@ from rattle import RattleError
 from service import problems
 from service.errors import ForbiddenError, UnauthorizedError
 from service.explorer.login import LOGIN, LOGOUT, login_url
-from service.keys import COOKIE, Caller, find_key
+from service.keys import COOKIE, Caller, find_key, find_session
 from service.origins import is_local, is_loopback, require_own_name, require_same_origin
 from service.settings import Settings
 from service.tables import Scope as KeyScope
@@ -120,11 +120,14 @@ class AccessMiddleware:
 
     def _caller_by_key(self, scope: Scope, headers: Headers) -> Caller:
         kind, _, token = headers.get("authorization", "").partition(" ")
+        database = scope["app"].state.front.database
         if not kind and COOKIE in (cookies := cookie_parser(headers.get("cookie", ""))):
-            kind, token = "bearer", cookies[COOKIE]
+            if (caller := find_session(database, cookies[COOKIE])) is not None:
+                return caller
+            raise UnauthorizedError("This browser is signed in no longer. Sign in again, at /login.")
         if kind.lower() != "bearer":
             raise UnauthorizedError(problems.ADVICE[401])
-        key = find_key(scope["app"].state.front.database, token.strip())
+        key = find_key(database, token.strip())
         if key is None:
             raise UnauthorizedError("This API key is unknown or was revoked. `rattle key add` makes another one.")
         return Caller(key)

@@ -25,6 +25,7 @@ from service.metrics import Metrics
 from service.opening import opened
 from service.queries import refuse_unknown
 from service.recovery import recover
+from service.revocation import Revocations
 from service.routes import ROUTERS, health
 from service.settings import Settings
 from service.state import Front
@@ -104,11 +105,12 @@ def _lifespan(
                 exports=CapacityLimiter(1),
                 points=CapacityLimiter(settings.max_points),
                 kernels=Kernels(settings),
+                revocations=Revocations(database),
             )
             manager.start()
             explorer = app.state.explorer.running(app.state.front) if settings.explorer else nullcontext()
             try:
-                async with app.state.front.kernels.running(), explorer:
+                async with app.state.front.kernels.running(), app.state.front.revocations.running(), explorer:
                     yield
             finally:
                 await run_in_threadpool(manager.stop)

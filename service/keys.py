@@ -13,12 +13,15 @@ from service.tables import JobRow, KeyRow, Scope
 
 if TYPE_CHECKING:
     from service.database import Database
+    from service.database.keys import Identity
 
 SECRET_BYTES = 32
 TOKEN = re.compile(r"rattle_([0-9a-f]{16})_([A-Za-z0-9_-]{43})", re.ASCII)
 
-#: Where a browser keeps a key: it cannot send the header Authorization for a page.
-COOKIE = "rattle_key"
+#: Where a browser keeps its session: it cannot send the header Authorization for a page.
+COOKIE = "rattle_session"
+#: Where older versions kept the key itself: of no use any more, and taken away where one signs in.
+OLD_COOKIE = "rattle_key"
 
 #: What a key of this scope may do: who submits may read.
 ALLOWS = {Scope.READ: (Scope.READ,), Scope.SUBMIT: (Scope.READ, Scope.SUBMIT)}
@@ -29,6 +32,12 @@ class Caller:
     """Who sends a request: the owner of a key, or whoever reaches the service where no key is asked."""
 
     key: KeyRow | None = None
+    session: str | None = None  # the hash of a browser's, if it was that which was shown
+
+    @property
+    def identity(self) -> Identity | None:
+        """What decides whether this caller may stay; None where no key is asked."""
+        return (self.key.id, self.session) if self.key else None
 
     @property
     def owner(self) -> str | None:
@@ -62,6 +71,20 @@ def find_key(database: Database, token: str) -> KeyRow | None:
         return None
     same = hmac.compare_digest(key.hash, secret_hash) and hmac.compare_digest(key.id, parts[1])
     return key if same else None
+
+
+def begin_session(database: Database, key: KeyRow, seconds: float) -> str:
+    """Sign a browser in with a key. What is returned is what its cookie holds, and nothing else."""
+    token = secrets.token_urlsafe(SECRET_BYTES)
+    database.add_session(key.id, hash_of(token), seconds)
+    return token
+
+
+def find_session(database: Database, token: str) -> Caller | None:
+    """The caller whose browser holds this; None once it has signed out, or its time is over, or its key revoked."""
+    session = hash_of(token)
+    key = database.key_by_session(session)
+    return Caller(key, session) if key is not None else None
 
 
 def has_live_key(database: Database) -> bool:

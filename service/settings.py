@@ -26,6 +26,9 @@ class Settings(BaseSettings):
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(), description="further names of this service, after commas; for requests without a key"
     )
+    session_seconds: float = Field(
+        default=7 * 86_400, gt=0, le=10 * 365 * 86_400, description="a browser that has signed in stays so, at most"
+    )
     log_format: Literal["text", "json"] = Field(default="text", description="lines for people, or of JSON")
     scheduler: str | None = Field(default=None, description="dask scheduler; an embedded cluster if absent")
     workers: int = Field(default=2, ge=1, le=256, description="processes of the embedded cluster")

@@ -23,6 +23,7 @@ from service.errors import UnavailableError
 from service.jobs import JobManager
 from service.kernels import Kernels
 from service.metrics import Metrics
+from service.revocation import Revocations
 from service.settings import Settings
 from service.tables import JobRow
 from workers import Bucket
@@ -42,6 +43,7 @@ class Front:
     exports: CapacityLimiter
     points: CapacityLimiter
     kernels: Kernels
+    revocations: Revocations
     _interruptible: set[CancelScope] = field(default_factory=set)
 
     def stored(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from typing import Any
 
@@ -31,9 +31,9 @@ UNREADABLE = (
 IN_ACTIVE = "state IN ('accepted', 'running')"
 
 
-def now() -> str:
-    """The present instant, ISO 8601, UTC."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
+def now(later: float = 0.0) -> str:
+    """The present instant, or one so many seconds later: ISO 8601, UTC, in the order of time as text too."""
+    return (datetime.now(UTC) + timedelta(seconds=later)).isoformat(timespec="milliseconds")
 
 
 class Table(DeclarativeBase):
@@ -125,13 +125,17 @@ class EventRow(Table):
 
 
 class AnsweredRow(Table):
-    """An idempotency key that was answered with a survey that was there already: that one holds its own key itself."""
+    """An idempotency key that was answered with a survey that was there already: that one holds its own key itself.
+
+    Of each survey the latest are kept.
+    """
 
     __tablename__ = "answered"
 
     idempotency_key: Mapped[str] = mapped_column(primary_key=True)
     body_hash: Mapped[str]
     job: Mapped[int] = mapped_column(ForeignKey("jobs.number", ondelete="CASCADE"), index=True)
+    at: Mapped[str] = mapped_column(default=now)
 
 
 class Scope(StrEnum):
@@ -154,6 +158,17 @@ class KeyRow(Table):
     max_running: Mapped[int | None]
     created: Mapped[str] = mapped_column(default=now)
     revoked: Mapped[str | None]
+
+
+class SessionRow(Table):
+    """A browser that has signed in with a key, known by the hash of what its cookie holds."""
+
+    __tablename__ = "sessions"
+
+    hash: Mapped[str] = mapped_column(primary_key=True)
+    key: Mapped[str] = mapped_column(ForeignKey("keys.id", ondelete="CASCADE"), index=True)
+    created: Mapped[str] = mapped_column(default=now)
+    expires: Mapped[str]
 
 
 class ServiceRow(Table):

@@ -6,11 +6,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from service.errors import ConflictError
 from service.tables import ACTIVE, AnsweredRow, JobRow, State
+
+#: Idempotency keys of one survey that are remembered beside that which it was made with.
+MOST_ANSWERED = 100
 
 
 @dataclass(frozen=True)
@@ -68,4 +71,9 @@ def find_identical(session: Session, new: NewJob, has_results: Callable[[str], b
         job = next((job for job in active if job.is_readable), None)
     if job is not None and new.stored_key is not None:
         session.add(AnsweredRow(idempotency_key=new.stored_key, body_hash=new.body_hash, job=job.number))
+        session.flush()
+        of_it = select(AnsweredRow.idempotency_key).where(AnsweredRow.job == job.number)
+        latest = of_it.order_by(AnsweredRow.at.desc()).limit(MOST_ANSWERED)
+        forgotten = AnsweredRow.job == job.number, AnsweredRow.idempotency_key.not_in(latest)
+        session.execute(delete(AnsweredRow).where(*forgotten), execution_options={"synchronize_session": False})
     return job

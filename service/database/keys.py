@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Collection, Sequence
+from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import delete, select
+from sqlalchemy.orm import Session
+from sqlalchemy.sql import Select
 
 from service.database.transactions import Transactions
 from service.errors import UnknownKeyError
-from service.tables import KeyRow, Scope, now
+from service.tables import KeyRow, Scope, SessionRow, now
+
+#: Browsers that are signed in with one key; the oldest of more is signed out.
+MOST_SESSIONS = 64
+#: Who was let in: the id of a key, and the hash of a session, if it was a browser that showed one.
+Identity = tuple[str, str | None]
 
 
 class Keys(Transactions):
@@ -56,6 +64,7 @@ class Keys(Transactions):
             if key is None:
                 raise UnknownKeyError(key_id)
             key.revoked = key.revoked or now()
+            session.execute(delete(SessionRow).where(SessionRow.key == key_id))
         return key
 
     def key_by_hash(self, key_hash: str) -> KeyRow | None:
@@ -64,3 +73,42 @@ class Keys(Transactions):
             return session.scalars(
                 select(KeyRow).where(KeyRow.hash == key_hash, KeyRow.revoked.is_(None))
             ).one_or_none()
+
+    def add_session(self, key_id: str, session_hash: str, seconds: float) -> None:
+        """Sign a browser in for so long; what has expired is forgotten."""
+        with self._write() as (session, _):
+            session.execute(delete(SessionRow).where(SessionRow.expires <= now()))
+            older = select(SessionRow.hash).where(SessionRow.key == key_id).order_by(SessionRow.created.desc())
+            surplus = session.scalars(older.offset(MOST_SESSIONS - 1)).all()
+            session.execute(delete(SessionRow).where(SessionRow.hash.in_(surplus)))
+            session.add(SessionRow(hash=session_hash, key=key_id, expires=now(seconds)))
+
+    def key_by_session(self, session_hash: str) -> KeyRow | None:
+        """The key that a browser has signed in with, unless that has expired, or the key was revoked."""
+        with self._read() as session:
+            return session.scalars(_live_sessions(select(KeyRow)).where(SessionRow.hash == session_hash)).one_or_none()
+
+    def end_session(self, session_hash: str) -> None:
+        """Sign a browser out."""
+        with self._write() as (session, _):
+            session.execute(delete(SessionRow).where(SessionRow.hash == session_hash))
+
+    def still_in(self, identities: Collection[Identity]) -> set[Identity]:
+        """Those of them whose keys were not revoked, and whose sessions go on."""
+        keys = {key for key, _ in identities}
+        hashes = {session_hash for _, session_hash in identities if session_hash is not None}
+        with self._read() as session:
+            live: set[str | None] = set(
+                session.scalars(select(KeyRow.id).where(KeyRow.id.in_(keys), KeyRow.revoked.is_(None)))
+            )
+            on = _sessions_in(session, hashes) if hashes else set()
+        return {(key, each) for key, each in identities if key in live and (each is None or each in on)}
+
+
+def _sessions_in(session: Session, hashes: set[str]) -> set[str]:
+    return set(session.scalars(_live_sessions(select(SessionRow.hash)).where(SessionRow.hash.in_(hashes))))
+
+
+def _live_sessions(what: Select[tuple[Any]]) -> Select[tuple[Any]]:
+    joined = what.join_from(SessionRow, KeyRow, SessionRow.key == KeyRow.id)
+    return joined.where(SessionRow.expires > now(), KeyRow.revoked.is_(None))

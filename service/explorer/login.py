@@ -1,4 +1,4 @@
-"""Where keys are asked: a form that takes one and keeps it in a cookie, which a page in a browser can send."""
+"""Where keys are asked: a form that takes one and begins a session, whose cookie a page in a browser can send."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.routing import Route
 
-from service.keys import COOKIE, find_key
+from service.keys import COOKIE, OLD_COOKIE, begin_session, find_key, hash_of
 
 LOGIN, LOGOUT = "/login", "/logout"
 FORM = "application/x-www-form-urlencoded"
@@ -53,7 +53,10 @@ def _form(request: Request, problem: str = "", status: int = 200) -> Response:
 async def login(request: Request) -> Response:
     """The form, and what it sends."""
     if request.method == "GET":
-        return _form(request)
+        had = request.state.caller is None and not {COOKIE, OLD_COOKIE}.isdisjoint(request.cookies)
+        response = _form(request, "You are signed in no longer: sign in again." if had else "")
+        _forget(request, response, OLD_COOKIE)
+        return response
     if request.headers.get("content-type", "").partition(";")[0].strip().lower() != FORM:
         raise HTTPException(415, f"Send the form as {FORM}.")
     try:
@@ -61,18 +64,29 @@ async def login(request: Request) -> Response:
     except ValueError:
         raise HTTPException(422, "This form has one field: send key, and no more.") from None
     token = fields.get("key", [""])[0].strip()
-    if await run_in_threadpool(find_key, request.app.state.front.database, token) is None:
+    front = request.app.state.front
+    if (key := await run_in_threadpool(find_key, front.database, token)) is None:
         return _form(request, "This API key is unknown or was revoked.", 401)
+    session = await run_in_threadpool(begin_session, front.database, key, front.settings.session_seconds)
     response = RedirectResponse(_next(request), 303)
-    response.set_cookie(COOKIE, token, httponly=True, samesite="strict", secure=_is_https(request), path="/")
+    response.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=_is_https(request), path="/")
+    _forget(request, response, OLD_COOKIE)
     return response
 
 
 async def logout(request: Request) -> Response:
-    """Forget the key of this browser."""
+    """End the session of this browser, and of no other."""
+    if session := request.cookies.get(COOKIE):
+        await run_in_threadpool(request.app.state.front.database.end_session, hash_of(session))
     response = RedirectResponse(LOGIN, 303)
-    response.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=_is_https(request), path="/")
+    _forget(request, response, COOKIE)
+    _forget(request, response, OLD_COOKIE)
     return response
+
+
+def _forget(request: Request, response: Response, cookie: str) -> None:
+    if cookie in request.cookies:
+        response.delete_cookie(cookie, httponly=True, samesite="strict", secure=_is_https(request), path="/")
 
 
 def _is_https(request: Request) -> bool:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from service.explorer.transport import Transport
 
 TITLE = "gear rattle"
+SIGNED_OUT = "The API key was revoked, or this browser has signed out."
 LOOK_SECONDS = 0.2
 #: Nothing from elsewhere, whatever a library would like to load. Bokeh compiles the callbacks of its models.
 CONTENT_SECURITY = "; ".join(
@@ -170,5 +171,10 @@ class _Socket:
         from service.explorer.viewer import CALLER
 
         bokeh = await self._load()
-        CALLER.set(scope["state"]["caller"])
-        await bokeh.socket(scope, receive, send)
+        caller = scope["state"]["caller"]
+        CALLER.set(caller)
+        with scope["app"].state.front.revocations.ending(caller) as visit:
+            await bokeh.socket(scope, receive, send)
+        if visit.cancelled_caught:
+            with suppress(RuntimeError):  # closed from the other side meanwhile
+                await send({"type": "websocket.close", "code": 1008, "reason": SIGNED_OUT})

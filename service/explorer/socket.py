@@ -30,6 +30,7 @@ class PageSocket(WSHandler):
         self._queue: asyncio.Queue[tuple[Message[Any], asyncio.Future[int]]] = asyncio.Queue()
         self._sender: asyncio.Task[None] | None = None
         self._written = self._sent = False  # the document
+        self._dropped = False
         self._early: list[tuple[Message[Any], asyncio.Future[int]]] = []
 
     async def _async_open(self, socket: WebSocket, token: str) -> None:
@@ -49,6 +50,9 @@ class PageSocket(WSHandler):
     def send_message(self, message: Message[Any]) -> asyncio.Future[int]:
         """Enter a message; what is awaited is that it has left."""
         sent: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+        if self._dropped:
+            sent.set_result(0)
+            return sent
         if message.msgtype == CHANGE and not self._sent:
             if self._written:
                 self._early.append((message, sent))
@@ -65,6 +69,17 @@ class PageSocket(WSHandler):
             self._sender = asyncio.create_task(self._send_all())
         return sent
 
+    def drop(self) -> None:
+        """Send nothing more, whatever waits: the browser has left, or may no longer be here."""
+        self._dropped = True
+        if self._sender is not None:
+            self._sender.cancel()
+        waiting = [*self._early, *(self._queue.get_nowait() for _ in range(self._queue.qsize()))]
+        for _, sent in waiting:
+            if not sent.done():
+                sent.set_result(0)
+        self._early.clear()
+
     async def _send_all(self) -> None:
         while not self._queue.empty():
             message, sent = self._queue.get_nowait()
@@ -73,8 +88,9 @@ class PageSocket(WSHandler):
                 size = await super().send_message(message)
             except Exception as error:  # the browser has left
                 log.debug("a message to a page is lost: %s", error)
-            if not sent.done():
-                sent.set_result(size)
+            finally:
+                if not sent.done():
+                    sent.set_result(size)
 
 
 extra_socket_handlers[PageSocket] = dispatch_fastapi

@@ -55,6 +55,7 @@ class FastapiTransport:
             with suppress(RuntimeError):
                 await websocket.close(1008)
         finally:
+            handler.drop()
             # bokeh_fastapi does not notice when a browser leaves: its page would be kept for ever
             if handler.connection is not None:
                 self._bokeh.client_lost(handler.connection)

@@ -47,10 +47,11 @@ class Viewer:
             raise UnauthorizedError("Sign in to see this page.")
         if self._caller.key is None:
             return self._caller
-        key = self.front.database.key_by_hash(self._caller.key.hash)
-        if key is None or key.revoked is not None:
-            raise UnauthorizedError("Your API key was revoked. Sign in with another one.")
-        caller = Caller(key)
+        database, session = self.front.database, self._caller.session
+        key = database.key_by_hash(self._caller.key.hash) if session is None else database.key_by_session(session)
+        if key is None:
+            raise UnauthorizedError("Your API key was revoked, or you have signed out. Sign in again.")
+        caller = Caller(key, session)
         if not caller.may(scope):
             raise ForbiddenError(f"Your API key may look only: this needs one with the scope {scope}.")
         return caller

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from typing import Annotated
+from typing import Annotated, Any
 
 import anyio
 from fastapi import APIRouter, Header, Response
 from sse_starlette import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
+from starlette.types import Receive, Scope, Send
 
 from service import examples
+from service.access import CallerState
 from service.broadcast import written
 from service.documents import SurveyId
 from service.errors import UnknownSurveyError
+from service.keys import Caller
 from service.problems import declared
+from service.revocation import Revocations
 from service.state import Front, FrontState
 from service.tables import State
 
@@ -48,6 +52,7 @@ EVENT = {
 )
 async def follow(
     front: FrontState,
+    caller: CallerState,
     survey_id: SurveyId,
     last_event_id: Annotated[
         int, Header(ge=0, le=LARGEST_ID, description="id of the last event seen", examples=[0])
@@ -58,13 +63,29 @@ async def follow(
     if State(job.state).final and last_event_id >= job.last_event:
         return Response(status_code=204)
     closing = anyio.Event()
-    return EventSourceResponse(
+    return _Stream(
+        front.revocations,
+        caller,
         _events(front, survey_id, min(last_event_id, job.last_event), job.last_event, closing),
         shutdown_event=closing,
         shutdown_grace_period=GRACE_SECONDS,
         ping=front.settings.heartbeat_seconds,
         send_timeout=SEND_SECONDS,
     )
+
+
+class _Stream(EventSourceResponse):
+    """A stream that ends once its caller may no longer read it, also while it waits for a client that does not."""
+
+    def __init__(self, revocations: Revocations, caller: Caller, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._revocations, self._caller = revocations, caller
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        with self._revocations.ending(self._caller) as reading:
+            await super().__call__(scope, receive, send)
+        if reading.cancelled_caught:
+            await send({"type": "http.response.body", "body": b"", "more_body": False})
 
 
 async def _events(front: Front, survey_id: str, seen: int, last: int, closing: anyio.Event) -> AsyncIterator[bytes]:

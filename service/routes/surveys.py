@@ -62,7 +62,8 @@ def submit(
     dismissed ones are computed again from the beginning, as a new survey.
 
     The same body with the same `Idempotency-Key` again answers with the survey that it was answered with the first
-    time, `force` or not, for as long as that survey is there.
+    time, `force` or not, for as long as that survey is there. Of the keys that a survey was answered with but not made
+    with, the latest 100 are remembered.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
     response.headers["Location"] = path_of(job.id)

@@ -66,6 +66,24 @@ def test_messages_are_neither_mixed_nor_exchanged(monkeypatch: pytest.MonkeyPatc
     assert sent(monkeypatch, act) == ["document", "a", "b", "c"]
 
 
+def test_what_waits_is_not_sent_to_who_may_no_longer_be_here() -> None:
+    async def run() -> tuple[list[str], list[bool]]:
+        socket = PageSocket(SimpleNamespace(), application_context=None)
+        browser = socket._socket = Browser()
+        left = [socket.send_message(message("OK", name)) for name in "abc"]
+        left.append(socket.send_message(message(DOCUMENT, "document")))
+        while not browser.got:  # the first is on its way
+            await asyncio.sleep(0)
+        socket.drop()
+        left.append(socket.send_message(message("OK", "later")))
+        await asyncio.gather(*left)
+        return browser.got, [each.done() for each in left]
+
+    got, done = asyncio.run(run())
+    assert len(got) < 3
+    assert all(done)
+
+
 def test_a_change_is_sent_after_the_document_that_does_not_hold_it(monkeypatch: pytest.MonkeyPatch) -> None:
     def act(socket: PageSocket, create: Callable[[str, str], Any]) -> None:
         socket.send_message(create("ACK", "hello"))

@@ -11,15 +11,16 @@ from typing import Any
 
 import pytest
 from postgres import Postgres
-from sqlalchemy import text
+from sqlalchemy import select, text
 from sqlalchemy.exc import SQLAlchemyError
 from waiting import HANG, wait_until
 
 from service.database import Database, DoneTile, NewJob
 from service.database.engine import UNPOOLED, open_engine
 from service.database.hold import LOCK
+from service.database.identity import MOST_ANSWERED
 from service.errors import ConflictError, DataDirectoryError, QueueFullError, UnavailableError, UnknownSurveyError
-from service.tables import Scope, State
+from service.tables import AnsweredRow, Scope, State
 
 THREADS = 12
 HOLD = sys.modules["service.database.hold"]  # of the package, it is the function
@@ -60,6 +61,19 @@ def test_one_key_is_one_survey_for_any_number_of_threads(database: Database) -> 
     bodies = outcomes(lambda number: database.accept(new("twice", f"body {number % 2}"), 100), range(2 * THREADS))
     assert kinds(bodies) == {"JobRow": THREADS, "ConflictError": THREADS}
     assert database.jobs(10)[1] == 2
+
+
+def test_the_latest_answers_are_remembered(database: Database) -> None:
+    first = database.accept(new("first"), 100)
+    for number in range(MOST_ANSWERED + 10):
+        assert database.accept(new(f"again {number}"), 100, lambda _: True).id == first.id
+    with database._read() as session:
+        kept = set(session.scalars(select(AnsweredRow.idempotency_key)))
+    assert len(kept) == MOST_ANSWERED
+    assert f"again {MOST_ANSWERED + 9}" in kept
+    assert database.accept(new("first"), 100).id == first.id  # its own is in its row
+    with pytest.raises(ConflictError, match="another body"):
+        database.accept(new(f"again {MOST_ANSWERED + 9}", "other"), 100)
 
 
 def test_the_queue_never_holds_more_than_it_may(database: Database) -> None:

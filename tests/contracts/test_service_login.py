@@ -12,8 +12,9 @@ from starlette.websockets import WebSocketDisconnect
 from waiting import HANG
 
 from service import keys
+from service.database.keys import MOST_SESSIONS
 from service.explorer import mount
-from service.keys import COOKIE
+from service.keys import COOKIE, OLD_COOKIE
 from service.tables import Scope
 
 HOST = "127.0.0.1:8000"
@@ -122,6 +123,62 @@ def test_a_revoked_key_and_a_forgotten_one_open_nothing(client: TestClient) -> N
     sign_in(client, token_of(client))
     assert client.post("/logout", headers=OWN).headers["location"] == "/login"
     assert COOKIE not in client.cookies
+    assert_problem(client.get("/v1/surveys"), 401)
+
+
+def test_the_cookie_is_a_session_of_its_own_and_not_the_key(client: TestClient) -> None:
+    database = front_of(client).database
+    key, token = keys.add_key(database, "two browsers", Scope.SUBMIT)
+    held = []
+    for _ in range(2):
+        client.cookies.clear()
+        sign_in(client, token)
+        held.append(client.cookies[COOKIE])
+    assert len(set(held)) == 2
+    secret = token.rpartition("_")[2]
+    assert not any(secret in cookie or key.id in cookie for cookie in held)
+    files = [path for path in front_of(client).directory.path.rglob("*") if path.is_file()]
+    kept = b"".join(path.read_bytes() for path in files)
+    assert keys.hash_of(held[1]).encode() in kept
+    assert held[1].encode() not in kept
+    assert_problem(client.get("/v1/surveys", headers={"Authorization": f"Bearer {held[1]}"}), 401)
+    client.cookies.set(COOKIE, held[0])
+    client.post("/logout", headers=OWN)
+    statuses = [client.get("/v1/surveys", headers={"Cookie": f"{COOKIE}={cookie}"}).status_code for cookie in held]
+    assert statuses == [401, 200]  # somebody who has copied the first one too
+    assert client.get("/v1/surveys", headers={"Authorization": f"Bearer {token}"}).status_code == 200
+
+
+def test_a_session_ends_with_its_time_and_with_its_key(tmp_path: Path, database_url: str) -> None:
+    with front_end(tmp_path, require_keys=True, database_url=database_url, session_seconds=1e6) as client:
+        client.follow_redirects = False
+        database = front_of(client).database
+        key, token = keys.add_key(database, "short", Scope.READ)
+        old = keys.begin_session(database, key, -1)
+        assert keys.find_session(database, old) is None
+        sessions = [keys.begin_session(database, key, 1e6) for _ in range(MOST_SESSIONS + 1)]
+        live = [keys.find_session(database, each) is not None for each in sessions]
+        assert live == [False] + [True] * MOST_SESSIONS
+        other = keys.begin_session(database, keys.add_key(database, "other", Scope.READ)[0], 1e6)
+        sign_in(client, token)
+        assert client.get("/v1/surveys").status_code == 200
+        database.revoke_key(key.id)
+        assert_problem(client.get("/v1/surveys"), 401, "Sign in again")
+        assert not any(keys.find_session(database, each) for each in sessions)
+        assert keys.find_session(database, other) is not None
+
+
+def test_a_cookie_that_holds_a_key_is_politely_refused(client: TestClient) -> None:
+    token = token_of(client)
+    client.cookies.set(OLD_COOKIE, token)
+    assert_problem(client.get("/v1/surveys"), 401)
+    sent = client.get("/")
+    assert (sent.status_code, sent.headers["location"]) == (303, "/login")
+    form = client.get("/login")
+    assert form.status_code == 200
+    assert "sign in again" in form.text
+    assert f'{OLD_COOKIE}=""' in form.headers["set-cookie"]  # it holds a key, which nobody needs any more
+    client.cookies.set(COOKIE, token)  # nor is it one in the place of a session
     assert_problem(client.get("/v1/surveys"), 401)
 
 

@@ -31,6 +31,7 @@ INTRUDERS = "tests/integration/test_cluster_intruders.py"
 METRICS = "tests/contracts/test_service_metrics.py"
 DAMAGE = "tests/contracts/test_service_damage.py"
 LOGIN = "tests/contracts/test_service_login.py"
+REVOCATION = "tests/contracts/test_service_revocation.py"
 
 
 @dataclass(frozen=True)
@@ -456,6 +457,55 @@ PROTECTIONS = (
         "service/explorer/login.py",
         "    except ValueError:\n        raise HTTPException(422",
         "    except ZeroDivisionError:\n        raise HTTPException(422",
+    ),
+    _one(
+        "a revoked key's streams end",
+        f"{REVOCATION}::test_streams_end_when_their_key_is_revoked_and_others_go_on",
+        "service/revocation.py",
+        "                    scope.cancel()\n",
+        "                    pass\n",
+    ),
+    _one(
+        "a revoked key's pages end",
+        f"{REVOCATION}::test_the_websocket_of_a_page_ends_too",
+        "service/explorer/mount.py",
+        '        with scope["app"].state.front.revocations.ending(caller) as visit:\n',
+        '        with scope["app"].state.front.revocations.ending(None) as visit:\n',
+    ),
+    _one(
+        "one question is for all that is open",
+        f"{REVOCATION}::test_one_question_is_for_all_of_them_and_none_for_none",
+        "service/revocation.py",
+        "            if not self._open:\n",
+        "            if False:\n",
+    ),
+    _one(
+        "what waits is not sent to who may no longer be here",
+        "tests/contracts/test_explorer_socket.py::test_what_waits_is_not_sent_to_who_may_no_longer_be_here",
+        "service/explorer/socket.py",
+        "            self._sender.cancel()\n",
+        "            pass\n",
+    ),
+    _one(
+        "a session ends by signing out",
+        f"{LOGIN}::test_the_cookie_is_a_session_of_its_own_and_not_the_key",
+        "service/explorer/login.py",
+        "await run_in_threadpool(request.app.state.front.database.end_session, hash_of(session))",
+        "pass",
+    ),
+    _one(
+        "a session ends with its time and its key",
+        f"{LOGIN}::test_a_session_ends_with_its_time_and_with_its_key",
+        "service/database/keys.py",
+        "    return joined.where(SessionRow.expires > now(), KeyRow.revoked.is_(None))\n",
+        "    return joined.where(KeyRow.revoked.is_(None))\n",
+    ),
+    _one(
+        "answered idempotency keys are bounded",
+        "tests/contracts/test_service_database.py::test_the_latest_answers_are_remembered",
+        "service/database/identity.py",
+        "        session.execute(delete(AnsweredRow).where(*forgotten)",
+        "        str(delete(AnsweredRow).where(*forgotten)",
     ),
 )
 

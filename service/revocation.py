@@ -1,0 +1,72 @@
+"""What is open for long ends soon after its key was revoked or its browser signed out: one question for them all."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager, suppress
+from typing import TYPE_CHECKING
+
+from anyio import CancelScope
+from sqlalchemy.exc import SQLAlchemyError
+from starlette.concurrency import run_in_threadpool
+
+if TYPE_CHECKING:
+    from service.database import Database
+    from service.database.keys import Identity
+    from service.keys import Caller
+
+#: Between two looks, while anything is open. Whatever process revokes a key writes it to the same database.
+LOOK_SECONDS = 0.5
+
+log = logging.getLogger(__name__)
+
+
+class Revocations:
+    """Streams and websockets that are open, each with who opened it. Belongs to one event loop."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._open: dict[CancelScope, Identity] = {}
+        self._some = asyncio.Event()
+
+    @contextmanager
+    def ending(self, caller: Caller | None) -> Iterator[CancelScope]:
+        """Cancel the block once its caller may no longer be here."""
+        with CancelScope() as scope:
+            if caller is not None and (identity := caller.identity) is not None:
+                self._open[scope] = identity
+                self._some.set()
+            try:
+                yield scope
+            finally:
+                self._open.pop(scope, None)
+
+    @asynccontextmanager
+    async def running(self) -> AsyncIterator[None]:
+        """Look, for as long as the application runs."""
+        looking = asyncio.create_task(self._look())
+        try:
+            yield
+        finally:
+            looking.cancel()
+            with suppress(asyncio.CancelledError):
+                await looking
+
+    async def _look(self) -> None:
+        while True:
+            await self._some.wait()
+            await asyncio.sleep(LOOK_SECONDS)
+            if not self._open:
+                self._some.clear()
+                continue
+            asked = dict(self._open)
+            try:
+                still = await run_in_threadpool(self._database.still_in, set(asked.values()))
+            except SQLAlchemyError as error:
+                log.warning("whether keys were revoked cannot be read: %s", error)
+                continue
+            for scope, identity in asked.items():
+                if identity not in still:
+                    scope.cancel()
