@@ -74,14 +74,14 @@ def test_a_server_that_is_slow_and_fails_in_five_of_a_hundred_requests(s3: S3, e
     url = f"s3://{BUCKET}/trouble/survey.zarr"
     s3.trouble(20)
     try:
-        ended = finish(*RUN, "--out", url, settings=s3.settings)
+        ended = finish("run", *OPTIONS, "--quantity", "region", "--out", url, settings=s3.settings)
         assert ended.returncode == 0, ended.stderr
         assert finish("verify", url, settings=s3.settings).returncode == 0
     finally:
         refused = s3.trouble(0)
     assert refused > 10
     with open_survey(url) as dataset:
-        assert_bit_identical(dataset, expected)
+        np.testing.assert_array_equal(dataset["region"], expected["region"])
 
 
 def test_service_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_path: Path) -> None:
