@@ -82,6 +82,7 @@ class AccessMiddleware:
             headers, method = Headers(scope=scope), scope.get("method", "GET")
             if method not in SAFE_METHODS or scope["type"] == "websocket":
                 require_same_origin(headers)
+                _require_plain(headers)
             scope.setdefault("state", {})["caller"] = await self._caller(scope, headers, method)
         except (RattleError, SQLAlchemyError, HTTPException) as error:
             if scope["type"] == "websocket":
@@ -145,6 +146,14 @@ class AccessMiddleware:
             raise HTTPException(400, problems.ADVICE[400], {"Connection": "close"})
         if not scope["path"].isprintable():  # the router would overlook a line break at the end
             raise HTTPException(404, problems.ADVICE[404])
+
+
+def _require_plain(headers: Headers) -> None:
+    """Raise HTTPException for a body that is compressed, which would be taken for what it is not."""
+    coding = ", ".join(headers.getlist("content-encoding")).strip()
+    if coding.lower() not in ("", "identity"):
+        what = "Send the body as it is, without Content-Encoding: nothing that this service takes is large."
+        raise HTTPException(415, what, {"Accept-Encoding": "identity"})
 
 
 def _with_headers(send: Send) -> Send:

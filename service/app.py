@@ -16,6 +16,9 @@ import workers
 from service import problems
 from service.access import AccessMiddleware, caller_of
 from service.broadcast import Broadcast
+from service.bucketdir import open_directory
+from service.conditional import AnyTagMiddleware
+from service.database import Database
 from service.explorer.mount import Explorer
 from service.head import HeadMiddleware
 from service.jobs import JobManager
@@ -59,6 +62,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
     )
+    app.add_middleware(AnyTagMiddleware)
     app.add_middleware(HeadMiddleware)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
     app.add_middleware(problems.ProblemMiddleware)

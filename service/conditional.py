@@ -12,7 +12,9 @@ from typing import Any
 
 from fastapi import Request, Response
 from pydantic import BaseModel
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from workers.version import code_version
 
@@ -25,6 +27,39 @@ HOUR = "max-age=3600"
 NOT_MODIFIED: dict[int | str, dict[str, Any]] = {
     304: {"description": "what the client has, by If-None-Match, is still the answer"}
 }
+
+
+#: What a 304 carries of the answer that it stands for.
+OF_UNCHANGED = frozenset({"etag", "cache-control", "last-modified", "expires", "vary", "content-location", "date"})
+
+
+class AnyTagMiddleware:
+    """Answers `If-None-Match: *` with 304 wherever the answer would carry a tag: only then is it known to be one."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http" or Headers(scope=scope).get("if-none-match", "").strip() != "*":
+            await self.app(scope, receive, send)
+            return
+        known = False
+
+        async def send_unless_known(message: Message) -> None:
+            nonlocal known
+            if known:
+                return
+            if message["type"] == "http.response.start" and message["status"] in (200, 206):
+                headers = MutableHeaders(raw=list(message["headers"]))
+                if known := "etag" in headers:
+                    for name in set(headers) - OF_UNCHANGED:
+                        del headers[name]
+                    await send({**message, "status": 304, "headers": headers.raw})
+                    await send({"type": "http.response.body", "body": b""})
+                    return
+            await send(message)
+
+        await self.app(scope, receive, send_unless_known)
 
 
 def json_answer(request: Request, document: BaseModel, modified: str | None = None) -> Response:

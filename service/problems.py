@@ -30,7 +30,7 @@ MAX_FIELD_ERRORS = 50
 RETRY_AFTER = {"Retry-After": "5"}
 HEADERS_OF = {401: {"WWW-Authenticate": 'Bearer realm="gear rattle"'}, 429: RETRY_AFTER, 503: RETRY_AFTER}
 #: What any request may be answered with, before or whatever its route.
-ANYWHERE = (400, 403, 408, 413, 414, 431, 500, 503)
+ANYWHERE = (400, 403, 408, 413, 414, 415, 431, 500, 503)
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 
 log = logging.getLogger(__name__)

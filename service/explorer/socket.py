@@ -69,6 +69,12 @@ class PageSocket(WSHandler):
             self._sender = asyncio.create_task(self._send_all())
         return sent
 
+    def on_close(self, code: int, reason: str) -> None:  # noqa: ARG002 - bokeh_fastapi's words
+        """The browser has left: said once. Its page is let go of when the message at work has been handled."""
+        if not self._dropped:
+            log.info("a browser has left its page (%s) while it was being written to", code)
+        self._dropped = True
+
     def drop(self) -> None:
         """Send nothing more, whatever waits: the browser has left, or may no longer be here."""
         self._dropped = True

@@ -9,6 +9,7 @@ from typing import IO
 import anyio
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import StreamingResponse
+from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 
 from service.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
@@ -43,7 +44,12 @@ async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Re
         file = await anyio.to_thread.run_sync(_written, place, limiter=front.exports, abandon_on_cancel=True)
     size = await run_in_threadpool(file.seek, 0, 2)
     file.seek(0)
-    return StreamingResponse(_blocks(file), media_type=NETCDF, headers=headers | {"Content-Length": str(size)})
+    return StreamingResponse(
+        _blocks(file),
+        media_type=NETCDF,
+        headers=headers | {"Content-Length": str(size)},
+        background=BackgroundTask(file.close),  # of HEAD no block is asked for
+    )
 
 
 @router.get(

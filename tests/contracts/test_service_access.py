@@ -126,6 +126,18 @@ def test_a_body_without_a_key_is_not_even_read(client: TestClient) -> None:
     assert_problem(client.post("/v1/surveys", content=b"{", headers=key(client) | {"Content-Type": "text/x"}), 415)
 
 
+@pytest.mark.parametrize("coding", ["br", "gzip", "GZIP", "identity, br", "nonsense", "deflate"])
+def test_a_compressed_body_is_refused_in_words(client: TestClient, coding: str) -> None:
+    headers = key(client) | {"Content-Encoding": coding}
+    for method, path in (("POST", "/v1/surveys"), ("POST", "/v1/surveys/x/verify"), ("POST", "/login")):
+        refused = client.request(method, path, json=BODY, headers=headers)
+        assert_problem(refused, 415, "Content-Encoding")
+        assert refused.headers["accept-encoding"] == "identity"
+    assert client.get("/v1/surveys", headers=headers).status_code == 200
+    plain = client.post("/v1/surveys", json=BODY, headers=headers | {"Content-Encoding": "Identity"})
+    assert plain.status_code == 202
+
+
 def test_a_revoked_key_is_refused_at_once(client: TestClient) -> None:
     headers = key(client)
     submit(client, headers)

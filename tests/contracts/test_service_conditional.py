@@ -161,6 +161,27 @@ def test_a_point_is_not_computed_for_who_has_it(client: TestClient, monkeypatch:
     conditional._answer_version.cache_clear()
 
 
+def test_any_tag_is_that_of_whatever_is_there(client: TestClient, running: str) -> None:
+    names = ("", "/map.png", "/download.nc", "/download.csv", "/store/zarr.json", "/store/status/c/0/0")
+    urls = [*(f"{running}{name}" for name in names), "/v1/surveys", POINT]
+    urls.append("/v1/basins.png?delta=0.6&epsilon=0.1&resolution=10")
+    for url in urls:
+        whole = client.get(url)
+        for answer in (
+            client.get(url, headers={"If-None-Match": "*"}),
+            client.head(url, headers={"If-None-Match": " * "}),
+            client.get(url, headers={"If-None-Match": "*", "Range": "bytes=0-3"}),
+        ):
+            assert (answer.status_code, answer.content) == (304, b""), url
+            assert {name: answer.headers.get(name) for name in ("etag", "cache-control")} == {
+                name: whole.headers[name] for name in ("etag", "cache-control")
+            }
+            assert "content-type" not in answer.headers
+    refused = {f"{running}/map.png?variable=x": 422, "/v1/orbits?delta=-1&epsilon=0.1": 422, "/v1/surveys/x": 404}
+    for url, status in (refused | {f"{running}/store/x": 404, "/v1/health": 200}).items():
+        assert client.get(url, headers={"If-None-Match": "*"}).status_code == status, url
+
+
 def test_refusals_carry_no_tag(client: TestClient) -> None:
     for url in ("/v1/orbits?delta=-1&epsilon=0.1", "/v1/surveys/x", "/v1/attractors?delta=1&epsilon=1&count=999999"):
         refused = client.get(url)

@@ -1,5 +1,7 @@
 """A page of the explorer and its websocket: who opens it, and what is left when it is closed."""
 
+import logging
+import threading
 from pathlib import Path
 from re import findall
 from typing import Any
@@ -7,7 +9,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from service_support import front_end
-from starlette.websockets import WebSocketDisconnect
+from starlette.websockets import WebSocket, WebSocketDisconnect
 from waiting import HANG
 
 from service.explorer import mount
@@ -43,6 +45,44 @@ def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path
         ):
             socket.receive_text()
         assert [page.connection_count for page in open_pages(client)] == [0]
+
+
+def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO, "service.explorer.socket")
+    records: list[logging.LogRecord] = []
+    handler = logging.Handler()
+    handler.emit = records.append  # type: ignore[method-assign]
+    loggers = [logging.getLogger(name) for name in ("bokeh", "bokeh_fastapi", "service.explorer.socket", "panel")]
+    for logger in loggers:
+        logger.addHandler(handler)
+    gone, failed = threading.Event(), threading.Semaphore(0)
+    send_text = WebSocket.send_text
+
+    async def send(socket: WebSocket, text: str) -> None:
+        if gone.is_set():
+            failed.release()
+            raise WebSocketDisconnect(1006)
+        await send_text(socket, text)
+
+    monkeypatch.setattr(WebSocket, "send_text", send)
+    with front_end(tmp_path) as client:
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
+            assert "ACK" in socket.receive_text()
+            gone.set()
+            for number in range(3):
+                for part in ({"msgid": str(number), "msgtype": "PULL-DOC-REQ"}, {}, {}):
+                    socket.send_json(part)
+                if number == 0:
+                    assert failed.acquire(timeout=HANG)
+        assert [page.connection_count for page in open_pages(client)] == [0]
+    for logger in loggers:
+        logger.removeHandler(handler)
+    said = [record.getMessage() for record in records if record.levelno >= logging.INFO]
+    assert not any(record.exc_info for record in records), said
+    assert sum("has left" in text for text in said) == 1
 
 
 def open_pages(client: TestClient) -> list[Any]:
