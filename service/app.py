@@ -16,9 +16,7 @@ import workers
 from service import problems
 from service.access import AccessMiddleware, caller_of
 from service.broadcast import Broadcast
-from service.bucketdir import open_directory
 from service.conditional import AnyTagMiddleware
-from service.database import Database
 from service.explorer.mount import Explorer
 from service.head import HeadMiddleware
 from service.jobs import JobManager
