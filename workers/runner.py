@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterable
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from uuid import uuid4
 
-from distributed import Client, KilledWorker, get_worker
+from distributed import Client, Future, KilledWorker, get_worker
 
 from workers.cluster import end_tasks
 from workers.errors import ClusterLostError, StoppedError, SurveyError
@@ -50,10 +51,13 @@ def template_on(
     """
     key = f"template-{uuid4().hex}"
     future = client.submit(template_of, request, created, key=key, pure=False)
+    ended: SimpleQueue[Future] = SimpleQueue()
+    future.add_done_callback(ended.put)
     try:
         while not should_stop():
-            with suppress(TimeoutError):
-                template: Template = future.result(timeout=POLL_SECONDS)
+            with suppress(Empty):  # not TimeoutError of `result`: dask forgets it sometimes, on Python 3.12
+                ended.get(timeout=POLL_SECONDS)
+                template: Template = future.result()
                 return template
         end_tasks(client, [future])
         raise StoppedError("stopped while the survey was prepared")
