@@ -248,7 +248,7 @@ def test_a_cell_that_never_ends_is_the_only_one_lost(
     looks: list[float] = []
 
     def should_stop() -> bool:
-        if faults.notes("endless"):  # for one look; whatever else is taken apart then has the same values
+        if len(records) == N_TILES - 1:  # alone, and for one look: two ends at once count as two deaths of a third
             looks.append(HANG if looks else 0.0)
             monkeypatch.setattr(workers.submission, "TILE_SECONDS", looks[-1])
         return False
