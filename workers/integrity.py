@@ -8,6 +8,7 @@ own checksum knows no position. Any zarr reader reads all that as numbers and te
 import errno
 import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -141,14 +142,10 @@ def manifest_of(place: Place) -> Manifest | None:
     return None
 
 
-def examine(where: str | Path | Place, should_stop: Callable[[], bool] | None = None) -> Integrity:
+def examine(where: str | Path | Place) -> Integrity:
     """Read every file of a survey's store.
 
-    Args:
-        should_stop: asked at each tile.
-
     Raises:
-        StoppedError: because `should_stop` said so.
         SurveyError: there is no survey, or too much of it is damaged to know which it was.
         StorageError: the object store fails.
     """
@@ -159,6 +156,22 @@ def examine(where: str | Path | Place, should_stop: Callable[[], bool] | None = 
             f"{place} holds no survey that can be read: name the store of a survey of this version, or take its"
             f" {ROOT} and {OWN} from a copy"
         )
+    done, damaged = examine_tiles(place, manifest)
+    return Integrity(frozenset(done), damaged, damaged_template(place, manifest), math.prod(manifest.grid))
+
+
+def examine_tiles(
+    place: Place, manifest: Manifest, should_stop: Callable[[], bool] | None = None
+) -> tuple[set[int], dict[int, tuple[str, ...]]]:
+    """Return which tiles are computed and whole, and which are damaged, with the variables.
+
+    Args:
+        should_stop: asked at each tile.
+
+    Raises:
+        StoppedError: because `should_stop` said so.
+        SurveyError, StorageError: as `examine`.
+    """
     rows, columns = manifest.grid
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(READERS) as readers:
@@ -166,13 +179,13 @@ def examine(where: str | Path | Place, should_stop: Callable[[], bool] | None = 
             found = readers.map(lambda column, row=row: _damage(place, manifest, row, column), range(columns))
             for column, lost in enumerate(found):
                 if should_stop and should_stop():
+                    readers.shutdown(cancel_futures=True)  # the rest of a long row is not waited for
                     raise StoppedError(f"stopped while {place} was read")
                 if lost:
                     damaged[row * columns + column] = lost
                 elif lost is not None:
                     done.add(row * columns + column)
-        template = damaged_template(place, manifest)
-    return Integrity(frozenset(done), damaged, template, rows * columns)
+    return done, damaged
 
 
 def _damage(place: Place, manifest: Manifest, row: int, column: int) -> tuple[str, ...] | None:
@@ -217,11 +230,11 @@ def _checksums_in(stored: bytes, key: str, count: int) -> list[bytes] | None:
 def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
     """Return the files of a survey that are lost or damaged, but for what tiles write."""
     lost = [key for key in SEALED if read_sealed(place, key) is None]
-    lost += [
-        key
-        for key, known in manifest.files.items()
-        if (content := read(place, key)) is None or checksum(key, content).hex() != known
-    ]
+    with ThreadPoolExecutor(READERS) as readers:
+        contents = readers.map(lambda key: read(place, key), manifest.files)
+        for (key, known), content in zip(manifest.files.items(), contents, strict=True):
+            if content is None or checksum(key, content).hex() != known:
+                lost.append(key)
     return tuple(lost)
 
 

@@ -51,12 +51,20 @@ class Directory:
 
     def build(self, template: Mapping[str, bytes]) -> None:
         """Create the store: beside its place, and renamed."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        sibling = self.path.with_name(f".{self.path.name}.{uuid4().hex}")
         try:
-            with self._beside(template) as sibling:
-                os.rename(sibling, self.path)
+            for directory in {(sibling / key).parent for key in template}:
+                directory.mkdir(parents=True, exist_ok=True)
+            for key, content in template.items():
+                (sibling / key).write_bytes(content)
+            (sibling / LOCK).touch()
+            os.rename(sibling, self.path)
         except OSError:
             if not self.occupied():  # otherwise another run was first, and its store is judged like any other
                 raise
+        finally:
+            shutil.rmtree(sibling, ignore_errors=True)
 
     def put(self, key: str, content: bytes) -> None:
         """Write a file, or replace it at once. Raises OSError."""
@@ -69,20 +77,6 @@ class Directory:
         except OSError:
             partial.unlink(missing_ok=True)
             raise
-
-    @contextmanager
-    def _beside(self, files: Mapping[str, bytes]) -> Iterator[Path]:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        sibling = self.path.with_name(f".{self.path.name}.{uuid4().hex}")
-        try:
-            for directory in {(sibling / key).parent for key in files}:
-                directory.mkdir(parents=True, exist_ok=True)
-            for key, content in files.items():
-                (sibling / key).write_bytes(content)
-            (sibling / LOCK).touch()
-            yield sibling
-        finally:
-            shutil.rmtree(sibling, ignore_errors=True)
 
     @contextmanager
     def writing(self) -> Iterator[None]:

@@ -198,10 +198,15 @@ class SurveyRequest(_Strict):
         return self.epsilon.num * self.delta.num
 
     @property
+    def tile_grid(self) -> tuple[int, int]:
+        """Tiles along (epsilon, delta)."""
+        rows, columns = (-(-num // size) for num, size in zip(self.shape, self.tile_shape, strict=True))
+        return rows, columns
+
+    @property
     def n_tiles(self) -> int:
         """Tiles that cover the grid."""
-        rows, columns = (-(-num // size) for num, size in zip(self.shape, self.tile_shape, strict=True))
-        return rows * columns
+        return math.prod(self.tile_grid)
 
     def content_hash(self) -> str:
         """Return the hex SHA-256 of everything that decides the bytes of the store, code version included.

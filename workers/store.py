@@ -20,7 +20,7 @@ from workers.integrity import (
     Manifest,
     checksums_of,
     damaged_template,
-    examine,
+    examine_tiles,
     manifest_of,
     read,
     read_sealed,
@@ -29,7 +29,7 @@ from workers.integrity import (
 )
 from workers.location import Place, place_of
 from workers.request import SurveyRequest
-from workers.template import Template, blank, now, per_cell, template_of
+from workers.template import Template, blank, now, template_of
 from workers.tiles import Tile
 from workers.version import code_version
 
@@ -71,17 +71,17 @@ def _template_whole(request: SurveyRequest, place: Place, manifest: Manifest) ->
     if damaged_template(place, manifest):
         return False
     described = (read_sealed(place, ROOT) or {})["consolidated_metadata"]["metadata"]
-    return all(described.get(name) == metadata for name, metadata in per_cell(request).items())
+    kept, arrays, _ = _blank(request)
+    return all(described.get(name) == json.loads(kept[f"{name}/{ROOT}"].to_bytes()) for name in arrays)
 
 
 def _mend(place: Place, template: Template) -> None:
     """Write the template over what is there, the root last."""
-    root = json.loads(template[ROOT])
-    if completed := ((read_sealed(place, ROOT) or {}).get("attributes", {})).get(COMPLETED):
-        root["attributes"][COMPLETED] = completed
-    for key, content in (template | {ROOT: sealed(root)}).items():
-        if key != ROOT:
-            place.put(key, content)
+    root, before = json.loads(template[ROOT]), read_sealed(place, ROOT)
+    if before is not None and COMPLETED in before["attributes"]:
+        root["attributes"][COMPLETED] = before["attributes"][COMPLETED]
+    for key in template.keys() - {ROOT}:
+        place.put(key, template[key])
     place.put(ROOT, sealed(root))
 
 
@@ -126,8 +126,7 @@ def tiles_done(
         StoppedError: because `should_stop` said so.
     """
     place = place_of(where)
-    _require_same(request, place)
-    return set(examine(place, should_stop).done)
+    return examine_tiles(place, _require_same(request, place), should_stop)[0]
 
 
 def require_aligned(request: SurveyRequest, tile: Tile) -> None:

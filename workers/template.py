@@ -47,13 +47,13 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
     for quantity in quantities:
         _create(root, request, quantity)
     _write_curves(root, request)
-    chunks = _create_checksums(root, request, quantities)
+    _, chunks = _create_checksums(root, request, quantities)
     template = _contents(kept)
     attributes = {
         "long_name": "checksums of every file (workers/integrity.py)",
         "content_hash": request.content_hash(),
         "date_created": created,
-        "grid": [-(-n // size) for n, size in zip(request.shape, request.tile_shape, strict=True)],
+        "grid": request.tile_grid,
         "chunks": chunks,
         "files": files_of(template),
     }
@@ -69,41 +69,34 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
     What a store on a disk says of itself has no part in what is written to it.
     """
     kept: dict[str, Buffer] = {}
-    with zarr.config.set({"array.write_empty_chunks": True}):  # see WHOLE
-        root = zarr.create_group(MemoryStore(kept), zarr_format=3)
-        quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
-        for quantity in quantities:
-            _create(root, request, quantity)
-        chunks = _create_checksums(root, request, quantities)
-        arrays: dict[str, Any] = {name: root[name] for name in (*chunks, TILES)}
-    return kept, arrays, chunks
+    root = zarr.create_group(MemoryStore(kept), zarr_format=3)
+    quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
+    arrays = {quantity.name: _create_per_cell(root, request, quantity) for quantity in quantities}
+    sums, chunks = _create_checksums(root, request, quantities)
+    return kept, arrays | {TILES: sums}, chunks
 
 
-def per_cell(request: SurveyRequest) -> dict[str, dict[str, Any]]:
-    """Return the metadata of what tiles write to, by name, as in `template_of`."""
-    kept, _, chunks = blank(request)
-    return {name: json.loads(kept[f"{name}/{ROOT}"].to_bytes()) for name in (*chunks, TILES)}
-
-
-def _create_checksums(root: zarr.Group, request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str, str]:
-    """Create the group of checksums. Returns the key of each variable's chunks, with {row} and {column}."""
+def _create_checksums(
+    root: zarr.Group, request: SurveyRequest, quantities: Iterable[Quantity]
+) -> tuple[zarr.Array, dict[str, str]]:
+    """Create the group of checksums. Returns its array, and each variable's key of chunks, with {row} and {column}."""
     chunks = {
         quantity.name: "/".join([quantity.name, "c", *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
         for quantity in quantities
         if quantity.per_cell
     }
-    rows, columns = (-(-n // size) for n, size in zip(request.shape, request.tile_shape, strict=True))
-    root.create_group(GROUP).create_array(
+    sums = root.create_group(GROUP).create_array(
         TILES.rpartition("/")[2],
-        shape=(len(chunks) + 1, rows, columns),
+        shape=(len(chunks) + 1, *request.tile_grid),
         chunks=(len(chunks) + 1, 1, 1),
         dtype="uint64",
         fill_value=0,
         compressors=(Crc32cCodec(),),
+        config=WHOLE,
         dimension_names=("checksum", "tile_epsilon", "tile_delta"),
         attributes={"long_name": "checksums of the chunks of a tile, by variable, and one of these"},
     )
-    return chunks
+    return sums, chunks
 
 
 def _contents(kept: Mapping[str, Buffer]) -> Template:
@@ -160,17 +153,22 @@ def coordinate_values(values: tuple[int, ...] | tuple[str, ...]) -> np.ndarray:
 
 
 def _create(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> None:
-    if not quantity.per_cell:
+    if quantity.per_cell:
+        _create_per_cell(root, request, quantity)
+    else:
         values = np.asarray(quantity.evaluate(cells_of(request))).astype(quantity.dtype)
         _write(root, quantity.name, quantity.dims, values, quantity.attributes)
-        return
-    root.create_array(
+
+
+def _create_per_cell(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> zarr.Array:
+    return root.create_array(
         quantity.name,
         shape=shape_of(quantity, request.shape),
         chunks=shape_of(quantity, request.tile_shape),
         dtype=quantity.dtype,
         fill_value=quantity.fill,
         compressors=CODECS,
+        config=WHOLE,
         dimension_names=quantity.dims,
         attributes=quantity.attributes,
     )

@@ -76,7 +76,7 @@ class Plane:
 
     def _bands(self, fresh: set[int]) -> Iterator[list[int]]:
         """These tiles, and where most of some rows of tiles are among them the rows: fewer and larger readings."""
-        across = -(-self.delta.size // self.request.tile_shape[1])
+        _, across = self.request.tile_grid
         together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
         for start in range(0, len(self._tiles), together):
             indices = list(range(start, min(start + together, len(self._tiles))))
