@@ -119,7 +119,7 @@ def _run(
             submission.submit(waiting.popleft())
         if room and not waiting:
             submission.repeat_late_tiles()
-        submission.set_endless_tiles_apart()
+        submission.set_endless_tile_apart()
         if record := submission.next_record(POLL_SECONDS):
             on_tile(record)
     if submission.in_flight and unwanted():

@@ -20,6 +20,8 @@ from workers.tiles import Tile, TileRecord, described, tile_error
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
 #: A tile may take so long on a worker; a usual one takes seconds.
 TILE_SECONDS = 900.0
+#: Between two tiles that are ended so: a process starts again meanwhile.
+RESTART_SECONDS = 60.0
 #: A cluster may be without workers for so long: they are being restarted.
 WORKERLESS_SECONDS = 60.0
 
@@ -44,6 +46,7 @@ class Submission:
         self._ended: SimpleQueue[Future] = SimpleQueue()
         self._attempts = 0
         self._longest = 0.0
+        self._next_end = 0.0
         self._workers_seen = time.monotonic()
         self.in_flight: dict[Key, Attempt] = {}
 
@@ -83,14 +86,18 @@ class Submission:
             for attempt, address in zip(late, idle, strict=False):
                 self.submit(attempt.tile, attempt.apart, workers=[address])
 
-    def set_endless_tiles_apart(self) -> None:
-        """End the processes of tiles that have taken too long: apart, each of their cells has a limit of its own."""
-        endless_since = time.monotonic() - TILE_SECONDS
-        for attempt in list(self.in_flight.values()):
-            if not attempt.apart and attempt.began < endless_since:
-                end_tasks(self._client, [attempt.future])
-                self._drop(attempt.tile)
-                self.submit(attempt.tile, apart=True)
+    def set_endless_tile_apart(self) -> None:
+        """End the process of a tile that has taken too long: apart, each of its cells has a limit of its own.
+
+        One at a time: a process that is being ended may still be given a tile, which dask counts as a death of it.
+        """
+        now = time.monotonic()
+        endless = (each for each in self.in_flight.values() if not each.apart and each.began < now - TILE_SECONDS)
+        if now >= self._next_end and (attempt := next(endless, None)):
+            self._next_end = now + RESTART_SECONDS
+            end_tasks(self._client, [attempt.future])
+            self._drop(attempt.tile)
+            self.submit(attempt.tile, apart=True)
 
     def next_record(self, seconds: float) -> TileRecord | None:
         """Return the record of the next tile that ends, None if none does in this time."""

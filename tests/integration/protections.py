@@ -100,6 +100,13 @@ PROTECTIONS = (
         "        if False:\n",
     ),
     _one(
+        "endless tiles are taken one at a time",
+        "tests/contracts/test_workers_submission.py::test_endless_tiles_are_taken_one_at_a_time",
+        "workers/submission.py",
+        "            self._next_end = now + RESTART_SECONDS\n",
+        "",
+    ),
+    _one(
         "a tile apart goes on after the cell that killed it",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/isolation.py",
