@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
-from sqlalchemy import URL, make_url
+from sqlalchemy import URL, event, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from service.database.engine import open_engine, shown
@@ -57,6 +58,8 @@ class Database(Surveys, Keys):
         if self._hold is not None:
             self._hold.release()
             self._hold = None
+        # A thread whose request was cancelled may still read: what it gives back is closed then, not kept.
+        event.listen(self._reader, "checkin", _close_checked_in)
         self._reader.dispose()
 
     def _open(self, exclusive: bool) -> None:
@@ -72,6 +75,10 @@ class Database(Surveys, Keys):
         else:
             self._hold.release()
             self._hold = None
+
+
+def _close_checked_in(_: Any, record: Any) -> None:
+    record.invalidate()
 
 
 def _shown(url: str | URL) -> str:

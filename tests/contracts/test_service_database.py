@@ -55,6 +55,18 @@ def kinds(found: list[Any]) -> dict[str, int]:
     return {name: names.count(name) for name in names}
 
 
+def test_a_connection_that_a_thread_gives_back_after_the_close_is_closed(database_url: str) -> None:
+    """As that of a stream which ended while its thread still read."""
+    database = Database(database_url)
+    with database._read() as session:
+        session.execute(text("SELECT 1"))
+        connection = session.connection().connection.dbapi_connection
+        database.close()
+        assert session.execute(text("SELECT 1")).scalar_one() == 1  # to its end
+    with pytest.raises(Exception, match="closed"):
+        connection.cursor().execute("SELECT 1")
+
+
 def test_one_key_is_one_survey_for_any_number_of_threads(database: Database) -> None:
     found = outcomes(lambda _: database.accept(new("once"), 100).id, range(3 * THREADS))
     assert len(set(found)) == 1
