@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import atexit
 import gc
+import os
+import sys
+import threading
+from contextlib import suppress
 
 import typer
 
@@ -20,7 +24,7 @@ from service.commands.run import run
 from service.commands.serve import serve
 from service.commands.verify import verify
 
-REFUSED = 2
+FAILED, REFUSED = 1, 2
 OBJECTS = 50_000  # that are made between two collections; Python's own default is 700
 
 app = typer.Typer(
@@ -47,9 +51,28 @@ app.add_typer(key.app, name="key")
 
 def main() -> None:
     """Run a command; an error of this project is one sentence and exit status 2, never a traceback."""
+    status: list[int] = []
+    atexit.register(_leave, status)  # the first, which is called last
     # Most of what lives is modules: to look for garbage in them took a fifth of a short command, half of it at its end.
     gc.set_threshold(OBJECTS)
     atexit.register(gc.freeze)
+    try:
+        _run_command()
+    except SystemExit as end:
+        status.append(end.code if isinstance(end.code, int) else FAILED if end.code else 0)
+        raise
+
+
+def _leave(status: list[int]) -> None:
+    """End the process now if a thread still computes or compiles: it would go on while the compiler is taken apart."""
+    if any(thread.daemon for thread in threading.enumerate()):
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError, ValueError):  # nobody reads it any more
+                stream.flush()
+        os._exit(status[0] if status else FAILED)
+
+
+def _run_command() -> None:
     try:
         app()
     except ModuleNotFoundError as error:

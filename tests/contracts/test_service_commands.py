@@ -1,10 +1,14 @@
 """What commands do with names and paths that people choose."""
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner
+from waiting import HANG
 
 from service.cli import app
 from service.client import Client
@@ -28,3 +32,24 @@ def test_a_picture_that_cannot_be_written_is_refused_before_the_survey(name: str
     with pytest.raises(ServiceError, match="picture"):
         require_writable(tmp_path / name)
     require_writable(tmp_path / "picture.png")
+
+
+#: Fails, with SIGABRT, in a process whose C library is taken down in an orderly way, as a compiler at work does.
+TAKEN_DOWN = """
+import ctypes, sys, threading
+library = ctypes.CDLL(None)
+assert library.__cxa_atexit(ctypes.cast(library.abort, ctypes.c_void_p), None, None) == 0
+import service.cli
+service.cli.app.command("computes")(lambda: (threading.Thread(target=threading.Event().wait, daemon={daemon}).start()
+    if {daemon} else None, print("told", end=""), sys.exit(130)))
+sys.argv[1:] = ["computes"]
+service.cli.main()
+"""
+
+
+@pytest.mark.parametrize(("daemon", "status"), [(True, 130), (False, -signal.SIGABRT)])
+def test_a_command_whose_thread_still_computes_ends_without_taking_the_compiler_down(daemon: bool, status: int) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", TAKEN_DOWN.format(daemon=daemon)], capture_output=True, text=True, timeout=HANG
+    )
+    assert (ended.returncode, ended.stdout) == (status, "told"), ended.stderr
