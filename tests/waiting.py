@@ -11,12 +11,12 @@ HANG = 900.0
 POLL = 0.02
 
 
-def wait_until(condition: Callable[[], Any]) -> Any:
-    """Poll until the condition is true; its value."""
+def wait_until(condition: Callable[[], Any], poll: float = POLL) -> Any:
+    """Poll until the condition is true, after so many seconds each; its value."""
     deadline = time.monotonic() + HANG
     while not (value := condition()):
         assert time.monotonic() < deadline, f"{condition} has not become true in {HANG:g} s"
-        time.sleep(POLL)
+        time.sleep(poll)
     return value
 
 

@@ -1,15 +1,14 @@
 """A scheduler, a worker and the service over TLS with certificates of one authority; nobody else gets in."""
 
 import os
-import subprocess
-import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 
 import dask
 import pytest
-from service_processes import ENVIRONMENT, ROOT, client_of, free_port, server
+from parts import Settings, authority, dask_part, environment
+from service_processes import client_of, free_port, server
 from waiting import HANG, wait_until
 
 import workers.cluster
@@ -21,49 +20,6 @@ BODY = {
     "initial_conditions": {"count": 4},
     "tile": {"delta": 2, "epsilon": 2},
 }
-Settings = dict[str, str]
-
-
-def openssl(*arguments: str) -> None:
-    subprocess.run(["openssl", *arguments], check=True, capture_output=True, timeout=HANG)
-
-
-def authority(directory: Path) -> Settings:
-    """dask's settings of one certificate, by an authority of its own, for every part."""
-    directory.mkdir()
-    ca, ca_key, node, node_key, request = (
-        str(directory / name) for name in ("ca.pem", "ca.key", "node.pem", "node.key", "node.csr")
-    )
-    new_key = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-noenc"]
-    openssl("req", "-x509", *new_key, "-keyout", ca_key, "-out", ca, "-days", "2", "-subj", "/CN=gear rattle test")
-    openssl("req", "-new", *new_key, "-keyout", node_key, "-out", request, "-subj", "/CN=node")
-    openssl("x509", "-req", "-in", request, "-CA", ca, "-CAkey", ca_key, "-CAcreateserial", "-out", node, "-days", "2")
-    settings = {"ca-file": ca}
-    for part in ("scheduler", "worker", "client"):
-        settings |= {f"{part}.cert": node, f"{part}.key": node_key}
-    return {f"distributed.comm.tls.{name}": value for name, value in settings.items()}
-
-
-def environment(settings: Settings) -> dict[str, str]:
-    """dask's settings as it reads them from the environment."""
-    return {f"DASK_{name.replace('.', '__').replace('-', '_').upper()}": value for name, value in settings.items()}
-
-
-@contextmanager
-def dask_part(settings: Settings, *arguments: str) -> Iterator[None]:
-    process = subprocess.Popen(
-        [sys.executable, "-m", "dask", *arguments],
-        cwd=ROOT,
-        env=ENVIRONMENT | environment(settings),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        yield
-        assert process.poll() is None, arguments
-    finally:
-        process.terminate()
-        process.wait(timeout=HANG)
 
 
 @pytest.fixture
