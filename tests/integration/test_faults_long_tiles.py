@@ -1,0 +1,108 @@
+"""Tiles of seconds, and what happens in the middle of them: a kill, a freeze, a clock that is set. The same bits."""
+
+import os
+import signal
+import subprocess
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from depth import either
+from faults import Faults
+from service_processes import assert_bit_identical, start
+from waiting import HANG, wait_until
+
+from workers import SurveyRequest, examine, open_survey
+
+STARTS = either(8192, 65536)  # of each cell: a tile computes for half a second, or for four
+REQUEST = SurveyRequest(
+    delta={"start": 0.5, "stop": 0.6, "num": 6},
+    epsilon={"start": 0.05, "stop": 0.2, "num": 6},
+    initial_conditions={"count": STARTS},
+    tile={"delta": 2, "epsilon": 2},
+)
+OPTIONS = ["--delta", "0.5:0.6:6", "--epsilon", "0.05:0.2:6", "--count", str(STARTS), "--tile", "2x2"]
+BEGUN = 0.1  # seconds of its processor time that a tile has had when something happens
+DAY = 86_400.0
+#: A wall clock for every process, dask's scheduler included, that is set by writing to a file.
+CLOCK = """
+real, SET = time.time, {!r}
+
+def turned():
+    try:
+        with open(SET) as file:
+            return real() + float(file.read())
+    except (FileNotFoundError, ValueError):
+        return real()
+
+time.time = turned
+
+@patch("workers.cluster")
+def silence(cluster):
+    cluster.SILENT_SECONDS = 5
+
+@patch("workers.tiles")
+def count_ends(tiles):
+    after(tiles, "compute_tile", lambda request, tile, *_, **__: note(f"end {{tile.index}} {{os.getpid()}}"))
+"""
+
+
+@pytest.fixture
+def faults(tmp_path: Path) -> Faults:
+    """Faults in every process, and a clock that :func:`turn` sets."""
+    faults = Faults(tmp_path)
+    faults.inject(CLOCK.format(str(tmp_path / "clock")))
+    return faults
+
+
+def turn(directory: Path, seconds: float) -> None:
+    """Set every clock forward."""
+    new = directory / "clock.new"
+    new.write_text(str(seconds))
+    new.rename(directory / "clock")
+
+
+def in_the_middle(faults: Faults) -> int:
+    """A process that computes a tile, and has for a while."""
+    seen: dict[tuple[int, int], float] = {}
+
+    def found() -> int:
+        begun, ended = (Counter(line.split()[1] for line in faults.notes(word).elements()) for word in ("tile", "end"))
+        for name in begun:
+            if begun[name] > ended[name]:
+                with suppress(psutil.NoSuchProcess):
+                    used = psutil.Process(int(name)).cpu_times().user
+                    if used - seen.setdefault((int(name), begun[name]), used) >= BEGUN:
+                        return int(name)
+        return 0
+
+    return int(wait_until(found))
+
+
+def test_a_kill_a_freeze_and_a_clock_in_the_middle_of_a_tile(
+    faults: Faults, tmp_path: Path, expected: dict[str, np.ndarray]
+) -> None:
+    out = tmp_path / "survey.zarr"
+    command = ["run", *OPTIONS, "--workers", "2", "--out", str(out)]
+    run = start(*command, settings=faults.environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        os.kill(in_the_middle(faults), signal.SIGKILL)
+        in_the_middle(faults)
+        turn(tmp_path, DAY)  # the scheduler takes every worker for silent since yesterday
+        os.kill(frozen := in_the_middle(faults), signal.SIGSTOP)
+        wait_until(lambda: not psutil.pid_exists(frozen))
+        in_the_middle(faults)
+        turn(tmp_path, -DAY)
+        told, errors = run.communicate(timeout=HANG)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)
+    assert run.returncode == 0, errors
+    assert f"{REQUEST.n_cells} cells, 0 failed" in told
+    assert examine(out).whole
+    assert_bit_identical(open_survey(out), expected)
+    # A kill, a freeze, and a clock which ends both workers, or twice both.
+    assert faults.executions().total() <= REQUEST.n_tiles + 2 + 2 * 2 * 2
