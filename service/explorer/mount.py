@@ -13,7 +13,7 @@ from fastapi import FastAPI, Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import StreamingResponse
 from starlette.routing import Route, WebSocketRoute
-from starlette.types import Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 
 from service.errors import UnavailableError
 from service.explorer import login
@@ -157,8 +157,19 @@ class Explorer:
         return self._loading.result() if self._loading is not None and done else None
 
 
+async def _forget(bokeh: Transport, token: str) -> None:
+    """End a page that nobody comes back to: what it had computed would be computed on."""
+    from bokeh.protocol.exceptions import ProtocolError
+    from bokeh.util.token import get_session_id
+
+    with suppress(ProtocolError, LookupError, ValueError):  # no page of ours
+        bokeh.context.get_session(get_session_id(token)).request_expiration()
+        await bokeh.context._cleanup_sessions(UNUSED_MILLISECONDS)
+
+
 SWEEP_SECONDS = 10.0
-UNUSED_MILLISECONDS = 15_000  # without a browser
+UNUSED_MILLISECONDS = 15_000  # without a browser, which comes back after a connection was lost
+LEFT = (1000, 1001)  # codes of RFC 6455: a connection that is no longer needed, a page that was closed or reloaded
 
 
 class _Socket:
@@ -173,8 +184,18 @@ class _Socket:
         bokeh = await self._load()
         caller = scope["state"]["caller"]
         CALLER.set(caller)
+        code = 0
+
+        async def noted() -> Message:
+            nonlocal code
+            message = await receive()
+            code = message.get("code", 0)
+            return message
+
         with scope["app"].state.front.revocations.ending(caller) as visit:
-            await bokeh.socket(scope, receive, send)
+            await bokeh.socket(scope, noted, send)
+            if code in LEFT:
+                await _forget(bokeh, "".join(scope["subprotocols"][-1:]))
         if visit.cancelled_caught:
             with suppress(RuntimeError):  # closed from the other side meanwhile
                 await send({"type": "websocket.close", "code": 1008, "reason": SIGNED_OUT})

@@ -24,6 +24,7 @@ from service.kernels import Part
 from service.state import Front
 
 COUNT = 1024  # initial conditions of the probabilities
+RESOLUTIONS = (300, 600)  # cells a side of the basins, at first and in the end
 POINTS = 3000  # of a motion
 PAINT_SECONDS = 0.05  # for a browser to put words on the screen before it lays out pictures
 CLICKED = -1  # among the motions to choose from
@@ -94,9 +95,9 @@ class PointView(param.Parameterized):
             await self._work.change(partial(_tell, self.panel.safe, f"<p>{point_words.NO_MARGIN}</p>"))
             await self._part(self.panel.orbits, self._continued)
         await self._part(self.panel.about_lines, self._some_lines)
-        await self._part(self.panel.under_basins, partial(self._some_basins, 300, "refined"))
+        await self._part(self.panel.under_basins, partial(self._some_basins, RESOLUTIONS[0], "refined"))
         await self._part(self.panel.under_diagram, self._one_diagram)
-        await self._part(self.panel.under_basins, partial(self._some_basins, 600, "refined"))
+        await self._part(self.panel.under_basins, partial(self._some_basins, RESOLUTIONS[1], "refined"))
 
     async def _part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
         await self._work.part(partial(_tell, text), work)

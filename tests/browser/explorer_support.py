@@ -1,10 +1,33 @@
 """What the tests of the explorer see of a page, and do on it."""
 
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
-from playwright.sync_api import Page, TimeoutError
-from waiting import wait_until
+from depth import either
+from playwright.sync_api import Browser, BrowserContext, Page, TimeoutError
+from waiting import HANG, wait_until
+
+EXPLORER = {"RATTLE_EXPLORER": "true"}
+CELLS = either(150, 600)  # a side of the basins of a point
+#: What a point shows, with fewer cells and steps.
+COARSE = f"""
+    @patch("service.explorer.point")
+    def coarse(point):
+        point.RESOLUTIONS = (50, {CELLS})
+
+    @patch("service.explorer.point_parts")
+    def few(parts):
+        parts.STEPS = 20
+"""
+SURVEY: dict[str, Any] = {
+    "name": "small",
+    "delta": {"start": 0.42, "stop": 0.98, "num": 29},
+    "epsilon": {"start": 0.01, "stop": 0.29, "num": 29},
+    "quantities": ["region", "orbits", "attractors", "lyapunov"],
+    "initial_conditions": {"count": 4},
+}
+PATIENCE_MS = 1000 * HANG
 
 #: A condition on the map of a page, as JavaScript of the figure.
 _MODELS = "Bokeh.documents.map((each) => each.get_model_by_name('map')).find((each) => each)"
@@ -103,3 +126,28 @@ def click_cell(page: Page, delta: float, epsilon: float) -> None:
     point_at(page, delta, epsilon, until=f"Cell at δ {delta:g}, ε {epsilon:g}")
     page.mouse.down()
     page.mouse.up()
+
+
+@contextmanager
+def visiting(browser: Browser, url: str, **options: Any) -> Iterator[BrowserContext]:
+    """A browser with no memory, whose pages may complain of nothing and ask nothing of anybody else."""
+    complaints: list[str] = []
+
+    def watch(page: Page) -> None:
+        page.on("console", lambda said: complaints.append(said.text) if said.type in ("error", "warning") else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda sent: None if _own(sent.url, url) else complaints.append(f"asked {sent.url}"))
+        page.on("websocket", lambda socket: None if _own(socket.url, url) else complaints.append(f"asked {socket.url}"))
+
+    context = browser.new_context(viewport={"width": 1280, "height": 800}, **options)
+    context.set_default_timeout(PATIENCE_MS)
+    context.on("page", watch)
+    try:
+        yield context
+    finally:
+        context.close()
+    assert complaints == []
+
+
+def _own(asked: str, url: str) -> bool:
+    return asked.startswith((url, url.replace("http", "ws", 1), "blob:", "data:"))

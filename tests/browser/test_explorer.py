@@ -6,8 +6,7 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import numpy as np
 import xarray as xr
-from conftest import SURVEY
-from explorer_support import of_map, open_view, place_of, point_at, visible_lines, wait_for, wait_for_map
+from explorer_support import SURVEY, of_map, open_view, place_of, point_at, visible_lines, wait_for, wait_for_map
 from faults import Faults
 from playwright.sync_api import Page, expect
 from service_processes import get

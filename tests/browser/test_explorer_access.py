@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import EXPLORER, visiting
-from faults import NO_DEADLINE, Faults
+from explorer_support import EXPLORER, visiting
+from faults import IN_PROCESS, NO_DEADLINE, Faults
 from playwright.sync_api import Browser, expect
 from service_processes import free_port, server
 from typer.testing import CliRunner
@@ -19,7 +19,7 @@ from service.cli import app
 def asking(tmp_path: Path) -> Iterator[tuple[str, dict[str, str], object]]:
     """URL of a service that asks for keys, keys by scope, and its process."""
     tokens, data, faults = {}, str(tmp_path / "data"), Faults(tmp_path)
-    faults.inject(NO_DEADLINE)
+    faults.inject(IN_PROCESS, NO_DEADLINE)
     for scope in ("read", "submit"):
         made = CliRunner().invoke(app, ["key", "add", scope, "--scope", scope, "--data", data])
         tokens[scope] = next(word for word in made.stdout.split() if word.startswith("rattle_"))

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import visiting
-from explorer_support import of_map, open_view, wait_for, wait_for_map
+from explorer_support import of_map, open_view, visiting, wait_for, wait_for_map
 from playwright.sync_api import Browser, Page, expect
 
 import rattle

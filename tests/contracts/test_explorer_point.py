@@ -119,7 +119,8 @@ def test_a_diagram_stays_inside_the_plane(delta: float, epsilon: float) -> None:
 
 
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])
-def test_a_diagram_through_the_point(direction: str) -> None:
+def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(point_parts, "STEPS", either(40, point_parts.STEPS))
     found = point_parts.diagram(rattle.Gear(0.6, 0.1), direction)
     assert 0 < found.x.size <= 2 * point_parts.MOST_POINTS
     assert {each.stable for each in found.strokes} == {True, False}
@@ -195,7 +196,7 @@ def is_complete(view: PointView, side: int) -> bool:
 
 def with_process(compute: Callable[..., Any], *arguments: Any) -> tuple[int, Any]:
     """What a function returns, and the process that computed it."""
-    point_parts.STEPS = either(20, point_parts.STEPS)  # in that process
+    point_parts.STEPS = either(10, point_parts.STEPS)  # in that process
     return os.getpid(), compute(*arguments)
 
 

@@ -10,7 +10,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_support import front_end
 from starlette.websockets import WebSocket, WebSocketDisconnect
-from waiting import HANG
+from waiting import HANG, wait_until
 
 from service.explorer import mount
 
@@ -77,6 +77,7 @@ def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
                     socket.send_json(part)
                 if number == 0:
                     assert failed.acquire(timeout=HANG)
+            socket.close(1006)
         assert [page.connection_count for page in open_pages(client)] == [0]
     for logger in loggers:
         logger.removeHandler(handler)
@@ -89,15 +90,22 @@ def open_pages(client: TestClient) -> list[Any]:
     return list(client.app.state.explorer._loading.result().context.sessions)
 
 
-def test_a_page_that_is_swept_has_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("code", "comes_back"), [(1000, False), (1001, False), (1006, True)])
+def test_a_page_ends_with_its_browser_or_when_it_is_swept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, comes_back: bool
+) -> None:
+    """A page that was closed or reloaded ends at once, and with it what it had computed; a lost connection may not."""
     failures: list[str] = []
     monkeypatch.setattr("panel.io.application.logger.warning", failures.append)  # of what is done at the end
     with front_end(tmp_path) as client:
         (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
         with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
             assert "ACK" in socket.receive_text()
+            (page,) = open_pages(client)
+            socket.close(code)
+            wait_until(lambda: page.connection_count == 0)
         explorer = client.app.state.explorer
-        assert len(explorer._news._listeners) == 1
+        assert len(explorer._news._listeners) == comes_back == len(open_pages(client))
         client.portal.call(explorer._loading.result().context._cleanup_sessions, 0)
         assert open_pages(client) == []
         assert explorer._news._listeners == set()

@@ -8,6 +8,7 @@ from pathlib import Path
 import httpx
 import numpy as np
 import pytest
+from depth import deep
 from faults import Faults
 from s3_server import BUCKET, S3, s3_server
 from service_processes import (
@@ -51,6 +52,7 @@ def tiles_in(place: Bucket) -> int:
     return sum(1 for _ in place.keys("status/c"))
 
 
+@deep
 def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_path: Path) -> None:
     faults, url = Faults(tmp_path), f"s3://{BUCKET}/some/where/survey.zarr"
     place, settings = Bucket(url), faults.environment | s3.settings

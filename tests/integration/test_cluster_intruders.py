@@ -82,10 +82,11 @@ def test_modules_are_taken_from_no_place_of_others(cluster: Client, shared: Path
 
 def test_a_service_listens_for_http_and_for_its_own_certificate_only(tmp_path: Path) -> None:
     port = free_port()
-    settings = {"RATTLE_EXPLORER": "true", "RATTLE_PRELOAD": "true"}
+    settings = {"RATTLE_EXPLORER": "true"}
     arguments = ("--workers", str(WORKERS))
     with server(tmp_path, port, *arguments, settings=settings) as process:
         wait_until(lambda: get(f"http://127.0.0.1:{port}/v1/health").json()["cluster"] == "ready")
+        assert get(f"http://127.0.0.1:{port}/v1/orbits?delta=0.6&epsilon=0.1").is_success  # a process for points
         found = listening(process.pid)
         assert found.pop(("127.0.0.1", port)) == process.pid
         # the scheduler and the nannies, which are in the process of the service, and the workers

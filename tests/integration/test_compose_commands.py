@@ -23,6 +23,7 @@ import rattle._compile
 
 SERVICES: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
 PASSWORD = "of this test only"
+SELDOM = 0.5  # to ask whether a service is healthy takes a process
 
 
 class Here:
@@ -81,7 +82,7 @@ class Here:
             check = SERVICES[name]["healthcheck"].get("test")
             if check:
                 assert check[0] == "CMD"
-                wait_until(lambda: self._healthy(name, process, self.words(check[1:])))
+                wait_until(lambda: self._healthy(name, process, self.words(check[1:])), SELDOM)
             yield
             assert process.poll() is None, (self.directory / f"{name}{number}.log").read_text()
         finally:

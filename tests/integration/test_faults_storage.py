@@ -19,7 +19,7 @@ from workers import SurveyError, create_store, examine, finish_store, tiles_done
 from workers.runner import compute_and_write
 from workers.tiles import tiles_of
 
-OPTIONS = ["--delta", "0.58:0.78:8", "--epsilon", "0.05:0.24:8", "--count", "4", "--tile", "2x2", "--workers", "1"]
+OPTIONS = ["--delta", "0.58:0.78:8", "--epsilon", "0.05:0.24:8", "--count", "4", "--tile", "2x2"]
 N_TILES = REQUEST.n_tiles
 MIDDLE = 5  # tiles that are done while the others are held
 SMALL, LARGE = "size=1500k", "size=64m"  # one holds the template and some of the tiles

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from depth import deep
 from faults import REQUEST, Faults
 from parts import authority, dask_part, environment
 from service_processes import RATTLE, ROOT, assert_bit_identical
@@ -87,6 +88,7 @@ def joined() -> Iterator[Hosts]:
         yield Hosts(here, there)
 
 
+@deep
 def test_a_survey_of_two_hosts_survives_a_cut_cable_and_tells_nothing_on_it(
     tmp_path: Path, expected: dict[str, np.ndarray]
 ) -> None:
