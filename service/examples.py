@@ -158,8 +158,41 @@ ANSWERS = {
 }
 
 
-def links(*names: str) -> dict[str, Any]:
-    """OpenAPI links from an answer that holds a survey to what belongs to it, by operation."""
-    known = {"survey_id": "$response.body#/id"}
+def _links(parameters: dict[str, str], *names: str) -> dict[str, Any]:
+    """OpenAPI links to operations, with the parameters that all of them take from the answer."""
     further = {"read": {"key": "zarr.json"}}
-    return {name: {"operationId": name, "parameters": known | further.get(name, {})} for name in names}
+    return {
+        name: {
+            "operationId": name,
+            "parameters": {to: f"$response.body#/{part}" for to, part in parameters.items()} | further.get(name, {}),
+        }
+        for name in names
+    }
+
+
+def _point_links(*names: str, **parts: str) -> dict[str, Any]:
+    """To what is computed at one point, whose coordinates are where `parts` say, or lie open in the answer."""
+    return _links({name: parts.get(name, name) for name in ("delta", "epsilon", "beta", "kappa")}, *names)
+
+
+#: From the first answer about a survey to all that belongs to it: its parts, its first cell, its window.
+SURVEY_LINKS = {
+    **_links({"survey_id": "id"}, "show", "remove", "verify", "follow", "read", "picture"),
+    **_point_links(
+        *("orbits", "attractors", "basins"),
+        **{name: f"request/{name}/start" for name in ("delta", "epsilon")},
+        **{name: f"request/{name}" for name in ("beta", "kappa")},
+    ),
+    **_links(
+        {
+            **{"delta_min": "request/delta/start", "delta_max": "request/delta/stop"},
+            **{"epsilon_min": "request/epsilon/start", "epsilon_max": "request/epsilon/stop"},
+            **{name: f"request/{name}" for name in ("beta", "kappa")},
+        },
+        "curves",
+    ),
+}
+ORBITS_LINKS = _point_links("attractors", "basins")
+ATTRACTORS_LINKS = _point_links("orbits", "basins")
+#: To the first of the points where curves meet.
+CURVES_LINKS = _point_links(*("orbits", "attractors", "basins"), delta="points/0/delta", epsilon="points/0/epsilon")

@@ -39,9 +39,13 @@ def _user() -> str | None:
 
 
 class Postgres:
-    """A running server; :meth:`close` stops it and removes everything."""
+    """A running server; :meth:`close` stops it and removes everything.
 
-    def __init__(self) -> None:
+    Args:
+        primary: whose standby this is, if any: every commit is in both before anybody is told of it.
+    """
+
+    def __init__(self, primary: "Postgres | None" = None) -> None:
         programs = _programs()
         assert programs is not None
         self._programs = programs
@@ -55,10 +59,15 @@ class Postgres:
             self._as_user = [f"--reuid={user.pw_uid}", f"--regid={user.pw_gid}", "--clear-groups"]
         try:
             data = str(self._directory / "data")
-            self._run(
-                "initdb", "-D", data, "-U", "rattle", "-A", "trust", "-E", "UTF8", "--locale=C", "--no-sync"
-            ).wait()
+            if primary is None:
+                made = ["initdb", "-U", "rattle", "-A", "trust", "-E", "UTF8", "--locale=C"]
+            else:
+                made = ["pg_basebackup", "-h", str(primary._directory), "-U", "rattle", "-R", "--checkpoint=fast"]
+            self._run(*made, "-D", data, "--no-sync").wait()
             self.start()
+            if primary is not None:
+                primary.execute("ALTER SYSTEM SET synchronous_standby_names = '*'")
+                primary.execute("SELECT pg_reload_conf()")
         except BaseException:
             self.close()
             raise
@@ -73,7 +82,7 @@ class Postgres:
     def _answers(self) -> bool:
         assert self._process is not None
         try:
-            self._execute("SELECT 1")
+            self.execute("SELECT 1")
         except psycopg.OperationalError:
             assert self._process.poll() is None, self.log
             return False
@@ -93,14 +102,19 @@ class Postgres:
     def create(self, encoding: str = "UTF8") -> str:
         """Create an empty database; its URL."""
         name = f"test_{secrets.token_hex(6)}"
-        self._execute(f"CREATE DATABASE {name} TEMPLATE template0 ENCODING '{encoding}'")
+        self.execute(f"CREATE DATABASE {name} TEMPLATE template0 ENCODING '{encoding}'")
         return f"postgresql://rattle@/{name}?host={self._directory}"
+
+    def or_else(self, url: str, other: "Postgres") -> str:
+        """URL of the same database on whichever of two servers takes writes."""
+        return f"{url}&host={other._directory}&target_session_attrs=read-write"
 
     def drop(self, url: str) -> None:
         """Drop a database that :meth:`create` made, whoever is connected to it."""
-        self._execute(f"DROP DATABASE {url.partition('@/')[2].partition('?')[0]} WITH (FORCE)")
+        self.execute(f"DROP DATABASE {url.partition('@/')[2].partition('?')[0]} WITH (FORCE)")
 
-    def _execute(self, statement: str) -> None:
+    def execute(self, statement: str) -> None:
+        """Execute a statement in the database that every server has."""
         with psycopg.connect(f"host={self._directory} user=rattle dbname=postgres", autocommit=True) as connection:
             connection.execute(statement)
 

@@ -5,6 +5,7 @@ import logging
 import os
 import signal
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
@@ -34,7 +35,7 @@ ALLOWED_DEATHS = 1
 RETURN_SECONDS = 600
 HEARTBEAT_SECONDS = 1.0
 GIVE_UP_SECONDS = 0.1  # between two questions whether a cluster shall still start
-END_SECONDS = 1.0
+END_SECONDS, LOOK_SECONDS = 1.0, 0.02
 
 
 class WarmKernels(WorkerPlugin):
@@ -223,7 +224,10 @@ def end_processes(client: Client, addresses: list[str]) -> None:
         ending = partial(client.run, _end_process, workers=addresses, wait=False, on_error="ignore")
         thread = Thread(target=ending, name="end-processes", daemon=True)
         thread.start()
-        thread.join(END_SECONDS)
+        deadline = time.monotonic() + END_SECONDS  # until then, they may be given what comes next
+        with suppress(OSError):
+            while time.monotonic() < deadline and not client.nthreads().keys().isdisjoint(addresses):
+                time.sleep(LOOK_SECONDS)
 
 
 def end_tasks(client: Client, futures: list[Future]) -> None:

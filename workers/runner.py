@@ -21,6 +21,9 @@ from workers.submission import Submission
 from workers.template import Template, template_of
 from workers.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile
 
+#: At a template, two deaths each: a process that has just been ended for another survey may still be given it.
+ATTEMPTS = 3
+
 
 def compute_and_write(request: SurveyRequest, path: str, tile: Tile, apart: bool = False) -> TileRecord:
     """Compute a tile and write it to the store: the task that a cluster runs, again if it has to."""
@@ -49,6 +52,18 @@ def template_on(
         SurveyError: it cannot be computed.
         ClusterLostError: the cluster is gone.
     """
+    for _ in range(ATTEMPTS - 1):
+        with suppress(KilledWorker):
+            return _template_on(client, request, created, should_stop)
+    try:
+        return _template_on(client, request, created, should_stop)
+    except KilledWorker as error:
+        raise SurveyError("the curves of the survey killed the process that traced them: look at the log") from error
+
+
+def _template_on(
+    client: Client, request: SurveyRequest, created: str | None, should_stop: Callable[[], bool]
+) -> Template:
     key = f"template-{uuid4().hex}"
     future = client.submit(template_of, request, created, key=key, pure=False)
     ended: SimpleQueue[Future] = SimpleQueue()
@@ -61,8 +76,6 @@ def template_on(
                 return template
         end_tasks(client, [future])
         raise StoppedError("stopped while the survey was prepared")
-    except KilledWorker as error:
-        raise SurveyError("the curves of the survey killed the process that traced them: look at the log") from error
     except (CancelledError, OSError) as error:
         raise ClusterLostError("the dask scheduler is gone: start one and run the survey again") from error
     finally:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 
 from rattle.curves.trace import FARTHEST
 from rattle.models import model_of
+from service import examples
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.kernels import Part
 from service.problems import declared
@@ -89,7 +90,7 @@ class Curves(BaseModel):
     "/curves",
     summary="Bifurcation curves of one model",
     dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    responses={200: {"links": examples.CURVES_LINKS}, **NOT_MODIFIED, **declared(422)},
 )
 async def curves(
     front: FrontState,

@@ -11,6 +11,7 @@ from starlette.concurrency import run_in_threadpool
 import rattle
 from rattle.models import AnyGear, Model, model_at, model_of
 from rattle.stiff import StiffGear
+from service import examples
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
 from service.kernels import Part
@@ -110,7 +111,7 @@ GearQuery = Annotated[AnyGear, Depends(gear_of_query)]
     "/orbits",
     summary="Period-one orbits of one parameter point",
     dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declared(422)},
 )
 async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
     if isinstance(gear, rattle.Gear):
@@ -132,7 +133,7 @@ async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
     "/attractors",
     summary="Attractors of one parameter point",
     dependencies=[Depends(function_of_query)],
-    responses={**NOT_MODIFIED, **declared(422)},
+    responses={200: {"links": examples.ATTRACTORS_LINKS}, **NOT_MODIFIED, **declared(422)},
 )
 async def attractors(
     front: FrontState,

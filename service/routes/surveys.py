@@ -24,8 +24,6 @@ LARGEST_NUMBER = 2**53
 MAX_FAILURES = 100
 RETRY_SECONDS = "1"
 
-EVERYTHING = examples.links("show", "remove", "verify", "follow", "read", "picture")
-
 
 async def require_json(request: Request) -> None:
     """Refuse a body that does not say it is JSON, instead of guessing."""
@@ -43,7 +41,8 @@ async def require_json(request: Request) -> None:
     summary="Submit a survey",
     dependencies=[Depends(require_json)],
     responses={
-        200: {"description": "an identical survey has ended", "model": SurveyDetail},
+        200: {"description": "an identical survey has ended", "model": SurveyDetail, "links": examples.SURVEY_LINKS},
+        202: {"description": "accepted, or an identical survey that waits or runs", "links": examples.SURVEY_LINKS},
         **declared(409, 415, 422, 429),
     },
 )
@@ -99,7 +98,7 @@ def list_surveys(
     "/{survey_id}",
     summary="Show a survey",
     response_model=SurveyDetail,
-    responses={**NOT_MODIFIED, **declared(404, 422)},
+    responses={200: {"links": examples.SURVEY_LINKS}, **NOT_MODIFIED, **declared(404, 422)},
 )
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     job = front.database.job(survey_id)

@@ -38,11 +38,16 @@ from workers.store import write_tile
 README = (Path(__file__).parents[2] / "README.md").read_text()
 #: Answers that are never 200 for data that fit the schema: what does not exist is not found, what is too large for the
 #: service's settings, or inconsistent in itself (an axis that falls), is refused.
-CONFIG = """
+CONFIG = f"""
 [checks]
 # 503 is declared: a point at extreme parameters takes longer than a request may (where points are computed at all).
 not_a_server_error.expected-statuses = ["2xx", "3xx", "4xx", "503"]
 positive_data_acceptance.expected-statuses = ["2xx", "304", "404", "409", "416", "422", "429", "503"]
+
+[phases.stateful]
+# One after the other along the links: from a survey to its points, from where curves meet to basins and attractors.
+generation.max-examples = {either(40, 400)}
+max-steps = 10
 """
 FEWER = """
 [[operations]]
@@ -146,7 +151,9 @@ def try_everything(finished: Path, where: Path, config: str, *options: str, **se
         )
     assert run.returncode == 0, run.stdout + run.stderr
     assert re.search(r"Selected: (\d+)/\1\n\s*Tested: \1\n", run.stdout), run.stdout
-    assert "Stateful" in run.stdout
+    links = re.search(r"API Links:\s+(\d+) covered", run.stdout)
+    assert links
+    assert int(links[1]) > 10, run.stdout
 
 
 def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -188,6 +195,33 @@ def test_every_example_of_a_request_is_executed(http: httpx.Client, document: di
             assert str(answer.status_code) in operation["responses"]
             executed.add((method, path))
     assert len(executed) == len(list(operations(document)))
+
+
+def test_every_link_leads_from_an_example_to_an_operation_with_what_it_needs(document: dict[str, Any]) -> None:
+    by_id = {operation["operationId"]: operation for _, _, operation in operations(document)}
+    linked = set()
+    for _, _, operation in operations(document):
+        for answer in operation["responses"].values():
+            for link in answer.get("links", {}).values():
+                target = by_id[link["operationId"]]
+                model = answer["content"]["application/json"]["schema"]["$ref"].rpartition("/")[2]
+                taken = {parameter["name"]: parameter for parameter in target.get("parameters", ())}
+                assert {name for name, parameter in taken.items() if parameter["required"]} <= set(link["parameters"])
+                for name, expression in link["parameters"].items():
+                    value = found_at(examples.ANSWERS[model], expression)
+                    jsonschema_rs.validate({**taken[name]["schema"], "components": document["components"]}, value)
+                linked.add((operation["operationId"], link["operationId"]))
+    assert {to for _, to in linked} >= {"attractors", "basins", "orbits", "curves", "read", "follow", "picture"}
+    assert {("submit", "curves"), ("curves", "basins"), ("attractors", "basins")} <= linked
+
+
+def found_at(body: Any, expression: str) -> Any:
+    """What an expression of a link is for a body."""
+    if not expression.startswith("$response.body#/"):
+        return expression
+    for part in expression.partition("#/")[2].split("/"):
+        body = body[int(part) if isinstance(body, list) else part]
+    return body
 
 
 def test_every_example_of_an_answer_fits_its_schema_and_is_true(http: httpx.Client, document: dict[str, Any]) -> None:

@@ -16,10 +16,21 @@ from service_processes import assert_bit_identical, serial_run
 from waiting import HANG, wait_until
 
 import workers.cluster
+import workers.runner
 import workers.submission
-from workers import TileRecord, create_store, embedded_cluster, finish_store, open_survey, run_tiles
+from workers import (
+    SurveyError,
+    TileRecord,
+    create_store,
+    embedded_cluster,
+    finish_store,
+    open_survey,
+    run_tiles,
+    template_on,
+)
 from workers.evaluate import FAILED
 from workers.isolation import CELL_SECONDS
+from workers.template import template_of
 from workers.tiles import tiles_of
 
 TILES = tiles_of(REQUEST)
@@ -62,6 +73,21 @@ NEVER_ENDING = """
 """
 
 
+CREATED = "2026-11-22T12:00:00+00:00"
+#: A survey whose curves kill the processes that trace them, as often as its seed says from 100 on.
+DEADLY_CURVES = """
+    @patch("workers.template")
+    def deadly(template):
+        def act(request, created=None):
+            if request.seed >= 100:
+                note("curves")
+                with open(LOG) as log:
+                    if log.read().count("curves") <= request.seed - 100:
+                        die()
+        before(template, "template_of", act)
+"""
+
+
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Faults]:
     """Faults in every worker of this module."""
@@ -70,6 +96,7 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Faults]:
     faults.inject(
         POISON.format(*((float(DELTA[column]), float(EPSILON[row])) for row, column in (DEADLY, RAISING))),
         NEVER_ENDING.format(float(DELTA[column]), float(EPSILON[row])),
+        DEADLY_CURVES,
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", faults.environment["PYTHONPATH"])
@@ -185,6 +212,23 @@ def test_a_tile_of_a_frozen_worker_is_repeated_elsewhere(
 
 def snapshot(path: Path) -> dict[str, bytes]:
     return {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
+
+
+def test_curves_whose_processes_are_killed_are_traced_again(faults: Faults, client: Client) -> None:
+    """As when the survey before was dismissed, and its processes were given the curves of this one as they ended."""
+    request = REQUEST.model_copy(update={"seed": 102})
+    assert template_on(client, request, CREATED, lambda: False) == template_of(request, CREATED)
+    assert faults.notes("curves").total() == 3
+
+
+def test_curves_that_kill_their_processes_fail_the_survey(
+    faults: Faults, client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(workers.runner, "ATTEMPTS", 1)
+    with pytest.raises(SurveyError, match="the curves of the survey killed the process"):
+        template_on(client, REQUEST.model_copy(update={"seed": 10**6}), None, lambda: False)
+    assert faults.notes("curves").total() == 2
+    wait_until(lambda: len(client.nthreads()) == 2)
 
 
 def test_a_poison_cell_is_the_only_one_lost(faults: Faults, client: Client, tmp_path: Path) -> None:

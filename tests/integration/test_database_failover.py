@@ -1,0 +1,63 @@
+"""The server of the job database is lost for good, and its standby takes over in the middle of a survey."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from depth import deep
+from faults import IN_PROCESS, REQUEST, Faults
+from postgres import Postgres, missing
+from service_processes import assert_bit_identical, client_of, free_port, serial_run, server
+from waiting import wait_until
+
+from service.client import Client
+from service.errors import ResponseError
+
+MIDDLE = 3  # tiles that are done while the others are held
+
+
+@pytest.fixture
+def primary() -> Iterator[Postgres]:
+    """Not that of the other tests: it does not come back."""
+    with closing(Postgres()) as server:
+        yield server
+
+
+@deep
+@pytest.mark.skipif(bool(missing()), reason=missing())
+def test_a_survey_goes_on_with_the_standby(primary: Postgres, tmp_path: Path) -> None:
+    faults, port = Faults(tmp_path), free_port()
+    faults.inject(IN_PROCESS)
+    faults.hold(MIDDLE)
+    url = primary.create()
+    with closing(Postgres(primary)) as standby:
+        settings = faults.environment | {"RATTLE_DATABASE_URL": primary.or_else(url, standby)}
+        with server(tmp_path / "data", port, settings=settings), client_of(port) as client:
+            job = client.submit(REQUEST)
+            wait_until(lambda: job.refresh().document["tiles_done"] == MIDDLE and faults.executions()[MIDDLE])
+            primary.stop(signal.SIGQUIT)
+            with pytest.raises(ResponseError, match="database cannot answer") as refused:
+                client.call("GET", "/v1/surveys")
+            assert refused.value.status == 503
+            faults.release()
+            standby.execute("SELECT pg_promote()")
+            found = wait_until(lambda: answered(client, job.id))
+            assert found["tiles_done"] >= MIDDLE  # nothing that anybody was told of is lost
+            assert job.wait().document["tiles_done"] == REQUEST.n_tiles
+            assert_bit_identical(job.open(), serial_run(REQUEST))
+            following = client.submit(REQUEST.model_copy(update={"seed": 1})).wait()
+            assert following.state == "successful"  # the lock is held and written as before
+    assert faults.executions().total() <= 2 * REQUEST.n_tiles + 1
+
+
+def answered(client: Client, survey_id: str) -> dict[str, int] | None:
+    """The document of a survey, once the database is found again."""
+    try:
+        found: dict[str, int] = client.job(survey_id).document
+    except ResponseError as error:
+        if error.status != 503:
+            raise
+        return None
+    return found
