@@ -44,6 +44,7 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (errors.MissingError, 404),
     (errors.ConflictError, 409),
     (errors.LimitError, 422),
+    (errors.BeyondError, 422),
     (ParameterError, 422),
     (StorageError, 503),
     (DamageError, 503),

@@ -27,6 +27,8 @@ from rattle.curves.starts import members
 from rattle.errors import RattleError, require_number
 from rattle.impact_equations import Array
 
+#: Below, damping at these points is so small that their residuals cancel to a few digits, or to none.
+LEAST_BACKLASH = 1e-5
 Residual = Callable[[float, float], float]
 
 
@@ -103,9 +105,9 @@ class CodimensionTwo:
 
 def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
     """COD20, COD21, COD23, COD22, by rising δ at β = 0.6, for half-backlash beta; points that it does not have are left
-    out.
+    out, and below β = 1e-5 all.
 
-    Positions to about 1e-13, orders by a fit over three decades of distance. Raises ParameterError. COD21 and COD22 are
+    Positions to about 1e-12, orders by a fit over three decades of distance. Raises ParameterError. COD21 and COD22 are
     the paper's (section 5.2); COD20 and COD23 are not in it.
     """
     beta = require_number("beta", beta, positive=True)
@@ -128,6 +130,8 @@ def _points(beta: float) -> tuple[CodimensionTwo, ...]:
 @lru_cache(maxsize=256)
 def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, float]:
     """(δ, ε) of the first point at which a residual that is positive at small damping vanishes along the graze."""
+    if beta < LEAST_BACKLASH:
+        raise RattleError(f"{name} is not resolved in double precision for beta = {beta}")
     from scipy.optimize import brentq  # a quarter of a second to load
 
     scan = np.geomspace(0.05, 8.0, 400) * 4 * beta / np.pi  # COD22 is near 4β/π, where 2πδ just crosses the gap

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 from fastapi.testclient import TestClient
-from service_support import front_end
+from service_support import assert_problem, front_end
 
 ORDINARY = {"delta": "0.6", "epsilon": "0.1", "beta": "0.6"}
 EXTREMES = [
@@ -37,3 +37,19 @@ def test_a_point_is_answered(client: TestClient, extreme: dict[str, str]) -> Non
         else:
             document = json.loads(answer.text, parse_constant=refuse)
             assert {name: float(value) for name, value in extreme.items()}.items() <= document.items()
+
+
+@pytest.mark.parametrize(
+    ("path", "status"),
+    [
+        ("/v1/orbits?delta=0.6&epsilon=3.25e16&kappa=6e7", 422),
+        ("/v1/curves?beta=1.2e-7&delta_min=2.3e-308&epsilon_max=857326", 200),
+    ],
+)
+def test_what_cannot_be_computed_is_no_error_of_the_service(client: TestClient, path: str, status: int) -> None:
+    answer = client.get(path)
+    if status == 200:
+        assert answer.status_code == 200, answer.text
+        assert answer.json()["points"] == []
+    else:
+        assert_problem(answer, status, "cannot be followed", "choose another point")

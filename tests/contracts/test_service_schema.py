@@ -43,6 +43,10 @@ CONFIG = f"""
 # 503 is declared: a point at extreme parameters takes longer than a request may (where points are computed at all).
 not_a_server_error.expected-statuses = ["2xx", "3xx", "4xx", "503"]
 positive_data_acceptance.expected-statuses = ["2xx", "304", "404", "409", "416", "422", "429", "503"]
+# Its own list, and 414: a URL that is too long.
+negative_data_rejection.expected-statuses = [
+    "400", "401", "403", "404", "405", "406", "409", "414", "415", "422", "429", "5xx",
+]
 
 [phases.stateful]
 # One after the other along the links: from a survey to its points, from where curves meet to basins and attractors.

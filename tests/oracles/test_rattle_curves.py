@@ -199,6 +199,20 @@ def test_codimension_two_points():
             assert abs(ours[name].epsilon - point.epsilon) < 1e-11, (name, beta)
 
 
+@pytest.mark.parametrize("beta", [1e-5, 1e-4, 1e-3])
+def test_codimension_two_points_of_a_small_backlash(beta):
+    """The velocity 2πδ of A just crosses the gap at COD22, where δ → 4β/π with an error of order β³."""
+    points = {point.name: point for point in curves.codimension_two(beta)}
+    assert points["COD22"].delta == pytest.approx(4 * beta / np.pi, abs=0.03 * beta**3 + 1e-13)
+    assert points["COD20"].delta / beta == pytest.approx(0.906, abs=1e-3)
+
+
+def test_a_backlash_too_small_for_its_points_has_none():
+    """At 1e-6 the position of COD22 was off by 1e-10, and at 3e-7 its search failed."""
+    for beta in (9e-6, 1e-6, 3e-7, 1e-8, 1e-300):
+        assert curves.codimension_two(beta) == ()
+
+
 def test_saddle_node_and_flip_outlive_the_double_multiplier():
     """SN2 and PD1 do not end at COD21, as the paper has it: between COD21 and COD23, B and D are born before G1."""
     at = {name: exact.known_codimension_two(name, 0.6) for name in ("COD21", "COD23", "COD22")}
