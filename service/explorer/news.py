@@ -6,7 +6,7 @@ import asyncio
 import logging
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 
@@ -36,14 +36,16 @@ log = logging.getLogger(__name__)
 
 
 class News:
-    """Who listens is told where the surveys stand, in the event loop: at once, and whenever something has changed."""
+    """Who listens is told where the surveys stand, in the event loop: soon, and whenever something has changed.
+
+    Nobody is told what was read before they came: a page keeps to the survey that it finds first.
+    """
 
     def __init__(self, front: Front) -> None:
         self._front = front
         self._listeners: set[Listener] = set()
-        self._stale = asyncio.Event()
+        self._stale, self._arrived = asyncio.Event(), asyncio.Event()
         self._past: dict[str, list[tuple[float, int]]] = {}  # of running surveys: when, cells done
-        self.latest: Sequence[Standing] | None = None
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -64,9 +66,8 @@ class News:
     def listen(self, listener: Listener) -> None:
         """Tell this one from now on."""
         self._listeners.add(listener)
-        if self.latest is not None:
-            listener(self.latest)
-        self._stale.set()  # nobody may have listened for a while
+        self._stale.set()
+        self._arrived.set()
 
     def leave(self, listener: Listener) -> None:
         self._listeners.discard(listener)
@@ -75,7 +76,8 @@ class News:
         while True:
             await self._stale.wait()
             self._stale.clear()
-            if not self._listeners:
+            self._arrived.clear()
+            if not (listeners := tuple(self._listeners)):
                 continue
             try:
                 jobs, _ = await run_in_threadpool(self._front.database.jobs, LISTED)
@@ -83,10 +85,11 @@ class News:
                 log.warning("the surveys cannot be listed for the explorer: %s", error)
                 self._stale.set()
             else:
-                self.latest = [self._standing(job, time.monotonic()) for job in jobs]
-                for listener in tuple(self._listeners):
-                    listener(self.latest)
-            await asyncio.sleep(PAUSE)
+                standings = [self._standing(job, time.monotonic()) for job in jobs]
+                for listener in self._listeners.intersection(listeners):
+                    listener(standings)
+            with suppress(TimeoutError):  # who has just come is not kept waiting
+                await asyncio.wait_for(self._arrived.wait(), PAUSE)
 
     def _standing(self, job: JobRow, now: float) -> Standing:
         if job.state != State.RUNNING:
