@@ -62,10 +62,6 @@ class LimitError(ServiceError):
         self.field = field
 
 
-class BeyondError(ServiceError):
-    """What was asked for cannot be computed at these parameters."""
-
-
 class QueueFullError(ServiceError):
     """Too many surveys are waiting or running."""
 

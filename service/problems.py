@@ -44,7 +44,6 @@ STATUS_OF: tuple[tuple[type[Exception], int], ...] = (
     (errors.MissingError, 404),
     (errors.ConflictError, 409),
     (errors.LimitError, 422),
-    (errors.BeyondError, 422),
     (ParameterError, 422),
     (StorageError, 503),
     (DamageError, 503),
@@ -183,7 +182,8 @@ def _allowed_methods(request: Request) -> list[str]:
 
 
 def _on_known_error(request: Request, error: Exception) -> Response:
-    status = next((status for kind, status in STATUS_OF if isinstance(error, kind)), 500)
+    beyond = type(error) is RattleError  # of no class of its own: the library cannot compute this at these parameters
+    status = next((status for kind, status in STATUS_OF if isinstance(error, kind)), 422 if beyond else 500)
     if status == 500 or isinstance(error, SQLAlchemyError):
         log.error("%s %s", request.method, request.url.path, exc_info=error)
     # What a database error says is about SQL, which helps nobody outside.

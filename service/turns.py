@@ -8,9 +8,8 @@ from typing import TypeVar, TypeVarTuple
 import anyio
 from anyio import BrokenWorkerProcess, to_process
 
-from rattle import RattleError
 from rattle.models import Model
-from service.errors import BeyondError, UnavailableError
+from service.errors import UnavailableError
 from service.kernels import Part
 from service.state import Front
 
@@ -33,7 +32,6 @@ async def in_turn(
 
     Raises:
         KernelsError: they are still being compiled.
-        BeyondError: it cannot be computed at these parameters.
         UnavailableError: too many wait already, it takes too long (`what`, and the `advice` to follow), or it died.
     """
     limits = front.settings
@@ -46,9 +44,5 @@ async def in_turn(
             return await to_process.run_sync(compute, *arguments, cancellable=True, limiter=front.points)
     except TimeoutError as error:
         raise UnavailableError(f"{what} were not found within {limits.max_point_seconds:g} s. {advice}") from error
-    except RattleError as error:
-        if type(error) is not RattleError:  # which says by its class what it is
-            raise
-        raise BeyondError(str(error)) from error
     except BrokenWorkerProcess as error:
         raise UnavailableError("The process that computed this has died. Try again.") from error

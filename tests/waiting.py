@@ -9,6 +9,7 @@ from typing import Any
 #: limit of a whole test (pyproject.toml), so that a wait says what it was for.
 HANG = 900.0
 POLL = 0.02
+SELDOM = 0.5  # where it takes a process to ask
 
 
 def wait_until(condition: Callable[[], Any], poll: float = POLL) -> Any:

@@ -52,13 +52,10 @@ def template_on(
         SurveyError: it cannot be computed.
         ClusterLostError: the cluster is gone.
     """
-    for _ in range(ATTEMPTS - 1):
+    for _ in range(ATTEMPTS):
         with suppress(KilledWorker):
             return _template_on(client, request, created, should_stop)
-    try:
-        return _template_on(client, request, created, should_stop)
-    except KilledWorker as error:
-        raise SurveyError("the curves of the survey killed the process that traced them: look at the log") from error
+    raise SurveyError("the curves of the survey killed the process that traced them: look at the log")
 
 
 def _template_on(

@@ -17,13 +17,12 @@ import postgres
 import pytest
 import yaml
 from service_processes import REQUEST, ROOT, assert_bit_identical, client_of, free_port, serial_run
-from waiting import HANG, wait_until
+from waiting import HANG, SELDOM, wait_until
 
 import rattle._compile
 
 SERVICES: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
 PASSWORD = "of this test only"
-SELDOM = 0.5  # to ask whether a service is healthy takes a process
 
 
 class Here:

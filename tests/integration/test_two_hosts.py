@@ -17,7 +17,7 @@ from depth import deep
 from faults import REQUEST, Faults
 from parts import authority, dask_part, environment
 from service_processes import RATTLE, ROOT, assert_bit_identical
-from waiting import HANG, wait_until
+from waiting import HANG, SELDOM, wait_until
 
 from workers import examine, open_survey
 
@@ -26,7 +26,6 @@ PORT, HELD = 8000, 6
 SCHEDULER = f"tls://{THERE}:8786"
 #: A connection on which nothing arrives for this long is lost: not 30 s, as dask has it, and no less than it allows.
 LOST = "12s"
-SELDOM = 0.5  # to ask takes a process
 SNIFFER = """
 import socket, sys
 link = socket.socket(socket.AF_PACKET, socket.SOCK_RAW, socket.htons(3))
