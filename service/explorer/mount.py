@@ -130,7 +130,8 @@ class Explorer:
         bokeh = await self.load()
         if len(list(bokeh.context.sessions)) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
-        if self._warming is None:  # processes for the first click, which nobody needs where nobody looks
+        if self._front.settings.preload and self._warming is None:
+            # processes for the first click, which nobody needs where nobody looks
             self._warming = asyncio.create_task(prepare(self._front))
 
         async def parts() -> AsyncIterator[str]:

@@ -45,8 +45,10 @@ def idle_cluster() -> Iterator[Any]:
 
 @contextmanager
 def front_end(data: Path, **settings: Any) -> Iterator[TestClient]:
-    """A client of an application with these settings, without a cluster; points may take as long as they like."""
-    limits = {"max_point_seconds": HANG} | settings
+    """A client of an application with these settings, without a cluster; points may take as long as they like, and
+    processes for them start when they are asked for.
+    """
+    limits = {"max_point_seconds": HANG, "preload": False} | settings
     with local_client(create_app(Settings(data=data, **limits), no_cluster)) as client:
         yield client
 
