@@ -9,15 +9,18 @@ from typing import Any
 #: limit of a whole test (pyproject.toml), so that a wait says what it was for.
 HANG = 900.0
 POLL = 0.02
-SELDOM = 0.5  # where it takes a process to ask
+#: A long wait is asked about more and more seldom, up to this: who asks often takes the time of what is waited for.
+SELDOM = 0.5
+PATIENCE = 0.1  # of the time waited so far
 
 
 def wait_until(condition: Callable[[], Any], poll: float = POLL) -> Any:
-    """Poll until the condition is true, after so many seconds each; its value."""
-    deadline = time.monotonic() + HANG
+    """Poll until the condition is true, after so many seconds at least; its value."""
+    began = time.monotonic()
     while not (value := condition()):
-        assert time.monotonic() < deadline, f"{condition} has not become true in {HANG:g} s"
-        time.sleep(poll)
+        waited = time.monotonic() - began
+        assert waited < HANG, f"{condition} has not become true in {HANG:g} s"
+        time.sleep(max(poll, min(SELDOM, PATIENCE * waited)))
     return value
 
 
