@@ -47,7 +47,7 @@ test-install: $(INSTALLED)
 kernels: impacting-kernels stiff-kernels
 
 impacting-kernels stiff-kernels: %-kernels: $(INSTALLED)
-	$(BIN)/python -c 'from service.kernels import *; compiled(Model("$*")) or compile_all(Model("$*"))'
+	$(BIN)/python -c 'from service.compilation import *; from service.kernels import compiled; compiled(Model("$*")) or compile_all(Model("$*"))'
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

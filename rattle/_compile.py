@@ -38,14 +38,18 @@ log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
 LOCK_POLL_SECONDS, TOLD_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 600.0
 OBJECTS = 50_000  # that are made between two collections of garbage; Python's own default is 700
 
+DRAWN_OR_TOLD = {"plot", "paper"}  # folders that compute nothing that is kept
+
 
 @cache
 def source_hash() -> str:
     """Hex SHA-256 over the sources that compute: two equal hashes give bit-identical numbers on one machine."""
     digest = hashlib.sha256()
     root = Path(__file__).parent
-    for path in sorted(set(root.rglob("*.py")) - set((root / "plot").rglob("*.py"))):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    for path in sorted(root.rglob("*.py")):
+        name = path.relative_to(root)
+        if name.parts[0] not in DRAWN_OR_TOLD:
+            digest.update(name.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
 

@@ -14,10 +14,11 @@ from rattle.branches import Branch, doubled, through
 from rattle.errors import RattleError
 from rattle.events import Event
 from rattle.impact_equations import Array, Itinerary
+from rattle.impacting_survey import classify
 from rattle.iterate import iterate
 from rattle.orbits import NAMES, period_one
 from rattle.periodic import Periodic, PeriodicOrbit, at_parameters, follow_impacts, orbit_of
-from rattle.survey import Survey, followed
+from rattle.survey import Classifier
 
 POINTS_ACROSS = 60  # a segment, at least
 
@@ -64,7 +65,7 @@ class Motions(Protocol):
     def sampled(self, steps: tuple[Array, ...], count: int, v_max: float, seed: int) -> Attractors:
         """The attractors that so many initial conditions find, cell i at step i."""
 
-    def followed(self, steps: tuple[Array, ...], tau: Array, v: Array) -> Survey:
+    def classify(self, steps: tuple[Array, ...], tau: Array, v: Array) -> Classifier:
         """States (n, k), each followed to its end."""
 
     def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
@@ -112,10 +113,10 @@ class ImpactingMotions:
         delta, epsilon, beta = steps
         return attractors_of(delta, epsilon, beta, count, v_max, seed)
 
-    def followed(self, steps: tuple[Array, ...], tau: Array, v: Array) -> Survey:
+    def classify(self, steps: tuple[Array, ...], tau: Array, v: Array) -> Classifier:
         """See `Motions`."""
         delta, epsilon, beta = steps
-        return followed(delta, epsilon, beta, tau, v)
+        return classify(delta, epsilon, beta, tau, v)
 
     def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
         """See `Motions`."""

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import require, require_integer, require_number
+from rattle.impacting_survey import classify
 from rattle.lyapunov import pooled
 from rattle.orbits import parameters
 from rattle.sampling import initial_conditions, wilson_interval
 from rattle.settle import LEFT, ORBIT
 from rattle.settle import QUIET as SETTLED_QUIET
-from rattle.survey import Survey, followed
+from rattle.survey import Classifier
 
 KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
 QUIET, PERIODIC, CHAOTIC, UNDECIDED = range(1, 5)
@@ -63,23 +64,23 @@ class Attractors(NamedTuple):
     impacts: NDArray[np.int64]
 
 
-def _kinds(survey: Survey) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Kind of every sample, and which orbit or chaotic attractor of its cell it goes to."""
-    status = survey.samples.status
+    status = classifier.samples.status
     kind = np.full(status.size, UNDECIDED)
     kind[status == SETTLED_QUIET], kind[status == ORBIT] = QUIET, PERIODIC
-    which = np.where(status == ORBIT, survey.samples.orbit, 0)
-    for chaos in survey.chaos.values():
+    which = np.where(status == ORBIT, classifier.samples.orbit, 0)
+    for chaos in classifier.chaos.values():
         for i, each in enumerate(chaos):
             on = each.samples[status[each.samples] == LEFT]
             kind[on], which[on] = CHAOTIC, i
     return kind, which
 
 
-def tabulated(survey: Survey) -> tuple[Attractors, NDArray[np.int64]]:
+def tabulated(classifier: Classifier) -> tuple[Attractors, NDArray[np.int64]]:
     """One row for every attractor of every cell, and the row of every sample."""
-    kind, which = _kinds(survey)
-    samples, orbits = survey.samples, survey.orbits
+    kind, which = _kinds(classifier)
+    samples, orbits = classifier.samples, classifier.orbits
     width = int(which.max(initial=0)) + 1
     key = (samples.cell * len(KINDS) + kind) * width + which
     _, one, row, number = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
@@ -94,7 +95,7 @@ def tabulated(survey: Survey) -> tuple[Attractors, NDArray[np.int64]]:
     first, second = of_orbit(orbits.first, np.nan), of_orbit(orbits.second, np.nan)
     error = np.where(periodic, 0.0, np.nan)
     for i in np.flatnonzero(kind == CHAOTIC):
-        first[i], second[i], error[i] = pooled(survey.chaos[int(cell[i])][which[i]].sums)
+        first[i], second[i], error[i] = pooled(classifier.chaos[int(cell[i])][which[i]].sums)
     m, n_plus, n_minus = (of_orbit(x, 0).astype(np.int64) for x in (orbits.m, orbits.n_plus, orbits.n_minus))
     tau, v = of_orbit(orbits.tau, samples.tau[one]), of_orbit(orbits.v, samples.v[one])
     order = np.lexsort((tau, v, n_minus, n_plus, m, kind, -number, cell))
@@ -113,13 +114,13 @@ def attractors_of(
 
     A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
     """
-    return of_samples(followed, parameters(delta, epsilon, beta), count, v_max, seed)
+    return of_samples(classify, parameters(delta, epsilon, beta), count, v_max, seed)
 
 
 def of_samples(
-    followed: Callable[..., Survey], cells: Sequence[NDArray[np.float64]], count: int, v_max: float, seed: int
+    classify: Callable[..., Classifier], cells: Sequence[NDArray[np.float64]], count: int, v_max: float, seed: int
 ) -> Attractors:
-    """The attractors of cells with these parameters (δ, ε, β and what the model has besides), where `followed` takes
+    """The attractors of cells with these parameters (δ, ε, β and what the model has besides), where `classify` takes
     them and the sample of each. Raises ParameterError.
     """
     count = require_integer("count", count, 1, MOST_SAMPLES)
@@ -129,7 +130,7 @@ def of_samples(
     n = flat[0].size
     require(n * count <= 64 * MOST_SAMPLES, f"{n} cells of {count} samples are too many at once: use tiles")
     d, e, b = flat[:3]
-    table, _rows = tabulated(followed(*flat, *initial_conditions(d, e, b, count, v_max, seed)))
+    table, _rows = tabulated(classify(*flat, *initial_conditions(d, e, b, count, v_max, seed)))
     return table
 
 

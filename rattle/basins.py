@@ -18,10 +18,11 @@ from rattle.cell_map import groups_of_map, locate
 from rattle.discover import SAME_POINT
 from rattle.errors import require, require_integer, require_number
 from rattle.flight import wrapped
+from rattle.impacting_survey import classify
 from rattle.iterate import iterate
 from rattle.quiet import capture_invariant
 from rattle.sampling import initial_conditions
-from rattle.survey import Survey, followed
+from rattle.survey import Classifier
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,7 @@ MOST_IMPACTS = 1000
 class Plane(Protocol):
     """The states (τ, v) on Σ⁺ of one model at one parameter point; arrays (k,)."""
 
-    def followed(self, tau: Array, v: Array) -> Survey:
+    def classify(self, tau: Array, v: Array) -> Classifier:
         """The states as samples of one cell, each followed to its end."""
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -61,9 +62,9 @@ class ImpactingPlane(NamedTuple):
         """δ, ε, β (1,)."""
         return np.array([self.delta]), np.array([self.epsilon]), np.array([self.beta])
 
-    def followed(self, tau: Array, v: Array) -> Survey:
+    def classify(self, tau: Array, v: Array) -> Classifier:
         """See `Plane`."""
-        return followed(*self.arrays, tau[None].copy(), v[None].copy())
+        return classify(*self.arrays, tau[None].copy(), v[None].copy())
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """See `Plane`; a trajectory that becomes quiet goes on bouncing, and is located there."""
@@ -101,9 +102,9 @@ class Basins:
 
 def classified(plane: Plane, tau: Array, v: Array) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
     """The attractors that states (n,) go to, by the one classifier: the table, each state's row and impacts."""
-    survey = plane.followed(tau, v)
-    table, rows = tabulated(survey)
-    return table, rows, survey.samples.impacts
+    classifier = plane.classify(tau, v)
+    table, rows = tabulated(classifier)
+    return table, rows, classifier.samples.impacts
 
 
 def _without_chaos(steps: NDArray[np.int64], table: Attractors, rows: NDArray[np.int64]) -> NDArray[np.int64]:

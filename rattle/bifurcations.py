@@ -30,9 +30,9 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Pr
     SN: det J(1) = 0. PD: det J(−1) = 0. GR: impact number `impact` is reached with velocity 0.
     """
     if kind is Kind.GRAZING:
-        if impact is None or not isinstance(itinerary, Itinerary):
+        if impact is None:
             raise RattleError("a graze needs the number of the impact that grazes")
-        return Problem(lambda x: np.append(itinerary.residual(x), itinerary.flights(x).w1[..., impact - 1, None], -1))
+        return Problem(lambda x: np.append(itinerary.residual(x), itinerary.graze(x, impact)[..., None], -1))
     multiplier = MULTIPLIER[kind]
     borders: list[Array] = []
 

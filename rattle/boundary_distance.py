@@ -15,13 +15,13 @@ from rattle.attractors import MOST_SAMPLES
 from rattle.errors import require, require_number
 from rattle.flight import wrapped
 from rattle.images import lowest_preimages
+from rattle.impacting_survey import classify
 from rattle.iterate import fold
 from rattle.limits import quiet_limit
 from rattle.orbits import parameters
 from rattle.quiet import capture_speeds, rests_late
 from rattle.sampling import sobol
 from rattle.settle import LEFT, ORBIT, QUIET
-from rattle.survey import followed
 
 SAMPLED, ROUNDS = 1024, 8  # states of the strip and of the plane; of the strip again below the least so far, so often
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64  # states of all balls of capture of a cell, and of each ball
@@ -65,9 +65,9 @@ class _Cells:
         (tau, v), (x, y) = self.strip(np.full(delta.size, v_max), 0), sobol(SAMPLED).T
         plane = v_max * (y + 0.5 / SAMPLED)
         tau, v = np.hstack([tau, np.tile(x, (delta.size, 1))]), np.hstack([v, np.tile(plane, (delta.size, 1))])
-        self.survey = followed(delta, epsilon, beta, tau.copy(), v.copy())
-        status, impacts = self.survey.status, self.survey.samples.impacts.reshape(v.shape)
-        self.chaos = np.array([cell in self.survey.chaos for cell in range(delta.size)])
+        self.classifier = classify(delta, epsilon, beta, tau.copy(), v.copy())
+        status, impacts = self.classifier.status, self.classifier.samples.impacts.reshape(v.shape)
+        self.chaos = np.array([cell in self.classifier.chaos for cell in range(delta.size)])
         settled = np.where((status == ORBIT) | (status == QUIET), impacts, 0).max(axis=1)
         self.chaos &= PATIENCE * settled <= MOST_IMPACTS  # else what is left may be on its way to rest
         captured = np.where(status == ORBIT, impacts, 0).max(axis=1)
@@ -87,7 +87,7 @@ class _Cells:
 
     def away(self, cell: NDArray[np.int64], tau: Array, v: Array, times: int = 1) -> NDArray[np.bool_]:
         """Whether states (k,) of these cells go to another attractor; chaotic is what is left in a cell with chaos."""
-        status = self.survey.settled(cell, tau, v, times * self.most[cell])
+        status = self.classifier.settled(cell, tau, v, times * self.most[cell])
         return (status == ORBIT) | ((status == LEFT) & self.chaos[cell])
 
     def keep(self, tau: Array, v: Array) -> None:
@@ -100,7 +100,7 @@ class _Cells:
 
     def edges(self) -> tuple[NDArray[np.int64], Array, Array]:
         """States (k,) at the edges of the balls of capture that are new since the last call: cell, τ, v."""
-        balls = self.survey.balls
+        balls = self.classifier.balls
         cell, p = np.nonzero((np.arange(balls.tau.shape[1]) >= self.balls[:, None]) & (balls.orbit >= 0))
         fresh = p < balls.n[cell]
         cell, p = cell[fresh], p[fresh]
@@ -123,7 +123,7 @@ class _Cells:
         near_tau, near_v = fold(tau.flat[some] + near[:, 0]), v.flat[some] * (1.0 - near[:, 1])
         states = np.tile(some // v.shape[1], 1 + COPIES), near_tau.ravel(), near_v.ravel()
         cell, tau, v = (np.append(x, y) for x, y in zip(states, self.edges(), strict=True))
-        delta, epsilon, beta, _capture = (x[cell] for x in self.survey.cells)
+        delta, epsilon, beta, _capture = (x[cell] for x in self.classifier.cells)
         tau, v = lowest_preimages(tau, v, PREIMAGES, CEILING, delta, epsilon, beta)
         order = np.lexsort((tau, v, cell))
         rank = np.arange(cell.size) - np.searchsorted(cell[order], cell[order])

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rattle.arclength import CLOSED, Bound, Follower, Path, newton, tangent_at
 from rattle.bifurcations import Kind, along
+from rattle.curves.registry import name_of
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
 from rattle.events import Event, Line, between_twins, find_events, is_twice, origin_of_doubling
 from rattle.impact_equations import Array, Itinerary, twins
@@ -92,6 +93,10 @@ class Branch:
             return ("",) * len(self)
         index = np.linalg.det(self.itinerary.jacobian(np.hstack([self.times, self.parameters])))
         return tuple(pair[int(above)] for above in index > 0.0)  # 0 at saddle-nodes, finite at grazes
+
+    def curve_of(self, event: Event) -> str | None:
+        """The curve of `rattle.curves` that an event is on, None if it is on none of them."""
+        return name_of(event)
 
     def motion(self, index: int) -> tuple[Itinerary, Array]:
         """Itinerary and unknowns (n + 2,) of one point."""

@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.flight import DRIFT
 from rattle.impact_map import impact_tangent
+from rattle.impacting_survey import ImpactingClassifier
 from rattle.iterate import fold
 from rattle.limits import quiet_limit
 from rattle.orbits import parameters, period_one
 from rattle.quiet import capture_invariants, impacts_to_rest
 from rattle.settle import QUIET, Cells
-from rattle.survey import Survey
 
 CRISIS_SIDES = ("not_computed", "no_saddle", "inside", "escapes", "undecided")
 NO_SADDLE, INSIDE, ESCAPES, UNSURE = range(1, 5)
@@ -59,8 +59,9 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
         along = np.array([_direction(*row) for row in zip(*rows, strict=True)])
         d, e, b, tau, v, multiplier = rows
         s = NEAREST * multiplier[:, None] ** ((np.arange(SAMPLES) + 0.5) / SAMPLES)
-        survey = Survey(Cells(d, e, b, capture_invariants(d, e, b)), np.zeros((told.size, 0)), np.zeros((told.size, 0)))
-        status = survey.settled(
+        nothing = np.zeros((told.size, 0))
+        classifier = ImpactingClassifier(Cells(d, e, b, capture_invariants(d, e, b)), nothing, nothing)
+        status = classifier.settled(
             np.repeat(np.arange(told.size), SAMPLES),
             fold(tau[:, None] + s * along[:, :1]).ravel(),
             (v[:, None] + s * along[:, 1:]).ravel(),

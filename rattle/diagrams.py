@@ -37,7 +37,18 @@ class HasParameters(Protocol):
         """Those of the segment, (…, d)."""
 
 
-AnyBranch = TypeVar("AnyBranch", bound=HasParameters)
+class HasEvents(HasParameters, Protocol):
+    """A branch."""
+
+    @property
+    def events(self) -> tuple[Any, ...]:
+        """What happens on it."""
+
+    def curve_of(self, event: Any) -> str | None:
+        """The name of the curve of the plane that one of them is on."""
+
+
+AnyBranch = TypeVar("AnyBranch", bound=HasEvents)
 AnyEvent = TypeVar("AnyEvent", bound=HasParameters)
 
 
@@ -74,6 +85,11 @@ class Diagram(Generic[AnyBranch, AnyEvent]):
     sampled: Attractors
     small: tuple[Piece, ...]
     left_out: tuple[tuple[int, int, int], ...]
+
+    def curve_of(self, event: AnyEvent) -> str | None:
+        """The name of the curve of the (δ, ε) plane that an event is on, None if it is on none that has one."""
+        on = (branch for branch in self.branches if any(each is event for each in branch.events))
+        return next((branch.curve_of(event) for branch in on), None)
 
     @property
     def start(self) -> tuple[float, float]:

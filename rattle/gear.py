@@ -15,8 +15,10 @@ from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.gamma import GammaPiece, gamma
 from rattle.iterate import Iterates, iterate
 from rattle.orbits import Orbit, orbits_at
+from rattle.periodic import Periodic, PeriodicOrbit, periodic_orbit
 from rattle.quiet import capture_speed
 from rattle.regions import regions
+from rattle.saddles import period_one_saddle
 from rattle.trajectory import Trajectory, trajectory
 
 
@@ -147,6 +149,14 @@ class Gear:
     def orbits(self) -> tuple[Orbit, ...]:
         """The admissible period-one orbits among A, B, C, D, in that order, with multipliers and stability."""
         return orbits_at(self.delta, self.epsilon, self.beta)
+
+    def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicOrbit:
+        """The periodic motion near a departure (τ, v), with n_plus impacts on Σ⁺ a period; see `periodic_orbit`."""
+        return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
+
+    def saddle(self, orbit: Orbit) -> Periodic:
+        """A saddle among `orbits`, for its manifolds. Raises RattleError if it is none."""
+        return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:
         """Region 1…5 (I…V) of the paper's Figure 7; 0 for another combination of orbits."""

@@ -61,6 +61,9 @@ class Equations(Protocol):
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
         """J(λ) = ∂R/∂unknowns (…, n, n), where what is a period later is λ times as large."""
 
+    def graze(self, x: NDArray, impact: int) -> NDArray:
+        """What is zero (…,) where impact number `impact` is a graze."""
+
     def begun_at(self, first: int) -> Self:
         """The itinerary of the same motion, begun at impact number `first`."""
 
@@ -178,6 +181,10 @@ class Itinerary:
         matrix[..., rows, self.after] += after * wrap
         matrix[..., self.after, rows] += before / wrap
         return matrix
+
+    def graze(self, x: NDArray, impact: int) -> NDArray:
+        """The velocity (…,) with which an impact is reached."""
+        return self.flights(x).w1[..., impact - 1]
 
     def monodromy(self, x: Array) -> Array:
         """The product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs); infinite at a

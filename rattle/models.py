@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from rattle import curves, stiff
 from rattle.attractors import Attractors, attractors_of
@@ -15,7 +16,8 @@ from rattle.diagrams import Diagram, diagram
 from rattle.errors import RattleError, require_number
 from rattle.events import Event
 from rattle.gear import Gear
-from rattle.orbits import PeriodOne, period_one
+from rattle.orbits import PeriodOne, parameters, period_one
+from rattle.quiet import rests_late
 
 Range = tuple[float, float]
 
@@ -43,6 +45,11 @@ class Impacting:
 
     name = Model.IMPACTING
     curve_names = curves.NAMES
+    in_closed_form = True  # A to D, and the regions and limits that follow from them
+    has_margin = True  # `boundary_distance`
+    has_gamma = True
+    has_crisis = True
+    stiffness = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
@@ -63,6 +70,11 @@ class Impacting:
     ) -> Attractors:
         """The attractors of all cells."""
         return attractors_of(delta, epsilon, self.beta, count, v_max, seed)
+
+    def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
+        """Whether quiet motion takes too many impacts to be told from chaos."""
+        d, e, b = parameters(delta, epsilon, self.beta)
+        return rests_late(*(np.array(x, order="C").ravel() for x in (d, e, b))).reshape(d.shape)
 
     def diagram(self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64) -> Diagram[Branch, Event]:
         """The bifurcation diagram from start to end, both (δ, ε)."""
@@ -97,6 +109,10 @@ class Stiff:
 
     name = Model.STIFF
     curve_names = stiff.NAMES
+    in_closed_form = False
+    has_margin = False
+    has_gamma = False
+    has_crisis = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
@@ -104,6 +120,11 @@ class Stiff:
 
     def __str__(self) -> str:
         return f"half-backlash β = {self.beta:g}, stiffness κ = {self.kappa:g}"
+
+    @property
+    def stiffness(self) -> float:
+        """κ."""
+        return self.kappa
 
     def gear(self, delta: float, epsilon: float) -> stiff.StiffGear:
         """The model at one point."""
@@ -118,6 +139,10 @@ class Stiff:
     ) -> Attractors:
         """The attractors of all cells."""
         return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed)
+
+    def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
+        """Never: contact that does not end is seen when it begins."""
+        return np.zeros(np.broadcast_shapes(np.shape(delta), np.shape(epsilon)), np.bool_)
 
     def diagram(
         self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64

@@ -131,11 +131,11 @@ class Sweeps:
         count = max(map(len, states))
         tau, v = (np.array([[s[i] for s in (here * count)[:count]] for here in states]) for i in (0, 1))
         at = [run.step for run in runs]
-        survey = self.model.followed(tuple(np.ascontiguousarray(x[at]) for x in self.steps), tau, v)
-        table, rows = tabulated(survey)
+        classifier = self.model.classify(tuple(np.ascontiguousarray(x[at]) for x in self.steps), tau, v)
+        table, rows = tabulated(classifier)
         for i, run in enumerate(runs):
             first = i * count
-            end = float(survey.samples.tau[first]), float(survey.samples.v[first])
+            end = float(classifier.samples.tau[first]), float(classifier.samples.v[first])
             self._arrive(run, table, rows[first : first + len(states[i])], end)
 
     def _arrive(self, run: _Run, table: Attractors, rows: NDArray[np.int64], end: tuple[float, float]) -> None:

@@ -13,7 +13,7 @@ from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 
 import rattle
 import workers
-from service import problems
+from service import compilation, problems
 from service.access import AccessMiddleware, caller_of
 from service.broadcast import Broadcast
 from service.conditional import AnyTagMiddleware
@@ -106,7 +106,7 @@ def _lifespan(
                 pictures=CapacityLimiter(1),
                 exports=CapacityLimiter(1),
                 points=CapacityLimiter(settings.max_points),
-                kernels=Kernels(settings),
+                kernels=Kernels(settings, compilation.WORK),
                 revocations=Revocations(database),
             )
             manager.start()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager, suppress
 from enum import IntEnum
 
@@ -17,9 +17,8 @@ import anyio
 from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 from starlette.concurrency import run_in_threadpool
 
-import rattle
 from rattle._compile import note_in_cache
-from rattle.models import AnyModel, Impacting, Model, Stiff, model_of
+from rattle.models import AnyModel, Model, model_of
 from service.errors import KernelsError
 from service.settings import Settings
 
@@ -39,50 +38,13 @@ class Part(IntEnum):
     POINT = 3  # basins, manifolds, margins, diagrams
 
 
-def _orbits(model: AnyModel) -> None:
-    from service.tracing import orbits_document
-
-    orbits_document(model.gear(*AT))
-
-
-def _curves(model: AnyModel) -> None:
-    from service.tracing import curves_document
-
-    delta, _ = AT
-    curves_document(model, (0.99 * delta, delta), (0.0, 0.2))
-
-
-def _attractors(model: AnyModel) -> None:
-    rattle.warm_up(model.kappa if isinstance(model, Stiff) else None)
-
-
-def _point(model: AnyModel) -> None:
-    from service.explorer import point_parts
-
-    point_parts.warm_up(model.gear(*AT))
-    if isinstance(model, Impacting):
-        rattle.crisis_side(*AT)  # surveys of basins ask it, and the estimate of their cost
-
-
-WORK: dict[Part, Callable[[AnyModel], None]] = {
-    Part.ORBITS: _orbits,
-    Part.CURVES: _curves,
-    Part.ATTRACTORS: _attractors,
-    Part.POINT: _point,
-}
 HERE = {Part.ORBITS, Part.CURVES}  # of the impacting model: in this process too, for its routes and its page
+Work = Mapping[Part, Callable[[AnyModel], None]]
 
 
 def model_for(name: Model) -> AnyModel:
     """The model whose gear is computed for its kernels."""
     return model_of(0.6, KAPPA if name is Model.STIFF else None)
-
-
-def compile_all(name: Model) -> None:
-    """Compile or load every kernel of a model, in this process."""
-    for work in WORK.values():
-        work(model_for(name))
-    note_compiled(name)
 
 
 def compiled(name: Model) -> bool:
@@ -97,10 +59,10 @@ def note_compiled(name: Model) -> None:
 
 
 class Kernels:
-    """The kernels of one service, in its event loop."""
+    """The kernels of one service, in its event loop; `work` is what needs each part of them (`service.compilation`)."""
 
-    def __init__(self, settings: Settings) -> None:
-        self._settings = settings
+    def __init__(self, settings: Settings, work: Work) -> None:
+        self._settings, self._work = settings, work
         self._limiter = CapacityLimiter(1)
         self._tasks: dict[Model, asyncio.Task[None]] = {}
         self._ready: dict[tuple[Model, Part], asyncio.Event] = {}
@@ -168,7 +130,7 @@ class Kernels:
 
     async def _compile(self, model: Model) -> None:
         computed, failed = model_for(model), False
-        for part, work in WORK.items():
+        for part, work in self._work.items():
             try:
                 await to_process.run_sync(work, computed, cancellable=True, limiter=self._limiter)
                 if model is Model.IMPACTING and part in HERE:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 from prometheus_client.core import GaugeMetricFamily, Metric
@@ -13,10 +13,16 @@ from service.tables import State
 
 if TYPE_CHECKING:
     from service.database import Database
-    from service.jobs import JobManager
     from workers import TileRecord
 
 SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
+
+
+class Computing(Protocol):
+    """What computes."""
+
+    def workers(self) -> int:
+        """Threads of its cluster."""
 
 
 class Metrics:
@@ -51,7 +57,7 @@ class Metrics:
         """Count a request, by the template of its route."""
         self._requests.labels(method, route, str(status)).observe(seconds)
 
-    def watch(self, database: Database, manager: JobManager) -> None:
+    def watch(self, database: Database, manager: Computing) -> None:
         """Ask these, too, at every scrape."""
         self.registry.register(_Now(database, manager))
 
@@ -63,7 +69,7 @@ class Metrics:
 class _Now(Collector):
     """What is read at the time of a scrape: the counters that the job database keeps, and the cluster."""
 
-    def __init__(self, database: Database, manager: JobManager) -> None:
+    def __init__(self, database: Database, manager: Computing) -> None:
         self._database = database
         self._manager = manager
 

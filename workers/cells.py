@@ -6,8 +6,7 @@ from functools import cached_property
 import numpy as np
 
 import rattle
-from rattle.models import AnyModel, Impacting
-from rattle.quiet import rests_late
+from rattle.models import AnyModel
 
 GRAZING_CURVES = ("G1", "G2")
 BASIN_RESOLUTION = 100  # cells a side of the (τ, v) plane, in boxes of 5 × 5 for the entropy
@@ -60,10 +59,7 @@ class Cells:
     @cached_property
     def rests_late(self) -> np.ndarray:
         """Whether quiet motion takes too many impacts to be told from chaos, shape (n_epsilon, n_delta)."""
-        if not isinstance(self.model, Impacting):  # contact that never ends is seen when it begins
-            return np.zeros(self.shape, np.bool_)
-        delta, epsilon = (np.ascontiguousarray(x).ravel() for x in np.meshgrid(self.delta, self.epsilon))
-        return rests_late(delta, epsilon, np.full(delta.size, self.model.beta)).reshape(self.shape)
+        return self.model.rests_late(self.delta, self.epsilon[:, None])
 
     @cached_property
     def basin_entropy(self) -> np.ndarray:

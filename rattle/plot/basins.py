@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,12 +20,10 @@ from rattle.gear import Gear
 from rattle.manifolds import manifold
 from rattle.models import AnyGear, model_of
 from rattle.orbits import Orbit
-from rattle.periodic import Periodic
 from rattle.plot.colours import colour, name_of, order
 from rattle.plot.drawing import Drawing, new_figure, outlined
 from rattle.plot.labels import ROOM, Labels
 from rattle.plot.paper_ranges import BETA
-from rattle.saddles import period_one_saddle
 
 Array = NDArray[np.float64]
 
@@ -69,12 +68,12 @@ def draw_basins(axes: Axes, basins: Basins, v_max: float = V_MAX) -> None:
     axes.set(xlim=(0.0, 1.0), ylim=(v_max, 0.0))
 
 
-def gamma_line(gear: Gear, v_max: float = V_MAX, spacing: float = SPACING) -> Array:
-    """Γ, folded (k, 2), empty if there is none."""
+def gamma_line(gear: Any, v_max: float = V_MAX, spacing: float = SPACING) -> Array:
+    """Γ of a gear whose model has it, folded (k, 2), empty if there is none."""
     return _joined([folded(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
 
 
-def draw_gamma(axes: Axes, gear: Gear, width: float, v_max: float = V_MAX) -> Array:
+def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float = V_MAX) -> Array:
     """Draw Γ in white; returns the line (k, 2), empty if there is none."""
     line = gamma_line(gear, v_max)
     if len(line):
@@ -133,7 +132,7 @@ def panels(
         basins = gear.basins(resolution, V_MAX, "direct")
         found += basins.attractors
         draw_basins(axes, basins)
-        if isinstance(gear, Gear):
+        if model.has_gamma:
             draw_gamma(axes, gear, 0.7)
         axes.set_title(f"({'abcdefghi'[i]}) ε = {gear.epsilon:g}", fontsize=9, pad=4)
         _few_ticks(axes, first=i % columns == 0, last=i >= len(gears) - columns)
@@ -212,19 +211,13 @@ def manifold_line(
     sides, why = [], None
     for side in (1, -1):
         try:
-            grown = manifold(_saddle(gear, orbit), kind, side, arclength, spacing)
+            grown = manifold(gear.saddle(orbit), kind, side, arclength, spacing)
         except RattleError as error:
             why = f"a side of the {kind} manifold of {name} is left out: {error}"
             continue
         for start, end in _connected(grown.pieces, grown.gap):
             sides.append(folded(grown.tau[start:end], grown.v[start:end]))
     return _joined(sides), why
-
-
-def _saddle(gear: AnyGear, orbit: Orbit) -> Periodic:
-    if isinstance(gear, Gear):
-        return period_one_saddle(orbit.name, gear.delta, gear.epsilon, gear.beta)
-    return gear.orbit(orbit.tau, orbit.v)
 
 
 def _connected(pieces: NDArray[np.int64], gap: Array) -> list[tuple[int, int]]:

@@ -12,17 +12,14 @@ from numpy.typing import NDArray
 
 from rattle.attractors import KINDS
 from rattle.bifurcations import Kind
-from rattle.curves import name_of
 from rattle.diagrams import Diagram, diagram
 from rattle.errors import require
-from rattle.events import Event
 from rattle.flight import wrapped
 from rattle.impact_equations import Array
 from rattle.plot import paper_ranges as ranges
 from rattle.plot.colours import name_of as name_of_type
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.plot.labels import Labels
-from rattle.stiff import StiffBranch
 from rattle.stiff.diagrams import diagram as stiff_diagram
 
 FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
@@ -188,13 +185,11 @@ def _attractors(panel: Axes, diagram: Diagram[Any, Any], which: str, x: Array) -
 
 
 def _marks(panel: Axes, labels: Labels, diagram: Diagram[Any, Any], which: str, scale: float, offset: float) -> None:
-    stiff = [branch for branch in diagram.branches if isinstance(branch, StiffBranch)]
-    curves = {id(event): branch.curve_of(event) for branch in stiff for event in branch.events}
     for event in diagram.events:
         phases, speeds = impacts_at(event)
         y = speeds if which == "v" else phases
         x = np.full(y.size, offset + scale * float(diagram.positions(event)))
-        name = name_of(event) if isinstance(event, Event) else curves.get(id(event))
+        name = diagram.curve_of(event)
         size, face = (26.0, "black") if name else (5.0, "white")
         panel.scatter(x, y, s=size, marker=MARKS[event.kind], c=face, ec="black", lw=0.5, zorder=5 if name else 4)
         if name:

@@ -21,7 +21,7 @@ from rattle.stiff.iterate import returned
 from rattle.stiff.line import Line
 from rattle.stiff.motion import StiffOrbit, stiff_orbit
 from rattle.stiff.orbits import orbits_at
-from rattle.stiff.survey import StiffSurvey, attractors_of, followed
+from rattle.stiff.survey import StiffClassifier, attractors_of, classify
 
 SEEDS = 5  # steps at which A to D are looked for
 
@@ -43,10 +43,10 @@ class StiffMotions:
         delta, epsilon, beta, kappa = steps
         return attractors_of(delta, epsilon, beta, kappa, count, v_max, seed)
 
-    def followed(self, steps: tuple[Array, ...], tau: Array, v: Array) -> StiffSurvey:
+    def classify(self, steps: tuple[Array, ...], tau: Array, v: Array) -> StiffClassifier:
         """See `Motions`."""
         delta, epsilon, beta, kappa = steps
-        return followed(delta, epsilon, beta, kappa, tau, v)
+        return classify(delta, epsilon, beta, kappa, tau, v)
 
     def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
         """See `Motions`."""

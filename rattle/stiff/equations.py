@@ -169,6 +169,10 @@ class StiffItinerary:
             matrix[..., c + i, after] -= sign * to_end[..., i] * later
         return matrix
 
+    def graze(self, x: NDArray, impact: int) -> NDArray:
+        """The duration σ (…,) of a contact."""
+        return x[..., self.contacts + impact]
+
     def doubled(self) -> "StiffItinerary":
         """The itinerary twice over."""
         return StiffItinerary(self.walls * 2, 2 * self.m, self.beta, self.softness)

@@ -128,6 +128,10 @@ class StiffGear:
         """The periodic motion near a departure (τ, v), with n_plus contacts with Σ⁺ a period; see `stiff_orbit`."""
         return motion.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
+    def saddle(self, orbit: Orbit) -> motion.StiffOrbit:
+        """A saddle among `orbits`, for its manifolds."""
+        return self.orbit(orbit.tau, orbit.v)
+
     def region(self) -> int:
         """Region 1…5 (I…V) by the counterparts of A–D; 0 for another combination."""
         return int(orbits.regions(*self._point))

@@ -9,7 +9,7 @@ from rattle.cell_map import locate
 from rattle.impact_equations import Array
 from rattle.sampling import initial_conditions
 from rattle.stiff.iterate import returned
-from rattle.stiff.survey import StiffSurvey, followed
+from rattle.stiff.survey import StiffClassifier, classify
 
 NEVER = 0.0  # no speed above 0 is sure to become quiet: contact tells
 
@@ -22,10 +22,10 @@ class StiffPlane(NamedTuple):
     beta: float
     kappa: float
 
-    def followed(self, tau: Array, v: Array) -> StiffSurvey:
+    def classify(self, tau: Array, v: Array) -> StiffClassifier:
         """See `rattle.basins.Plane`."""
         delta, epsilon, beta, kappa = (np.array([x]) for x in self)
-        return followed(delta, epsilon, beta, kappa, tau[None].copy(), v[None].copy())
+        return classify(delta, epsilon, beta, kappa, tau[None].copy(), v[None].copy())
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """See `rattle.basins.Plane`."""

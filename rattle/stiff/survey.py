@@ -1,50 +1,44 @@
-"""Which attractors the samples of cells of the stiff gear go to: the races of `rattle.survey` with its return map."""
+"""Which attractors the samples of cells of the stiff gear go to: the stages of `rattle.survey` with its return map."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors import Attractors, of_samples
 from rattle.orbits import parameters
+from rattle.settle import Samples
 from rattle.stiff.quiet import quiet_limit
 from rattle.stiff.settle import StiffCells, measure, settle
-from rattle.survey import Survey
+from rattle.survey import Classifier, Seen
 
 
-class StiffSurvey(Survey):
+class StiffClassifier(Classifier):
     """The samples of a block of cells on their way, and what is known of the cells."""
 
-    def enter_period_one(self) -> None:
+    def enter_known_orbits(self) -> None:
         """No motion is known beforehand."""
 
-    def advance(self, which: NDArray[np.int64]) -> None:
-        """Follow samples to their ends or limits."""
-        settle(which, self.cells, self.samples, self.balls)
+    def advance(self, which: NDArray[np.int64], samples: Samples) -> None:
+        """Follow these samples to their ends or limits."""
+        settle(which, self.cells, samples, self.balls)
 
-    def watch(
-        self,
-        which: NDArray[np.int64],
-        least: int,
-        periods: float,
-        sums: NDArray[np.float64],
-        prints: NDArray[np.uint64],
-    ) -> None:
-        """Follow samples with a tangent vector."""
-        measure(which, least, periods, self.cells, self.samples, self.balls, sums, prints)
+    def watch(self, which: NDArray[np.int64], least: int, periods: float, seen: Seen) -> None:
+        """Follow these of the survey's samples with a tangent vector."""
+        measure(which, least, periods, self.cells, self.samples, self.balls, *seen)
 
 
-def followed(
+def classify(
     delta: NDArray[np.float64],
     epsilon: NDArray[np.float64],
     beta: NDArray[np.float64],
     kappa: NDArray[np.float64],
     tau: NDArray[np.float64],
     v: NDArray[np.float64],
-) -> StiffSurvey:
+) -> StiffClassifier:
     """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end."""
     rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
-    survey = StiffSurvey(StiffCells(delta, epsilon, beta, rests, kappa), tau, v)
-    survey.run()
-    return survey
+    found = StiffClassifier(StiffCells(delta, epsilon, beta, rests, kappa), tau, v)
+    found.run()
+    return found
 
 
 def attractors_of(
@@ -59,4 +53,4 @@ def attractors_of(
     """The attractors of all cells at once, as `rattle.attractors_of`: the parameters broadcast, the samples are the
     same. A cell's are those of `StiffGear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
     """
-    return of_samples(followed, parameters(delta, epsilon, beta, kappa=kappa), count, v_max, seed)
+    return of_samples(classify, parameters(delta, epsilon, beta, kappa=kappa), count, v_max, seed)

@@ -11,7 +11,7 @@ import panel as pn
 from pydantic import ValidationError
 
 from rattle import RattleError
-from rattle.models import AnyModel, Model, Stiff
+from rattle.models import AnyModel, Model
 from service.actions import submit_survey
 from service.estimate import Estimate, estimate
 from service.explorer.address import Pair
@@ -100,8 +100,8 @@ class Form:
     def fill_model(self, model: AnyModel) -> None:
         """Take over a model with its parameters."""
         self.beta.value, self.model.value = model.beta, model.name
-        if isinstance(model, Stiff):
-            self.kappa.value = model.kappa
+        if model.stiffness is not None:
+            self.kappa.value = model.stiffness
 
     def fill_window(self, delta: Pair, epsilon: Pair, model: AnyModel) -> None:
         """Take over a window of the plane."""

@@ -21,11 +21,16 @@ class Lines:
     """The lines that may be drawn on a map; `on_chosen` is called when the viewer switches some on or off."""
 
     def __init__(
-        self, shared: Any, viewer: Viewer, canvas: Map, chosen: Sequence[str], on_chosen: Callable[[], None]
+        self,
+        crises: overlays.Crises,
+        viewer: Viewer,
+        canvas: Map,
+        chosen: Sequence[str],
+        on_chosen: Callable[[], None],
     ) -> None:
-        self._shared, self._viewer, self._map = shared, viewer, canvas
+        self._crises, self._viewer, self._map = crises, viewer, canvas
         self._tasks: dict[str, asyncio.Task[None]] = {}
-        self._entries = overlays.entries()
+        self._entries: list[dict[str, Any]] = []
         self.key = Key(overlays=self._entries, chosen=list(chosen), margin=0, sizing_mode="stretch_width")
         self.key.param.watch(lambda _event: on_chosen(), "chosen")
         canvas.choose(tuple(chosen))
@@ -34,6 +39,11 @@ class Lines:
     def chosen(self) -> tuple[str, ...]:
         """The lines that are switched on, in the order of the key."""
         return tuple(name for name in overlays.OVERLAYS if name in self.key.chosen)
+
+    def tell(self, model: AnyModel) -> None:
+        """Tell in the key what the lines of this model mean."""
+        self._entries = overlays.entries(model)
+        self.key.overlays = self._entries
 
     def draw(self, names: Sequence[str], model: AnyModel, window: tuple[Pair, Pair]) -> None:
         """Find some lines of a model in a window, instead of what was being found of them."""
@@ -51,7 +61,7 @@ class Lines:
         if name == CRISIS:
             self._note(name, "is being computed …")
             try:
-                pieces, missing = [await self._shared.crises.of(model)], ""
+                pieces, missing = [await self._crises.of(model)], ""
             except RattleError as error:
                 pieces, missing = [], str(error)
         else:

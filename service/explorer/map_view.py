@@ -22,6 +22,7 @@ from service.explorer.map import Map
 from service.explorer.news import Standing
 from service.explorer.planes import Block, Plane, box_of, maps_of
 from service.explorer.readout import in_words
+from service.explorer.shared import Shared
 from service.explorer.text import Text
 from service.explorer.viewer import Viewer
 from service.explorer.zoom import Zoom, coarser
@@ -38,7 +39,7 @@ class MapView:
 
     def __init__(
         self,
-        shared: Any,
+        shared: Shared,
         viewer: Viewer,
         view: View,
         theme: str,
@@ -55,7 +56,8 @@ class MapView:
         self._quiet = False  # the controls are being set, not used
         self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
         self._zoom = Zoom(viewer, self._frame, self._say_zoom)
-        self._lines = Lines(shared, viewer, self.map, view.overlays, self._on_lines)
+        self._lines = Lines(shared.crises, viewer, self.map, view.overlays, self._on_lines)
+        self._lines.tell(self.model)
         words: dict[str, Callable[[Pair], None]] = {
             "all": lambda _at: self._reset(),
             "open": lambda at: self._point(*at),
@@ -151,7 +153,9 @@ class MapView:
 
     def _offer(self, job: JobRow) -> None:
         """The maps that this survey has."""
-        maps = maps_of(SurveyRequest.model_validate(job.request))
+        request = SurveyRequest.model_validate(job.request)
+        maps = maps_of(request)
+        self._lines.tell(request.gear_model)
         variable = self.view.variable if self.view.variable in maps else next(iter(maps))
         self._maps = maps
         self._quiet = True

@@ -107,8 +107,9 @@ class Explorer:
         from bokeh.settings import settings
 
         from service.explorer.overlays import Crises
-        from service.explorer.page import Shared, open_page
+        from service.explorer.page import open_page
         from service.explorer.planes import Atlas
+        from service.explorer.shared import Shared
         from service.explorer.transport import transport_of
 
         assert self._front is not None

@@ -12,8 +12,7 @@ from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 
 from rattle import RattleError
 from rattle.crisis import crisis_curve
-from rattle.curves import describe
-from rattle.models import AnyModel, Impacting
+from rattle.models import AnyModel
 from rattle.plot.plane import polyline
 from service.errors import UnavailableError
 from service.explorer.address import CRISIS, OVERLAYS, POINTS, Pair
@@ -30,13 +29,13 @@ MEANINGS = {
 LABELS = {"quiet_limit": "quiet limit", POINTS: "COD20–23"}
 
 
-def entries() -> list[dict[str, Any]]:
-    """The overlays as the key of the map lists them."""
+def entries(model: AnyModel) -> list[dict[str, Any]]:
+    """The overlays as the key of a map of this model lists them."""
     return [
         {
             "name": name,
             "label": LABELS.get(name, name),
-            "meaning": MEANINGS.get(name) or describe(name),
+            "meaning": _meaning(name, model),
             "colour": style_of(name)[0] if name != POINTS else "",
             "dash": list(style_of(name)[1]) if name != POINTS else [],
             "note": "",
@@ -46,10 +45,20 @@ def entries() -> list[dict[str, Any]]:
     ]
 
 
+def _meaning(name: str, model: AnyModel) -> str:
+    if name in MEANINGS:
+        return MEANINGS[name]
+    return model.describe(name) if name in model.curve_names else _not_of(model)
+
+
+def _not_of(model: AnyModel) -> str:
+    return f"is a curve of the impacting model only, not of the {model.name} one"
+
+
 def pieces_of(name: str, model: AnyModel, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
     """The pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced. For a thread."""
     if name not in model.curve_names:
-        return [], f"is a curve of the impacting model only, not of the {model.name} one"
+        return [], _not_of(model)
     window = Window((max(delta[0], LOWEST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), max(epsilon[1], 0.0)))
     if window.epsilon[0] >= window.epsilon[1]:
         return [], ""
@@ -92,7 +101,7 @@ class Crises:
 
     async def of(self, model: AnyModel) -> np.ndarray:
         """Points (k, 2) of the curve. Raises RattleError where there is none, or it cannot be followed."""
-        if not isinstance(model, Impacting):
+        if not model.has_crisis:
             raise RattleError("The boundary crisis is followed in the impacting model only.")
         beta = model.beta
         if beta not in self._found:

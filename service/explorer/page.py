@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 from typing import Any
 
@@ -17,23 +16,11 @@ from service.explorer.form import Form
 from service.explorer.head import SCHEME, theme_of
 from service.explorer.lists import SurveyList
 from service.explorer.map_view import MapView
-from service.explorer.news import News, Standing
-from service.explorer.overlays import Crises
-from service.explorer.planes import Atlas
+from service.explorer.news import Standing
+from service.explorer.shared import Shared
 from service.explorer.viewer import CALLER, Viewer
-from service.state import Front
 from service.tables import Scope, State
 from workers import SurveyRequest
-
-
-@dataclass(frozen=True)
-class Shared:
-    """What all pages of an application have in common."""
-
-    front: Front
-    news: News
-    atlas: Atlas
-    crises: Crises
 
 
 class _Template(pn.Template):

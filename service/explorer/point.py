@@ -12,7 +12,7 @@ import panel as pn
 import param
 
 import rattle
-from rattle.models import AnyModel
+from rattle.models import AnyGear, AnyModel
 from rattle.plot.colours import colour, name_of
 from service.explorer import point_basins, point_diagram, point_motion, point_parts, point_words
 from service.explorer.point_panel import PointPanel
@@ -46,7 +46,7 @@ class PointView(param.Parameterized):
     ) -> None:
         self._chosen = PointState.read(state)
         super().__init__(state=self._chosen.text())
-        self.panel = panel
+        self.panel, self._model = panel, model
         self._front, self._work = front, Work(front, pn.state.curdoc, model.name)
         self._motion: asyncio.Task[None] | None = None
         self._diagram: asyncio.Task[None] | None = None
@@ -71,7 +71,7 @@ class PointView(param.Parameterized):
             text.html = _waiting(what)
         if not front.kernels.has(model.name, Part.POINT):
             panel.likely.html = f'<p class="faint">{COMPILING}</p>'
-        if isinstance(self._gear, rattle.Gear):
+        if model.in_closed_form:
             if front.kernels.has(model.name, Part.ORBITS):
                 self._tell_orbits(point_parts.period_one(self._gear))  # in closed form
             else:
@@ -89,10 +89,11 @@ class PointView(param.Parameterized):
         await asyncio.sleep(PAINT_SECONDS)
         await self._part(self.panel.under_basins, partial(self._some_basins, 100, "cells"))
         self._show_motion()
-        if isinstance(self._gear, rattle.Gear):
+        if self._model.has_margin:
             await self._part(self.panel.safe, partial(self._margin, self._gear))
         else:
             await self._work.change(partial(_tell, self.panel.safe, f"<p>{point_words.NO_MARGIN}</p>"))
+        if not self._model.in_closed_form:
             await self._part(self.panel.orbits, self._continued)
         await self._part(self.panel.about_lines, self._some_lines)
         await self._part(self.panel.under_basins, partial(self._some_basins, RESOLUTIONS[0], "refined"))
@@ -115,7 +116,7 @@ class PointView(param.Parameterized):
 
         await self._work.change(show)
 
-    async def _closed_form(self, gear: rattle.Gear) -> None:
+    async def _closed_form(self, gear: AnyGear) -> None:
         await self._work.kernels(Part.ORBITS)
         await self._work.change(lambda: self._tell_orbits(point_parts.period_one(gear)))
 
@@ -132,7 +133,7 @@ class PointView(param.Parameterized):
         self._orbits = found.orbits
         self.panel.orbits.html = point_words.orbits_table(found)
 
-    async def _margin(self, gear: rattle.Gear) -> None:
+    async def _margin(self, gear: AnyGear) -> None:
         found = await self._work.compute(point_parts.margin, gear, what="The margin", slow=True)
         said = f"<p>{escape(point_words.how_safe(gear, found))}</p>"
         await self._work.change(partial(_tell, self.panel.safe, said))

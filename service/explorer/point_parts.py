@@ -11,13 +11,9 @@ from numpy.typing import NDArray
 import rattle
 from rattle.attractors import listed
 from rattle.basins import ImpactingPlane, classified
-from rattle.curves import name_of
 from rattle.diagrams import Diagram
-from rattle.events import Event
 from rattle.flight import wrapped
 from rattle.models import AnyGear, model_at
-from rattle.periodic import PeriodicOrbit
-from rattle.stiff import StiffEvent, StiffOrbit
 
 V_MAX = 7.0
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
@@ -100,15 +96,15 @@ class DiagramLines(NamedTuple):
 
 
 def chances(gear: AnyGear, count: int) -> Chances:
-    """The attractors of a sample of so many initial conditions; letters only in the impacting model, at no cost."""
+    """The attractors of a sample of so many initial conditions; letters where they cost nothing."""
     found = gear.attractors(count)
     multipliers = tuple(_multipliers(gear, each) for each in found)
-    orbits = gear.orbits() if isinstance(gear, rattle.Gear) else ()
+    orbits = gear.orbits() if model_at(gear).in_closed_form else ()
     return Chances(count, found, multipliers, tuple(_letter(orbits, each) for each in found))
 
 
 def period_one(gear: AnyGear) -> PeriodOne:
-    """The period-one motions and their region: at once in the impacting model, by continuation in the stiff one."""
+    """The period-one motions and their region: at once where they are closed forms, else by continuation."""
     return PeriodOne(gear.region(), gear.orbits())
 
 
@@ -117,10 +113,7 @@ def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, c
         return None
     state = attractor.tau, attractor.v, attractor.n_plus
     try:
-        if isinstance(gear, rattle.Gear):
-            orbit: PeriodicOrbit | StiffOrbit = rattle.periodic_orbit(gear.delta, gear.epsilon, *state, gear.beta)
-        else:
-            orbit = gear.orbit(*state)
+        orbit = gear.orbit(*state)
     except rattle.RattleError:  # too close to grazing for Newton's method: the table says nothing then
         return None
     first, second = orbit.multipliers
@@ -134,8 +127,8 @@ def _letter(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
     return ""
 
 
-def margin(gear: rattle.Gear) -> Margin:
-    """How hard an impact loses quiet motion."""
+def margin(gear: Any) -> Margin:
+    """How hard an impact loses quiet motion, of a gear whose model has a margin."""
     v, tau, undecided = gear.boundary_distance(V_MAX)
     leads_to = None
     if 0 < v < np.inf:
@@ -146,11 +139,11 @@ def margin(gear: rattle.Gear) -> Margin:
 
 
 def lines(gear: AnyGear) -> Lines:
-    """Γ (impacting model), W^s of A and B, and W^u of A, as far as a screen shows them."""
+    """Γ where there is one, W^s of A and B, and W^u of A, as far as a screen shows them."""
     from rattle.plot.basins import gamma_line, manifold_line
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
-    found = [Line("Γ", gamma_line(gear, V_MAX, SPACING))] if isinstance(gear, rattle.Gear) else []
+    found = [Line("Γ", gamma_line(gear, V_MAX, SPACING))] if model_at(gear).has_gamma else []
     missing = []
     for name, kind in (("A", "stable"), ("B", "stable"), ("A", "unstable")):
         line, why = manifold_line(gear, orbits.get(name), name, kind, ARCLENGTH, SPACING)
@@ -184,7 +177,7 @@ def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUN
                 motion = name_of_type(branch.label) + (f", {named}" if named else "")
                 pieces.append(Stroke(curve.x[part], curve.v[part], curve.tau[part], motion, stable))
     rows = [
-        (offset + scale * float(found.positions(event)), v, tau, event.kind.value, _curve_of(event))
+        (offset + scale * float(found.positions(event)), v, tau, event.kind.value, found.curve_of(event) or "")
         for event in found.events
         for tau, v in zip(*impacts_at(event), strict=True)
     ]
@@ -195,11 +188,6 @@ def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUN
     return DiagramLines(
         direction, span, tuple(pieces), marks, offset + scale * seen.position[chosen], seen.v[chosen], seen.tau[chosen]
     )
-
-
-def _curve_of(event: Event | StiffEvent) -> str:
-    """The name of the curve that an event is on, if it has one; the stiff model's are not looked for."""
-    return (name_of(event) if isinstance(event, Event) else None) or ""
 
 
 def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
@@ -219,7 +207,7 @@ def warm_up(gear: AnyGear) -> None:
         basins(gear, 20, method)
     motion(gear, 0.3, 4.0, 1.0, 2)
     lines(gear)
-    if isinstance(gear, rattle.Gear):
+    if model_at(gear).has_margin:
         margin(gear)
     for direction in SPANS:
         diagram(gear, direction, steps=4, count=4)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from html import escape
 
 import rattle
-from rattle.models import AnyGear
+from rattle.models import AnyGear, model_at
 from rattle.plot.colours import colour, name_of
 from service.explorer.point_parts import Chances, Margin, PeriodOne
 
@@ -68,10 +68,10 @@ def where(gear: AnyGear) -> str:
     """What closed forms say of the point, at once."""
     at = f"Damping δ = {number(gear.delta, 6)}, eccentricity ε = {number(gear.epsilon, 6)}"
     backlash = f", half-backlash β = {number(gear.beta, 6)}"
-    if isinstance(gear, rattle.Gear):
-        backlash += f": {REGIONS[gear.region()]}."
-    else:
-        backlash += f", walls of stiffness κ = {number(gear.kappa, 6)}."
+    model = model_at(gear)
+    if model.stiffness is not None:
+        backlash += f", walls of stiffness κ = {number(model.stiffness, 6)}"
+    backlash += f": {REGIONS[gear.region()]}." if model.in_closed_form else "."
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f" The gear cannot run quietly here: the eccentricity is above {number(gear.quiet_limit)}, "
@@ -79,7 +79,7 @@ def where(gear: AnyGear) -> str:
         )
     else:
         quiet = f" Quiet running is possible, as it is up to an eccentricity of {number(gear.quiet_limit)}."
-    if isinstance(gear, rattle.Gear) and gear.epsilon < gear.sn1:
+    if model.in_closed_form and gear.epsilon < gear.sn1:
         return f"{at}{backlash}{quiet} Rattle with one impact a period, P(1,1,0), begins at ε = {number(gear.sn1)}."
     return f"{at}{backlash}{quiet}"
 
@@ -110,7 +110,7 @@ def how_likely(gear: AnyGear, found: Chances) -> str:
     return " ".join(sentences)
 
 
-def how_safe(gear: rattle.Gear, found: Margin) -> str:
+def how_safe(gear: AnyGear, found: Margin) -> str:
     """How hard an impact must be to end quiet running, and where that leads."""
     if gear.epsilon >= gear.quiet_limit:
         return "There is no quiet running that an impact could end: the margin is 0."

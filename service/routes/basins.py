@@ -13,7 +13,7 @@ from service.errors import LimitError
 from service.kernels import Part
 from service.problems import declared
 from service.routes.picture import PNG
-from service.routes.points import GearQuery, stiffness
+from service.routes.points import GearQuery
 from service.state import FrontState
 from service.turns import in_turn
 
@@ -56,7 +56,7 @@ async def basins(
 def _draw(gear: AnyGear, resolution: int) -> bytes:
     from rattle.plot.basins import panels  # matplotlib, in the process that draws
 
-    figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, stiffness(gear)).figure
+    figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, model_at(gear).stiffness).figure
     figure.set_size_inches(6.4, 6.2)
     with BytesIO() as png:
         figure.savefig(png, format="png")

@@ -9,8 +9,7 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 import rattle
-from rattle.models import AnyGear, Model, model_at, model_of
-from rattle.stiff import StiffGear
+from rattle.models import AnyGear, model_at, model_of
 from service import examples
 from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
@@ -114,15 +113,16 @@ GearQuery = Annotated[AnyGear, Depends(gear_of_query)]
     responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declared(422)},
 )
 async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
-    if isinstance(gear, rattle.Gear):
-        await front.kernels.require(Model.IMPACTING, Part.ORBITS)
+    model = model_at(gear)
+    if model.in_closed_form:
+        await front.kernels.require(model.name, Part.ORBITS)
         found = await run_in_threadpool(orbits_document, gear)
     else:
         found = await in_turn(
             front,
             orbits_document,
             gear,
-            needs=(Model.STIFF, Part.ORBITS),
+            needs=(model.name, Part.ORBITS),
             what="The orbits",
             advice="Choose another point.",
         )
@@ -159,13 +159,8 @@ async def attractors(
     )
 
 
-def stiffness(gear: AnyGear) -> float | None:
-    """κ of the stiff model; None: the impacting one."""
-    return gear.kappa if isinstance(gear, StiffGear) else None
-
-
 def _point(gear: AnyGear) -> dict[str, Any]:
-    return {"delta": gear.delta, "epsilon": gear.epsilon, "beta": gear.beta, "kappa": stiffness(gear)}
+    return {"delta": gear.delta, "epsilon": gear.epsilon, "beta": gear.beta, "kappa": model_at(gear).stiffness}
 
 
 def _attractor(item: rattle.Attractor) -> AttractorDocument:

@@ -114,7 +114,7 @@ def test_a_service_ends_while_it_compiles(tmp_path: Path) -> None:
 def test_a_process_that_dies_of_compiling_is_no_hang(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, note: Path
 ) -> None:
-    monkeypatch.setattr("service.kernels.WORK", dict.fromkeys(Part, _die))
+    monkeypatch.setattr("service.compilation.WORK", dict.fromkeys(Part, _die))
     with front_end(tmp_path, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
         task = front_of(client).kernels._tasks[Model.IMPACTING]
@@ -147,7 +147,8 @@ from rattle import RattleError
 from rattle.models import Model, model_of
 from service.estimate import cell_seconds
 from service.explorer import point_parts
-from service.kernels import KAPPA, compile_all
+from service.compilation import compile_all
+from service.kernels import KAPPA
 from service.routes.basins import _draw
 from service.tracing import curves_document, orbits_document
 from workers import SurveyRequest, compute_tile, tiles_of

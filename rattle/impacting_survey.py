@@ -1,0 +1,53 @@
+"""Which attractors the samples of cells of the impacting gear go to: its impact map, flown in lanes."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.discover import remember_period_one
+from rattle.family import period_one_cells
+from rattle.iterate import working_block
+from rattle.limits import sine_offset
+from rattle.quiet import capture_invariants
+from rattle.settle import CHUNK, LONG_CHUNK, Cells, Samples, measure, settle
+from rattle.survey import FIRST, Classifier, Seen
+
+
+class ImpactingClassifier(Classifier):
+    """The samples of a block of cells on their way, and what is known of the cells."""
+
+    def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+        """As the classifier of any gear; paths (2,) counts how flights were found."""
+        self.paths = np.zeros(2, np.int64)
+        self._block = working_block()
+        super().__init__(cells, tau, v)
+
+    def enter_known_orbits(self) -> None:
+        """The stable ones of A–D are known beforehand."""
+        delta, epsilon, beta, _capture = self.cells
+        order = np.lexsort((delta, beta))
+        found = period_one_cells(order, delta, epsilon, beta, sine_offset(delta))
+        remember_period_one(*found, self.cells, self.orbits, self.balls)
+
+    def advance(self, which: NDArray[np.int64], samples: Samples) -> None:
+        """Follow these samples to their ends or limits."""
+        flights = CHUNK if samples.limit[which[0]] <= FIRST else LONG_CHUNK
+        settle(self._block, which, flights, self.cells, samples, self.balls, self.paths)
+
+    def watch(self, which: NDArray[np.int64], least: int, periods: float, seen: Seen) -> None:
+        """Follow these of the survey's samples with a tangent vector."""
+        measure(self._block, which, least, periods, self.cells, self.samples, self.balls, *seen, self.paths)
+
+
+def classify(
+    delta: NDArray[np.float64],
+    epsilon: NDArray[np.float64],
+    beta: NDArray[np.float64],
+    tau: NDArray[np.float64],
+    v: NDArray[np.float64],
+) -> ImpactingClassifier:
+    """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end."""
+    found = ImpactingClassifier(Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta)), tau, v)
+    found.run()
+    return found

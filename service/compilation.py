@@ -1,0 +1,43 @@
+"""What is computed so that every kernel of a model is compiled, or loaded: one small piece of work for each part."""
+
+from __future__ import annotations
+
+import rattle
+from rattle.models import AnyModel, Model
+from service.explorer import point_parts
+from service.kernels import AT, Part, Work, model_for, note_compiled
+from service.tracing import curves_document, orbits_document
+
+
+def _orbits(model: AnyModel) -> None:
+    orbits_document(model.gear(*AT))
+
+
+def _curves(model: AnyModel) -> None:
+    delta, _ = AT
+    curves_document(model, (0.99 * delta, delta), (0.0, 0.2))
+
+
+def _attractors(model: AnyModel) -> None:
+    rattle.warm_up(model.stiffness)
+
+
+def _point(model: AnyModel) -> None:
+    point_parts.warm_up(model.gear(*AT))
+    if model.has_crisis:
+        rattle.crisis_side(*AT)  # surveys of basins ask it, and the estimate of their cost
+
+
+WORK: Work = {
+    Part.ORBITS: _orbits,
+    Part.CURVES: _curves,
+    Part.ATTRACTORS: _attractors,
+    Part.POINT: _point,
+}
+
+
+def compile_all(name: Model) -> None:
+    """Compile or load every kernel of a model, in this process."""
+    for work in WORK.values():
+        work(model_for(name))
+    note_compiled(name)
