@@ -7,7 +7,6 @@ curves of the (δ, ε) plane; `rattle.stiff` is the gear with stiff contact, of 
 """
 
 from rattle import curves
-from rattle._compile import source_hash
 from rattle._version import __version__
 from rattle.attractors import KINDS, Attractor, Attractors, attractors_of
 from rattle.basin_measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
@@ -25,11 +24,12 @@ from rattle.gear import FirstImpact, Gear, Impact
 from rattle.grazing import Grazing, grazing
 from rattle.iterate import Iterates, Stretched, iterate, iterate_tangent
 from rattle.limits import flip, quiet_limit, sn1
+from rattle.numerics.compile import source_hash
+from rattle.numerics.sampling import wilson_interval
 from rattle.orbits import Orbit, PeriodOne, period_one
 from rattle.periodic import PeriodicOrbit, periodic_orbit
 from rattle.regions import classify as classify_regions
 from rattle.regions import regions
-from rattle.sampling import wilson_interval
 from rattle.trajectory import Trajectory
 from rattle.warm import warm_up
 

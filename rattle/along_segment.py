@@ -13,9 +13,10 @@ from rattle.bifurcations import along
 from rattle.branches import Branch, doubled, through
 from rattle.errors import RattleError
 from rattle.events import Event
-from rattle.impact_equations import Array, Itinerary
+from rattle.impact_equations import Itinerary
 from rattle.impacting_survey import classify
 from rattle.iterate import iterate
+from rattle.numerics.complex_step import Array
 from rattle.orbits import NAMES, period_one
 from rattle.periodic import Periodic, PeriodicOrbit, at_parameters, follow_impacts, orbit_of
 from rattle.survey import Classifier

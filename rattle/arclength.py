@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rattle.impact_equations import Array, Function, derivatives
+from rattle.numerics.complex_step import Array, Function, derivatives
 
 MOST_CORRECTIONS = 8
 SMALLEST_CORRECTION = 1e-13  # relative to the unknowns, which are of order one

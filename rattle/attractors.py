@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import require, require_integer, require_number
 from rattle.impacting_survey import classify
 from rattle.lyapunov import pooled
+from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.orbits import parameters
-from rattle.sampling import initial_conditions, wilson_interval
 from rattle.settle import LEFT, ORBIT
 from rattle.settle import QUIET as SETTLED_QUIET
 from rattle.survey import Classifier

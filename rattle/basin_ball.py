@@ -9,8 +9,8 @@ what this assumes between the directions that are looked at, and how it is teste
 
 import math
 
-from rattle._compile import kernel
 from rattle.first_impact import OK
+from rattle.numerics.compile import kernel
 from rattle.tangent_map import power_map
 
 LARGEST, SMALLEST = 0.25, 1e-5  # radii in phase that are tried, halving

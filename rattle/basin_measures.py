@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rattle.attractors import KINDS, UNDECIDED
 from rattle.basins import Basins, Plane, classified
 from rattle.errors import require, require_integer, require_number
-from rattle.sampling import Z_95, wilson_interval
+from rattle.numerics.sampling import Z_95, wilson_interval
 
 LARGEST_SIZE, SIZES = 2.0**-6, 8  # perturbations, halving
 FEWEST = 5  # uncertain pairs below which a size tells nothing

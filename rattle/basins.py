@@ -20,8 +20,8 @@ from rattle.errors import require, require_integer, require_number
 from rattle.flight import wrapped
 from rattle.impacting_survey import classify
 from rattle.iterate import iterate
+from rattle.numerics.sampling import initial_conditions
 from rattle.quiet import capture_invariant
-from rattle.sampling import initial_conditions
 from rattle.survey import Classifier
 
 Array = NDArray[np.float64]

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from rattle.arclength import Problem
 from rattle.errors import RattleError
-from rattle.impact_equations import Array, Equations, Itinerary, bordered
+from rattle.impact_equations import Equations, Itinerary
+from rattle.numerics.complex_step import Array, bordered
 from rattle.orbits import multipliers_of
 
 

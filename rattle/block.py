@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numpy import float32 as f32
 
-from rattle._compile import inline, kernel
 from rattle.flight import TWO_PI, versines
 from rattle.impact_map import MOST_BOUNCES, STUCK
 from rattle.locate import negative_arc
+from rattle.numerics.compile import inline, kernel
 
 LANES, GROUP = 96, 16  # lanes are flown in groups, as many as are in use
 GROUPS = LANES // GROUP

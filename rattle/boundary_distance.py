@@ -18,9 +18,9 @@ from rattle.images import lowest_preimages
 from rattle.impacting_survey import classify
 from rattle.iterate import fold
 from rattle.limits import quiet_limit
+from rattle.numerics.sampling import sobol
 from rattle.orbits import parameters
 from rattle.quiet import capture_speeds, rests_late
-from rattle.sampling import sobol
 from rattle.settle import LEFT, ORBIT, QUIET
 
 SAMPLED, ROUNDS = 1024, 8  # states of the strip and of the plane; of the strip again below the least so far, so often

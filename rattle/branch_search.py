@@ -14,7 +14,8 @@ import numpy as np
 from rattle.along_segment import Motion, Motions
 from rattle.arclength import LARGEST_TURN, between
 from rattle.bifurcations import Kind
-from rattle.impact_equations import Array, Equations, begun_at
+from rattle.impact_equations import Equations, begun_at
+from rattle.numerics.complex_step import Array
 from rattle.periodic import Periodic
 
 SAME_MOTION = 1e-7  # in the unknowns

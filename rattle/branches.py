@@ -15,7 +15,8 @@ from rattle.bifurcations import Kind, along
 from rattle.curves.registry import name_of
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
 from rattle.events import Event, Line, between_twins, find_events, is_twice, origin_of_doubling
-from rattle.impact_equations import Array, Itinerary, twins
+from rattle.impact_equations import Itinerary, twins
+from rattle.numerics.complex_step import Array
 from rattle.periodic import PeriodicOrbit, at_parameters, orbit_of
 
 LONGEST = 0.05  # of a step, in the unknowns

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from rattle._compile import for_type, kernel
 from rattle.basin_ball import ball
 from rattle.first_impact import OK
 from rattle.flight import wrapped
+from rattle.numerics.compile import for_type, kernel
 from rattle.settle import LEFT, ORBIT, Cells, captor, mark
 from rattle.tangent_map import (
     Point,

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from rattle.arclength import Problem, between, last_inside, located, newton, tangent_at
 from rattle.bifurcations import Kind, condition, smooth_multipliers
-from rattle.impact_equations import Array, Itinerary
+from rattle.impact_equations import Itinerary
+from rattle.numerics.complex_step import Array
 from rattle.periodic import PeriodicOrbit, admissible, first_failure, orbit_of
 
 SAME_HALVES = 0.02  # a motion this close to one of half the period, where its branch turns, is that one there

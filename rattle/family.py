@@ -13,11 +13,11 @@ import math
 
 import numpy as np
 
-from rattle._compile import kernel
-from rattle.bracket import narrowed
 from rattle.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight import DRIFT, TWO_PI, folded, versines
 from rattle.impact_map import flight_tangent
+from rattle.numerics.compile import kernel
+from rattle.numerics.secant import narrowed
 
 A, B, C, D = np.arange(4)  # of a type that makes no variants of kernels, as the walls
 FOUR_PI = 4.0 * math.pi

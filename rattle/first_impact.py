@@ -7,7 +7,6 @@ import math
 import numpy as np
 from numpy import float32 as f32
 
-from rattle._compile import inline, kernel
 from rattle.flight import (
     DRIFT,
     TWO_PI,
@@ -30,6 +29,7 @@ from rattle.locate import (
     single_turn,
     taylor,
 )
+from rattle.numerics.compile import inline, kernel
 
 OK = 0
 # Not plain 1 and −1, for which the compiler would make variants of every kernel below.

@@ -14,8 +14,8 @@ import math
 import numpy as np
 
 from rattle import coefficients
-from rattle._compile import inline, kernel
-from rattle.polynomial import degree_4, degree_5, degree_6, degree_10, degree_12
+from rattle.numerics.compile import inline, kernel
+from rattle.numerics.polynomial import degree_4, degree_5, degree_6, degree_10, degree_12
 
 TWO_PI = 2.0 * math.pi
 DRIFT = 4.0 * math.pi

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle._compile import inline, kernel
+from rattle.numerics.compile import inline, kernel
 
 SAME_FOOTPRINT = 0.2  # two trajectories that share this much of the smaller footprint are on one attractor
 

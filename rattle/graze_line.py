@@ -1,8 +1,8 @@
 """Points of the grazing curve Γ, each by one flight backwards from its touch of Σ⁻ (compiled)."""
 
-from rattle._compile import kernel
 from rattle.first_impact import OK, SIGMA_MINUS, first_impact
 from rattle.flight import DRIFT, contact_force, folded, versines
+from rattle.numerics.compile import kernel
 
 
 @kernel

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from rattle._compile import kernel
 from rattle.first_impact import OK
 from rattle.impact_map import inverse_impact
+from rattle.numerics.compile import kernel
 from rattle.tangent_map import inverse_step, step
 
 

@@ -15,7 +15,6 @@ all analytic in times and parameters, through grazing and beyond, where the moti
 wall. Everything here takes complex arguments, whose imaginary part carries exact derivatives (`derivatives`).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol, Self
@@ -23,18 +22,11 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from rattle.numerics.complex_step import Array
+
 TWO_PI = 2 * np.pi
-COMPLEX_STEP = 1e-40
 
-Array = NDArray[np.float64]
 Turn = tuple[NDArray, NDArray]  # sine and cosine of 2π times
-Function = Callable[[NDArray], NDArray]
-
-
-def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
-    """A real-analytic function (…, N) → (…, M) at x (N,): its value (M,) and Jacobian (M, N), exact to rounding."""
-    values = function(x + 1j * COMPLEX_STEP * np.eye(x.size))
-    return values[0].real, values.imag.T / COMPLEX_STEP
 
 
 class Equations(Protocol):
@@ -223,17 +215,3 @@ class Itinerary:
     def doubled(self) -> "Itinerary":
         """The itinerary twice over."""
         return Itinerary(self.walls * 2, 2 * self.m, self.beta)
-
-
-def bordered(matrix: NDArray, column: Array, row: Array) -> NDArray:
-    """A smooth function (…,) that vanishes with det of the matrix (…, n, n): the last unknown of the bordered system.
-
-    Borders near the null vectors keep it well scaled for any n. Source: W. Govaerts, Numerical Methods for Bifurcations
-    of Dynamical Equilibria (SIAM 2000).
-    """
-    n = matrix.shape[-1]
-    system = np.zeros((*matrix.shape[:-2], n + 1, n + 1), matrix.dtype)
-    system[..., :n, :n], system[..., :n, n], system[..., n, :n] = matrix, column, row
-    right = np.zeros((*matrix.shape[:-2], n + 1, 1), matrix.dtype)
-    right[..., n, 0] = 1.0
-    return np.linalg.solve(system, right)[..., n, 0]

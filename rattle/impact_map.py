@@ -6,9 +6,9 @@ arrives at Σ⁺. Run with (−δ, −q, −τ) the same kernel is the inverse m
 
 import math
 
-from rattle._compile import inline, kernel
 from rattle.first_impact import OK, SIGMA_PLUS, first_impact
 from rattle.flight import DRIFT, TWO_PI, contact_force, folded, second_derivative
+from rattle.numerics.compile import inline, kernel
 
 STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
 MOST_BOUNCES = 100_000

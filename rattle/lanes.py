@@ -9,7 +9,6 @@ alone to `first_impact.safe_impact`. docs/kernel.md explains.
 import numpy as np
 from numpy import float32 as f32
 
-from rattle._compile import inline, kernel
 from rattle.block import ARCS, GROUP, ROUGH, ZERO, flag
 from rattle.first_impact import OK, last_step, safe_impact, stepped
 from rattle.flight import DRIFT, TWO_PI, evaluate_short, folded, second_derivative
@@ -27,6 +26,7 @@ from rattle.locate import (
     single_turn,
     taylor,
 )
+from rattle.numerics.compile import inline, kernel
 from rattle.second_attempt import SAFE, second_attempt
 
 Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)

@@ -16,9 +16,9 @@ from numpy import float32 as f32
 from numpy import floor, sqrt
 
 from rattle import coefficients
-from rattle._compile import inline, kernel
 from rattle.flight import DRIFT, LONGEST_DECAY, TWO_PI, decay32, evaluate32
-from rattle.polynomial import degree_4
+from rattle.numerics.compile import inline, kernel
+from rattle.numerics.polynomial import degree_4
 
 ERROR = f32(6e-6)
 CLOSE = f32(1e-5)  # flight times and phases closer than this are not told apart

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from rattle._compile import kernel
+from rattle.numerics.compile import kernel
 
 BATCHES = 32
 LEAST_GROWTH = 8.0

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from rattle import first_impact, flight
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
-from rattle.impact_equations import Array, Equations, Itinerary, derivatives
+from rattle.impact_equations import Equations, Itinerary
+from rattle.numerics.complex_step import Array, derivatives
 from rattle.orbits import multipliers_of
 from rattle.tangent_map import Point
 

@@ -16,8 +16,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle._compile import kernel
 from rattle.flight import DRIFT, TWO_PI, contact_force
+from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 

@@ -6,7 +6,6 @@ They are compacted, scanned at fixed steps, and proved from what the scan saw. d
 import numpy as np
 from numpy import float32 as f32
 
-from rattle._compile import inline, kernel
 from rattle.block import GROUP, ZERO, flag
 from rattle.locate import (
     SCAN_STEP,
@@ -24,6 +23,7 @@ from rattle.locate import (
     taylor,
     two_turns,
 )
+from rattle.numerics.compile import inline, kernel
 
 SCANNED, SAFE = range(2)  # what `paths` counts: flights that took this second attempt, and the search
 

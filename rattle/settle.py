@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rattle._compile import inline, kernel
 from rattle.block import GROUP, GROUPS, empty, ended, load, made_ready, overflows, roughest, stretched
 from rattle.flight import DRIFT, TWO_PI, contact_force, wrapped
 from rattle.lanes import advance_plain, advance_tangent
 from rattle.lyapunov import BATCHES
+from rattle.numerics.compile import inline, kernel
 
 LEFT, QUIET, ORBIT, RECURRENT, FAILED = range(5)
 GRID = 32  # boxes per side of the (τ, v) plane in which a chaotic trajectory leaves its footprint

@@ -6,10 +6,10 @@ The type of the point says which model is meant: `step`, `step_tangent` and `poi
 import math
 from typing import NamedTuple
 
-from rattle._compile import for_type, kernel
 from rattle.first_impact import OK
 from rattle.flight import DRIFT, folded, wrapped
 from rattle.impact_map import impact, impact_tangent, inverse_impact
+from rattle.numerics.compile import for_type, kernel
 
 NEWTON_STEPS = 15
 SAME = 1e-8  # an orbit that closes to this is closed

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle._compile import kernel
 from rattle.errors import RattleError, require, require_integer, require_number
 from rattle.first_impact import OK, SIGMA_PLUS, first_impact
 from rattle.flight import DRIFT, TWO_PI, evaluate, folded
 from rattle.impact_map import rests
+from rattle.numerics.compile import kernel
 
 LONGEST, MOST_POINTS, MOST_IMPACTS = 10_000.0, 10_000_000, 10_000_000
 AT_REST = 1e-4  # speed below which a bounce of a motion that is certain to become quiet is not followed any more

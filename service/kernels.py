@@ -17,8 +17,8 @@ import anyio
 from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 from starlette.concurrency import run_in_threadpool
 
-from rattle._compile import note_in_cache
 from rattle.models import AnyModel, Model, model_of
+from rattle.numerics.compile import note_in_cache
 from service.errors import KernelsError
 from service.settings import Settings
 

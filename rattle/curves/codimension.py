@@ -25,7 +25,7 @@ from rattle.bifurcations import condition
 from rattle.curves.registry import CURVES
 from rattle.curves.starts import members
 from rattle.errors import RattleError, require_number
-from rattle.impact_equations import Array
+from rattle.numerics.complex_step import Array
 
 #: Below, damping at these points is so small that their residuals cancel to a few digits, or to none.
 LEAST_BACKLASH = 1e-5

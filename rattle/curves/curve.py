@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rattle.arclength import Problem, with_value
 from rattle.errors import require, require_number
-from rattle.impact_equations import Array
+from rattle.numerics.complex_step import Array
 
 SAME_POINT = 1e-9
 

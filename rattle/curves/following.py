@@ -8,7 +8,7 @@ import numpy as np
 
 from rattle.arclength import CLOSED, Bound, Follower, Path, Problem, located, tangent_at, with_value
 from rattle.curves.curve import Curve, Described, Piece, build, crossings
-from rattle.impact_equations import Array
+from rattle.numerics.complex_step import Array
 
 LONGEST = 0.05  # of a step, in times
 SAME_POINT = 1e-7

@@ -8,8 +8,9 @@ import numpy as np
 
 from rattle import family
 from rattle.bifurcations import Kind
-from rattle.impact_equations import Array, Itinerary
+from rattle.impact_equations import Itinerary
 from rattle.limits import flip, sine_offset, sn1
+from rattle.numerics.complex_step import Array
 
 FINER = 33  # members between two neighbours of the family, one of which is near a zero
 

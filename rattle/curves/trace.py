@@ -12,8 +12,9 @@ from rattle.curves.following import POINTS_ACROSS, Window, traced
 from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, Definition
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
 from rattle.events import Event
-from rattle.impact_equations import TWO_PI, Array, Itinerary
+from rattle.impact_equations import TWO_PI, Itinerary
 from rattle.limits import quiet_limit
+from rattle.numerics.complex_step import Array
 from rattle.periodic import admissible_or_why
 
 STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found

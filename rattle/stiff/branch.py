@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rattle.arclength import located
 from rattle.bifurcations import Kind
 from rattle.flight import wrapped
-from rattle.impact_equations import Array
+from rattle.numerics.complex_step import Array
 from rattle.orbits import NAMES
 from rattle.stiff.curves import FOLDS
 from rattle.stiff.equations import StiffItinerary

@@ -12,7 +12,7 @@ from rattle.arclength import CLOSED, Bound, Follower, Path, Problem, located, ta
 from rattle.bifurcations import Kind, condition
 from rattle.branches import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
-from rattle.impact_equations import Array
+from rattle.numerics.complex_step import Array
 from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
 from rattle.stiff.grazes import LIGHT, Graze, graze
 from rattle.stiff.line import TWICE, Line

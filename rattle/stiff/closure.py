@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rattle._compile import inline, kernel
 from rattle.first_impact import OK, first_impact
 from rattle.flight import DRIFT, TWO_PI, folded
+from rattle.numerics.compile import inline, kernel
 from rattle.stiff.contact import ENDS, contact_end, driven, forcing, responses
 
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight, and likewise a contact

@@ -8,10 +8,10 @@ search for the end cannot skip one. With −δ for δ and −τ for τ the same 
 
 import math
 
-from rattle._compile import inline, kernel
 from rattle.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
 from rattle.flight import DRIFT, TWO_PI, versines
 from rattle.locate import negative_arc
+from rattle.numerics.compile import inline, kernel
 
 ENDS, LASTS, STAYS, TOO_LONG = range(4)  # it ends; it lasts to the horizon; it never ends; not told within LONGEST
 LONGEST = 1000.0  # forcing periods, beside DECAYS times the time in which a free motion decays by e

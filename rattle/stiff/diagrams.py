@@ -12,7 +12,7 @@ from rattle.attractors import Attractors
 from rattle.bifurcations import Kind
 from rattle.diagrams import Diagram, along, require_end
 from rattle.errors import RattleError, require_number, require_pair
-from rattle.impact_equations import Array
+from rattle.numerics.complex_step import Array
 from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
 from rattle.stiff.branches import both_ways, doubled
 from rattle.stiff.closure import softness

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError
-from rattle.impact_equations import Array
+from rattle.numerics.complex_step import Array
 from rattle.stiff.closure import LEAST_CONTACT, Cycle, departure_of, happens, softness, struck, trace_of
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.following import (

@@ -9,7 +9,6 @@ import math
 
 import numpy as np
 
-from rattle._compile import inline, kernel
 from rattle.arclength import (
     ACCEPTED_CORRECTION,
     LARGEST_TURN,
@@ -19,7 +18,8 @@ from rattle.arclength import (
     SHORTEST_STEP,
     SMALLEST_CORRECTION,
 )
-from rattle.bracket import narrowed
+from rattle.numerics.compile import inline, kernel
+from rattle.numerics.secant import narrowed
 from rattle.stiff.closure import LEAST_CONTACT, closure
 
 SPAN, LOST, FLIGHT, CLOSED, BROKEN = range(5)  # why it ends: ε, a contact, or a flight; it closes; it cannot go on

@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattle._compile import kernel
 from rattle.first_impact import OK
 from rattle.iterate import Iterates, Stretched, checked
+from rattle.numerics.compile import kernel
 from rattle.stiff.flow import QUIET
 from rattle.stiff.returns import StiffPoint, step, step_tangent
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rattle import flight
 from rattle.arclength import Bound, Follower, Path, Problem, tangent_at
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
-from rattle.impact_equations import Array
+from rattle.numerics.complex_step import Array
 from rattle.orbits import multipliers_of
 from rattle.periodic import MOST_IMPACTS, Periodic, PeriodicOrbit, at_parameters
 from rattle.stiff import closure

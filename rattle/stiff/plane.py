@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.cell_map import locate
-from rattle.impact_equations import Array
-from rattle.sampling import initial_conditions
+from rattle.numerics.complex_step import Array
+from rattle.numerics.sampling import initial_conditions
 from rattle.stiff.iterate import returned
 from rattle.stiff.survey import StiffClassifier, classify
 

@@ -7,10 +7,10 @@ tangent vector is one of (Φ, Φ') at fixed time.
 import math
 from typing import Any, NamedTuple
 
-from rattle._compile import for_type, inline, kernel
 from rattle.first_impact import OK
 from rattle.flight import wrapped
 from rattle.lyapunov import BATCHES
+from rattle.numerics.compile import for_type, inline, kernel
 from rattle.settle import ALIGNMENT, FAILED, LEFT, ORBIT, QUIET, RECURRENCE, RECURRENT, captor, mark
 from rattle.stiff import flow
 from rattle.stiff.returns import StiffPoint

@@ -3,9 +3,9 @@
 import math
 from typing import Any
 
-from rattle._compile import kernel
 from rattle.first_impact import OK, SIGMA_PLUS
 from rattle.flight import folded
+from rattle.numerics.compile import kernel
 from rattle.stiff.flow import GAP, MOST_PIECES, QUIET, piece
 from rattle.trajectory import Trajectory, followed
 

@@ -39,7 +39,7 @@ class _Told(logging.Handler):
 @contextmanager
 def compiling_told() -> Iterator[None]:
     """Tell on stderr what a command waits for that compiles kernels."""
-    log, told = logging.getLogger("rattle._compile"), _Told(logging.INFO)
+    log, told = logging.getLogger("rattle.numerics.compile"), _Told(logging.INFO)
     level = log.level
     log.setLevel(logging.INFO)
     log.addHandler(told)

@@ -30,7 +30,7 @@ def test_a_second_process_compiles_nothing() -> None:
 
 HOLDING = """
 import sys, time
-import rattle._compile as c
+import rattle.numerics.compile as c
 from rattle.quiet import capture_invariant
 
 inside = c._SharedCache.save_overload
@@ -135,7 +135,7 @@ def test_only_modules_that_compute_decide_which_version_it_is(tmp_path: Path) ->
     shutil.copytree(Path(rattle.__file__).parent, package)
 
     def version() -> str:
-        command = [sys.executable, "-c", "from rattle._compile import source_hash; print(source_hash())"]
+        command = [sys.executable, "-c", "from rattle.numerics.compile import source_hash; print(source_hash())"]
         return subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
 
     before = version()

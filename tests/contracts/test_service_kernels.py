@@ -164,7 +164,7 @@ class Needed(logging.Handler):
         needed.append(record.getMessage())
 
 
-log = logging.getLogger("rattle._compile")
+log = logging.getLogger("rattle.numerics.compile")
 log.setLevel(logging.DEBUG)
 log.addHandler(Needed())
 kappa = KAPPA if name is Model.STIFF else None

@@ -19,7 +19,7 @@ import yaml
 from service_processes import REQUEST, ROOT, assert_bit_identical, client_of, free_port, serial_run
 from waiting import HANG, SELDOM, wait_until
 
-import rattle._compile
+import rattle.numerics.compile
 
 SERVICES: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
 PASSWORD = "of this test only"
@@ -47,7 +47,7 @@ class Here:
         self.image = {
             "PATH": os.pathsep.join([str(Path(sys.executable).parent), str(programs()), os.environ["PATH"]]),
             "PYTHONPATH": str(ROOT),
-            "RATTLE_CACHE_DIR": str(Path(rattle._compile._cache_directory()).parent),
+            "RATTLE_CACHE_DIR": str(Path(rattle.numerics.compile._cache_directory()).parent),
             "PGHOST": "127.0.0.1",
             "PGPORT": str(self.database),
             "HOME": str(directory),

@@ -8,7 +8,7 @@ from typing import Any
 
 import numba
 
-from rattle._compile import source_hash
+from rattle.numerics.compile import source_hash
 
 
 def _directory() -> str:

@@ -9,7 +9,7 @@ from stiff_high_precision import integrated
 import rattle
 from rattle.bifurcations import Kind
 from rattle.errors import ParameterError, RattleError
-from rattle.impact_equations import derivatives
+from rattle.numerics.complex_step import derivatives
 from rattle.stiff import (
     StiffEvent,
     StiffGear,

@@ -5,7 +5,7 @@ import pytest
 
 import rattle
 from rattle.errors import ParameterError
-from rattle.impact_equations import derivatives
+from rattle.numerics.complex_step import derivatives
 from rattle.stiff import StiffGear, attractors_of, period_one, regions, saddle_node_1
 from rattle.stiff.closure import Cycle, closure, departure_of
 from rattle.stiff.equations import StiffItinerary

@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.optimize import least_squares
 
-from rattle._compile import kernel
 from rattle.first_impact import OK
 from rattle.flight import DRIFT
 from rattle.impact_map import impact
 from rattle.iterate import iterate
+from rattle.numerics.compile import kernel
 from rattle.orbits import orbits_at
 
 SETTLE = 200  # impacts that bring a state near A's unstable side onto the chaotic set

@@ -7,7 +7,7 @@ from scipy.stats import qmc
 
 import rattle
 from rattle import curves, impacting_survey, lyapunov, settle
-from rattle.sampling import initial_conditions, sobol
+from rattle.numerics.sampling import initial_conditions, sobol
 
 GEARS = either(50, 120)
 

@@ -3,7 +3,7 @@
 c holds the coefficients, lowest power first; c and x have one type, float32 or float64.
 """
 
-from rattle._compile import inline
+from rattle.numerics.compile import inline
 
 
 @inline

@@ -1,6 +1,6 @@
 """Secant steps inside a bracket, for kernels."""
 
-from rattle._compile import inline
+from rattle.numerics.compile import inline
 
 
 @inline

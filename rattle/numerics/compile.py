@@ -45,7 +45,7 @@ DRAWN_OR_TOLD = {"plot", "paper"}  # folders that compute nothing that is kept
 def source_hash() -> str:
     """Hex SHA-256 over the sources that compute: two equal hashes give bit-identical numbers on one machine."""
     digest = hashlib.sha256()
-    root = Path(__file__).parent
+    root = Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):
         name = path.relative_to(root)
         if name.parts[0] not in DRAWN_OR_TOLD:

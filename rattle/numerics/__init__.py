@@ -1,0 +1,1 @@
+"""Compiling, polynomials, complex-step derivatives, the secant method, sampling: nothing of the gear."""

@@ -1,0 +1,30 @@
+"""Exact derivatives by a complex step, and the singularity of a matrix as a smooth function."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+COMPLEX_STEP = 1e-40
+Array = NDArray[np.float64]
+Function = Callable[[NDArray], NDArray]
+
+
+def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
+    """A real-analytic function (…, N) → (…, M) at x (N,): its value (M,) and Jacobian (M, N), exact to rounding."""
+    values = function(x + 1j * COMPLEX_STEP * np.eye(x.size))
+    return values[0].real, values.imag.T / COMPLEX_STEP
+
+
+def bordered(matrix: NDArray, column: Array, row: Array) -> NDArray:
+    """A smooth function (…,) that vanishes with det of the matrix (…, n, n): the last unknown of the bordered system.
+
+    Borders near the null vectors keep it well scaled for any n. Source: W. Govaerts, Numerical Methods for Bifurcations
+    of Dynamical Equilibria (SIAM 2000).
+    """
+    n = matrix.shape[-1]
+    system = np.zeros((*matrix.shape[:-2], n + 1, n + 1), matrix.dtype)
+    system[..., :n, :n], system[..., :n, n], system[..., n, :n] = matrix, column, row
+    right = np.zeros((*matrix.shape[:-2], n + 1, 1), matrix.dtype)
+    right[..., n, 0] = 1.0
+    return np.linalg.solve(system, right)[..., n, 0]
