@@ -9,7 +9,7 @@ what this assumes between the directions that are looked at, and how it is teste
 
 import math
 
-from rattle.first_impact import OK
+from rattle.flight.first_impact import OK
 from rattle.numerics.compile import kernel
 from rattle.tangent_map import power_map
 

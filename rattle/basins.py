@@ -17,7 +17,7 @@ from rattle.attractors import CHAOTIC, QUIET, UNDECIDED, Attractor, Attractors, 
 from rattle.cell_map import groups_of_map, locate
 from rattle.discover import SAME_POINT
 from rattle.errors import require, require_integer, require_number
-from rattle.flight import wrapped
+from rattle.flight.law import wrapped
 from rattle.impacting_survey import classify
 from rattle.iterate import iterate
 from rattle.numerics.sampling import initial_conditions

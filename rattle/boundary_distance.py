@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors import MOST_SAMPLES
 from rattle.errors import require, require_number
-from rattle.flight import wrapped
+from rattle.flight.law import wrapped
 from rattle.images import lowest_preimages
 from rattle.impacting_survey import classify
 from rattle.iterate import fold

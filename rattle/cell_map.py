@@ -7,7 +7,7 @@ Source: C. S. Hsu, Cell-to-Cell Mapping (Springer 1987), chapters 8 and 11: simp
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight import DRIFT, contact_force, versines
+from rattle.flight.law import DRIFT, contact_force, versines
 from rattle.numerics.compile import kernel
 
 UNSEEN, ON_THE_WAY = -1, -2

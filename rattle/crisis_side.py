@@ -8,7 +8,7 @@ so near to A that its unstable eigenvector is the manifold; all else of W^u(A) i
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.flight import DRIFT
+from rattle.flight.law import DRIFT
 from rattle.impact_map import impact_tangent
 from rattle.impacting_survey import ImpactingClassifier
 from rattle.iterate import fold

@@ -15,7 +15,7 @@ from rattle.branch_search import Search
 from rattle.branches import Branch
 from rattle.errors import require, require_integer, require_number, require_pair
 from rattle.events import Event
-from rattle.flight import wrapped
+from rattle.flight.law import wrapped
 from rattle.sweeps import Known, Points, Sweeps
 
 LEAST_LENGTH = 1e-6

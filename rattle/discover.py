@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from rattle.basin_ball import ball
-from rattle.first_impact import OK
-from rattle.flight import wrapped
+from rattle.flight.first_impact import OK
+from rattle.flight.law import wrapped
 from rattle.numerics.compile import for_type, kernel
 from rattle.settle import LEFT, ORBIT, Cells, captor, mark
 from rattle.tangent_map import (

@@ -13,9 +13,9 @@ import math
 
 import numpy as np
 
-from rattle.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
-from rattle.flight import DRIFT, TWO_PI, folded, versines
-from rattle.impact_map import flight_tangent
+from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
+from rattle.flight.law import DRIFT, TWO_PI, folded, versines
+from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import kernel
 from rattle.numerics.secant import narrowed
 

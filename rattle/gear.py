@@ -6,12 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle import first_impact, flight, impact_map, limits
+from rattle import impact_map, limits
 from rattle.attractors import Attractor, attractors
 from rattle.basin_measures import Uncertainty, uncertainty
 from rattle.basins import Basins, ImpactingPlane, basins
 from rattle.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.errors import RattleError, require, require_finite, require_number
+from rattle.flight import first_impact, law
 from rattle.gamma import GammaPiece, gamma
 from rattle.iterate import Iterates, iterate
 from rattle.orbits import Orbit, orbits_at
@@ -102,7 +103,7 @@ class Gear:
         speed = -wall * require_finite("velocity", velocity)
         require(speed > 0, f"velocity must point into the gap (below 0 at wall +1, above 0 at wall -1), got {velocity}")
         status, time, next_wall, w1, *_ = first_impact.first_impact(
-            int(wall), tau, -wall * speed, self.delta, self.epsilon, self.beta, flight.DRIFT
+            int(wall), tau, -wall * speed, self.delta, self.epsilon, self.beta, law.DRIFT
         )
         _raise_for(status)
         return FirstImpact(time, next_wall, w1)
@@ -113,7 +114,7 @@ class Gear:
         The tangent is infinite at a graze. Raises ParameterError, and RattleError if there is no next impact.
         """
         v = require_number("v", v, positive=True)
-        found = impact_map.impact_tangent(_phase(tau), v, self.delta, self.epsilon, self.beta, flight.DRIFT, False)
+        found = impact_map.impact_tangent(_phase(tau), v, self.delta, self.epsilon, self.beta, law.DRIFT, False)
         status, tau1, v1, time, n_minus, j00, j01, j10, j11, _ = found
         _raise_for(status)
         return Impact(tau1, v1, n_minus, np.array([[j00, j01], [j10, j11]]), time)
@@ -222,4 +223,4 @@ class Gear:
 
 def _phase(phase: float) -> float:
     """One finite phase folded into [0, 1)."""
-    return float(flight.folded(require_finite("phase", phase)))
+    return float(law.folded(require_finite("phase", phase)))

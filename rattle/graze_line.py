@@ -1,7 +1,7 @@
 """Points of the grazing curve Γ, each by one flight backwards from its touch of Σ⁻ (compiled)."""
 
-from rattle.first_impact import OK, SIGMA_MINUS, first_impact
-from rattle.flight import DRIFT, contact_force, folded, versines
+from rattle.flight.first_impact import OK, SIGMA_MINUS, first_impact
+from rattle.flight.law import DRIFT, contact_force, folded, versines
 from rattle.numerics.compile import kernel
 
 

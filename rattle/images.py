@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rattle.first_impact import OK
+from rattle.flight.first_impact import OK
 from rattle.impact_map import inverse_impact
 from rattle.numerics.compile import kernel
 from rattle.tangent_map import inverse_step, step

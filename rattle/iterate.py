@@ -7,11 +7,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.block import GROUP, GROUPS, block, empty, ended, load, made_ready, overflows, roughest, stretched
 from rattle.errors import ParameterError, real_array, require
-from rattle.lanes import advance_plain, advance_tangent
+from rattle.flight.lanes.block import (
+    GROUP,
+    GROUPS,
+    block,
+    empty,
+    ended,
+    load,
+    made_ready,
+    overflows,
+    roughest,
+    stretched,
+)
+from rattle.flight.lanes.rescan import SAFE, SCANNED
+from rattle.flight.lanes.stages import advance_plain, advance_tangent
 from rattle.numerics.compile import kernel
-from rattle.second_attempt import SAFE, SCANNED
 
 FLIGHTS = 20  # between two looks at the lanes; divides the round numbers that people ask for
 

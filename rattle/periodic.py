@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle import first_impact, flight
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
+from rattle.flight import first_impact, law
 from rattle.impact_equations import Equations, Itinerary
 from rattle.numerics.complex_step import Array, derivatives
 from rattle.orbits import multipliers_of
@@ -45,7 +45,7 @@ class Periodic(ABC):
     @property
     def tau(self) -> float:
         """Phase at which it first leaves Σ⁺, in [0, 1)."""
-        return float(flight.folded(self.departures[0]))
+        return float(law.folded(self.departures[0]))
 
     @property
     def v(self) -> float:
@@ -172,7 +172,7 @@ def _impact(
     wall: int, time: float, w: float, delta: float, epsilon: float, beta: float
 ) -> tuple[int, float, int, float]:
     """Status, flight time, wall and velocity of the first impact of a flight."""
-    found = first_impact.first_impact(wall, float(flight.folded(time)), w, delta, epsilon, beta, flight.DRIFT)
+    found = first_impact.first_impact(wall, float(law.folded(time)), w, delta, epsilon, beta, law.DRIFT)
     return int(found[0]), float(found[1]), int(found[2]), float(found[3])
 
 
@@ -225,7 +225,7 @@ def periodic_orbit(
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     epsilon, v = require_number("epsilon", epsilon), require_number("v", v, positive=True)
     require_integer("n_plus", n_plus, 1, MOST_IMPACTS)
-    tau = float(flight.folded(require_finite("tau", tau)))
+    tau = float(law.folded(require_finite("tau", tau)))
     itinerary, x = follow_impacts(delta, epsilon, beta, tau, v, n_plus)
     found = at_parameters(itinerary, x)
     if found is None or not admissible(itinerary, found):

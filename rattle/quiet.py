@@ -16,7 +16,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight import DRIFT, TWO_PI, contact_force
+from rattle.flight.law import DRIFT, TWO_PI, contact_force
 from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require
-from rattle.flight import folded
+from rattle.flight.law import folded
 from rattle.images import images
 from rattle.orbits import orbits_at
 from rattle.periodic import Periodic, PeriodicOrbit, periodic_orbit

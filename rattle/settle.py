@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rattle.block import GROUP, GROUPS, empty, ended, load, made_ready, overflows, roughest, stretched
-from rattle.flight import DRIFT, TWO_PI, contact_force, wrapped
-from rattle.lanes import advance_plain, advance_tangent
+from rattle.flight.lanes.block import GROUP, GROUPS, empty, ended, load, made_ready, overflows, roughest, stretched
+from rattle.flight.lanes.stages import advance_plain, advance_tangent
+from rattle.flight.law import DRIFT, TWO_PI, contact_force, wrapped
 from rattle.lyapunov import BATCHES
 from rattle.numerics.compile import inline, kernel
 

@@ -6,8 +6,8 @@ The type of the point says which model is meant: `step`, `step_tangent` and `poi
 import math
 from typing import NamedTuple
 
-from rattle.first_impact import OK
-from rattle.flight import DRIFT, folded, wrapped
+from rattle.flight.first_impact import OK
+from rattle.flight.law import DRIFT, folded, wrapped
 from rattle.impact_map import impact, impact_tangent, inverse_impact
 from rattle.numerics.compile import for_type, kernel
 

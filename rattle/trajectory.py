@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require, require_integer, require_number
-from rattle.first_impact import OK, SIGMA_PLUS, first_impact
-from rattle.flight import DRIFT, TWO_PI, evaluate, folded
-from rattle.impact_map import rests
+from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
+from rattle.flight.law import DRIFT, TWO_PI, evaluate, folded
+from rattle.flight.tangent import rests
 from rattle.numerics.compile import kernel
 
 LONGEST, MOST_POINTS, MOST_IMPACTS = 10_000.0, 10_000_000, 10_000_000

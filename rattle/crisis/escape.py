@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight import DRIFT, contact_force
+from rattle.flight.law import DRIFT, contact_force
 from rattle.iterate import fold, iterate
 from rattle.quiet import capture_invariants
 from rattle.saddles import Array, eigenvectors, period_one_saddle

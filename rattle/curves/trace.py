@@ -12,7 +12,8 @@ from rattle.curves.following import POINTS_ACROSS, Window, traced
 from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, Definition
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
 from rattle.events import Event
-from rattle.impact_equations import TWO_PI, Itinerary
+from rattle.flight.between import TWO_PI
+from rattle.impact_equations import Itinerary
 from rattle.limits import quiet_limit
 from rattle.numerics.complex_step import Array
 from rattle.periodic import admissible_or_why

@@ -69,7 +69,7 @@ def note_in_cache(name: str) -> Path:
 
 
 #: IEEE arithmetic but for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation would
-#: break the rounding trick of `rattle.flight` and the sums that avoid cancellation.
+#: break the rounding trick of `rattle.flight.law` and the sums that avoid cancellation.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cfunc_wrapper": True}
 _INSIDE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True}
 

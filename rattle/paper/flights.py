@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight import DRIFT, TWO_PI
+from rattle.flight.law import DRIFT, TWO_PI
 from rattle.gear import Gear
 from rattle.orbits import NAMES, PeriodOne
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from rattle import flight
+from rattle.flight import law
 from rattle.gear import Gear
 
 TWO_PI = 2 * np.pi
@@ -71,8 +71,8 @@ def _expansion_residuals(h: float) -> tuple[float, float]:
     left = []
     for phase, a, jerk in zip(PHASES, rate, f(PHASES, SPEED, DELTA, EPSILON) / 2, strict=True):
         sine, cosine = math.sin(TWO_PI * phase), math.cos(TWO_PI * phase)
-        start = flight.DRIFT - TWO_PI * EPSILON * sine + SPEED
-        moved, velocity, *_ = flight.evaluate(h, -SPEED, start, sine, cosine, DELTA, EPSILON)
+        start = law.DRIFT - TWO_PI * EPSILON * sine + SPEED
+        moved, velocity, *_ = law.evaluate(h, -SPEED, start, sine, cosine, DELTA, EPSILON)
         left.append((moved - (-SPEED * h + a / 2 * h**2), velocity - (-SPEED + a * h + jerk / 2 * h**2)))
     worst = np.abs(left).max(axis=0)
     return float(worst[0]), float(worst[1])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rattle.attractors import Attractor
 from rattle.basins import Basins
 from rattle.errors import RattleError, require
-from rattle.flight import wrapped
+from rattle.flight.law import wrapped
 from rattle.gear import Gear
 from rattle.manifolds import manifold
 from rattle.models import AnyGear, model_of

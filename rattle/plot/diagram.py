@@ -14,7 +14,7 @@ from rattle.attractors import KINDS
 from rattle.bifurcations import Kind
 from rattle.diagrams import Diagram, diagram
 from rattle.errors import require
-from rattle.flight import wrapped
+from rattle.flight.law import wrapped
 from rattle.numerics.complex_step import Array
 from rattle.plot import paper_ranges as ranges
 from rattle.plot.colours import name_of as name_of_type

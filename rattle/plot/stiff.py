@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from rattle.branches import branch
 from rattle.errors import require
-from rattle.flight import wrapped
+from rattle.flight.law import wrapped
 from rattle.gear import Gear
 from rattle.limits import quiet_limit, sn1
 from rattle.orbits import orbits_at

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rattle.arclength import located
 from rattle.bifurcations import Kind
-from rattle.flight import wrapped
+from rattle.flight.law import wrapped
 from rattle.numerics.complex_step import Array
 from rattle.orbits import NAMES
 from rattle.stiff.curves import FOLDS

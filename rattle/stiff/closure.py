@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rattle.first_impact import OK, first_impact
-from rattle.flight import DRIFT, TWO_PI, folded
+from rattle.flight.first_impact import OK, first_impact
+from rattle.flight.law import DRIFT, TWO_PI, folded
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.contact import ENDS, contact_end, driven, forcing, responses
 

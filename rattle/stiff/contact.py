@@ -1,16 +1,15 @@
 """Contact with a wall in closed form, and where it ends (compiled).
 
 x ≥ 0 is the depth beyond the wall, outwards. In contact (paper 2.1, 2.2) x'' + δx' + 2κx = h(t), where h is ± the
-contact force of `rattle.flight`, ± the wall. With S the response to a unit velocity and C = S' + δS to a unit depth,
-x is C x₀ + S w₀ and the responses to the mean, the cosine and the sine of h. docs/stiff.md derives all, and why the
+contact force of `rattle.flight.law`, ± the wall. With S the response to a unit velocity and C = S' + δS to a depth 1, x
+is C x₀ + S w₀ and the responses to the mean, the cosine and the sine of h. docs/stiff.md derives all, and why the
 search for the end cannot skip one. With −δ for δ and −τ for τ the same formulas run backwards in time.
 """
 
 import math
 
-from rattle.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
-from rattle.flight import DRIFT, TWO_PI, versines
-from rattle.locate import negative_arc
+from rattle.flight.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
+from rattle.flight.law import DRIFT, TWO_PI, negative_arc, versines
 from rattle.numerics.compile import inline, kernel
 
 ENDS, LASTS, STAYS, TOO_LONG = range(4)  # it ends; it lasts to the horizon; it never ends; not told within LONGEST

@@ -15,7 +15,7 @@ from rattle.curves.curve import Curve, Described
 from rattle.curves.following import Window, traced
 from rattle.curves.trace import limit_of_contact, spread_between, window_range
 from rattle.errors import RattleError, require, require_number
-from rattle.impact_equations import TWO_PI
+from rattle.flight.between import TWO_PI
 from rattle.numerics.complex_step import Array
 from rattle.stiff.closure import LEAST_CONTACT, Cycle, closure, happens, softness, struck, trace_of
 from rattle.stiff.equations import StiffItinerary

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.impact_equations import TWO_PI, Flights, flights_between
+from rattle.flight.between import TWO_PI, Flights, flights_between
 from rattle.numerics.complex_step import Array
 
 SMALL = 0.5  # duration or angle below which a Taylor series is used

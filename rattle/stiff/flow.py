@@ -8,8 +8,8 @@ contact the wall and the depth beyond it outwards, in the gap wall 0 and Φ. A t
 
 import math
 
-from rattle.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
-from rattle.flight import DRIFT, TWO_PI, contact_force, evaluate, folded, versines
+from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
+from rattle.flight.law import DRIFT, TWO_PI, contact_force, evaluate, folded, versines
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.contact import ENDS, LASTS, STAYS, contact_end
 

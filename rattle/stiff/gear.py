@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle import flight
 from rattle.attractors import Attractor, listed
 from rattle.basin_measures import Uncertainty, uncertainty
 from rattle.basins import Basins, basins
 from rattle.errors import RattleError, require, require_finite, require_number
-from rattle.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
+from rattle.flight import law
+from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.gear import Impact
 from rattle.iterate import Iterates
 from rattle.orbits import Orbit
@@ -160,4 +160,4 @@ class StiffGear:
 
 def _phase(phase: float) -> float:
     """One finite phase folded into [0, 1)."""
-    return float(flight.folded(require_finite("phase", phase)))
+    return float(law.folded(require_finite("phase", phase)))

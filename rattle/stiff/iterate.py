@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattle.first_impact import OK
+from rattle.flight.first_impact import OK
 from rattle.iterate import Iterates, Stretched, checked
 from rattle.numerics.compile import kernel
 from rattle.stiff.flow import QUIET

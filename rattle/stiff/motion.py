@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle import flight
 from rattle.arclength import Bound, Follower, Path, Problem, tangent_at
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
+from rattle.flight import law
 from rattle.numerics.complex_step import Array
 from rattle.orbits import multipliers_of
 from rattle.periodic import MOST_IMPACTS, Periodic, PeriodicOrbit, at_parameters
@@ -167,7 +167,7 @@ def follow_contacts(
     wall, position, w, time = np.int64(1), 0.0, -v, tau
     walls, begins, durations = list[int](), list[float](), list[float]()
     while True:
-        before, phase = wall, float(flight.folded(time))
+        before, phase = wall, float(law.folded(time))
         leaves = position == 0.0 and departs(wall, phase, position, w, delta, epsilon)
         if leaves and walls.count(1) == n_plus and before == 1:
             break
@@ -200,7 +200,7 @@ def stiff_orbit(
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     kappa, v = require_number("kappa", kappa, positive=True), require_number("v", v, positive=True)
-    epsilon, tau = require_number("epsilon", epsilon), float(flight.folded(require_finite("tau", tau)))
+    epsilon, tau = require_number("epsilon", epsilon), float(law.folded(require_finite("tau", tau)))
     require_integer("n_plus", n_plus, 1, MOST_IMPACTS)
     itinerary, x = follow_contacts(delta, epsilon, beta, kappa, tau, v, n_plus)
     found = at_parameters(itinerary, x)

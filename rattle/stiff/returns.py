@@ -7,7 +7,7 @@ tangent map of a return that takes the time s has determinant e^(−δs).
 from typing import NamedTuple
 
 from rattle import tangent_map
-from rattle.first_impact import OK, SIGMA_PLUS
+from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.numerics.compile import for_type, kernel
 from rattle.stiff.flow import departure, outward_force, preceding
 

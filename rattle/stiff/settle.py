@@ -7,8 +7,8 @@ tangent vector is one of (Φ, Φ') at fixed time.
 import math
 from typing import Any, NamedTuple
 
-from rattle.first_impact import OK
-from rattle.flight import wrapped
+from rattle.flight.first_impact import OK
+from rattle.flight.law import wrapped
 from rattle.lyapunov import BATCHES
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.settle import ALIGNMENT, FAILED, LEFT, ORBIT, QUIET, RECURRENCE, RECURRENT, captor, mark

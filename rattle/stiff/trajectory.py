@@ -3,8 +3,8 @@
 import math
 from typing import Any
 
-from rattle.first_impact import OK, SIGMA_PLUS
-from rattle.flight import folded
+from rattle.flight.first_impact import OK, SIGMA_PLUS
+from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
 from rattle.stiff.flow import GAP, MOST_PIECES, QUIET, piece
 from rattle.trajectory import Trajectory, followed

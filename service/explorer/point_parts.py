@@ -12,7 +12,7 @@ import rattle
 from rattle.attractors import listed
 from rattle.basins import ImpactingPlane, classified
 from rattle.diagrams import Diagram
-from rattle.flight import wrapped
+from rattle.flight.law import wrapped
 from rattle.models import AnyGear, model_at
 
 V_MAX = 7.0

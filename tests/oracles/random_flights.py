@@ -6,8 +6,8 @@ import numpy as np
 import panel_march
 from compiled import compiled
 
-from rattle.first_impact import proven_impact, safe_impact
-from rattle.flight import DRIFT, TWO_PI, versines
+from rattle.flight.first_impact import proven_impact, safe_impact
+from rattle.flight.law import DRIFT, TWO_PI, versines
 
 SEEN = ("flights", "proved", "no_impact", "marched", "wrong_wall", "late", "march_wall", "march_time")
 FLIGHTS, PROVED, NO_IMPACT, MARCHED, WRONG_WALL, LATE, MARCH_WALL, MARCH_TIME = range(len(SEEN))

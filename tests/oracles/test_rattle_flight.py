@@ -10,7 +10,7 @@ import pytest
 from depth import either
 
 import rattle
-from rattle import first_impact, flight
+from rattle.flight import first_impact, law
 
 FLIGHTS = json.loads((Path(__file__).parents[1] / "reference" / "flights.json").read_text())
 
@@ -46,11 +46,11 @@ def test_the_proof_and_the_panels_agree():
         wall, tau, w = int(rng.choice([1, -1])), rng.random(), 10 ** rng.uniform(-6, 1.17)
         w *= -wall
         sin0, cos0 = np.sin(2 * np.pi * tau), np.cos(2 * np.pi * tau)
-        a = flight.DRIFT - 2 * np.pi * epsilon * sin0 - w
+        a = law.DRIFT - 2 * np.pi * epsilon * sin0 - w
         ok, target, s, w1, *_ = first_impact.proven_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta)
         if ok:
             proved += 1
-            march_status, march_target, march_s = panel_march.march(wall, tau, w, delta, epsilon, beta, flight.DRIFT)
+            march_status, march_target, march_s = panel_march.march(wall, tau, w, delta, epsilon, beta, law.DRIFT)
             assert (march_status, march_target) == (panel_march.FOUND, target)
             assert abs(march_s - s) <= 1e-13 * s + 1e-14 / abs(w1)
     assert 0.4 * count < proved < 0.975 * count  # both outcomes of the proof were really exercised

@@ -11,7 +11,7 @@ from depth import either
 
 import rattle
 from rattle import impact_map
-from rattle.flight import DRIFT
+from rattle.flight.law import DRIFT
 from rattle.iterate import paths
 
 # ---- lanes ----------------------------------------------------------------------------------------------------------

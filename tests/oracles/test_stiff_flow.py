@@ -8,7 +8,7 @@ from depth import either
 from mpmath import mp, mpf
 from stiff_high_precision import Contact, integrated
 
-from rattle.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
+from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.stiff import StiffGear, contact, flow
 from rattle.stiff.quiet import quiet_depth, quiet_limit
 from rattle.stiff.returns import StiffPoint, step, step_tangent

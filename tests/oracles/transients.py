@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.optimize import least_squares
 
-from rattle.first_impact import OK
-from rattle.flight import DRIFT
+from rattle.flight.first_impact import OK
+from rattle.flight.law import DRIFT
 from rattle.impact_map import impact
 from rattle.iterate import iterate
 from rattle.numerics.compile import kernel

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 import rattle
 from rattle import impact_map
-from rattle.flight import DRIFT
+from rattle.flight.law import DRIFT
 
 points = st.builds(
     rattle.Gear,

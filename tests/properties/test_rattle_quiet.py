@@ -5,14 +5,15 @@ import pytest
 from depth import either
 
 import rattle
-from rattle import flight, impact_map
-from rattle.flight import DRIFT
+from rattle import impact_map
+from rattle.flight import law
+from rattle.flight.law import DRIFT
 from rattle.quiet import capture_invariant
 
 
 def contact_force(tau, delta, epsilon):
     theta = 2 * np.pi * tau
-    return flight.contact_force(np.sin(theta), np.cos(theta), delta, epsilon, DRIFT)
+    return law.contact_force(np.sin(theta), np.cos(theta), delta, epsilon, DRIFT)
 
 
 def history(delta, epsilon, beta, tau, v, periods, most=200_000):

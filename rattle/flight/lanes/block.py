@@ -5,9 +5,8 @@ import math
 import numpy as np
 from numpy import float32 as f32
 
-from rattle.flight import TWO_PI, versines
-from rattle.impact_map import MOST_BOUNCES, STUCK
-from rattle.locate import negative_arc
+from rattle.flight.law import TWO_PI, negative_arc, versines
+from rattle.flight.tangent import MOST_BOUNCES, STUCK
 from rattle.numerics.compile import inline, kernel
 
 LANES, GROUP = 96, 16  # lanes are flown in groups, as many as are in use

@@ -1,4 +1,4 @@
-"""Polynomials of the flight law, lowest power first. Written by rattle/generate_coefficients.py."""
+"""Polynomials of the flight law, lowest power first. Written by rattle/flight/generate_coefficients.py."""
 
 import numpy as np
 

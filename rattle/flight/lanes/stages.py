@@ -9,25 +9,14 @@ alone to `first_impact.safe_impact`. docs/kernel.md explains.
 import numpy as np
 from numpy import float32 as f32
 
-from rattle.block import ARCS, GROUP, ROUGH, ZERO, flag
-from rattle.first_impact import OK, last_step, safe_impact, stepped
-from rattle.flight import DRIFT, TWO_PI, evaluate_short, folded, second_derivative
-from rattle.impact_map import STUCK, carried, rests
-from rattle.locate import (
-    TOO_FAR,
-    better_guess,
-    clears_the_gap,
-    depth,
-    first_guess,
-    is_located,
-    level_of,
-    local_root,
-    refined,
-    single_turn,
-    taylor,
-)
+from rattle.flight.first_impact import OK, last_step, safe_impact, stepped
+from rattle.flight.guess import TOO_FAR, better_guess, depth, first_guess, level_of, local_root, refined, taylor
+from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, flag
+from rattle.flight.lanes.rescan import SAFE, second_attempt
+from rattle.flight.law import DRIFT, TWO_PI, evaluate_short, folded, second_derivative
+from rattle.flight.proof import clears_the_gap, is_located, single_turn
+from rattle.flight.tangent import STUCK, carried, rests
 from rattle.numerics.compile import inline, kernel
-from rattle.second_attempt import SAFE, second_attempt
 
 Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)
 

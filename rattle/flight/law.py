@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from rattle import coefficients
+from rattle.flight import coefficients
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.polynomial import degree_4, degree_5, degree_6, degree_10, degree_12
 
@@ -142,3 +142,18 @@ def third_derivative(a, lost, sin1, delta, epsilon):
 def fourth_derivative(a, lost, cos1, delta, epsilon):
     """F⁗ likewise."""
     return TWO_PI**4 * epsilon * cos1 + delta * delta * delta * a * (1.0 - lost)
+
+
+@kernel
+def negative_arc(delta, epsilon):
+    """Phases where the contact force is negative: (exists, exit, length, sin 2π entry, sin 2π exit).
+
+    g = δq − 2πε (2π cos θ + δ sin θ) < 0 means cos(θ − φ) > δq / (2πε √(4π² + δ²)) with φ = atan2(δ, 2π).
+    """
+    largest = TWO_PI * epsilon * math.hypot(TWO_PI, delta)
+    mean = abs(delta) * DRIFT
+    if not largest > mean:
+        return False, 0.0, 0.0, 0.0, 0.0
+    middle, half = math.atan2(delta, TWO_PI), math.acos(mean / largest)
+    leave = (middle + half) / TWO_PI
+    return True, leave - math.floor(leave), half / math.pi, math.sin(middle - half), math.sin(middle + half)

@@ -6,23 +6,20 @@ They are compacted, scanned at fixed steps, and proved from what the scan saw. d
 import numpy as np
 from numpy import float32 as f32
 
-from rattle.block import GROUP, ZERO, flag
-from rattle.locate import (
+from rattle.flight.guess import (
     SCAN_STEP,
     SCAN_STEPS,
     TOO_FAR,
     UNBOUNDED,
-    clears_the_gap,
     depth,
-    is_located,
     level_of,
     local_root,
     refined,
     scanned,
-    single_turn,
     taylor,
-    two_turns,
 )
+from rattle.flight.lanes.block import GROUP, ZERO, flag
+from rattle.flight.proof import clears_the_gap, is_located, single_turn, two_turns
 from rattle.numerics.compile import inline, kernel
 
 SCANNED, SAFE = range(2)  # what `paths` counts: flights that took this second attempt, and the search

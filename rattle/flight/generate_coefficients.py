@@ -1,4 +1,4 @@
-"""Writes rattle/coefficients.py: `python -m rattle.generate_coefficients > rattle/coefficients.py` (needs mpmath).
+"""Writes coefficients.py, with mpmath: `python -m rattle.flight.generate_coefficients > rattle/flight/coefficients.py`.
 
 Each polynomial interpolates its function at Chebyshev nodes in 60 digits, which is within a few per cent of the best
 approximation. Coefficients are then rounded to the precision they are used in. The stated bound is the largest relative
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import mpmath as mp
 import numpy as np
 
-HEADER = '''"""Polynomials of the flight law, lowest power first. Written by rattle/generate_coefficients.py."""
+HEADER = '''"""Polynomials of the flight law, lowest power first. Written by rattle/flight/generate_coefficients.py."""
 
 import numpy as np
 '''
@@ -86,7 +86,7 @@ def error(p: Polynomial, found: list[np.floating]) -> Any:
 
 
 def module() -> str:
-    """The text of rattle/coefficients.py."""
+    """The text of rattle/flight/coefficients.py."""
     lines = [HEADER]
     with mp.workdps(60):
         for p in polynomials():

@@ -7,28 +7,19 @@ import math
 import numpy as np
 from numpy import float32 as f32
 
-from rattle.flight import (
+from rattle.flight.guess import depth, first_guess, level_of, local_root, refined, taylor
+from rattle.flight.law import (
     DRIFT,
     TWO_PI,
     evaluate,
     evaluate_short,
     fourth_derivative,
+    negative_arc,
     second_derivative,
     third_derivative,
     versines,
 )
-from rattle.locate import (
-    clears_the_gap,
-    depth,
-    first_guess,
-    is_located,
-    level_of,
-    local_root,
-    negative_arc,
-    refined,
-    single_turn,
-    taylor,
-)
+from rattle.flight.proof import clears_the_gap, is_located, single_turn
 from rattle.numerics.compile import inline, kernel
 
 OK = 0

@@ -1,0 +1,1 @@
+"""A free flight between the walls: its law, a guess of its end, the proof that it is the first impact, its tangent."""

@@ -1,0 +1,1 @@
+"""Many flights in step, in the lanes of a processor's vectors."""

@@ -1,0 +1,120 @@
+"""The proof that a root of a flight is its first impact: nothing of the flight before it touches a wall (compiled)."""
+
+from numpy import float32 as f32
+from numpy import floor
+
+from rattle.flight.guess import CLOSE, ERROR, TOO_FAR, W1, W2, height_scale, speed_scale
+from rattle.flight.law import decay32, evaluate32
+from rattle.numerics.compile import inline
+
+LATER = f32(1.0002)  # double precision may end a flight up to 1e-4 of it later than single precision
+LARGEST_STEP = f32(0.05)  # a longer step of fourth order leaves too much for `last_step`: a second attempt is cheaper
+STEEPEST = f32(100.0)  # terms of F this much larger than s |F'| at the impact would spoil the time's thirteenth digit
+FASTEST = f32(20.0)  # largest damping of a proof that uses the times of the arc
+
+
+@inline
+def is_located(s, step, speed, w, a, delta, epsilon):
+    """True if double precision may end what single precision began: a short step, and an impact that is no graze."""
+    near = (abs(step) < LARGEST_STEP * s) & (delta * s < TOO_FAR)
+    return near & (height_scale(s, w, a, delta, epsilon) < STEEPEST * s * abs(speed))
+
+
+@inline
+def arc_ahead(tau, arc_exit, arc_length):
+    """Times to the entry (0 inside) and to the exit of the next arc, and whether the departure lies inside."""
+    to_exit = arc_exit - tau
+    to_exit -= floor(to_exit)
+    inside = to_exit < arc_length
+    return f32(0.0) if inside else to_exit - arc_length, to_exit, inside
+
+
+@inline
+def off_edges(to_exit, arc_length, delta):
+    """True if the departure is so far from the ends of the arc that rounding cannot confuse its side, and the damping
+    so small that rounding of these times, 1e-7, moves F' by less than ERROR allows.
+    """
+    return (delta < FASTEST) & (to_exit > CLOSE) & (to_exit < f32(1.0) - CLOSE) & (abs(to_exit - arc_length) > CLOSE)
+
+
+@inline
+def single_turn(
+    wall, rising, tau, s, turn, w, a, sin0, delta, epsilon, arc_exit, arc_length, sin_entry, sin_exit, no_arc
+):
+    """True if it is certain that F' changes sign at most once before s, given its sign at s, and that e^(δs) F' grows
+    between that change and the place where it seemed to be.
+
+    e^(δs) F' grows where the contact force g is positive and falls on the phase arc where g < 0, if there is one. So
+    its sign where the arc is entered and left, which needs no new sine, settles its signs everywhere else.
+    """
+    to_entry, to_exit, inside = arc_ahead(tau, arc_exit, arc_length)
+    x, y = delta * to_entry, delta * to_exit
+    slack = ERROR * speed_scale(w, a, epsilon)
+    moved_entry, moved_exit = (sin0 if inside else sin_entry) - sin0, sin_exit - sin0
+    at_entry = w + a * x * (f32(1.0) - x * decay32(x)) - W1 * epsilon * moved_entry
+    at_exit = w + a * y * (f32(1.0) - y * decay32(y)) - W1 * epsilon * moved_exit
+    falls_in = (at_entry < -slack) | (inside & (w < f32(0.0)))
+    rises_out = at_exit > slack
+    end = s * LATER + CLOSE
+    from_top = wall > f32(0.0)
+    next_entry = to_exit + f32(1.0) - arc_length
+    before = (turn < to_entry - CLOSE) | (not from_top)
+    after = (turn > to_exit + CLOSE) & (turn < next_entry - CLOSE) & from_top
+    up = before & ((end < to_exit) | (rises_out & (end < to_exit + f32(1.0))))
+    up |= after & falls_in & (end < to_exit + f32(1.0))
+    down = (end < to_entry) | (falls_in & (end < next_entry))
+    safe = off_edges(to_exit, arc_length, delta) & (y < TOO_FAR)
+    return no_arc | (safe & ((up & rising) | (down & (not rising))))
+
+
+@inline
+def lowest_point(s, bound, tilt, delta):
+    """A lower bound of F up to s from a point of it with F ≥ bound, |F'| ≤ tilt, if e^(δs) F' grows from there to the
+    minimum or from the minimum to there: on that way |F'| is at most e^(δs) tilt.
+    """
+    x = delta * s
+    return bound - tilt * s * (LATER + x * (f32(1.0006) + f32(1.101) * x))  # over LATER e^(LATER x), for x < 2
+
+
+@inline
+def clears_the_gap(wall, rising, s, turn, bound, tilt, gap, w, a, sin0, delta, epsilon):
+    """True unless the flight might touch Σ⁻ on its way from Σ⁺ back to Σ⁺: it is too short for that, or turns above.
+
+    Falling, |F'| stays below v + 2πε (1 − sin θ) where a ≥ 0.
+    """
+    shallow = (abs(w) + W1 * epsilon * (f32(1.0) - sin0)) * s * LATER < f32(0.9999) * gap
+    turns_above = (lowest_point(s, bound, tilt, delta) > -gap) & (turn < s)
+    return ((shallow & (a > f32(0.0))) | turns_above) | ((wall < f32(0.0)) | (not rising))
+
+
+@inline
+def two_turns(
+    wall, rising, tau, s, turn, bound, tilt, gap, w, a, sin0, cos0, delta, epsilon, arc_exit, arc_length, no_arc
+):
+    """True if a flight from Σ⁺ back to Σ⁺ certainly turns before the arc, back on it and again after it, and touches
+    neither wall before s.
+
+    Where e^(δs) F' is monotone, its values at the ends bound F' between them, so F lies above or below the lines of
+    these slopes through its own values at the ends: the two lines' crossing bounds the extremum.
+    """
+    to_entry, to_exit, inside = arc_ahead(tau, arc_exit, arc_length)
+    f_entry, g_entry, _f2, lost_entry, _s, _c = evaluate32(to_entry, w, a, sin0, cos0, delta, epsilon)
+    f_exit, g_exit, _f2, lost_exit, _s, _c = evaluate32(to_exit, w, a, sin0, cos0, delta, epsilon)
+    _f, g_end, _f2, lost_end, _s, _c = evaluate32(s, w, a, sin0, cos0, delta, epsilon)
+    slack, low = ERROR * speed_scale(w, a, epsilon), f32(4.0) * ERROR * height_scale(s, w, a, delta, epsilon)
+    turned = (g_entry > slack) & (g_exit < -slack) & (not inside)
+    up, down = g_entry + slack, g_exit - slack
+    decay_entry, decay_exit, decay_end = f32(1.0) - lost_entry, f32(1.0) - lost_exit, f32(1.0) - lost_end
+    steep = up / decay_entry  # F' between departure and entry is at most this, and at least w
+    first = w * (steep * to_entry - f_entry) / (steep - w)
+    steep = -down * decay_entry / decay_exit  # on the arc F' is between −steep and up
+    top = f_entry + up * (f_exit - f_entry + steep * arc_length) / (up + steep)
+    bend = delta * abs(a) + W2 * epsilon  # at least |F''|: double precision may move the end by 1e-4
+    steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end  # after it F' is between down and steep
+    early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
+    second = f_exit + down * (f_exit + steep * (late - to_exit)) / (steep - down)
+    second = max(second, lowest_point(s, bound, tilt, delta)) if (turn > to_exit + CLOSE) & (turn < s) else second
+    clear = (top < -low) & (first > low - gap) & (second > low - gap)
+    placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc_length) & off_edges(to_exit, arc_length, delta)
+    from_top = (wall > f32(0.0)) & rising & (not no_arc)
+    return from_top & turned & clear & placed & (delta * s < TOO_FAR)

@@ -1,0 +1,61 @@
+"""The tangent of one flight and its reflection, and whether a motion leaves the wall at all (compiled)."""
+
+import math
+
+from rattle.flight.law import TWO_PI, contact_force, second_derivative
+from rattle.numerics.compile import inline, kernel
+
+STUCK = 2  # speed 0 at a wall, or bounces on one flight without end: there is no next flight
+MOST_BOUNCES = 100_000
+SLOWEST = 1e-150  # below, heights and speeds squared leave double precision
+
+
+@kernel
+def rests(wall, w, tau, delta, epsilon, drift):
+    """True if the motion does not leave the wall: no speed into the gap, and a contact force that presses on the wall.
+
+    A graze arrives with no speed and leaves at once, because the force points into the gap.
+    """
+    if wall * w < -SLOWEST:
+        return False
+    theta = TWO_PI * tau
+    force = contact_force(math.sin(theta), math.cos(theta), delta, epsilon, drift)
+    return not (w == 0.0 and wall * force < 0.0)
+
+
+@inline
+def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
+    """∂F/∂w₀, ∂F/∂t₀ and ∂F'/∂t₀ at fixed flight time; ∂F'/∂w₀ = e^(−δs)."""
+    force = TWO_PI * TWO_PI * epsilon
+    f_w = lost * inverse_delta
+    return f_w, f_w * force * cos0 - TWO_PI * epsilon * (sin1 - sin0), force * ((1.0 - lost) * cos0 - cos1)
+
+
+@inline
+def flight_tangent(w0, w1, lost, sin0, cos0, sin1, cos1, delta, epsilon, drift):
+    """∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
+
+    F at fixed wall fixes ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁; reflection turns w₁ into −w₁.
+    """
+    a = drift - TWO_PI * epsilon * sin0 - w0
+    decay = 1.0 - lost
+    f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, 1.0 / delta, epsilon)
+    bend = second_derivative(a, lost, cos1, delta, epsilon)
+    s_t, s_w = -f_t / w1, -f_w / w1
+    return 1.0 + s_t, s_w, -(bend * s_t + v_t), -(bend * s_w + decay)
+
+
+@inline
+def carried(t, w, w1, bend, lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
+    """A tangent vector (dt, dw) carried over one flight and the reflection, and the flight's determinant, which is
+    e^(−δs) w₀/w₁ in absolute value.
+
+    det = (w₁ ∂F'/∂w₀ − F'' ∂F/∂w₀ − ∂F/∂t₀ ∂F'/∂w₀ + ∂F/∂w₀ ∂F'/∂t₀)/w₁: the products with 1/w₁², large near grazing,
+    cancel by algebra.
+    """
+    decay = 1.0 - lost
+    f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon)
+    inverse = 1.0 / w1
+    dt = -(f_t * t + f_w * w) * inverse
+    determinant = (w1 * decay - f_w * bend - f_t * decay + f_w * v_t) * inverse
+    return t + dt, -(bend * dt + v_t * t + decay * w), determinant
