@@ -19,18 +19,17 @@ from rattle.curves.codimension import robust_chaos_interval
 from rattle.diagrams import Diagram, diagram
 from rattle.errors import ParameterError, RattleError
 from rattle.events import Event
-from rattle.gamma import GammaPiece
-from rattle.gear import FirstImpact, Gear, Impact
-from rattle.grazing import Grazing, grazing
-from rattle.iterate import Iterates, Stretched, iterate, iterate_tangent
-from rattle.limits import flip, quiet_limit, sn1
+from rattle.gear import FirstImpact, Gear
+from rattle.impacting.map.gamma import GammaPiece
+from rattle.impacting.map.iterate import iterate, iterate_tangent
+from rattle.impacting.orbits.limits import flip, quiet_limit, sn1
+from rattle.impacting.orbits.period_one import Grazing, grazing, period_one, regions
+from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.numerics.compile import source_hash
 from rattle.numerics.sampling import wilson_interval
-from rattle.orbits import Orbit, PeriodOne, period_one
-from rattle.periodic import PeriodicOrbit, periodic_orbit
-from rattle.regions import classify as classify_regions
-from rattle.regions import regions
-from rattle.trajectory import Trajectory
+from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
+from rattle.orbits.period_one import Orbit, PeriodOne
+from rattle.orbits.period_one import classify as classify_regions
 from rattle.warm import warm_up
 
 __all__ = [

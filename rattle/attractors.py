@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import require, require_integer, require_number
+from rattle.errors import parameters, require, require_integer, require_number
 from rattle.impacting_survey import classify
 from rattle.lyapunov import pooled
 from rattle.numerics.sampling import initial_conditions, wilson_interval
-from rattle.orbits import parameters
 from rattle.settle import LEFT, ORBIT
 from rattle.settle import QUIET as SETTLED_QUIET
 from rattle.survey import Classifier

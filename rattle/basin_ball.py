@@ -11,7 +11,7 @@ import math
 
 from rattle.flight.first_impact import OK
 from rattle.numerics.compile import kernel
-from rattle.tangent_map import power_map
+from rattle.orbits.return_map import power_map
 
 LARGEST, SMALLEST = 0.25, 1e-5  # radii in phase that are tried, halving
 SPEED_WEIGHT = 1.0 / 16.0  # (Δτ)² + (Δv)²/16: phases are of order 1, speeds of order 4

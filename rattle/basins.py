@@ -18,10 +18,10 @@ from rattle.cell_map import groups_of_map, locate
 from rattle.discover import SAME_POINT
 from rattle.errors import require, require_integer, require_number
 from rattle.flight.law import wrapped
+from rattle.impacting.map.iterate import iterate
+from rattle.impacting.map.quiet import capture_invariant
 from rattle.impacting_survey import classify
-from rattle.iterate import iterate
 from rattle.numerics.sampling import initial_conditions
-from rattle.quiet import capture_invariant
 from rattle.survey import Classifier
 
 Array = NDArray[np.float64]

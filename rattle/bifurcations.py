@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from rattle.arclength import Problem
 from rattle.errors import RattleError
-from rattle.impact_equations import Equations, Itinerary
 from rattle.numerics.complex_step import Array, bordered
-from rattle.orbits import multipliers_of
+from rattle.orbits.periodic import Equations
 
 
 class Kind(StrEnum):
@@ -47,22 +46,3 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Pr
         return np.append(itinerary.residual(x), singular[..., None], -1)
 
     return Problem(equations, prepare)
-
-
-def along(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
-    """The equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""
-
-    def equations(y: NDArray) -> NDArray:
-        n = itinerary.n
-        return itinerary.residual(np.concatenate([y[..., :n], origin + y[..., n:] * direction], axis=-1))
-
-    return Problem(equations)
-
-
-def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
-    """Both multipliers (2,) of the motion of x; at a graze those of the motion that misses the impact `grazed`, which
-    are finite.
-    """
-    if grazed is not None:
-        itinerary, x = itinerary.without(grazed), np.delete(x, grazed)
-    return multipliers_of(itinerary.trace(x), np.exp(-x[itinerary.n] * itinerary.m))

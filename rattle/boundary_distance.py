@@ -12,15 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors import MOST_SAMPLES
-from rattle.errors import require, require_number
+from rattle.errors import parameters, require, require_number
 from rattle.flight.law import wrapped
 from rattle.images import lowest_preimages
+from rattle.impacting.map.quiet import capture_speeds, rests_late
+from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting_survey import classify
-from rattle.iterate import fold
-from rattle.limits import quiet_limit
 from rattle.numerics.sampling import sobol
-from rattle.orbits import parameters
-from rattle.quiet import capture_speeds, rests_late
+from rattle.orbits.iterates import fold
 from rattle.settle import LEFT, ORBIT, QUIET
 
 SAMPLED, ROUNDS = 1024, 8  # states of the strip and of the plane; of the strip again below the least so far, so often

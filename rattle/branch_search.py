@@ -14,9 +14,8 @@ import numpy as np
 from rattle.along_segment import Motion, Motions
 from rattle.arclength import LARGEST_TURN, between
 from rattle.bifurcations import Kind
-from rattle.impact_equations import Equations, begun_at
 from rattle.numerics.complex_step import Array
-from rattle.periodic import Periodic
+from rattle.orbits.periodic import Equations, Periodic, begun_at
 
 SAME_MOTION = 1e-7  # in the unknowns
 SAME_PLACE = 1e-8  # of a segment

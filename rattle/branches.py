@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.arclength import CLOSED, Bound, Follower, Path, newton, tangent_at
-from rattle.bifurcations import Kind, along
+from rattle.bifurcations import Kind
 from rattle.curves.registry import name_of
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
 from rattle.events import Event, Line, between_twins, find_events, is_twice, origin_of_doubling
-from rattle.impact_equations import Itinerary, twins
+from rattle.impacting.orbits.equations import Itinerary, along
+from rattle.impacting.orbits.periodic import PeriodicOrbit, orbit_of
 from rattle.numerics.complex_step import Array
-from rattle.periodic import PeriodicOrbit, at_parameters, orbit_of
+from rattle.orbits.periodic import at_parameters, twins
 
 LONGEST = 0.05  # of a step, in the unknowns
 POINTS_ACROSS = 50  # at least, over the span

@@ -6,7 +6,7 @@ from rattle.bifurcations import Kind
 from rattle.branches import Branch, Parameter, Span, branch, doubled, line_through
 from rattle.errors import require_integer
 from rattle.events import Event
-from rattle.periodic import PeriodicOrbit
+from rattle.impacting.orbits.periodic import PeriodicOrbit
 
 MOST_DOUBLINGS = 8  # time grows by six with each
 

@@ -7,18 +7,10 @@ import numpy as np
 from rattle.basin_ball import ball
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
+from rattle.impacting.map.impact_map import Point
 from rattle.numerics.compile import for_type, kernel
+from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
 from rattle.settle import LEFT, ORBIT, Cells, captor, mark
-from rattle.tangent_map import (
-    Point,
-    fastest_point,
-    log_multipliers,
-    newton,
-    point_of,
-    power_map,
-    shortest_return,
-    step,
-)
 
 APPROACH = 0.5  # a trajectory must come this much closer to the orbit that Newton's method found ...
 ARRIVED = 1e-9  # ... or be here already

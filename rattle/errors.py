@@ -76,3 +76,20 @@ def require_pair(name: str, value: ArrayLike) -> tuple[float, float]:
     array = real_array(name, value)
     require(array.shape == (2,) and bool(np.isfinite(array).all()), f"{name} must be a pair of numbers, got {value!r}")
     return float(array[0]), float(array[1])
+
+
+def parameters(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, **others: ArrayLike) -> list[NDArray[np.float64]]:
+    """Broadcast and validate δ > 0, ε ≥ 0, β > 0, and others > 0; raises ParameterError."""
+    named = {"delta": delta, "epsilon": epsilon, "beta": beta, **others}
+    try:
+        arrays = np.broadcast_arrays(*(real_array(name, value) for name, value in named.items()))
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(f"{', '.join(named)} must broadcast: {error}") from None
+    for name, array in zip(named, arrays, strict=True):
+        require(bool(np.isfinite(array).all()), f"{name} must be finite")
+        least = name == "epsilon"
+        inside = array >= 0 if least else array > 0
+        require(bool(inside.all()), f"{name} must be {'at least' if least else 'greater than'} 0")
+    return list(arrays)

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.arclength import Problem, between, last_inside, located, newton, tangent_at
-from rattle.bifurcations import Kind, condition, smooth_multipliers
-from rattle.impact_equations import Itinerary
+from rattle.bifurcations import Kind, condition
+from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
+from rattle.impacting.orbits.periodic import PeriodicOrbit, admissible, first_failure, orbit_of
 from rattle.numerics.complex_step import Array
-from rattle.periodic import PeriodicOrbit, admissible, first_failure, orbit_of
 
 SAME_HALVES = 0.02  # a motion this close to one of half the period, where its branch turns, is that one there
 NEARLY = 0.5  # of its value: a parabola that comes so much nearer to 0 is looked at

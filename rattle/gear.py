@@ -4,23 +4,25 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rattle import impact_map, limits
 from rattle.attractors import Attractor, attractors
 from rattle.basin_measures import Uncertainty, uncertainty
 from rattle.basins import Basins, ImpactingPlane, basins
 from rattle.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import first_impact, law
-from rattle.gamma import GammaPiece, gamma
-from rattle.iterate import Iterates, iterate
-from rattle.orbits import Orbit, orbits_at
-from rattle.periodic import Periodic, PeriodicOrbit, periodic_orbit
-from rattle.quiet import capture_speed
-from rattle.regions import regions
-from rattle.saddles import period_one_saddle
-from rattle.trajectory import Trajectory, trajectory
+from rattle.impacting.map import impact_map
+from rattle.impacting.map.gamma import GammaPiece, gamma
+from rattle.impacting.map.iterate import iterate
+from rattle.impacting.map.quiet import capture_speed
+from rattle.impacting.map.trajectory import trajectory
+from rattle.impacting.orbits import limits
+from rattle.impacting.orbits.period_one import orbits_at, regions
+from rattle.impacting.orbits.periodic import PeriodicOrbit, period_one_saddle, periodic_orbit
+from rattle.orbits.iterates import Impact, Iterates, Trajectory
+from rattle.orbits.period_one import Orbit
+from rattle.orbits.periodic import Periodic
 
 
 class FirstImpact(NamedTuple):
@@ -29,18 +31,6 @@ class FirstImpact(NamedTuple):
     flight_time: float
     next_wall: int
     impact_velocity: float
-
-
-class Impact(NamedTuple):
-    """One step of the impact map: (τ, v), the impacts on Σ⁻ on the way, the tangent matrix ∂(τ', v')/∂(τ, v), and
-    the time taken.
-    """
-
-    tau: float
-    v: float
-    n_minus: int
-    tangent: NDArray[np.float64]
-    time: float
 
 
 def _raise_for(status: int) -> None:

@@ -1,39 +1,8 @@
 """Images of states under Π or Π⁻¹ with phases that are not folded, and the impacts on Σ⁻ step by step (compiled)."""
 
-import numpy as np
-
 from rattle.flight.first_impact import OK
-from rattle.impact_map import inverse_impact
+from rattle.impacting.map.impact_map import inverse_impact
 from rattle.numerics.compile import kernel
-from rattle.tangent_map import inverse_step, step
-
-
-@kernel
-def images(tau, v, steps, turns, backwards, point):
-    """Π^steps, or Π^−steps if backwards, of flat arrays at one parameter point: (ok, τ, v, word, impacts on Σ⁻).
-
-    τ is not folded: the time taken less `turns` forcing periods for all the steps, so that it depends continuously on
-    the state. word is a hash of the numbers of impacts on Σ⁻ in each step: equal words, one smooth piece.
-    """
-    n = tau.size
-    ok, out_tau, out_v = np.ones(n, np.bool_), np.empty(n), np.empty(n)
-    word, bounces = np.zeros(n, np.int64), np.zeros(n, np.int64)
-    for i in range(n):
-        t, w, at, letters = tau[i], v[i], tau[i], np.int64(0)
-        for _ in range(steps):
-            if backwards:
-                status, t, w, time, number = inverse_step(t, w, point)
-                at -= time
-            else:
-                status, t, w, time, number = step(t, w, point)
-                at += time
-            letters = letters * 1000003 + number + 1
-            bounces[i] += number
-            if status != OK:
-                ok[i] = False
-                break
-        out_tau[i], out_v[i], word[i] = at + turns if backwards else at - turns, w, letters
-    return ok, out_tau, out_v, word, bounces
 
 
 @kernel

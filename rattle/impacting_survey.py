@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.discover import remember_period_one
-from rattle.family import period_one_cells
-from rattle.iterate import working_block
-from rattle.limits import sine_offset
-from rattle.quiet import capture_invariants
+from rattle.impacting.map.iterate import working_block
+from rattle.impacting.map.quiet import capture_invariants
+from rattle.impacting.orbits.closed_form import period_one_cells
+from rattle.impacting.orbits.limits import sine_offset
 from rattle.settle import CHUNK, LONG_CHUNK, Cells, Samples, measure, settle
 from rattle.survey import FIRST, Classifier, Seen
 

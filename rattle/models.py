@@ -13,11 +13,12 @@ from rattle.attractors import Attractors, attractors_of
 from rattle.branches import Branch
 from rattle.curves import CodimensionTwo, Curve
 from rattle.diagrams import Diagram, diagram
-from rattle.errors import RattleError, require_number
+from rattle.errors import RattleError, parameters, require_number
 from rattle.events import Event
 from rattle.gear import Gear
-from rattle.orbits import PeriodOne, parameters, period_one
-from rattle.quiet import rests_late
+from rattle.impacting.map.quiet import rests_late
+from rattle.impacting.orbits.period_one import period_one
+from rattle.orbits.period_one import PeriodOne
 
 Range = tuple[float, float]
 

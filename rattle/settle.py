@@ -89,7 +89,7 @@ def captor(tau, v, cell, balls):
 
 @inline
 def is_captured(b, i, capture):
-    """True if the bounce of lane i, on Σ⁺, is certain to become quiet (`rattle.quiet`)."""
+    """True if the bounce of lane i, on Σ⁺, is certain to become quiet (`rattle.impacting.map.quiet`)."""
     delta, epsilon, v = b.delta[i], b.epsilon[i], -b.w[i]
     return v * v * v <= capture * contact_force(b.sin0[i], b.cos0[i], delta, epsilon, DRIFT)
 

@@ -2,7 +2,7 @@
 
 from rattle.curves.codimension import robust_chaos_interval
 from rattle.gear import Gear
-from rattle.grazing import grazing
+from rattle.impacting.orbits.period_one import grazing
 
 
 def warm_up(kappa: float | None = None) -> None:

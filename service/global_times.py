@@ -8,8 +8,8 @@ from typing import Any
 
 import rattle
 from rattle.crisis import boundary_crisis
-from rattle.manifolds import manifold
-from rattle.saddles import period_one_saddle
+from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.orbits.manifolds import manifold
 from service.measure import NANO, best_of_two
 
 DELTA, EPSILON = 0.6, 0.1

@@ -101,7 +101,7 @@ class Rate:
 def rates(thin: int = 1) -> list[Rate]:
     """Each workload with and without tangent; `thin` keeps every thin-th trajectory."""
     import rattle
-    from rattle.iterate import paths
+    from rattle.impacting.map.iterate import paths
 
     flown = {name: _arguments(name, thin) for name in IMPACTS}
     runs = [partial(run, *each) for each in flown.values() for run in (rattle.iterate, rattle.iterate_tangent)]
@@ -174,7 +174,7 @@ def portable(thin: int = 1) -> dict[str, tuple[float, float]]:
 def _workload_a(thin: int) -> Callable[[], list[float]]:
     """What measures workload A once, in nanoseconds per impact: plain, with tangent."""
     import rattle
-    from rattle.iterate import paths
+    from rattle.impacting.map.iterate import paths
 
     arguments = _arguments("A", thin)
     flights = paths(*arguments)[0]

@@ -16,8 +16,8 @@ from rattle import RattleError, curves, period_one, quiet_limit
 from rattle.branches import fate
 from rattle.curves import Curve
 from rattle.events import Event
+from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.models import Model
-from rattle.periodic import PeriodicOrbit, periodic_orbit
 from workers.boundaries import KINDS, ROMAN, Attractor, Grid, Label, Pairs, crossed, name_of
 from workers.errors import SurveyError
 

@@ -14,8 +14,9 @@ from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError
-from rattle.limits import sn1
-from rattle.saddles import Array, Local, eigenvectors, local_manifold, period_one_saddle
+from rattle.impacting.orbits.limits import sn1
+from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.orbits.saddles import Array, Local, eigenvectors, local_manifold
 
 GRID, ZOOMS = 41, 13  # a minimum along s: this many points, then between the neighbours of the least
 SAME = 1e-9  # of s: how close to the contact its two sides are compared

@@ -9,7 +9,7 @@ from rattle.crisis.contact import Crisis, frame, reach, root_slope, solve, solve
 from rattle.crisis.search import boundary_crisis, end_of_curve, touched
 from rattle.crisis.survival import is_chaotic
 from rattle.errors import RattleError, require, require_number
-from rattle.saddles import Array
+from rattle.orbits.saddles import Array
 
 START = 0.98  # of COD22's δ: where a curve is begun
 CLOSEST = 1e-5  # ε − SN1 to which it is followed towards COD22, relative to SN1

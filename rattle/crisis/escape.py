@@ -4,9 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight.law import DRIFT, contact_force
-from rattle.iterate import fold, iterate
-from rattle.quiet import capture_invariants
-from rattle.saddles import Array, eigenvectors, period_one_saddle
+from rattle.impacting.map.iterate import iterate
+from rattle.impacting.map.quiet import capture_invariants
+from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.orbits.iterates import fold
+from rattle.orbits.saddles import Array, eigenvectors
 
 Flags = NDArray[np.bool_]
 NEAR = 1e-4  # of λ − 1: where W^u(A) is left to be straight

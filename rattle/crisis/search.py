@@ -7,10 +7,11 @@ from rattle.crisis.escape import AT_REST, RETURNS, SPARSE, at_rest, escapes
 from rattle.crisis.survival import is_chaotic, outlived
 from rattle.curves.codimension import codimension_two
 from rattle.errors import RattleError, require_number
-from rattle.iterate import fold, iterate
-from rattle.limits import quiet_limit, sn1
-from rattle.orbits import period_one
-from rattle.saddles import Array
+from rattle.impacting.map.iterate import iterate
+from rattle.impacting.orbits.limits import quiet_limit, sn1
+from rattle.impacting.orbits.period_one import period_one
+from rattle.orbits.iterates import fold
+from rattle.orbits.saddles import Array
 
 STEP = 0.04  # of ε − SN1, between two that are tried
 LOWEST, SMALLEST = 0.5, 2e-5  # where they begin, relative to the square of the distance from COD22, and to SN1

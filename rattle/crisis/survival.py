@@ -4,8 +4,8 @@ import numpy as np
 
 from rattle.crisis.contact import Crisis
 from rattle.crisis.escape import at_rest, fundamental
-from rattle.iterate import iterate, iterate_tangent
-from rattle.limits import sn1
+from rattle.impacting.map.iterate import iterate, iterate_tangent
+from rattle.impacting.orbits.limits import sn1
 
 SAMPLES = 32
 SETTLE, WATCH = 20_000, 4_000  # impacts

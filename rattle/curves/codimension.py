@@ -2,7 +2,7 @@
 
 All lie on the one smooth grazing curve of which C makes the part called G1 and A the part called G2. With T the trace
 of the grazing motion (its multipliers without the impact on Σ⁻), E = e^(−δ), and M = (det J(1) + det J(−1))/2 of the
-two impacts (`rattle.impact_equations`), along it
+two impacts (`rattle.impacting.orbits.equations`), along it
 
     COD20: T = −1 − E        COD21: T = 2 e^(−δ/2)        COD23: M = 0        COD22: T = 1 + E (τ = 3/4).
 
@@ -19,12 +19,12 @@ from itertools import combinations
 
 import numpy as np
 
-from rattle import family
 from rattle.arclength import Problem, tangent_at, with_value
 from rattle.bifurcations import condition
 from rattle.curves.registry import CURVES
 from rattle.curves.starts import members
 from rattle.errors import RattleError, require_number
+from rattle.impacting.orbits import closed_form
 from rattle.numerics.complex_step import Array
 
 #: Below, damping at these points is so small that their residuals cancel to a few digits, or to none.
@@ -34,7 +34,7 @@ Residual = Callable[[float, float], float]
 
 def _scaled_cosine(delta: float, beta: float) -> float:
     """1 + E − T."""
-    cosine, _ = family.grazing_cosine(delta, beta)
+    cosine, _ = closed_form.grazing_cosine(delta, beta)
     return 4 * math.pi * -math.expm1(-delta) * cosine / delta**2
 
 
@@ -53,7 +53,7 @@ def _two_thirds(delta: float, beta: float) -> float:
 
 def _no_square_root(delta: float, beta: float) -> float:
     """−M: the square root drops out of the trace."""
-    s = family.next_grazing(0.5 + family.EDGE, delta, beta)
+    s = closed_form.next_grazing(0.5 + closed_form.EDGE, delta, beta)
     if not s < 1.0:
         return math.nan
     at = members(np.array([s]), delta, beta)
@@ -141,7 +141,7 @@ def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, floa
         raise RattleError(f"there is no {name} for beta = {beta}")
     lo, hi = scan[falls[0]], scan[falls[0] + 1]
     delta = float(brentq(residual, lo, hi, args=(beta,), xtol=1e-15, rtol=4 * np.finfo(float).eps))
-    return delta, float(family.grazing_cosine(delta, beta)[1])
+    return delta, float(closed_form.grazing_cosine(delta, beta)[1])
 
 
 def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:

@@ -13,7 +13,7 @@ from rattle.bifurcations import Kind
 from rattle.curves import starts
 from rattle.errors import require
 from rattle.events import Event
-from rattle.impact_equations import Itinerary
+from rattle.impacting.orbits.equations import Itinerary
 from rattle.numerics.complex_step import Array
 
 SAME_START = 0.01  # of ε: a curve starts nearer than this to its point at the same damping

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle import family
 from rattle.bifurcations import Kind
-from rattle.impact_equations import Itinerary
-from rattle.limits import flip, sine_offset, sn1
+from rattle.impacting.orbits import closed_form
+from rattle.impacting.orbits.equations import Itinerary
+from rattle.impacting.orbits.limits import flip, sine_offset, sn1
 from rattle.numerics.complex_step import Array
 
 FINER = 33  # members between two neighbours of the family, one of which is near a zero
@@ -29,7 +29,7 @@ class Family(NamedTuple):
 
 def members(s: Array, delta: float, beta: float) -> Family:
     """The members of the family with these rising times."""
-    closed = np.array([family.closure(time, delta, beta) for time in s]).reshape(-1, 5)
+    closed = np.array([closed_form.closure(time, delta, beta) for time in s]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
     unknowns = np.column_stack([tau, tau + s, np.full_like(s, delta), np.hypot(x, y)])
@@ -41,7 +41,7 @@ def members(s: Array, delta: float, beta: float) -> Family:
 @lru_cache(maxsize=256)
 def two_impacts(delta: float, beta: float) -> Family:
     """The family of B and D beyond its pole at s = 1/2, as fine as it is followed elsewhere."""
-    s, epsilon = family.nodes(delta, beta)
+    s, epsilon = closed_form.nodes(delta, beta)
     return members(s[(s > 0.5) & np.isfinite(epsilon)], delta, beta)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from rattle.arclength import Problem
-from rattle.bifurcations import condition, smooth_multipliers
+from rattle.bifurcations import condition
 from rattle.curves.codimension import codimension_two
 from rattle.curves.curve import Curve, Described
 from rattle.curves.following import POINTS_ACROSS, Window, traced
@@ -13,10 +13,10 @@ from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, Definition
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
 from rattle.events import Event
 from rattle.flight.between import TWO_PI
-from rattle.impact_equations import Itinerary
-from rattle.limits import quiet_limit
+from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
+from rattle.impacting.orbits.limits import quiet_limit
+from rattle.impacting.orbits.periodic import admissible_or_why
 from rattle.numerics.complex_step import Array
-from rattle.periodic import admissible_or_why
 
 STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found
 MOST_ACROSS = 1000  # points

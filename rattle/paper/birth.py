@@ -8,7 +8,7 @@ from rattle.branches import branch
 from rattle.cascades import cascade
 from rattle.errors import RattleError
 from rattle.gear import Gear
-from rattle.periodic import periodic_orbit
+from rattle.impacting.orbits.periodic import periodic_orbit
 
 DELTA = 0.6
 FROM, TO = 0.0945, 0.0985  # ε of Figure 4(h), and where chaos is found

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rattle.flight.law import DRIFT, TWO_PI
 from rattle.gear import Gear
-from rattle.orbits import NAMES, PeriodOne
+from rattle.orbits.period_one import NAMES, PeriodOne
 
 Array = NDArray[np.float64]
 INSTANTS = 201

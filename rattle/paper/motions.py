@@ -9,14 +9,15 @@ from rattle.bifurcations import Kind
 from rattle.branches import branch
 from rattle.curves import codimension_two, trace
 from rattle.gear import Gear
-from rattle.orbits import PeriodOne, orbits_at
+from rattle.impacting.orbits.period_one import orbits_at
+from rattle.impacting.orbits.periodic import periodic_orbit
+from rattle.orbits.period_one import PeriodOne
 from rattle.paper.birth import birth_of_chaos
 from rattle.paper.chaos import settled
 from rattle.paper.numbers import at
 from rattle.paper.pictures import DELTA, Panels, fractions, name, share
 from rattle.paper.plane import Array, C, D
 from rattle.paper.records import Evidence, Finding
-from rattle.periodic import periodic_orbit
 
 FAR_BELOW, JUST_BELOW = 0.0912, 0.096  # ε at which the attractors are shown, δ = 0.6
 ROMAN = ("none", "I", "II", "III", "IV", "V")

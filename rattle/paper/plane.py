@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 import rattle
 from rattle.attractors import CHAOTIC, attractors_of
 from rattle.curves import codimension_two
-from rattle.orbits import PeriodOne
+from rattle.orbits.period_one import PeriodOne
 from rattle.paper.chaos import on_chaos, settled
 from rattle.paper.records import Statement
 

@@ -17,9 +17,9 @@ from rattle.basins import Basins
 from rattle.errors import RattleError, require
 from rattle.flight.law import wrapped
 from rattle.gear import Gear
-from rattle.manifolds import manifold
 from rattle.models import AnyGear, model_of
-from rattle.orbits import Orbit
+from rattle.orbits.manifolds import manifold
+from rattle.orbits.period_one import Orbit
 from rattle.plot.colours import colour, name_of, order
 from rattle.plot.drawing import Drawing, new_figure, outlined
 from rattle.plot.labels import ROOM, Labels

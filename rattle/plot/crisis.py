@@ -5,12 +5,12 @@ from matplotlib.axes import Axes
 
 from rattle.crisis import Crisis, CrisisCurve, crisis_curve
 from rattle.curves import codimension_two, trace
-from rattle.limits import sn1
-from rattle.manifolds import manifold
+from rattle.impacting.orbits.limits import sn1
+from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.orbits.manifolds import manifold
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.plot.labels import Array, Labels
 from rattle.plot.plane import IN_PAPER, STYLES, draw_curve, draw_points
-from rattle.saddles import period_one_saddle
 
 CRISIS, STABLE = "#e08214", "#1f5fa8"
 UNSTABLE_LENGTH, STABLE_LENGTH = 14.0, 8.0

@@ -7,9 +7,9 @@ from rattle.branches import branch
 from rattle.errors import require
 from rattle.flight.law import wrapped
 from rattle.gear import Gear
-from rattle.limits import quiet_limit, sn1
-from rattle.orbits import orbits_at
-from rattle.periodic import PeriodicOrbit, periodic_orbit
+from rattle.impacting.orbits.limits import quiet_limit, sn1
+from rattle.impacting.orbits.period_one import orbits_at
+from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.stiff import StiffGear, from_limit, saddle_node_1, stiff_branch
 from rattle.stiff import quiet_limit as stiff_quiet_limit

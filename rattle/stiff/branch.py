@@ -12,7 +12,7 @@ from rattle.arclength import located
 from rattle.bifurcations import Kind
 from rattle.flight.law import wrapped
 from rattle.numerics.complex_step import Array
-from rattle.orbits import NAMES
+from rattle.orbits.period_one import NAMES
 from rattle.stiff.curves import FOLDS
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.line import Line

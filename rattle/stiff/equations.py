@@ -1,8 +1,9 @@
 """A periodic motion of the stiff gear as the times and durations of its contacts: equations smooth down to κ = ∞.
 
 Contact i begins at time t_i with outward velocity u_i and lasts pσ_i, with p = 1/√(2κ); then a flight leads to the next
-wall. Given these times the flights have their velocities in closed form (`rattle.impact_equations`), and two equations
-say that the contact fits in: its depth at the end, over pσ_i, is 0, and its velocity there is that of the flight:
+wall. Given these times the flights have their velocities in closed form (`rattle.impacting.orbits.equations`), and two
+equations say that the contact fits in: its depth at the end, over pσ_i, is 0, and its velocity there is that of the
+flight:
 
     u Ŝ/σ + p (response to the force)/σ = 0,        u (cos-like) + p (…) − w₀ = 0,        Ŝ = e^(−δpσ/2) sin(νσ)/ν.
 

@@ -13,16 +13,14 @@ from rattle.basins import Basins, basins
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
-from rattle.gear import Impact
-from rattle.iterate import Iterates
-from rattle.orbits import Orbit
+from rattle.orbits.iterates import Impact, Iterates, Trajectory
+from rattle.orbits.period_one import Orbit
 from rattle.stiff import motion, orbits, quiet, returns
 from rattle.stiff.flow import GAP, QUIET, flow
 from rattle.stiff.iterate import iterate
 from rattle.stiff.plane import StiffPlane
 from rattle.stiff.survey import attractors_of
 from rattle.stiff.trajectory import trajectory
-from rattle.trajectory import Trajectory
 
 LONGEST_RUN = 1e5  # forcing periods of one call
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from rattle.arclength import newton, tangent_at
-from rattle.impact_equations import begun_at
 from rattle.numerics.complex_step import Array
+from rattle.orbits.periodic import begun_at
 from rattle.stiff.line import Line
 from rattle.stiff.motion import Failure, first_failure
 

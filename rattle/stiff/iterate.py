@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattle.flight.first_impact import OK
-from rattle.iterate import Iterates, Stretched, checked
 from rattle.numerics.compile import kernel
+from rattle.orbits.iterates import Iterates, Stretched, checked
 from rattle.stiff.flow import QUIET
 from rattle.stiff.returns import StiffPoint, step, step_tangent
 

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.arclength import Problem, located, with_value
-from rattle.impact_equations import twins
 from rattle.numerics.complex_step import Array
-from rattle.periodic import at_parameters
+from rattle.orbits.periodic import at_parameters, twins
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.motion import StiffOrbit, admissible, orbit_of, trace_of
 

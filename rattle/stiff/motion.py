@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from rattle.arclength import Bound, Follower, Path, Problem, tangent_at
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.flight import law
+from rattle.impacting.orbits.periodic import PeriodicOrbit
 from rattle.numerics.complex_step import Array
-from rattle.orbits import multipliers_of
-from rattle.periodic import MOST_IMPACTS, Periodic, PeriodicOrbit, at_parameters
+from rattle.orbits.period_one import multipliers_of
+from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters
 from rattle.stiff import closure
 from rattle.stiff.closure import Cycle, softness
 from rattle.stiff.equations import StiffItinerary

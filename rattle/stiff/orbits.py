@@ -6,9 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import RattleError, require_number
-from rattle.orbits import NAMES, PeriodOne, multipliers_of, parameters
-from rattle.regions import classify
+from rattle.errors import RattleError, parameters, require_number
+from rattle.orbits.period_one import NAMES, PeriodOne, classify, multipliers_of
 from rattle.stiff.closure import Cycle, departure_of, happens, softness, trace_of
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.families import PLUS, SLOW, Member, members, slow, span_of, without_minus

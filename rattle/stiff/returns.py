@@ -6,9 +6,9 @@ tangent map of a return that takes the time s has determinant e^(−δs).
 
 from typing import NamedTuple
 
-from rattle import tangent_map
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.numerics.compile import for_type, kernel
+from rattle.orbits import return_map
 from rattle.stiff.flow import departure, outward_force, preceding
 
 
@@ -54,16 +54,16 @@ def step_tangent(tau, v, point):
     return OK, tau1, v1, time, n_minus, t_t, t_v, -(w_t + after * t_t), -(w_v + after * t_v), -point.delta * time
 
 
-@for_type(tangent_map.step, StiffPoint)
+@for_type(return_map.step, StiffPoint)
 def _step(tau, v, point):
     return step(tau, v, point)
 
 
-@for_type(tangent_map.step_tangent, StiffPoint)
+@for_type(return_map.step_tangent, StiffPoint)
 def _step_tangent(tau, v, point):
     return step_tangent(tau, v, point)
 
 
-@for_type(tangent_map.inverse_step, StiffPoint)
+@for_type(return_map.inverse_step, StiffPoint)
 def _inverse_step(tau, v, point):
     return preceding(tau, v, point.delta, point.epsilon, point.beta, point.kappa)

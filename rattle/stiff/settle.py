@@ -11,10 +11,10 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.lyapunov import BATCHES
 from rattle.numerics.compile import for_type, inline, kernel
+from rattle.orbits.return_map import point_of, step
 from rattle.settle import ALIGNMENT, FAILED, LEFT, ORBIT, QUIET, RECURRENCE, RECURRENT, captor, mark
 from rattle.stiff import flow
 from rattle.stiff.returns import StiffPoint
-from rattle.tangent_map import point_of, step
 
 
 class StiffCells(NamedTuple):

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors import Attractors, of_samples
-from rattle.orbits import parameters
+from rattle.errors import parameters
 from rattle.settle import Samples
 from rattle.stiff.quiet import quiet_limit
 from rattle.stiff.settle import StiffCells, measure, settle

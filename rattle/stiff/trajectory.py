@@ -6,8 +6,8 @@ from typing import Any
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
+from rattle.orbits.iterates import Trajectory, followed
 from rattle.stiff.flow import GAP, MOST_PIECES, QUIET, piece
-from rattle.trajectory import Trajectory, followed
 
 
 @kernel

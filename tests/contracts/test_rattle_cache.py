@@ -11,7 +11,7 @@ import pytest
 from waiting import HANG
 
 import rattle
-from rattle.quiet import capture_invariant
+from rattle.impacting.map.quiet import capture_invariant
 
 
 def warm_up() -> str:
@@ -31,7 +31,7 @@ def test_a_second_process_compiles_nothing() -> None:
 HOLDING = """
 import sys, time
 import rattle.numerics.compile as c
-from rattle.quiet import capture_invariant
+from rattle.impacting.map.quiet import capture_invariant
 
 inside = c._SharedCache.save_overload
 
@@ -47,7 +47,7 @@ capture_invariant(0.6, 0.1, 0.6)
 """
 WAITING = """
 import logging
-from rattle.quiet import capture_invariant
+from rattle.impacting.map.quiet import capture_invariant
 
 logging.basicConfig(level=logging.INFO, format="%(message)s")
 capture_invariant(0.6, 0.1, 0.6)
@@ -96,7 +96,7 @@ def test_a_kernel_whose_process_is_killed_is_compiled_by_who_waits(at_work: Proc
 def test_without_a_cache_every_process_compiles_and_says_how_to_have_one(tmp_path: Path) -> None:
     package = tmp_path / "rattle"
     shutil.copytree(Path(rattle.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
-    code = "from rattle.quiet import capture_invariant; print(capture_invariant(0.6, 0.1, 0.6))"
+    code = "from rattle.impacting.map.quiet import capture_invariant; print(capture_invariant(0.6, 0.1, 0.6))"
     environment = os.environ | {"RATTLE_CACHE_DIR": "/proc/nowhere", "PYTHONPATH": str(tmp_path)}
     command = [sys.executable, "-c", code]
     ran = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=HANG)

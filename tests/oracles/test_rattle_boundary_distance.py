@@ -7,8 +7,8 @@ from depth import deep
 import rattle
 from rattle.basins import ImpactingPlane, classified
 from rattle.images import lowest_preimages
-from rattle.manifolds import manifold
-from rattle.saddles import period_one_saddle
+from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.orbits.manifolds import manifold
 
 
 def more(*points):

@@ -14,8 +14,8 @@ from rattle.branches import beyond, branch, doubled, fate
 from rattle.cascades import cascade
 from rattle.curves import bifurcation_curve, codimension_two
 from rattle.events import Event
-from rattle.impact_equations import Itinerary
-from rattle.periodic import PeriodicOrbit, orbit_of, periodic_orbit
+from rattle.impacting.orbits.equations import Itinerary
+from rattle.impacting.orbits.periodic import PeriodicOrbit, orbit_of, periodic_orbit
 
 DELTA, BETA = 0.6, 0.6
 FLIPS = (0.0761557116, 0.0783442320, 0.0786063064, 0.0786551004, 0.0786654050, 0.0786676134)

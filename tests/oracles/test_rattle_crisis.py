@@ -8,9 +8,10 @@ from rattle.crisis import boundary_crisis, crisis_curve
 from rattle.crisis.curve import in_delta, in_gap
 from rattle.curves.codimension import codimension_two
 from rattle.errors import ParameterError, RattleError
-from rattle.iterate import iterate
-from rattle.orbits import orbits_at
-from rattle.saddles import local_manifold, period_one_saddle
+from rattle.impacting.map.iterate import iterate
+from rattle.impacting.orbits.period_one import orbits_at
+from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.orbits.saddles import local_manifold
 
 CRISIS = 0.0974223469577094  # at δ = 0.762, to the last digit by a bisection of its own, below
 

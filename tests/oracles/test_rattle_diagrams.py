@@ -11,7 +11,8 @@ from rattle.attractors import KINDS
 from rattle.branches import beyond, branch
 from rattle.curves import name_of
 from rattle.diagrams import diagram
-from rattle.periodic import at_parameters, orbit_of
+from rattle.impacting.orbits.periodic import orbit_of
+from rattle.orbits.periodic import at_parameters
 
 STEPS = either(50, 100)
 PERIODIC, CHAOTIC = KINDS.index("periodic"), KINDS.index("chaotic")

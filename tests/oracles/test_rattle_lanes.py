@@ -10,9 +10,9 @@ from compiled import compiled
 from depth import either
 
 import rattle
-from rattle import impact_map
 from rattle.flight.law import DRIFT
-from rattle.iterate import paths
+from rattle.impacting.map import impact_map
+from rattle.impacting.map.iterate import paths
 
 # ---- lanes ----------------------------------------------------------------------------------------------------------
 

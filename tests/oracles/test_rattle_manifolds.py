@@ -9,9 +9,10 @@ from scipy.ndimage import distance_transform_edt
 import rattle
 from rattle.basins import boundary
 from rattle.errors import ParameterError, RattleError
-from rattle.images import images
-from rattle.manifolds import manifold
-from rattle.saddles import eigenvectors, local_manifold, period_one_saddle
+from rattle.impacting.orbits.periodic import period_one_saddle
+from rattle.orbits.images import images
+from rattle.orbits.manifolds import manifold
+from rattle.orbits.saddles import eigenvectors, local_manifold
 
 GEAR = rattle.Gear(0.6, 0.1)
 

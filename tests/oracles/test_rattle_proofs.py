@@ -12,12 +12,12 @@ from compiled import compiled
 from depth import either
 
 import rattle
-from rattle import impact_map
 from rattle.flight import coefficients, generate_coefficients
 from rattle.flight.first_impact import safe_impact
 from rattle.flight.guess import ERROR, depth, first_guess, height_scale, local_root, refined, speed_scale, taylor
 from rattle.flight.law import DRIFT, TWO_PI, evaluate, evaluate32, evaluate_short, negative_arc, versines
 from rattle.flight.proof import lowest_point, single_turn
+from rattle.impacting.map import impact_map
 
 F32 = np.float32
 RNG_SEED = 2009

@@ -8,9 +8,9 @@ from manifold_fates import fates_beside
 
 import rattle
 from rattle.errors import ParameterError
-from rattle.images import images
-from rattle.manifolds import manifold
-from rattle.saddles import eigenvectors, local_manifold
+from rattle.orbits.images import images
+from rattle.orbits.manifolds import manifold
+from rattle.orbits.saddles import eigenvectors, local_manifold
 from rattle.stiff import StiffGear, from_limit
 from rattle.stiff.flow import preceding
 from rattle.stiff.returns import StiffPoint, step

@@ -5,10 +5,10 @@ from scipy.optimize import least_squares
 
 from rattle.flight.first_impact import OK
 from rattle.flight.law import DRIFT
-from rattle.impact_map import impact
-from rattle.iterate import iterate
+from rattle.impacting.map.impact_map import impact
+from rattle.impacting.map.iterate import iterate
+from rattle.impacting.orbits.period_one import orbits_at
 from rattle.numerics.compile import kernel
-from rattle.orbits import orbits_at
 
 SETTLE = 200  # impacts that bring a state near A's unstable side onto the chaotic set
 

@@ -15,7 +15,7 @@ from rattle.branches import beyond, branch, doubled, fate
 from rattle.cascades import cascade
 from rattle.curves import bifurcation_curve, trace
 from rattle.errors import ParameterError, RattleError
-from rattle.periodic import PeriodicOrbit, periodic_orbit
+from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 
 SEED = int(os.environ.get("CONTINUATION_SEED", 2009))
 PLACES = either(5, 12)

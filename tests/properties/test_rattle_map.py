@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rattle
-from rattle import impact_map
 from rattle.flight.law import DRIFT
+from rattle.impacting.map import impact_map
 
 points = st.builds(
     rattle.Gear,

@@ -5,10 +5,10 @@ import pytest
 from depth import either
 
 import rattle
-from rattle import impact_map
 from rattle.flight import law
 from rattle.flight.law import DRIFT
-from rattle.quiet import capture_invariant
+from rattle.impacting.map import impact_map
+from rattle.impacting.map.quiet import capture_invariant
 
 
 def contact_force(tau, delta, epsilon):

@@ -4,24 +4,13 @@ The type of the point says which model is meant: `step`, `step_tangent` and `poi
 """
 
 import math
-from typing import NamedTuple
 
 from rattle.flight.first_impact import OK
-from rattle.flight.law import DRIFT, folded, wrapped
-from rattle.impact_map import impact, impact_tangent, inverse_impact
-from rattle.numerics.compile import for_type, kernel
+from rattle.flight.law import folded, wrapped
+from rattle.numerics.compile import kernel
 
 NEWTON_STEPS = 15
 SAME = 1e-8  # an orbit that closes to this is closed
-
-
-class Point(NamedTuple):
-    """A parameter point, with the largest invariant v³/g that is certain to become quiet."""
-
-    delta: float
-    epsilon: float
-    beta: float
-    capture: float
 
 
 def step(tau, v, point):
@@ -42,21 +31,6 @@ def inverse_step(tau, v, point):
 def point_of(cell, cells):
     """The parameter point of a cell."""
     raise NotImplementedError("for kernels only")
-
-
-@for_type(step, Point)
-def _step(tau, v, point):
-    return impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
-
-
-@for_type(step_tangent, Point)
-def _step_tangent(tau, v, point):
-    return impact_tangent(tau, v, point.delta, point.epsilon, point.beta, DRIFT, False)
-
-
-@for_type(inverse_step, Point)
-def _inverse_step(tau, v, point):
-    return inverse_impact(tau, v, point.delta, point.epsilon, point.beta)
 
 
 @kernel

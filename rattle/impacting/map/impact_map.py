@@ -5,11 +5,13 @@ arrives at Σ⁺. Run with (−δ, −q, −τ) the same kernel is the inverse m
 """
 
 import math
+from typing import NamedTuple
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
 from rattle.flight.law import DRIFT, folded
 from rattle.flight.tangent import MOST_BOUNCES, STUCK, flight_tangent, rests
-from rattle.numerics.compile import kernel
+from rattle.numerics.compile import for_type, kernel
+from rattle.orbits.return_map import inverse_step, step, step_tangent
 
 
 @kernel
@@ -72,3 +74,27 @@ def inverse_impact(tau, v, delta, epsilon, beta):
     """Π⁻¹ by running time backwards: (status, τ, v, elapsed time, Σ⁻ impacts on the way)."""
     status, t, speed, elapsed, n_minus = impact(folded(-tau), v, -delta, epsilon, beta, -DRIFT)
     return status, folded(-t), speed, elapsed, n_minus
+
+
+class Point(NamedTuple):
+    """A parameter point, with the largest invariant v³/g that is certain to become quiet."""
+
+    delta: float
+    epsilon: float
+    beta: float
+    capture: float
+
+
+@for_type(step, Point)
+def _step(tau, v, point):
+    return impact(tau, v, point.delta, point.epsilon, point.beta, DRIFT)
+
+
+@for_type(step_tangent, Point)
+def _step_tangent(tau, v, point):
+    return impact_tangent(tau, v, point.delta, point.epsilon, point.beta, DRIFT, False)
+
+
+@for_type(inverse_step, Point)
+def _inverse_step(tau, v, point):
+    return inverse_impact(tau, v, point.delta, point.epsilon, point.beta)

@@ -2,65 +2,23 @@
 that each flight is a true first impact.
 """
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.flight import first_impact, law
-from rattle.impact_equations import Equations, Itinerary
-from rattle.numerics.complex_step import Array, derivatives
-from rattle.orbits import multipliers_of
-from rattle.tangent_map import Point
+from rattle.impacting.map.impact_map import Point
+from rattle.impacting.orbits.equations import Itinerary
+from rattle.impacting.orbits.period_one import orbits_at
+from rattle.numerics.complex_step import Array
+from rattle.orbits.period_one import multipliers_of
+from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters
 
-MOST_IMPACTS = 512
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight
 GRAZING_SPEED = 1e-6  # at a graze: what rounding makes of speed 0, in a depth of its square
 GRAZING_TIME = 1e-4  # and what that speed does to the time
-MOST_NEWTON = 30
-
-
-class Periodic(ABC):
-    """What a periodic motion of either model says of itself."""
-
-    m: int
-    walls: tuple[int, ...]
-    speeds: NDArray[np.float64]
-    multipliers: tuple[complex, complex]
-    admissible: bool
-
-    @property
-    @abstractmethod
-    def departures(self) -> Array:
-        """When it leaves the walls (n,), with these speeds."""
-
-    @property
-    @abstractmethod
-    def point(self) -> Any:
-        """Its parameters, as kernels take them."""
-
-    @property
-    def tau(self) -> float:
-        """Phase at which it first leaves Σ⁺, in [0, 1)."""
-        return float(law.folded(self.departures[0]))
-
-    @property
-    def v(self) -> float:
-        """Speed with which it does."""
-        return float(self.speeds[0])
-
-    @property
-    def label(self) -> tuple[int, int, int]:
-        """(m, n_plus, n_minus)."""
-        return self.m, self.walls.count(1), self.walls.count(-1)
-
-    @property
-    def stable(self) -> bool:
-        """Whether the motion exists and attracts."""
-        return self.admissible and abs(self.multipliers[0]) < 1.0
 
 
 @dataclass(frozen=True)
@@ -176,24 +134,6 @@ def _impact(
     return int(found[0]), float(found[1]), int(found[2]), float(found[3])
 
 
-def at_parameters(itinerary: Equations, x: Array) -> Array | None:
-    """Newton on the impact equations for the times alone, δ and ε of x (n + 2,) fixed; None if it fails."""
-    n, x = itinerary.n, x.copy()
-    for _ in range(MOST_NEWTON):
-        value, jacobian = derivatives(itinerary.residual, x)
-        if not (np.isfinite(value).all() and np.isfinite(jacobian).all()):
-            return None
-        try:
-            step = np.linalg.solve(jacobian[:, :n], -value)
-        except np.linalg.LinAlgError:
-            return None
-        size = float(np.max(np.abs(step)))
-        x[:n] += step * min(1.0, 0.05 / size) if size > 0 else 0.0
-        if size < 1e-13 * max(1.0, itinerary.m):
-            return x
-    return x if size < 1e-11 else None
-
-
 def follow_impacts(
     delta: float, epsilon: float, beta: float, tau: float, v: float, n_plus: int
 ) -> tuple[Itinerary, Array]:
@@ -244,3 +184,11 @@ def admissible_or_why(itinerary: Itinerary, x: Array, grazed: int | None = None)
     if wall == 0:
         return f"the speed after impact {impact} on {here} reaches 0"
     return f"the flight after impact {impact} on {here} touches {there} on its way"
+
+
+def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6) -> PeriodicOrbit:
+    """A, B, C or D at one parameter point (dimensionless). Raises ParameterError, and RattleError if it is absent."""
+    for orbit in orbits_at(delta, epsilon, beta):
+        if orbit.name == name:
+            return periodic_orbit(delta, epsilon, orbit.tau, orbit.v, 1, beta)
+    raise RattleError(f"there is no {name} at delta = {delta}, epsilon = {epsilon}, beta = {beta}")

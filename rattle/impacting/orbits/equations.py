@@ -17,65 +17,14 @@ wall. Everything here takes complex arguments, whose imaginary part carries exac
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rattle.arclength import Problem
 from rattle.flight.between import TWO_PI, Flights, flights_between
 from rattle.numerics.complex_step import Array
-
-
-class Equations(Protocol):
-    """A periodic motion as n equations in n unknowns, with δ and ε after them: of either model.
-
-    The unknowns are the times of its impacts, or contacts, then whatever else each of them has.
-    """
-
-    @property
-    def walls(self) -> tuple[int, ...]:
-        """The wall of each impact of a period, +1 or −1."""
-
-    @property
-    def n(self) -> int:
-        """Unknowns."""
-
-    @property
-    def m(self) -> int:
-        """Forcing periods."""
-
-    def residual(self, x: NDArray) -> NDArray:
-        """R (…, n) of x (…, n + 2)."""
-
-    def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
-        """J(λ) = ∂R/∂unknowns (…, n, n), where what is a period later is λ times as large."""
-
-    def graze(self, x: NDArray, impact: int) -> NDArray:
-        """What is zero (…,) where impact number `impact` is a graze."""
-
-    def begun_at(self, first: int) -> Self:
-        """The itinerary of the same motion, begun at impact number `first`."""
-
-    def doubled(self) -> Self:
-        """The itinerary twice over."""
-
-
-def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
-    """Unknowns and what follows them (N,) of the same motion, begun at impact number `first`."""
-    each = x[: itinerary.n].reshape(-1, len(itinerary.walls))
-    turned = np.concatenate([each[:, first:], each[:, :first]], axis=1)
-    turned[0, len(itinerary.walls) - first :] += itinerary.m
-    return np.concatenate([turned.ravel(), x[itinerary.n :]])
-
-
-def twins(itinerary: Equations, start: Array, x: Array) -> Array:
-    """All ways (…, N) to write the motion with unknowns start (N,), times first: it may begin at another impact, if the
-    walls are the same from there, and some forcing periods earlier or later, near x.
-    """
-    n, walls = len(itinerary.walls), itinerary.walls
-    found = np.array([begun_at(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
-    found[:, :n] -= np.rint(found[:, :1] - x[0])
-    return found
+from rattle.orbits.period_one import multipliers_of
 
 
 @dataclass(frozen=True)
@@ -177,3 +126,22 @@ class Itinerary:
     def doubled(self) -> "Itinerary":
         """The itinerary twice over."""
         return Itinerary(self.walls * 2, 2 * self.m, self.beta)
+
+
+def along(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
+    """The equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""
+
+    def equations(y: NDArray) -> NDArray:
+        n = itinerary.n
+        return itinerary.residual(np.concatenate([y[..., :n], origin + y[..., n:] * direction], axis=-1))
+
+    return Problem(equations)
+
+
+def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:
+    """Both multipliers (2,) of the motion of x; at a graze those of the motion that misses the impact `grazed`, which
+    are finite.
+    """
+    if grazed is not None:
+        itinerary, x = itinerary.without(grazed), np.delete(x, grazed)
+    return multipliers_of(itinerary.trace(x), np.exp(-x[itinerary.n] * itinerary.m))

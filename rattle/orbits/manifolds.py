@@ -1,9 +1,9 @@
 """Stable and unstable manifolds of any saddle of Π^k, in smooth pieces that end in the corners that Γ makes.
 
 The manifold is one parameter long: its point s is F^j(W(t)), t = s/λ^j in the fundamental domain (size/λ, size] of
-`rattle.saddles`. New points are put in along t, so each lies on the true manifold as far as its own orbit is exact: to
-rounding, which the map stretches along the manifold and contracts across it. Refinement by distance and angle as in
-B. Krauskopf and H. M. Osinga, J. Comput. Phys. 146 (1998) 404.
+`rattle.orbits.saddles`. New points are put in along t, so each lies on the true manifold as far as its own orbit is
+exact: to rounding, which the map stretches along the manifold and contracts across it. Refinement by distance and angle
+as in B. Krauskopf and H. M. Osinga, J. Comput. Phys. 146 (1998) 404.
 """
 
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require, require_number
-from rattle.periodic import Periodic
-from rattle.saddles import Array, Local, local_manifold
+from rattle.orbits.periodic import Periodic
+from rattle.orbits.saddles import Array, Local, local_manifold
 
 MOST_POINTS, MOST_IMAGES, MOST_ROUNDS = 400_000, 2_000, 200
 ENDED = 1e-9  # length of an image that has shrunk to the attractor in which this side ends

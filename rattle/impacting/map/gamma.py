@@ -1,7 +1,7 @@
 """The grazing curve Γ in the (τ, v) plane: states whose flight just touches Σ⁻ (paper, section 3).
 
 A touch is fixed by its time alone: there Φ = −β and Φ' = 0. So Γ has the time of touch as its parameter, and each point
-is one flight backwards. It breaks where that flight itself grazes a wall.
+is one flight backwards (compiled). It breaks where that flight itself grazes a wall.
 """
 
 from typing import NamedTuple
@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import require, require_number
-from rattle.graze_line import before_touch
+from rattle.flight.first_impact import OK, SIGMA_MINUS, first_impact
+from rattle.flight.law import DRIFT, contact_force, folded, versines
+from rattle.numerics.compile import kernel
 
 FIRST_POINTS = 256
 CLOSEST = 1e-13  # times of touch that cannot be told apart any more: between them Γ is broken
@@ -62,3 +64,22 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float) -> tuple[Ga
     joined = np.roll(joined, -start)[:-1]
     pieces = np.split(points, np.flatnonzero(~joined) + 1, axis=1)
     return tuple(GammaPiece(p[1], p[2], p[0], False) for p in pieces if p[2, 0] >= 0)
+
+
+@kernel
+def before_touch(touch, delta, epsilon, beta, tau, v):
+    """Write the states (τ, v) on Σ⁺ whose flights touch Σ⁻ with speed 0 at these times; v = −1 where there is none.
+
+    A touch from inside the gap needs a contact force that points into it. Backwards in time the motion leaves Σ⁻ like
+    any other, and what it meets first is where it came from. τ is not folded: it changes steadily with touch.
+    """
+    for i in range(touch.size):
+        v[i], tau[i] = -1.0, touch[i]
+        versine, sine, _defect = versines(touch[i])
+        if not contact_force(sine, 1.0 - versine, delta, epsilon, DRIFT) > 0.0:
+            continue
+        status, time, wall, speed, _l, _s0, _c0, _s1, _c1 = first_impact(
+            SIGMA_MINUS, folded(-touch[i]), 0.0, -delta, epsilon, beta, -DRIFT
+        )
+        if status == OK and wall > 0:
+            tau[i], v[i] = touch[i] - time, speed

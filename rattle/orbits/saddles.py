@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require
 from rattle.flight.law import folded
-from rattle.images import images
-from rattle.orbits import orbits_at
-from rattle.periodic import Periodic, PeriodicOrbit, periodic_orbit
-from rattle.tangent_map import power_map
+from rattle.orbits.images import images
+from rattle.orbits.periodic import Periodic
+from rattle.orbits.return_map import power_map
 
 Array = NDArray[np.float64]
 DEGREE, NODES = 10, 25
@@ -56,14 +55,6 @@ class Local:
         """F^times(W(s)) for any s (n,), as `map`."""
         more = max(0, int(np.ceil(np.log(np.abs(s).max() / self.size) / np.log(self.multiplier))))
         return self.map(self.at(s / self.multiplier**more), times + more)
-
-
-def period_one_saddle(name: str, delta: float, epsilon: float, beta: float = 0.6) -> PeriodicOrbit:
-    """A, B, C or D at one parameter point (dimensionless). Raises ParameterError, and RattleError if it is absent."""
-    for orbit in orbits_at(delta, epsilon, beta):
-        if orbit.name == name:
-            return periodic_orbit(delta, epsilon, orbit.tau, orbit.v, 1, beta)
-    raise RattleError(f"there is no {name} at delta = {delta}, epsilon = {epsilon}, beta = {beta}")
 
 
 def tangent(orbit: Periodic) -> Array:

@@ -1,13 +1,11 @@
 """The impact map on whole arrays: every element its own trajectory and its own parameters, all flown in lanes."""
 
 import threading
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from rattle.errors import ParameterError, real_array, require
 from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
@@ -23,39 +21,9 @@ from rattle.flight.lanes.block import (
 from rattle.flight.lanes.rescan import SAFE, SCANNED
 from rattle.flight.lanes.stages import advance_plain, advance_tangent
 from rattle.numerics.compile import kernel
+from rattle.orbits.iterates import Iterates, Stretched, checked
 
 FLIGHTS = 20  # between two looks at the lanes; divides the round numbers that people ask for
-
-
-class Iterates(NamedTuple):
-    """Final states of many trajectories with the impacts counted on each wall; all of the broadcast shape."""
-
-    tau: NDArray[np.float64]
-    v: NDArray[np.float64]
-    n_plus: NDArray[np.int64]
-    n_minus: NDArray[np.int64]
-
-
-class Stretched(NamedTuple):
-    """As `Iterates`, with the time taken and both Lyapunov exponents, (2, *shape), per forcing period."""
-
-    tau: NDArray[np.float64]
-    v: NDArray[np.float64]
-    n_plus: NDArray[np.int64]
-    n_minus: NDArray[np.int64]
-    time: NDArray[np.float64]
-    lyapunov: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> "Stretched":
-        """From the flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each trajectory."""
-        time = growth[0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            first = growth[1] / time
-            second = growth[2] / time - first
-        tau, v, n_plus, n_minus = (x.reshape(shape) for x in flat)
-        exponents = np.stack([first, second]).reshape(2, *shape)
-        return cls(tau, v, n_plus, n_minus, time.reshape(shape), exponents)
 
 
 class _Memory(threading.local):
@@ -116,35 +84,6 @@ def _driver(tangent: bool) -> Any:
 
 
 _drive_plain, _drive_tangent = _driver(False), _driver(True)
-
-
-def fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Phases folded into [0, 1); a tiny negative one would round up to 1."""
-    folded = phases % 1.0
-    return np.where(folded < 1.0, folded, 0.0)
-
-
-def checked(
-    delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike, **more: ArrayLike
-) -> tuple[list[NDArray[Any]], tuple[int, ...]]:
-    """Flat contiguous copies of (τ, v, n, δ, ε, β) and more parameters above 0, and the broadcast shape."""
-    named = {"delta": delta, "epsilon": epsilon, "tau": tau, "v": v, "beta": beta, **more}
-    steps = np.asarray(n)
-    try:
-        arrays = [real_array(name, value) for name, value in named.items()]
-        d, e, phases, speeds, b, *others, steps = np.broadcast_arrays(*arrays, steps)
-    except ParameterError:
-        raise
-    except (TypeError, ValueError) as error:
-        raise ParameterError(f"{', '.join(named)} and n must broadcast: {error}") from None
-    require(bool(np.isfinite(phases).all()), "tau must be finite")
-    for name, array in (("v", speeds), ("delta", d), ("beta", b), *zip(more, others, strict=True)):
-        require(bool((np.isfinite(array) & (array > 0)).all()), f"{name} must be finite and greater than 0")
-    require(bool((np.isfinite(e) & (e >= 0)).all()), "epsilon must be finite and at least 0")
-    require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
-    require(bool((steps < 1 << 53).all()), "n must be below 2**53")
-    flat = [np.array(x, np.float64, order="C").ravel() for x in (fold(phases), speeds, steps, d, e, b, *others)]
-    return flat, phases.shape
 
 
 def iterate(

@@ -1,37 +1,15 @@
 """The motion Φ(t) between its impacts: sampled in closed form (paper 3.1, 3.2) on the way from impact to impact."""
 
 import math
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rattle.errors import RattleError, require, require_integer, require_number
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
 from rattle.flight.law import DRIFT, TWO_PI, evaluate, folded
 from rattle.flight.tangent import rests
 from rattle.numerics.compile import kernel
+from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, followed
 
-LONGEST, MOST_POINTS, MOST_IMPACTS = 10_000.0, 10_000_000, 10_000_000
 AT_REST = 1e-4  # speed below which a bounce of a motion that is certain to become quiet is not followed any more
-Array = NDArray[np.float64]
-
-
-class Trajectory(NamedTuple):
-    """A sampled motion. time, phi, velocity (points,): forcing periods since the start, Φ and Φ'.
-
-    impact_time, impact_wall, impact_speed (k,): the impacts on the way, wall +1 (Φ = β) or −1, speed |Φ'|. rest: when
-    it comes to rest on Σ⁺, inf if it does not; its bounces are slower than 1e-4 from there on, and are left out.
-    """
-
-    time: Array
-    phi: Array
-    velocity: Array
-    impact_time: Array
-    impact_wall: NDArray[np.int64]
-    impact_speed: Array
-    rest: float
 
 
 @kernel
@@ -76,27 +54,3 @@ def trajectory(
         return int(status), int(impacts), float(rest)
 
     return followed(v, periods, points, follow)
-
-
-def followed(v: float, periods: float, points: int, follow: Callable[..., tuple[int, int, float]]) -> Trajectory:
-    """A motion of either model with initial speed v, sampled at so many points.
-
-    follow: takes v, the times and arrays for Φ and Φ' (points,), and for time, wall and speed of the impacts; returns
-    its status, how many impacts there were, and when the motion came to rest.
-    """
-    v, periods = require_number("v", v, positive=True), require_number("periods", periods, positive=True)
-    require(periods <= LONGEST, f"periods must be at most {LONGEST:g}, got {periods:g}")
-    points = require_integer("points", points, 2, MOST_POINTS)
-    time = np.linspace(0.0, periods, points)
-    phi, velocity = np.empty(points), np.empty(points)
-    room = 1024
-    while True:
-        at, wall, speed = np.empty(room), np.empty(room, np.int64), np.empty(room)
-        status, count, rest = follow(v, time, phi, velocity, at, wall, speed)
-        if status != OK:
-            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
-        if count > MOST_IMPACTS:
-            raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: ask for fewer periods")
-        if count <= room:
-            return Trajectory(time, phi, velocity, at[:count], wall[:count], speed[:count], rest)
-        room = count

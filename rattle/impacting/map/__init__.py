@@ -1,0 +1,1 @@
+"""The impact map Π, its capture by quiet motion, trajectories, and Γ."""

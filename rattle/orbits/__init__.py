@@ -1,0 +1,1 @@
+"""What any return map has: iterates and tangents, periodic orbits, saddles, manifolds."""

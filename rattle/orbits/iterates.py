@@ -1,0 +1,126 @@
+"""What a return map gives for arrays of states, and motions sampled in time."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.errors import ParameterError, RattleError, real_array, require, require_integer, require_number
+from rattle.flight.first_impact import OK
+
+
+class Iterates(NamedTuple):
+    """Final states of many trajectories with the impacts counted on each wall; all of the broadcast shape."""
+
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    n_plus: NDArray[np.int64]
+    n_minus: NDArray[np.int64]
+
+
+class Stretched(NamedTuple):
+    """As `Iterates`, with the time taken and both Lyapunov exponents, (2, *shape), per forcing period."""
+
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    n_plus: NDArray[np.int64]
+    n_minus: NDArray[np.int64]
+    time: NDArray[np.float64]
+    lyapunov: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> "Stretched":
+        """From the flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each trajectory."""
+        time = growth[0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first = growth[1] / time
+            second = growth[2] / time - first
+        tau, v, n_plus, n_minus = (x.reshape(shape) for x in flat)
+        exponents = np.stack([first, second]).reshape(2, *shape)
+        return cls(tau, v, n_plus, n_minus, time.reshape(shape), exponents)
+
+
+def fold(phases: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Phases folded into [0, 1); a tiny negative one would round up to 1."""
+    folded = phases % 1.0
+    return np.where(folded < 1.0, folded, 0.0)
+
+
+def checked(
+    delta: ArrayLike, epsilon: ArrayLike, tau: ArrayLike, v: ArrayLike, n: ArrayLike, beta: ArrayLike, **more: ArrayLike
+) -> tuple[list[NDArray[Any]], tuple[int, ...]]:
+    """Flat contiguous copies of (τ, v, n, δ, ε, β) and more parameters above 0, and the broadcast shape."""
+    named = {"delta": delta, "epsilon": epsilon, "tau": tau, "v": v, "beta": beta, **more}
+    steps = np.asarray(n)
+    try:
+        arrays = [real_array(name, value) for name, value in named.items()]
+        d, e, phases, speeds, b, *others, steps = np.broadcast_arrays(*arrays, steps)
+    except ParameterError:
+        raise
+    except (TypeError, ValueError) as error:
+        raise ParameterError(f"{', '.join(named)} and n must broadcast: {error}") from None
+    require(bool(np.isfinite(phases).all()), "tau must be finite")
+    for name, array in (("v", speeds), ("delta", d), ("beta", b), *zip(more, others, strict=True)):
+        require(bool((np.isfinite(array) & (array > 0)).all()), f"{name} must be finite and greater than 0")
+    require(bool((np.isfinite(e) & (e >= 0)).all()), "epsilon must be finite and at least 0")
+    require(np.issubdtype(steps.dtype, np.integer) and bool((steps >= 0).all()), "n must be integers of at least 0")
+    require(bool((steps < 1 << 53).all()), "n must be below 2**53")
+    flat = [np.array(x, np.float64, order="C").ravel() for x in (fold(phases), speeds, steps, d, e, b, *others)]
+    return flat, phases.shape
+
+
+LONGEST, MOST_POINTS, MOST_IMPACTS = 10_000.0, 10_000_000, 10_000_000
+Array = NDArray[np.float64]
+
+
+class Trajectory(NamedTuple):
+    """A sampled motion. time, phi, velocity (points,): forcing periods since the start, Φ and Φ'.
+
+    impact_time, impact_wall, impact_speed (k,): the impacts on the way, wall +1 (Φ = β) or −1, speed |Φ'|. rest: when
+    it comes to rest on Σ⁺, inf if it does not; its bounces are slower than 1e-4 from there on, and are left out.
+    """
+
+    time: Array
+    phi: Array
+    velocity: Array
+    impact_time: Array
+    impact_wall: NDArray[np.int64]
+    impact_speed: Array
+    rest: float
+
+
+def followed(v: float, periods: float, points: int, follow: Callable[..., tuple[int, int, float]]) -> Trajectory:
+    """A motion of either model with initial speed v, sampled at so many points.
+
+    follow: takes v, the times and arrays for Φ and Φ' (points,), and for time, wall and speed of the impacts; returns
+    its status, how many impacts there were, and when the motion came to rest.
+    """
+    v, periods = require_number("v", v, positive=True), require_number("periods", periods, positive=True)
+    require(periods <= LONGEST, f"periods must be at most {LONGEST:g}, got {periods:g}")
+    points = require_integer("points", points, 2, MOST_POINTS)
+    time = np.linspace(0.0, periods, points)
+    phi, velocity = np.empty(points), np.empty(points)
+    room = 1024
+    while True:
+        at, wall, speed = np.empty(room), np.empty(room, np.int64), np.empty(room)
+        status, count, rest = follow(v, time, phi, velocity, at, wall, speed)
+        if status != OK:
+            raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
+        if count > MOST_IMPACTS:
+            raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: ask for fewer periods")
+        if count <= room:
+            return Trajectory(time, phi, velocity, at[:count], wall[:count], speed[:count], rest)
+        room = count
+
+
+class Impact(NamedTuple):
+    """One step of the impact map: (τ, v), the impacts on Σ⁻ on the way, the tangent matrix ∂(τ', v')/∂(τ, v), and
+    the time taken.
+    """
+
+    tau: float
+    v: float
+    n_minus: int
+    tangent: NDArray[np.float64]
+    time: float

@@ -1,0 +1,124 @@
+"""A periodic motion as equations, of any gear, and what it must say of itself."""
+
+from abc import ABC, abstractmethod
+from typing import Any, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.flight import law
+from rattle.numerics.complex_step import Array, derivatives
+
+
+class Equations(Protocol):
+    """A periodic motion as n equations in n unknowns, with δ and ε after them: of either model.
+
+    The unknowns are the times of its impacts, or contacts, then whatever else each of them has.
+    """
+
+    @property
+    def walls(self) -> tuple[int, ...]:
+        """The wall of each impact of a period, +1 or −1."""
+
+    @property
+    def n(self) -> int:
+        """Unknowns."""
+
+    @property
+    def m(self) -> int:
+        """Forcing periods."""
+
+    def residual(self, x: NDArray) -> NDArray:
+        """R (…, n) of x (…, n + 2)."""
+
+    def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
+        """J(λ) = ∂R/∂unknowns (…, n, n), where what is a period later is λ times as large."""
+
+    def graze(self, x: NDArray, impact: int) -> NDArray:
+        """What is zero (…,) where impact number `impact` is a graze."""
+
+    def begun_at(self, first: int) -> Self:
+        """The itinerary of the same motion, begun at impact number `first`."""
+
+    def doubled(self) -> Self:
+        """The itinerary twice over."""
+
+
+def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
+    """Unknowns and what follows them (N,) of the same motion, begun at impact number `first`."""
+    each = x[: itinerary.n].reshape(-1, len(itinerary.walls))
+    turned = np.concatenate([each[:, first:], each[:, :first]], axis=1)
+    turned[0, len(itinerary.walls) - first :] += itinerary.m
+    return np.concatenate([turned.ravel(), x[itinerary.n :]])
+
+
+def twins(itinerary: Equations, start: Array, x: Array) -> Array:
+    """All ways (…, N) to write the motion with unknowns start (N,), times first: it may begin at another impact, if the
+    walls are the same from there, and some forcing periods earlier or later, near x.
+    """
+    n, walls = len(itinerary.walls), itinerary.walls
+    found = np.array([begun_at(itinerary, start, k) for k in range(n) if walls[k:] + walls[:k] == walls])
+    found[:, :n] -= np.rint(found[:, :1] - x[0])
+    return found
+
+
+MOST_IMPACTS = 512
+MOST_NEWTON = 30
+
+
+class Periodic(ABC):
+    """What a periodic motion of either model says of itself."""
+
+    m: int
+    walls: tuple[int, ...]
+    speeds: NDArray[np.float64]
+    multipliers: tuple[complex, complex]
+    admissible: bool
+
+    @property
+    @abstractmethod
+    def departures(self) -> Array:
+        """When it leaves the walls (n,), with these speeds."""
+
+    @property
+    @abstractmethod
+    def point(self) -> Any:
+        """Its parameters, as kernels take them."""
+
+    @property
+    def tau(self) -> float:
+        """Phase at which it first leaves Σ⁺, in [0, 1)."""
+        return float(law.folded(self.departures[0]))
+
+    @property
+    def v(self) -> float:
+        """Speed with which it does."""
+        return float(self.speeds[0])
+
+    @property
+    def label(self) -> tuple[int, int, int]:
+        """(m, n_plus, n_minus)."""
+        return self.m, self.walls.count(1), self.walls.count(-1)
+
+    @property
+    def stable(self) -> bool:
+        """Whether the motion exists and attracts."""
+        return self.admissible and abs(self.multipliers[0]) < 1.0
+
+
+def at_parameters(itinerary: Equations, x: Array) -> Array | None:
+    """Newton on the impact equations for the times alone, δ and ε of x (n + 2,) fixed; None if it fails."""
+    n, x = itinerary.n, x.copy()
+    for _ in range(MOST_NEWTON):
+        value, jacobian = derivatives(itinerary.residual, x)
+        if not (np.isfinite(value).all() and np.isfinite(jacobian).all()):
+            return None
+        try:
+            step = np.linalg.solve(jacobian[:, :n], -value)
+        except np.linalg.LinAlgError:
+            return None
+        size = float(np.max(np.abs(step)))
+        x[:n] += step * min(1.0, 0.05 / size) if size > 0 else 0.0
+        if size < 1e-13 * max(1.0, itinerary.m):
+            return x
+    return x if size < 1e-11 else None
