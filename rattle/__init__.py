@@ -8,10 +8,9 @@ curves of the (δ, ε) plane; `rattle.stiff` is the gear with stiff contact, of 
 
 from rattle import curves
 from rattle._version import __version__
-from rattle.attractors import KINDS, Attractor, Attractors, attractors_of
-from rattle.basin_measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
-from rattle.basins import Basins
-from rattle.boundary_distance import BoundaryDistance, boundary_distances
+from rattle.attractors.basins import Basins
+from rattle.attractors.measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
+from rattle.attractors.table import KINDS, Attractor, Attractors
 from rattle.branches import Branch, beyond, branch, doubled, fate
 from rattle.cascades import cascade
 from rattle.crisis_side import CRISIS_SIDES, crisis_side
@@ -20,6 +19,8 @@ from rattle.diagrams import Diagram, diagram
 from rattle.errors import ParameterError, RattleError
 from rattle.events import Event
 from rattle.gear import FirstImpact, Gear
+from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
+from rattle.impacting.attractors.classifier import attractors_of
 from rattle.impacting.map.gamma import GammaPiece
 from rattle.impacting.map.iterate import iterate, iterate_tangent
 from rattle.impacting.orbits.limits import flip, quiet_limit, sn1

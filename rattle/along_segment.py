@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.arclength import Problem
-from rattle.attractors import Attractors, attractors_of
+from rattle.attractors.classify import Classifier
+from rattle.attractors.table import Attractors
 from rattle.branches import Branch, doubled, through
 from rattle.errors import RattleError
 from rattle.events import Event
+from rattle.impacting.attractors.classifier import attractors_of, classify
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.equations import Itinerary, along
 from rattle.impacting.orbits.period_one import period_one
 from rattle.impacting.orbits.periodic import PeriodicOrbit, follow_impacts, orbit_of
-from rattle.impacting_survey import classify
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import NAMES
 from rattle.orbits.periodic import Periodic, at_parameters
-from rattle.survey import Classifier
 
 POINTS_ACROSS = 60  # a segment, at least
 

@@ -8,15 +8,16 @@ so near to A that its unstable eigenvector is the manifold; all else of W^u(A) i
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors.samples import QUIET
 from rattle.errors import parameters
 from rattle.flight.law import DRIFT
+from rattle.impacting.attractors.classifier import ImpactingClassifier
+from rattle.impacting.attractors.settle import Cells
 from rattle.impacting.map.impact_map import impact_tangent
 from rattle.impacting.map.quiet import capture_invariants, impacts_to_rest
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.period_one import period_one
-from rattle.impacting_survey import ImpactingClassifier
 from rattle.orbits.iterates import fold
-from rattle.settle import QUIET, Cells
 
 CRISIS_SIDES = ("not_computed", "no_saddle", "inside", "escapes", "undecided")
 NO_SADDLE, INSIDE, ESCAPES, UNSURE = range(1, 5)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.along_segment import ImpactingMotions, Motion, Motions, Segment, runs
-from rattle.attractors import PERIODIC, Attractors
+from rattle.attractors.table import PERIODIC, Attractors
 from rattle.branch_search import Search
 from rattle.branches import Branch
 from rattle.errors import require, require_integer, require_number, require_pair

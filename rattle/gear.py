@@ -6,12 +6,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattle.attractors import Attractor, attractors
-from rattle.basin_measures import Uncertainty, uncertainty
-from rattle.basins import Basins, ImpactingPlane, basins
-from rattle.boundary_distance import BoundaryDistance, boundary_distances
+from rattle.attractors.basins import Basins, basins
+from rattle.attractors.measures import Uncertainty, uncertainty
+from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import first_impact, law
+from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
+from rattle.impacting.attractors.classifier import attractors
+from rattle.impacting.attractors.plane import ImpactingPlane
 from rattle.impacting.map import impact_map
 from rattle.impacting.map.gamma import GammaPiece, gamma
 from rattle.impacting.map.iterate import iterate

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.along_segment import Motions
-from rattle.attractors import PERIODIC, QUIET, UNDECIDED, Attractors, tabulated
+from rattle.attractors.table import PERIODIC, QUIET, UNDECIDED, Attractors, tabulated
 
 FORWARD, BACKWARD = 0, 1
 STEP = (1, -1)

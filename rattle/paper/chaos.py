@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from rattle.attractors import CHAOTIC, attractors_of
+from rattle.attractors.table import CHAOTIC
 from rattle.errors import RattleError
 from rattle.flight.law import wrapped
+from rattle.impacting.attractors.classifier import attractors_of
 
 SAMPLES = 1024  # initial conditions among which the chaotic attractor is looked for
 WATCHED, BEFORE, IMPACTS = 128, 2_000, 100_000  # trajectories on the chaotic set; impacts before the watch, and in it

@@ -3,7 +3,7 @@
 import numpy as np
 
 import rattle
-from rattle.attractors import Attractor
+from rattle.attractors.table import Attractor
 from rattle.gear import Gear
 from rattle.orbits.period_one import NAMES, PeriodOne
 from rattle.paper.records import Statement

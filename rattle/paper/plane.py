@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from rattle.attractors import CHAOTIC, attractors_of
+from rattle.attractors.table import CHAOTIC
 from rattle.curves import codimension_two
+from rattle.impacting.attractors.classifier import attractors_of
 from rattle.orbits.period_one import PeriodOne
 from rattle.paper.chaos import on_chaos, settled
 from rattle.paper.records import Statement

@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from rattle.attractors import Attractor
-from rattle.basins import Basins
+from rattle.attractors.basins import Basins
+from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require
 from rattle.flight.law import wrapped
 from rattle.gear import Gear

@@ -6,7 +6,7 @@ types apart: it calls both P(2,2,2) and P(8,8,6) dark orange, and here the secon
 
 import colorsys
 
-from rattle.attractors import KINDS, Attractor
+from rattle.attractors.table import KINDS, Attractor
 from rattle.errors import require, require_integer
 
 Label = tuple[int, int, int]

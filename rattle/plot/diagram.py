@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from rattle.attractors import KINDS
+from rattle.attractors.table import KINDS
 from rattle.bifurcations import Kind
 from rattle.diagrams import Diagram, diagram
 from rattle.errors import require

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from rattle.along_segment import POINTS_ACROSS, Motion, Segment
 from rattle.arclength import Problem
-from rattle.attractors import Attractors
+from rattle.attractors.table import Attractors
 from rattle.bifurcations import Kind
 from rattle.diagrams import Diagram, along, require_end
 from rattle.errors import RattleError, require_number, require_pair

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors import Attractor, listed
-from rattle.basin_measures import Uncertainty, uncertainty
-from rattle.basins import Basins, basins
+from rattle.attractors.basins import Basins, basins
+from rattle.attractors.measures import Uncertainty, uncertainty
+from rattle.attractors.table import Attractor, listed
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS

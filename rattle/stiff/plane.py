@@ -1,11 +1,11 @@
-"""The plane of states (τ, v) of the stiff gear, as `rattle.basins` asks for it."""
+"""The plane of states (τ, v) of the stiff gear, as `rattle.attractors.basins` asks for it."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.cell_map import locate
+from rattle.attractors.cell_map import locate
 from rattle.numerics.complex_step import Array
 from rattle.numerics.sampling import initial_conditions
 from rattle.stiff.iterate import returned
@@ -15,7 +15,7 @@ NEVER = 0.0  # no speed above 0 is sure to become quiet: contact tells
 
 
 class StiffPlane(NamedTuple):
-    """See `rattle.basins.Plane`."""
+    """See `rattle.attractors.basins.Plane`."""
 
     delta: float
     epsilon: float
@@ -23,25 +23,25 @@ class StiffPlane(NamedTuple):
     kappa: float
 
     def classify(self, tau: Array, v: Array) -> StiffClassifier:
-        """See `rattle.basins.Plane`."""
+        """See `rattle.attractors.basins.Plane`."""
         delta, epsilon, beta, kappa = (np.array([x]) for x in self)
         return classify(delta, epsilon, beta, kappa, tau[None].copy(), v[None].copy())
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """See `rattle.basins.Plane`."""
+        """See `rattle.attractors.basins.Plane`."""
         tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
         counts = (np.zeros(tau.size, np.int64) for _ in range(2))
         returned(tau, v, np.full(tau.size, float(returns)), *(np.full(tau.size, x) for x in self), quiet, *counts)
         return tau, v, quiet > 0
 
     def located(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:
-        """See `rattle.basins.Plane`."""
+        """See `rattle.attractors.basins.Plane`."""
         cell = np.empty(tau.size, np.int64)
         locate(tau, v, n, v_max, self.delta, self.epsilon, NEVER, cell)
         return cell
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
-        """See `rattle.basins.Plane`."""
+        """See `rattle.attractors.basins.Plane`."""
         delta, epsilon, beta = (np.array([x]) for x in self[:3])
         tau, v = initial_conditions(delta, epsilon, beta, count, v_max, 0)
         return tau[0], v[0]

@@ -1,18 +1,18 @@
 """Follow samples of the stiff gear until each is quiet, captured, recurs, or has made its contacts (compiled).
 
-As `rattle.settle` for the impacting model, sample by sample: quiet is a contact with Σ⁺ that never ends, and the
-tangent vector is one of (Φ, Φ') at fixed time.
+As `rattle.impacting.attractors.settle` for the impacting model, sample by sample: quiet is a contact with Σ⁺ that never
+ends, and the tangent vector is one of (Φ, Φ') at fixed time.
 """
 
 import math
 from typing import Any, NamedTuple
 
+from rattle.attractors.chaos import BATCHES
+from rattle.attractors.samples import ALIGNMENT, FAILED, LEFT, ORBIT, QUIET, RECURRENCE, RECURRENT, captor, mark
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
-from rattle.lyapunov import BATCHES
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits.return_map import point_of, step
-from rattle.settle import ALIGNMENT, FAILED, LEFT, ORBIT, QUIET, RECURRENCE, RECURRENT, captor, mark
 from rattle.stiff import flow
 from rattle.stiff.returns import StiffPoint
 

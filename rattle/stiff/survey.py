@@ -1,14 +1,14 @@
-"""Which attractors the samples of cells of the stiff gear go to: the stages of `rattle.survey` with its return map."""
+"""Which attractors the samples of cells of the stiff gear go to, by the stages of `rattle.attractors.classify`."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors import Attractors, of_samples
+from rattle.attractors.classify import Classifier, Seen
+from rattle.attractors.samples import Samples
+from rattle.attractors.table import Attractors, of_samples
 from rattle.errors import parameters
-from rattle.settle import Samples
 from rattle.stiff.quiet import quiet_limit
 from rattle.stiff.settle import StiffCells, measure, settle
-from rattle.survey import Classifier, Seen
 
 
 class StiffClassifier(Classifier):

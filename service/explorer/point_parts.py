@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
-from rattle.attractors import listed
-from rattle.basins import ImpactingPlane, classified
+from rattle.attractors.basins import classified
+from rattle.attractors.table import listed
 from rattle.diagrams import Diagram
 from rattle.flight.law import wrapped
+from rattle.impacting.attractors.plane import ImpactingPlane
 from rattle.models import AnyGear, model_at
 
 V_MAX = 7.0

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 from waiting import HANG
 
 from rattle import Gear, ParameterError, attractors_of
-from rattle.basins import Basins, boundary
+from rattle.attractors.basins import Basins, boundary
 from rattle.curves import trace
 from rattle.impacting.orbits import period_one
 from rattle.impacting.orbits.period_one import regions as region_of

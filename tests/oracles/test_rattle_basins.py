@@ -9,9 +9,10 @@ from depth import deep, either
 from figure4 import KNOWN, label
 
 import rattle
-from rattle.basin_measures import power_law
-from rattle.basins import Basins, ImpactingPlane, States, boundary, classified
-from rattle.cell_map import groups_of_map
+from rattle.attractors.basins import Basins, States, boundary, classified
+from rattle.attractors.cell_map import groups_of_map
+from rattle.attractors.measures import power_law
+from rattle.impacting.attractors.plane import ImpactingPlane
 
 
 @cache

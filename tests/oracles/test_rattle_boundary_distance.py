@@ -5,8 +5,9 @@ import pytest
 from depth import deep
 
 import rattle
-from rattle.basins import ImpactingPlane, classified
-from rattle.images import lowest_preimages
+from rattle.attractors.basins import classified
+from rattle.impacting.attractors.boundary_distance import lowest_preimages
+from rattle.impacting.attractors.plane import ImpactingPlane
 from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.manifolds import manifold
 

@@ -7,7 +7,7 @@ import pytest
 from depth import deep, either
 
 import rattle
-from rattle.attractors import KINDS
+from rattle.attractors.table import KINDS
 from rattle.branches import beyond, branch
 from rattle.curves import name_of
 from rattle.diagrams import diagram

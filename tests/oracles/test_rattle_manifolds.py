@@ -7,7 +7,7 @@ from manifold_fates import fates_beside
 from scipy.ndimage import distance_transform_edt
 
 import rattle
-from rattle.basins import boundary
+from rattle.attractors.basins import boundary
 from rattle.errors import ParameterError, RattleError
 from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.images import images

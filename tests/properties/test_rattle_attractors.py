@@ -6,7 +6,9 @@ from depth import deep, either
 from scipy.stats import qmc
 
 import rattle
-from rattle import curves, impacting_survey, lyapunov, settle
+from rattle import curves
+from rattle.attractors import chaos
+from rattle.impacting.attractors import classifier, settle
 from rattle.numerics.sampling import initial_conditions, sobol
 
 GEARS = either(50, 120)
@@ -215,9 +217,9 @@ def test_nothing_is_measured_before_the_tangent_vector_is_aligned():
     one = np.ones(1)
     for impacts, measured in ((settle.ALIGNMENT - 1, False), (4 * settle.ALIGNMENT, True)):
         cells = settle.Cells(0.6 * one, 0.25 * one, 0.6 * one, 0.0 * one)
-        followed = impacting_survey.ImpactingClassifier(cells, np.array([[0.3]]), np.array([[4.0]]))
+        followed = classifier.ImpactingClassifier(cells, np.array([[0.3]]), np.array([[4.0]]))
         followed.samples.limit[:] = impacts
-        sums, prints = np.zeros((1, lyapunov.BATCHES, 3)), np.zeros((1, settle.GRID), np.uint64)
+        sums, prints = np.zeros((1, chaos.BATCHES, 3)), np.zeros((1, settle.GRID), np.uint64)
         which = np.zeros(1, np.int64)
         settle.measure(
             followed._block,

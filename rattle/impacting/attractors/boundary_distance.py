@@ -1,9 +1,9 @@
 """How far quiet motion is from the basin of another attractor: the least speed after an impact that leads there.
 
 Quiet motion is the line v = 0 of all phases τ, so the distance is the least v of the states that do not go to rest. It
-is sought in four steps: a sample of the plane by the classifier of `rattle.attractors`; preimages of the basins that it
-found, since all preimages of a basin belong to it, however thin they are; further samples of the strip below the least
-speed so far; then a pattern search from the lowest states found. Whatever counts is an exact trajectory.
+is sought in four steps: a sample of the plane by the classifier of `rattle.attractors.table`; preimages of the basins
+that it found, since all preimages of a basin belong to it, however thin they are; further samples of the strip below
+the least speed so far; then a pattern search from the lowest states found. Whatever counts is an exact trajectory.
 """
 
 from typing import Any, NamedTuple
@@ -11,16 +11,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors import MOST_SAMPLES
+from rattle.attractors.samples import LEFT, ORBIT, QUIET
+from rattle.attractors.table import MOST_SAMPLES
 from rattle.errors import parameters, require, require_number
+from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
-from rattle.images import lowest_preimages
+from rattle.impacting.attractors.classifier import classify
+from rattle.impacting.map.impact_map import inverse_impact
 from rattle.impacting.map.quiet import capture_speeds, rests_late
 from rattle.impacting.orbits.limits import quiet_limit
-from rattle.impacting_survey import classify
+from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import sobol
 from rattle.orbits.iterates import fold
-from rattle.settle import LEFT, ORBIT, QUIET
 
 SAMPLED, ROUNDS = 1024, 8  # states of the strip and of the plane; of the strip again below the least so far, so often
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64  # states of all balls of capture of a cell, and of each ball
@@ -205,3 +207,20 @@ def boundary_distances(
         found.tau[quiet] = np.where(np.isfinite(v), np.take_along_axis(cells.tau, one, 1)[:, 0], np.nan)
         found.undecided[quiet] = cells.undecided
     return BoundaryDistance(*(x.reshape(np.shape(broadcast[0])) for x in found))
+
+
+@kernel
+def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
+    """Of the preimages Π⁻ᵏ, k from 0 to steps, of each of flat arrays of states the slowest: (τ, v). Each is followed
+    no further than its first preimage above `ceiling`; parameters are arrays too.
+    """
+    out_tau, out_v = tau.copy(), v.copy()
+    for i in range(tau.size):
+        t, w = tau[i], v[i]
+        for _ in range(steps):
+            status, t, w, _, _ = inverse_impact(t, w, delta[i], epsilon[i], beta[i])
+            if status != OK or w > ceiling:
+                break
+            if w < out_v[i]:
+                out_tau[i], out_v[i] = t, w
+    return out_tau, out_v

@@ -1,28 +1,24 @@
 """Basins of attraction on a grid of the (τ, v) plane: by cell mapping, by every cell's own trajectory, or by both.
 
-Whatever the method, attractors are told apart by the classifier of `rattle.attractors` alone. Cell mapping replaces the
-map of states by a map of cells, Π^k of each centre, and finds its periodic groups in one pass; then one member of each
-group is followed exactly, together with the sample of `Gear.attractors`. So a group that only the grid has made gets
-the label of the attractor that it is in fact on the way to. Refinement follows more cells exactly, and what these tell
-spreads over the grid in two ways: to neighbours, and to all cells that the map of cells sends there.
+Whatever the method, attractors are told apart by the classifier of `rattle.attractors.table` alone. Cell mapping
+replaces the map of states by a map of cells, Π^k of each centre, and finds its periodic groups in one pass; then one
+member of each group is followed exactly, together with the sample of `Gear.attractors`. So a group that only the grid
+has made gets the label of the attractor that it is in fact on the way to. Refinement follows more cells exactly, and
+what these tell spreads over the grid in two ways: to neighbours, and to all cells that the map of cells sends there.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors import CHAOTIC, QUIET, UNDECIDED, Attractor, Attractors, listed, tabulated
-from rattle.cell_map import groups_of_map, locate
-from rattle.discover import SAME_POINT
+from rattle.attractors.cell_map import groups_of_map
+from rattle.attractors.classify import Classifier
+from rattle.attractors.recurrence import SAME_POINT
+from rattle.attractors.table import CHAOTIC, QUIET, UNDECIDED, Attractor, Attractors, listed, tabulated
 from rattle.errors import require, require_integer, require_number
 from rattle.flight.law import wrapped
-from rattle.impacting.map.iterate import iterate
-from rattle.impacting.map.quiet import capture_invariant
-from rattle.impacting_survey import classify
-from rattle.numerics.sampling import initial_conditions
-from rattle.survey import Classifier
 
 Array = NDArray[np.float64]
 
@@ -48,39 +44,6 @@ class Plane(Protocol):
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
         """So many initial conditions."""
-
-
-class ImpactingPlane(NamedTuple):
-    """The plane of the impacting model."""
-
-    delta: float
-    epsilon: float
-    beta: float
-
-    @property
-    def arrays(self) -> tuple[Array, Array, Array]:
-        """δ, ε, β (1,)."""
-        return np.array([self.delta]), np.array([self.epsilon]), np.array([self.beta])
-
-    def classify(self, tau: Array, v: Array) -> Classifier:
-        """See `Plane`."""
-        return classify(*self.arrays, tau[None].copy(), v[None].copy())
-
-    def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """See `Plane`; a trajectory that becomes quiet goes on bouncing, and is located there."""
-        moved = iterate(self.delta, self.epsilon, tau, v, returns, self.beta)
-        return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
-
-    def located(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:
-        """See `Plane`."""
-        cell = np.empty(tau.size, np.int64)
-        locate(tau, v, n, v_max, self.delta, self.epsilon, capture_invariant(*self), cell)
-        return cell
-
-    def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
-        """See `Plane`."""
-        tau, v = initial_conditions(*self.arrays, count, v_max, 0)
-        return tau[0], v[0]
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors import KINDS, UNDECIDED
-from rattle.basins import Basins, Plane, classified
+from rattle.attractors.basins import Basins, Plane, classified
+from rattle.attractors.table import KINDS, UNDECIDED
 from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import Z_95, wilson_interval
 

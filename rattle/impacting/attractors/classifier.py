@@ -3,15 +3,18 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from rattle.discover import remember_period_one
+from rattle.attractors.classify import FIRST, Classifier, Seen
+from rattle.attractors.recurrence import remember_period_one
+from rattle.attractors.samples import Samples
+from rattle.attractors.table import Attractor, Attractors, listed, of_samples
+from rattle.errors import parameters
+from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
 from rattle.impacting.map.iterate import working_block
 from rattle.impacting.map.quiet import capture_invariants
 from rattle.impacting.orbits.closed_form import period_one_cells
 from rattle.impacting.orbits.limits import sine_offset
-from rattle.settle import CHUNK, LONG_CHUNK, Cells, Samples, measure, settle
-from rattle.survey import FIRST, Classifier, Seen
 
 
 class ImpactingClassifier(Classifier):
@@ -51,3 +54,19 @@ def classify(
     found = ImpactingClassifier(Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta)), tau, v)
     found.run()
     return found
+
+
+def attractors_of(
+    delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, count: int = 256, v_max: float = 7.0, seed: int = 0
+) -> Attractors:
+    """The attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
+
+    A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
+    """
+    return of_samples(classify, parameters(delta, epsilon, beta), count, v_max, seed)
+
+
+def attractors(delta: float, epsilon: float, beta: float, count: int, v_max: float, seed: int) -> tuple[Attractor, ...]:
+    """See `rattle.Gear.attractors`."""
+    table = attractors_of(delta, epsilon, beta, count, v_max, seed)
+    return listed(table, table.samples)

@@ -11,10 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.discover import BALLS_PER_ORBIT, resolve, trace
-from rattle.footprints import groups_of
-from rattle.lyapunov import BATCHES, is_chaotic
-from rattle.settle import GRID, LEFT, RECURRENT, Balls, Orbits, Samples
+from rattle.attractors.chaos import BATCHES, groups_of, is_chaotic
+from rattle.attractors.recurrence import BALLS_PER_ORBIT, resolve, trace
+from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
 FIRST = 128  # impacts that every sample may make before the cell is judged

@@ -7,13 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import parameters, require, require_integer, require_number
-from rattle.impacting_survey import classify
-from rattle.lyapunov import pooled
+from rattle.attractors.chaos import pooled
+from rattle.attractors.classify import Classifier
+from rattle.attractors.samples import LEFT, ORBIT
+from rattle.attractors.samples import QUIET as SETTLED_QUIET
+from rattle.errors import require, require_integer, require_number
 from rattle.numerics.sampling import initial_conditions, wilson_interval
-from rattle.settle import LEFT, ORBIT
-from rattle.settle import QUIET as SETTLED_QUIET
-from rattle.survey import Classifier
 
 KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
 QUIET, PERIODIC, CHAOTIC, UNDECIDED = range(1, 5)
@@ -106,16 +105,6 @@ def tabulated(classifier: Classifier) -> tuple[Attractors, NDArray[np.int64]]:
     return table, np.argsort(order)[row.ravel()]
 
 
-def attractors_of(
-    delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, count: int = 256, v_max: float = 7.0, seed: int = 0
-) -> Attractors:
-    """The attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
-
-    A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
-    """
-    return of_samples(classify, parameters(delta, epsilon, beta), count, v_max, seed)
-
-
 def of_samples(
     classify: Callable[..., Classifier], cells: Sequence[NDArray[np.float64]], count: int, v_max: float, seed: int
 ) -> Attractors:
@@ -152,9 +141,3 @@ def listed(table: Attractors, samples: NDArray[np.int64]) -> tuple[Attractor, ..
         )
         for i in range(table.cell.size)
     )
-
-
-def attractors(delta: float, epsilon: float, beta: float, count: int, v_max: float, seed: int) -> tuple[Attractor, ...]:
-    """See `rattle.Gear.attractors`."""
-    table = attractors_of(delta, epsilon, beta, count, v_max, seed)
-    return listed(table, table.samples)

@@ -4,13 +4,12 @@ import math
 
 import numpy as np
 
-from rattle.basin_ball import ball
+from rattle.attractors.ball import ball
+from rattle.attractors.samples import LEFT, ORBIT, captor, mark
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
-from rattle.impacting.map.impact_map import Point
-from rattle.numerics.compile import for_type, kernel
+from rattle.numerics.compile import kernel
 from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
-from rattle.settle import LEFT, ORBIT, Cells, captor, mark
 
 APPROACH = 0.5  # a trajectory must come this much closer to the orbit that Newton's method found ...
 ARRIVED = 1e-9  # ... or be here already
@@ -131,11 +130,6 @@ def trace(which, impacts, cells, samples, footprints):
             if status != OK:
                 break
             mark(tau, v, point.epsilon, footprints[j])
-
-
-@for_type(point_of, Cells)
-def _point_of(cell, cells):
-    return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.capture[cell])
 
 
 @kernel

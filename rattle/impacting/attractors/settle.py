@@ -8,18 +8,15 @@ sample. What becomes of a sample depends on its cell's known orbits and on nothi
 
 from typing import Any, NamedTuple
 
-import numpy as np
-
+from rattle.attractors.chaos import BATCHES
+from rattle.attractors.samples import ALIGNMENT, FAILED, LEFT, ORBIT, QUIET, RECURRENCE, RECURRENT, captor, mark
 from rattle.flight.lanes.block import GROUP, GROUPS, empty, ended, load, made_ready, overflows, roughest, stretched
 from rattle.flight.lanes.stages import advance_plain, advance_tangent
-from rattle.flight.law import DRIFT, TWO_PI, contact_force, wrapped
-from rattle.lyapunov import BATCHES
-from rattle.numerics.compile import inline, kernel
+from rattle.flight.law import DRIFT, contact_force, wrapped
+from rattle.impacting.map.impact_map import Point
+from rattle.numerics.compile import for_type, inline, kernel
+from rattle.orbits.return_map import point_of
 
-LEFT, QUIET, ORBIT, RECURRENT, FAILED = range(5)
-GRID = 32  # boxes per side of the (τ, v) plane in which a chaotic trajectory leaves its footprint
-RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
-ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
 CHUNK, LONG_CHUNK = 11, 37  # flights between two looks, at first and of samples that are followed for long; prime, so
 # that a periodic motion is seen at all its impacts
 STRIDES = (6, 6, 6, 5)  # flights between the footprints of a measured lane; it is looked at after all of them, a prime
@@ -32,59 +29,6 @@ class Cells(NamedTuple):
     epsilon: Any
     beta: Any
     capture: Any
-
-
-class Samples(NamedTuple):
-    """The samples (n,): cell, state, impacts so far and at most, what became of them, index of the orbit that captured
-    them; after a recurrence the impacts between, and the impacts before which the next one is not looked for.
-    """
-
-    cell: Any
-    tau: Any
-    v: Any
-    impacts: Any
-    limit: Any
-    status: Any
-    orbit: Any
-    gap: Any
-    pause: Any
-
-
-class Orbits(NamedTuple):
-    """Stable orbits known to each cell, (n_cells, room), n used: label, fastest point, both ln|multiplier|/m."""
-
-    n: Any
-    m: Any
-    n_plus: Any
-    n_minus: Any
-    tau: Any
-    v: Any
-    first: Any
-    second: Any
-
-
-class Balls(NamedTuple):
-    """Balls of capture around points of these orbits, (n_cells, room) each, n of them used: captured where
-    c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
-    """
-
-    n: Any
-    orbit: Any
-    tau: Any
-    v: Any
-    c00: Any
-    c01: Any
-    c11: Any
-
-
-@inline
-def captor(tau, v, cell, balls):
-    """The orbit whose ball holds the state, −1 if none."""
-    for p in range(balls.n[cell]):
-        x, y = wrapped(tau - balls.tau[cell, p]), v - balls.v[cell, p]
-        if balls.c00[cell, p] * x * x + 2.0 * balls.c01[cell, p] * x * y + balls.c11[cell, p] * y * y < 1.0:
-            return balls.orbit[cell, p]
-    return -1
 
 
 @inline
@@ -172,14 +116,6 @@ def settle(b, which, flights, cells, samples, balls, paths):
 
 
 @inline
-def mark(tau, v, epsilon, footprint):
-    """Enter (τ, v) into the footprint: its rows are phases, its bits speeds up to the largest there can be."""
-    row = min(int(tau * GRID), GRID - 1)
-    column = min(int(v / (DRIFT + TWO_PI * epsilon) * GRID), GRID - 1)
-    footprint[row] |= np.uint64(1) << np.uint64(column)
-
-
-@inline
 def record(b, i, batches):
     """Add what lane i has stretched, contracted and taken of time to its batch, if it has one, and begin afresh."""
     stretch, contraction = stretched(b, i)
@@ -226,3 +162,8 @@ def measure(b, which, least, periods, cells, samples, balls, sums, footprints, p
             for i in range(GROUP * groups):
                 if b.who[i] >= 0 and b.wall[i] > 0.0:
                     mark(b.tau[i], -b.w[i], b.epsilon[i], footprints[b.who[i]])
+
+
+@for_type(point_of, Cells)
+def _point_of(cell, cells):
+    return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.capture[cell])

@@ -1,0 +1,74 @@
+"""Samples on their way to attractors, the orbits and balls of capture that are known, and footprints (compiled)."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rattle.flight.law import DRIFT, TWO_PI, wrapped
+from rattle.numerics.compile import inline
+
+LEFT, QUIET, ORBIT, RECURRENT, FAILED = range(5)
+GRID = 32  # boxes per side of the (τ, v) plane in which a chaotic trajectory leaves its footprint
+RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
+ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
+
+
+class Samples(NamedTuple):
+    """The samples (n,): cell, state, impacts so far and at most, what became of them, index of the orbit that captured
+    them; after a recurrence the impacts between, and the impacts before which the next one is not looked for.
+    """
+
+    cell: Any
+    tau: Any
+    v: Any
+    impacts: Any
+    limit: Any
+    status: Any
+    orbit: Any
+    gap: Any
+    pause: Any
+
+
+class Orbits(NamedTuple):
+    """Stable orbits known to each cell, (n_cells, room), n used: label, fastest point, both ln|multiplier|/m."""
+
+    n: Any
+    m: Any
+    n_plus: Any
+    n_minus: Any
+    tau: Any
+    v: Any
+    first: Any
+    second: Any
+
+
+class Balls(NamedTuple):
+    """Balls of capture around points of these orbits, (n_cells, room) each, n of them used: captured where
+    c00 Δτ² + 2 c01 Δτ Δv + c11 Δv² < 1.
+    """
+
+    n: Any
+    orbit: Any
+    tau: Any
+    v: Any
+    c00: Any
+    c01: Any
+    c11: Any
+
+
+@inline
+def captor(tau, v, cell, balls):
+    """The orbit whose ball holds the state, −1 if none."""
+    for p in range(balls.n[cell]):
+        x, y = wrapped(tau - balls.tau[cell, p]), v - balls.v[cell, p]
+        if balls.c00[cell, p] * x * x + 2.0 * balls.c01[cell, p] * x * y + balls.c11[cell, p] * y * y < 1.0:
+            return balls.orbit[cell, p]
+    return -1
+
+
+@inline
+def mark(tau, v, epsilon, footprint):
+    """Enter (τ, v) into the footprint: its rows are phases, its bits speeds up to the largest there can be."""
+    row = min(int(tau * GRID), GRID - 1)
+    column = min(int(v / (DRIFT + TWO_PI * epsilon) * GRID), GRID - 1)
+    footprint[row] |= np.uint64(1) << np.uint64(column)

@@ -1,0 +1,1 @@
+"""The classifier of the impacting gear, its plane of states, the boundary distance."""
