@@ -15,7 +15,7 @@ from rattle.errors import RattleError
 from rattle.events import Event
 from rattle.impacting.attractors.classifier import attractors_of, classify
 from rattle.impacting.map.iterate import iterate
-from rattle.impacting.orbits.equations import Itinerary, along
+from rattle.impacting.orbits.equations import Itinerary, on_line
 from rattle.impacting.orbits.period_one import period_one
 from rattle.impacting.orbits.periodic import PeriodicOrbit, follow_impacts, orbit_of
 from rattle.numerics.complex_step import Array
@@ -145,7 +145,7 @@ class ImpactingMotions:
 
     def problem(self, itinerary: Itinerary) -> Problem:
         """See `Motions`."""
-        return along(itinerary, self.segment.start, self.segment.direction)
+        return on_line(itinerary, self.segment.start, self.segment.direction)
 
     def solved(self, itinerary: Itinerary, y: Array) -> PeriodicOrbit | None:
         """See `Motions`."""

@@ -14,8 +14,8 @@ from rattle.arclength import CLOSED, Bound, Follower, Path, newton, tangent_at
 from rattle.bifurcations import Kind
 from rattle.curves.registry import name_of
 from rattle.errors import RattleError, require, require_integer, require_number, require_pair
-from rattle.events import Event, Line, between_twins, find_events, is_twice, origin_of_doubling
-from rattle.impacting.orbits.equations import Itinerary, along
+from rattle.events import Event, ParameterLine, between_twins, find_events, is_twice, origin_of_doubling
+from rattle.impacting.orbits.equations import Itinerary, on_line
 from rattle.impacting.orbits.periodic import PeriodicOrbit, orbit_of
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters, twins
@@ -123,7 +123,7 @@ def branch(
     line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
     start = np.append(orbit.times, 0.0)
     fixed = np.append(np.zeros(orbit.times.size), 1.0)
-    solved = newton(along(orbit.itinerary, line.origin, line.direction), start, fixed)
+    solved = newton(on_line(orbit.itinerary, line.origin, line.direction), start, fixed)
     if solved is None:
         raise RattleError("the orbit does not solve the impact equations: take it from periodic_orbit")
     return _both_ways(orbit.itinerary, line, solved[0])
@@ -194,7 +194,7 @@ def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | 
 
 def line_through(
     delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS
-) -> Line:
+) -> ParameterLine:
     """The line through a point that these arguments of `branch` mean, where δ is positive and ε not negative."""
     origin = np.array([delta, epsilon])
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
@@ -213,15 +213,15 @@ def line_through(
             low = max(low, below / rate)
         elif rate < 0.0:
             high = min(high, below / rate)
-    return Line(origin, direction, (low, high), resolution)
+    return ParameterLine(origin, direction, (low, high), resolution)
 
 
-def _follower(itinerary: Itinerary, line: Line) -> Follower:
+def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
     def longest(tangent: Array) -> float:
         step = (line.span[1] - line.span[0]) / line.resolution
         return min(LONGEST, step / max(abs(float(tangent[-1])), 1e-9))
 
-    problem = along(itinerary, line.origin, line.direction)
+    problem = on_line(itinerary, line.origin, line.direction)
     bounds = (Bound(-1, *line.span),)
     return Follower(problem, bounds, lambda y: _degenerate(itinerary, y) is None, longest, partial(twins, itinerary))
 
@@ -233,7 +233,7 @@ def _degenerate(itinerary: Itinerary, y: Array) -> str | None:
     return HALF_PERIOD if is_twice(itinerary, y, TWICE) else None
 
 
-def _both_ways(itinerary: Itinerary, line: Line, start: Array) -> Branch:
+def _both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
     """The branch through y = (times, p), in the direction of rising p there."""
     follower = _follower(itinerary, line)
     tangent = tangent_at(follower.problem, start, np.append(np.zeros(itinerary.n), 1.0))
@@ -259,9 +259,9 @@ def _same_place(one: Event, other: Event) -> bool:
 
 
 def _built(
-    itinerary: Itinerary, line: Line, points: Array, tangents: Array, start: int, ends: tuple[str, str]
+    itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array, start: int, ends: tuple[str, str]
 ) -> Branch:
-    problem = along(itinerary, line.origin, line.direction)
+    problem = on_line(itinerary, line.origin, line.direction)
     more = sorted(between_twins(itinerary, line, problem, points, tangents), key=lambda item: -item[0])
     for after, y, tangent in more:
         points, tangents = np.insert(points, after + 1, y, axis=0), np.insert(tangents, after + 1, tangent, axis=0)

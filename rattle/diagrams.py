@@ -125,10 +125,10 @@ def diagram(
     """
     beta = require_number("beta", beta, positive=True)
     segment = Segment(require_end("start", start), require_end("end", end))
-    return along(ImpactingMotions(segment, beta), beta, steps, count, v_max, impacts, most, seed)
+    return diagram_of(ImpactingMotions(segment, beta), beta, steps, count, v_max, impacts, most, seed)
 
 
-def along(
+def diagram_of(
     model: Motions, beta: float, steps: int, count: int, v_max: float, impacts: int, most: int, seed: int
 ) -> Diagram[Any, Any]:
     """The diagram of a model along its segment; the other arguments as those of `diagram`."""

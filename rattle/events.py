@@ -21,7 +21,7 @@ SAME_PLACE = 0.5  # of a step: farther than this from where it was found, a solu
 
 
 @dataclass(frozen=True)
-class Line:
+class ParameterLine:
     """(δ, ε) = origin + p direction, p in span, with so many points over it at least."""
 
     origin: Array
@@ -95,7 +95,9 @@ class Event:
         return smooth_multipliers(self.itinerary, self.unknowns, self.impact)
 
 
-def find_events(itinerary: Itinerary, line: Line, problem: Problem, points: Array, tangents: Array) -> Iterator[Event]:
+def find_events(
+    itinerary: Itinerary, line: ParameterLine, problem: Problem, points: Array, tangents: Array
+) -> Iterator[Event]:
     """The events between neighbouring solutions y = (times, p) (k, n + 1) of a branch with unit tangents, in order."""
     tests = _tests(itinerary, line, problem)
     values = _values(itinerary, line, points, tangents)
@@ -120,7 +122,7 @@ def find_events(itinerary: Itinerary, line: Line, problem: Problem, points: Arra
 
 
 def between_twins(
-    itinerary: Itinerary, line: Line, problem: Problem, points: Array, tangents: Array
+    itinerary: Itinerary, line: ParameterLine, problem: Problem, points: Array, tangents: Array
 ) -> list[tuple[int, Array, Array]]:
     """Solutions to put between points, each (after which, y, tangent): there a test function that has one sign at both
     its neighbours has the other, for two events are so near that one step passed both.
@@ -144,7 +146,7 @@ def between_twins(
     return found
 
 
-def _values(itinerary: Itinerary, line: Line, points: Array, tangents: Array) -> Array:
+def _values(itinerary: Itinerary, line: ParameterLine, points: Array, tangents: Array) -> Array:
     """The test functions, in the order of `_tests`, at solutions."""
     departures = np.array([itinerary.flights(line.plane(y)).w0 for y in points])
     flips = [_flip(itinerary, line, y) for y in points]
@@ -154,7 +156,7 @@ def _values(itinerary: Itinerary, line: Line, points: Array, tangents: Array) ->
 Test = Callable[[Array, Array], float]  # of the branch's direction and a solution; it changes sign at an event
 
 
-def _tests(itinerary: Itinerary, line: Line, problem: Problem) -> list[tuple[Kind, int | None, Test]]:
+def _tests(itinerary: Itinerary, line: ParameterLine, problem: Problem) -> list[tuple[Kind, int | None, Test]]:
     def graze(impact: int) -> Test:
         return lambda _, y: float(itinerary.flights(line.plane(y)).w0[impact])
 
@@ -165,13 +167,15 @@ def _tests(itinerary: Itinerary, line: Line, problem: Problem) -> list[tuple[Kin
     ]
 
 
-def _flip(itinerary: Itinerary, line: Line, y: Array) -> float:
+def _flip(itinerary: Itinerary, line: ParameterLine, y: Array) -> float:
     """det J(−1), rows of length 1."""
     matrix = itinerary.jacobian(line.plane(y), -1.0)
     return float(np.linalg.det(matrix / np.linalg.norm(matrix, axis=1, keepdims=True)))
 
 
-def _touches(itinerary: Itinerary, line: Line, problem: Problem, inside: Array, outside: Array) -> list[Candidate]:
+def _touches(
+    itinerary: Itinerary, line: ParameterLine, problem: Problem, inside: Array, outside: Array
+) -> list[Candidate]:
     """Where a flight of the branch first touches a wall on its way: a graze of the itinerary with that impact more."""
     edge, beyond = last_inside(problem, inside, outside, lambda y: admissible(itinerary, line.plane(y)))
     failure = first_failure(itinerary, line.plane(beyond))
@@ -182,7 +186,7 @@ def _touches(itinerary: Itinerary, line: Line, problem: Problem, inside: Array, 
     return [Candidate(edge, Kind.GRAZING, itinerary.with_impact(departure + 1, wall), guess, departure + 1)]
 
 
-def _solved(line: Line, candidate: Candidate, after: int, near: float) -> Event | None:
+def _solved(line: ParameterLine, candidate: Candidate, after: int, near: float) -> Event | None:
     """The event near a candidate, on the line, or None where there is none.
 
     Where a branch turns back as a motion twice over, it leaves that motion of half the period at its flip.
@@ -205,7 +209,7 @@ def is_twice(itinerary: Itinerary, y: Array, tolerance: float) -> bool:
     return bool(np.max(np.abs(y[n : 2 * n] - y[:n] - m)) < tolerance)
 
 
-def origin_of_doubling(itinerary: Itinerary, line: Line, y: Array, after: int) -> Event | None:
+def origin_of_doubling(itinerary: Itinerary, line: ParameterLine, y: Array, after: int) -> Event | None:
     """The flip of the motion of half the period at which a branch that has come near it, at y, begins; or None."""
     return _solved(line, Candidate(y, Kind.SADDLE_NODE, itinerary, line.plane(y)), after, SAME_HALVES)
 

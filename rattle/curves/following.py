@@ -11,7 +11,7 @@ from rattle.curves.curve import Curve, Described, Piece, build, crossings
 from rattle.numerics.complex_step import Array
 
 LONGEST = 0.05  # of a step, in times
-SAME_POINT = 1e-7
+SAME_SOLUTION = 1e-7
 POINTS_ACROSS = 60  # at least, over the width of the window
 
 Test = Callable[[Array], str | None]
@@ -71,7 +71,7 @@ def _periods_later(times: int | None, start: Array, x: Array) -> Array:
 def _on(problem: Problem, piece: Piece, x: Array, times: int | None) -> bool:
     """Whether a solution is on a piece already, some forcing periods earlier or later perhaps."""
     found = crossings(problem, piece.points, -2, x[-2])
-    return any(np.max(np.abs(_periods_later(times, x, y)[0] - y)) < SAME_POINT for y in found)
+    return any(np.max(np.abs(_periods_later(times, x, y)[0] - y)) < SAME_SOLUTION for y in found)
 
 
 def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:

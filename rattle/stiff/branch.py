@@ -15,7 +15,7 @@ from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import NAMES
 from rattle.stiff.curves import FOLDS
 from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.line import Line
+from rattle.stiff.line import MotionsOnLine
 from rattle.stiff.motion import StiffOrbit, orbit_of, softness
 from rattle.stiff.orbits import orbits_at
 
@@ -197,7 +197,7 @@ class StiffBranch:
         before, and the unknowns (2c + 3,).
         """
         found, at = list[tuple[int, Array]](), self.unknowns[:, index] - value
-        line = Line(self.walls, self.m, self.beta, self.unknowns[0, -3:], np.eye(3)[index])
+        line = MotionsOnLine(self.walls, self.m, self.beta, self.unknowns[0, -3:], np.eye(3)[index])
         for k in range(len(self) - 1):
             if (at[k] < 0) != (at[k + 1] < 0):
                 a, b = (line.parameter(x) for x in self.unknowns[k : k + 2])

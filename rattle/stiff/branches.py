@@ -15,7 +15,7 @@ from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
 from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
 from rattle.stiff.grazes import LIGHT, Graze, graze
-from rattle.stiff.line import TWICE, Line
+from rattle.stiff.line import TWICE, MotionsOnLine
 from rattle.stiff.motion import LONGEST, StiffOrbit, admissible, softness
 
 __all__ = ["StiffBranch", "StiffEvent", "both_ways", "doubled", "stiff_branch", "stiff_curve"]
@@ -51,11 +51,11 @@ def stiff_branch(
         plane = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
         direction, ends = np.append(plane.direction, 0.0), np.array(plane.span)
     require(ends[0] < ends[1], f"span must be (low, high) around the orbit, got {span!r}")
-    line = Line(orbit.walls, orbit.m, orbit.beta, here[-3:], direction)
+    line = MotionsOnLine(orbit.walls, orbit.m, orbit.beta, here[-3:], direction)
     return both_ways(line, np.append(here[:-3], 0.0), (float(ends[0]), float(ends[1])), resolution)
 
 
-def _follower(line: Line, span: tuple[float, float], resolution: int) -> Follower:
+def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -> Follower:
     step = (span[1] - span[0]) / resolution
 
     def longest(tangent: Array) -> float:
@@ -67,7 +67,7 @@ def _follower(line: Line, span: tuple[float, float], resolution: int) -> Followe
     return Follower(line.problem, (Bound(-1, *span),), happens, longest, line.twins)
 
 
-def both_ways(line: Line, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
+def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
     """The branch through a solution y on a line, while s is in its span."""
     if not line.happens(start):
         raise RattleError("the motion does not happen at its own parameters: take it from stiff_orbit or from_limit")
@@ -92,7 +92,7 @@ def doubled(event: StiffEvent, direction: Array, span: tuple[float, float], reso
     mode = np.linalg.svd(itinerary.jacobian(x[:-1], -1.0))[2][-1].reshape(2, c)
     each = x[: 2 * c].reshape(2, c)
     later = each + np.array([[float(itinerary.m)], [0.0]])
-    line = Line(itinerary.walls * 2, 2 * itinerary.m, itinerary.beta, x[-3:], direction)
+    line = MotionsOnLine(itinerary.walls * 2, 2 * itinerary.m, itinerary.beta, x[-3:], direction)
     start = np.append(np.hstack([each, later]), 0.0)
     tangent = np.append(np.hstack([mode, -mode]), 0.0) / np.sqrt(2.0)
     path = _follower(line, span, resolution).follow(start, tangent, MOST_POINTS, FIRST_OF_DOUBLED)
@@ -109,7 +109,7 @@ class _End(NamedTuple):
     graze: Graze | None = None
 
 
-def _end(line: Line, path: Path, span: tuple[float, float]) -> _End:
+def _end(line: MotionsOnLine, path: Path, span: tuple[float, float]) -> _End:
     """The end of a path."""
     last, c = path.points[-1], len(line.walls)
     if path.outside is not None and not span[0] <= path.outside[-1] <= span[1]:
@@ -133,7 +133,7 @@ def _name(wall: int) -> str:
     return "Σ⁺" if wall > 0 else "Σ⁻"
 
 
-def _built(line: Line, points: Array, tangents: Array, start: int, ends: tuple[_End, _End]) -> StiffBranch:
+def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends: tuple[_End, _End]) -> StiffBranch:
     """The branch through solutions, with its saddle-nodes among the points."""
     problem = line.problem
     folds = np.flatnonzero((tangents[:-1, -1] < 0) != (tangents[1:, -1] < 0))

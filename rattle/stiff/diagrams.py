@@ -10,7 +10,7 @@ from rattle.along_segment import POINTS_ACROSS, Motion, Segment
 from rattle.arclength import Problem
 from rattle.attractors.table import Attractors
 from rattle.bifurcations import Kind
-from rattle.diagrams import Diagram, along, require_end
+from rattle.diagrams import Diagram, diagram_of, require_end
 from rattle.errors import RattleError, require_number, require_pair
 from rattle.numerics.complex_step import Array
 from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
@@ -18,7 +18,7 @@ from rattle.stiff.branches import both_ways, doubled
 from rattle.stiff.closure import softness
 from rattle.stiff.equations import StiffItinerary
 from rattle.stiff.iterate import returned
-from rattle.stiff.line import Line
+from rattle.stiff.line import MotionsOnLine
 from rattle.stiff.motion import StiffOrbit, stiff_orbit
 from rattle.stiff.orbits import orbits_at
 from rattle.stiff.survey import StiffClassifier, attractors_of, classify
@@ -85,7 +85,7 @@ class StiffMotions:
     def through(self, motion: Motion, span: tuple[float, float]) -> StiffBranch:
         """See `Motions`."""
         itinerary, x = motion
-        line = Line(itinerary.walls, itinerary.m, self.beta, x[-3:], self.segment.direction)
+        line = MotionsOnLine(itinerary.walls, itinerary.m, self.beta, x[-3:], self.segment.direction)
         return both_ways(line, np.append(x[:-3], 0.0), span, POINTS_ACROSS)
 
     def doubled(self, event: StiffEvent, span: tuple[float, float]) -> StiffBranch:
@@ -103,8 +103,8 @@ class StiffMotions:
         elif event.beyond is not None:
             yield self._motion(event.beyond)
 
-    def _line(self, itinerary: StiffItinerary) -> Line:
-        return Line(itinerary.walls, itinerary.m, self.beta, self.segment.start, self.segment.direction)
+    def _line(self, itinerary: StiffItinerary) -> MotionsOnLine:
+        return MotionsOnLine(itinerary.walls, itinerary.m, self.beta, self.segment.start, self.segment.direction)
 
     def _motion(self, orbit: StiffOrbit) -> Motion:
         return orbit.itinerary, unknowns_of(orbit)
@@ -134,4 +134,4 @@ def diagram(
         np.append(require_end(name, value), softness(require_number("kappa", each, positive=True)))
         for name, value, each in zip(("start", "end"), (start, end), at_ends, strict=True)
     ]
-    return along(StiffMotions(Segment(*ends), beta), beta, steps, count, v_max, impacts, most, seed)
+    return diagram_of(StiffMotions(Segment(*ends), beta), beta, steps, count, v_max, impacts, most, seed)

@@ -13,7 +13,7 @@ import numpy as np
 from rattle.arclength import newton, tangent_at
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import begun_at
-from rattle.stiff.line import Line
+from rattle.stiff.line import MotionsOnLine
 from rattle.stiff.motion import Failure, first_failure
 
 LIGHT = 1e-5  # a contact (σ) or a flight (in times p) that is no longer has come to its end
@@ -24,11 +24,11 @@ NEAREST = 10.0 ** np.arange(-9, -3)  # from a graze, in the unknowns: where the 
 class Graze(NamedTuple):
     """The motion without the contact at a graze, and the one beyond if it is found, each a line and its y."""
 
-    here: tuple[Line, Array]
-    beyond: tuple[Line, Array] | None
+    here: tuple[MotionsOnLine, Array]
+    beyond: tuple[MotionsOnLine, Array] | None
 
 
-def graze(line: Line, y: Array, tangent: Array) -> Graze | None:
+def graze(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
     """The graze at which a branch ends, at its last point and outwards; None if it is none of these."""
     c, p = len(line.walls), line.itinerary(y).softness
     flights = np.append(y[1:c], y[0] + line.m) - y[:c] - p * y[c : 2 * c]
@@ -45,28 +45,30 @@ def graze(line: Line, y: Array, tangent: Array) -> Graze | None:
     return Graze(here, _happening(*here))
 
 
-def _on_plus(line: Line, y: Array) -> tuple[Line, Array]:
+def _on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
     """The same motion, begun with a contact with Σ⁺, if it has one."""
     first = line.walls.index(1) if 1 in line.walls else 0
     turned = line.itinerary(y).begun_at(first)
-    return Line(turned.walls, line.m, line.beta, line.origin, line.direction), begun_at(line.itinerary(y), y, first)
+    return MotionsOnLine(turned.walls, line.m, line.beta, line.origin, line.direction), begun_at(
+        line.itinerary(y), y, first
+    )
 
 
-def _without(line: Line, y: Array, contact: int) -> tuple[Line, Array]:
+def _without(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
     walls = line.walls[:contact] + line.walls[contact + 1 :]
-    fewer = Line(walls, line.m, line.beta, line.origin, line.direction)
+    fewer = MotionsOnLine(walls, line.m, line.beta, line.origin, line.direction)
     return fewer, np.delete(y, [contact, len(line.walls) + contact])
 
 
-def _merged(line: Line, y: Array, contact: int) -> tuple[Line, Array]:
+def _merged(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
     """Contact and the next one become one."""
     itinerary, c = line.itinerary(y), len(line.walls)
     y, walls = begun_at(itinerary, y, contact), itinerary.begun_at(contact).walls
     y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
-    return _without(Line(walls, line.m, line.beta, line.origin, line.direction), y, 1)
+    return _without(MotionsOnLine(walls, line.m, line.beta, line.origin, line.direction), y, 1)
 
 
-def _happening(line: Line, y: Array) -> tuple[Line, Array] | None:
+def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
     """The motion of this itinerary to one side of a graze, as near as it happens."""
     rising = np.zeros(y.size)
     rising[-1] = 1.0
@@ -79,7 +81,7 @@ def _happening(line: Line, y: Array) -> tuple[Line, Array] | None:
     return None
 
 
-def _with_one_more(line: Line, y: Array, tangent: Array) -> tuple[Line, Array] | None:
+def _with_one_more(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[MotionsOnLine, Array] | None:
     """The motion that makes the contact more which the branch does not know of beyond y."""
     for reach in NEAREST:
         there = newton(line.problem, y + reach * tangent, tangent)
@@ -92,15 +94,17 @@ def _with_one_more(line: Line, y: Array, tangent: Array) -> tuple[Line, Array] |
     return None
 
 
-def _inserted(line: Line, y: Array, after: int, wall: int, time: float, duration: float) -> tuple[Line, Array]:
+def _inserted(
+    line: MotionsOnLine, y: Array, after: int, wall: int, time: float, duration: float
+) -> tuple[MotionsOnLine, Array]:
     c = len(line.walls)
     walls = (*line.walls[: after + 1], wall, *line.walls[after + 1 :])
-    return Line(walls, line.m, line.beta, line.origin, line.direction), np.insert(
+    return MotionsOnLine(walls, line.m, line.beta, line.origin, line.direction), np.insert(
         y, [after + 1, c + after + 1], [time, duration]
     )
 
 
-def _touching(line: Line, y: Array, failure: Failure) -> tuple[Line, Array, Array]:
+def _touching(line: MotionsOnLine, y: Array, failure: Failure) -> tuple[MotionsOnLine, Array, Array]:
     """A light contact where a flight touches a wall, of a duration that is held."""
     p = line.itinerary(y).softness
     duration = BEGUN * p
@@ -110,7 +114,7 @@ def _touching(line: Line, y: Array, failure: Failure) -> tuple[Line, Array, Arra
     return more, guess, constraint
 
 
-def _split(line: Line, y: Array, failure: Failure) -> tuple[Line, Array, Array]:
+def _split(line: MotionsOnLine, y: Array, failure: Failure) -> tuple[MotionsOnLine, Array, Array]:
     """A short flight where the depth of a contact falls to 0, of a length that is held."""
     i, c, p = failure.piece, len(line.walls), line.itinerary(y).softness
     gap = BEGUN * p * p

@@ -16,7 +16,7 @@ MOST_BRACKETS = 8
 
 
 @dataclass(frozen=True)
-class Line:
+class MotionsOnLine:
     """(δ, ε, p) = origin + s direction, and the motions of one itinerary on it: y = (times, durations, s)."""
 
     walls: tuple[int, ...]
@@ -74,14 +74,14 @@ class Line:
         """All ways (…, 2c + 1) to write the motion of start, near y."""
         return twins(StiffItinerary(self.walls, self.m, self.beta, 0.0), start, y)
 
-    def halved(self, y: Array) -> tuple["Line", Array, float] | None:
+    def halved(self, y: Array) -> tuple["MotionsOnLine", Array, float] | None:
         """Line and y of one half of a motion, and how far the halves are apart; None if its walls have none."""
         half, odd = divmod(len(self.walls), 2)
         if odd or self.m % 2 or self.walls[:half] != self.walls[half:]:
             return None
         halves = y[:-1].reshape(2, 2, half).copy()  # of times and durations
         halves[0, 1] -= self.m // 2
-        line = Line(self.walls[:half], self.m // 2, self.beta, self.origin, self.direction)
+        line = MotionsOnLine(self.walls[:half], self.m // 2, self.beta, self.origin, self.direction)
         return line, np.append(halves.mean(axis=1), y[-1]), float(np.max(np.abs(halves[:, 1] - halves[:, 0])))
 
     def is_twice(self, y: Array) -> bool:

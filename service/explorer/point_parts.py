@@ -50,7 +50,7 @@ class Margin(NamedTuple):
     leads_to: rattle.Attractor | None
 
 
-class Line(NamedTuple):
+class PlaneLine(NamedTuple):
     """A line of the (τ, v) plane, points (k, 2) with NaN between pieces."""
 
     name: str
@@ -60,7 +60,7 @@ class Line(NamedTuple):
 class Lines(NamedTuple):
     """Γ and the manifolds of the saddles A and B, and a sentence for each that is missing."""
 
-    lines: tuple[Line, ...]
+    lines: tuple[PlaneLine, ...]
     missing: tuple[str, ...]
 
 
@@ -144,11 +144,11 @@ def lines(gear: AnyGear) -> Lines:
     from rattle.plot.basins import gamma_line, manifold_line
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
-    found = [Line("Γ", gamma_line(gear, V_MAX, SPACING))] if model_at(gear).has_gamma else []
+    found = [PlaneLine("Γ", gamma_line(gear, V_MAX, SPACING))] if model_at(gear).has_gamma else []
     missing = []
     for name, kind in (("A", "stable"), ("B", "stable"), ("A", "unstable")):
         line, why = manifold_line(gear, orbits.get(name), name, kind, ARCLENGTH, SPACING)
-        found.append(Line(f"W{'ˢ' if kind == 'stable' else 'ᵘ'}({name})", line))
+        found.append(PlaneLine(f"W{'ˢ' if kind == 'stable' else 'ᵘ'}({name})", line))
         if why:
             missing.append(why)
     return Lines(tuple(line for line in found if len(line.points)), tuple(missing))

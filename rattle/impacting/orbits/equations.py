@@ -128,7 +128,7 @@ class Itinerary:
         return Itinerary(self.walls * 2, 2 * self.m, self.beta)
 
 
-def along(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
+def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
     """The equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""
 
     def equations(y: NDArray) -> NDArray:
