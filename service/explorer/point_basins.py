@@ -14,7 +14,7 @@ from rattle.plot.basins import MANIFOLDS
 from rattle.plot.colours import colour, name_of
 from service.explorer.glyphs import empty
 from service.explorer.point_figures import new_figure
-from service.explorer.point_parts import V_MAX, Line
+from service.explorer.point_parts import V_MAX, PlaneLine
 
 GAMMA = "Γ"
 #: Colour and dashes of each line; the unstable manifold has the colour of its saddle's stable one.
@@ -108,7 +108,7 @@ class BasinsPicture:
             "aside": [-22 if orbit.name in "BD" else 9 for orbit in shown],  # B is close to C, and D to A
         }
 
-    def show_lines(self, lines: tuple[Line, ...]) -> None:
+    def show_lines(self, lines: tuple[PlaneLine, ...]) -> None:
         """Draw Γ and the manifolds."""
         for line in lines:
             self._lines[line.name].data = {"tau": line.points[:, 0], "v": line.points[:, 1]}
@@ -123,7 +123,7 @@ class BasinsPicture:
         self._chosen.data = {"tau": [tau], "v": [v]} if v < V_MAX else {"tau": [], "v": []}
 
 
-def legend(basins: rattle.Basins, lines: tuple[Line, ...]) -> str:
+def legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...]) -> str:
     """Names of the colours and lines, in HTML, with the share of each basin."""
     parts = []
     for i, each in enumerate(basins.attractors):
