@@ -11,16 +11,17 @@ from rattle._version import __version__
 from rattle.attractors.basins import Basins
 from rattle.attractors.measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
 from rattle.attractors.table import KINDS, Attractor, Attractors
-from rattle.branches import Branch, beyond, branch, doubled, fate
-from rattle.cascades import cascade
-from rattle.crisis_side import CRISIS_SIDES, crisis_side
-from rattle.curves.codimension import robust_chaos_interval
-from rattle.diagrams import Diagram, diagram
+from rattle.continuation.diagram import Diagram
 from rattle.errors import ParameterError, RattleError
-from rattle.events import Event
-from rattle.gear import FirstImpact, Gear
 from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.impacting.attractors.classifier import attractors_of
+from rattle.impacting.bifurcations.branches import Branch, beyond, branch, doubled, fate
+from rattle.impacting.bifurcations.cascade import cascade
+from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
+from rattle.impacting.bifurcations.diagram import diagram
+from rattle.impacting.bifurcations.events import Event
+from rattle.impacting.crisis.side import CRISIS_SIDES, crisis_side
+from rattle.impacting.gear import FirstImpact, Gear
 from rattle.impacting.map.gamma import GammaPiece
 from rattle.impacting.map.iterate import iterate, iterate_tangent
 from rattle.impacting.orbits.limits import flip, quiet_limit, sn1

@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle import curves, stiff
 from rattle.attractors.table import Attractors
-from rattle.branches import Branch
+from rattle.continuation.diagram import Diagram
 from rattle.curves import CodimensionTwo, Curve
-from rattle.diagrams import Diagram, diagram
 from rattle.errors import RattleError, parameters, require_number
-from rattle.events import Event
-from rattle.gear import Gear
 from rattle.impacting.attractors.classifier import attractors_of
+from rattle.impacting.bifurcations.branches import Branch
+from rattle.impacting.bifurcations.diagram import diagram
+from rattle.impacting.bifurcations.events import Event
+from rattle.impacting.gear import Gear
 from rattle.impacting.map.quiet import rests_late
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.period_one import PeriodOne

@@ -1,7 +1,7 @@
 """Load or compile kernels now, so that later calls do not pay for it."""
 
-from rattle.curves.codimension import robust_chaos_interval
-from rattle.gear import Gear
+from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
+from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.period_one import grazing
 
 

@@ -1,8 +1,9 @@
 """Explain the boundaries of a survey: which bifurcation curve passes between each two neighbours that differ.
 
 The curves of the period-one motions come first. Then, where neighbours differ by a motion that none of them concerns,
-that motion is followed from one cell to the other (`rattle.branches.fate`). The saddle-node, flip or graze that it
-meets is solved for; where several pairs differ by such a motion it becomes one curve more, which may explain others.
+that motion is followed from one cell to the other (`rattle.impacting.bifurcations.branches.fate`). The saddle-node,
+flip or graze that it meets is solved for; where several pairs differ by such a motion it becomes one curve more, which
+may explain others.
 """
 
 from collections import Counter
@@ -13,9 +14,9 @@ import numpy as np
 import xarray as xr
 
 from rattle import RattleError, curves, period_one, quiet_limit
-from rattle.branches import fate
 from rattle.curves import Curve
-from rattle.events import Event
+from rattle.impacting.bifurcations.branches import fate
+from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.models import Model
 from workers.boundaries import KINDS, ROMAN, Attractor, Grid, Label, Pairs, crossed, name_of

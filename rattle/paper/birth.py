@@ -3,11 +3,11 @@
 from functools import cache
 from typing import NamedTuple
 
-from rattle.bifurcations import Kind
-from rattle.branches import branch
-from rattle.cascades import cascade
+from rattle.continuation.conditions import Kind
 from rattle.errors import RattleError
-from rattle.gear import Gear
+from rattle.impacting.bifurcations.branches import branch
+from rattle.impacting.bifurcations.cascade import cascade
+from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.periodic import periodic_orbit
 
 DELTA = 0.6

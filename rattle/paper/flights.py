@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight.law import DRIFT, TWO_PI
-from rattle.gear import Gear
+from rattle.impacting.gear import Gear
 from rattle.orbits.period_one import NAMES, PeriodOne
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import rattle
 from rattle.flight import law
-from rattle.gear import Gear
+from rattle.impacting.gear import Gear
 
 TWO_PI = 2 * np.pi
 PHASES = np.arange(16) / 16

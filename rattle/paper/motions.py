@@ -5,11 +5,11 @@ from numpy.typing import NDArray
 
 import rattle
 from rattle.attractors.table import KINDS, PERIODIC, QUIET, Attractor
-from rattle.bifurcations import Kind
-from rattle.branches import branch
+from rattle.continuation.conditions import Kind
 from rattle.curves import codimension_two, trace
-from rattle.gear import Gear
 from rattle.impacting.attractors.classifier import attractors_of
+from rattle.impacting.bifurcations.branches import branch
+from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import periodic_orbit
 from rattle.orbits.period_one import PeriodOne

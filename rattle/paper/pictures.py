@@ -4,7 +4,7 @@ import numpy as np
 
 import rattle
 from rattle.attractors.table import Attractor
-from rattle.gear import Gear
+from rattle.impacting.gear import Gear
 from rattle.orbits.period_one import NAMES, PeriodOne
 from rattle.paper.records import Statement
 

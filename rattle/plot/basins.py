@@ -16,7 +16,7 @@ from rattle.attractors.basins import Basins
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require
 from rattle.flight.law import wrapped
-from rattle.gear import Gear
+from rattle.impacting.gear import Gear
 from rattle.models import AnyGear, model_of
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.period_one import Orbit

@@ -11,10 +11,11 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from rattle.attractors.table import KINDS
-from rattle.bifurcations import Kind
-from rattle.diagrams import Diagram, diagram
+from rattle.continuation.conditions import Kind
+from rattle.continuation.diagram import Diagram
 from rattle.errors import require
 from rattle.flight.law import wrapped
+from rattle.impacting.bifurcations.diagram import diagram
 from rattle.numerics.complex_step import Array
 from rattle.plot import paper_ranges as ranges
 from rattle.plot.colours import name_of as name_of_type

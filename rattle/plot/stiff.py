@@ -3,10 +3,10 @@
 import numpy as np
 from matplotlib.axes import Axes
 
-from rattle.branches import branch
 from rattle.errors import require
 from rattle.flight.law import wrapped
-from rattle.gear import Gear
+from rattle.impacting.bifurcations.branches import branch
+from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.limits import quiet_limit, sn1
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit

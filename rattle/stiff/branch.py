@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.arclength import located
-from rattle.bifurcations import Kind
+from rattle.continuation.arclength import located
+from rattle.continuation.conditions import Kind
 from rattle.flight.law import wrapped
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import NAMES

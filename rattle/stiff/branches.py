@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.arclength import CLOSED, Bound, Follower, Path, Problem, located, tangent_at
-from rattle.bifurcations import Kind, condition
-from rattle.branches import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, located, tangent_at
+from rattle.continuation.conditions import Kind, condition
+from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
 from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
@@ -189,7 +189,7 @@ def stiff_curve(
     happens in the window of δ and ε (low, high); resolution: points across it, at least. Raises ParameterError.
     """
     require(isinstance(event, StiffEvent), f"event must be a StiffEvent, got {type(event).__name__}")
-    from rattle.curves.following import Window, pieces
+    from rattle.continuation.curves import Window, pieces
 
     window = Window(require_pair("delta", delta), require_pair("epsilon", epsilon), resolution)
     itinerary = event.orbit.itinerary

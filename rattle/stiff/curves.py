@@ -9,11 +9,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rattle.arclength import Problem
-from rattle.bifurcations import Kind, condition
-from rattle.curves.curve import Curve, Described
-from rattle.curves.following import Window, traced
-from rattle.curves.trace import limit_of_contact, spread_between, window_range
+from rattle.continuation.arclength import Problem
+from rattle.continuation.conditions import Kind, condition
+from rattle.continuation.curves import Curve, Described, Window, limit_of_contact, spread_between, traced, window_range
 from rattle.errors import RattleError, require, require_number
 from rattle.flight.between import TWO_PI
 from rattle.numerics.complex_step import Array
@@ -56,8 +54,9 @@ def trace(
 
     SN1: A and C are born; SN2: B and D; G1: C and B meet, G2: A and D, both next to the graze with Σ⁻; PD1: the flip of
     D that is next to its birth, PD2: where it is stable again at higher ε; PDC: the flip of C; quiet_limit: permanent
-    contact with Σ⁺ is lost. Points are solutions to rounding, as those of `rattle.curves.trace`; tau and v are those of
-    the departure from Σ⁺. Raises ParameterError, and RattleError where rounding keeps the curve from being followed.
+    contact with Σ⁺ is lost. Points are solutions to rounding, as those of `rattle.impacting.bifurcations.curves`; tau
+    and v are those of the departure from Σ⁺. Raises ParameterError, and RattleError where rounding keeps the curve from
+    being followed.
     """
     require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
     beta, kappa = require_number("beta", beta, positive=True), require_number("kappa", kappa, positive=True)

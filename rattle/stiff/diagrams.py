@@ -1,4 +1,4 @@
-"""Bifurcation diagrams of the stiff gear along any segment of (δ, ε, κ): what `rattle.diagrams` asks of a model."""
+"""Bifurcation diagrams of the stiff gear along segments of (δ, ε, κ): what `rattle.continuation.diagram` asks of a gear."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattle.along_segment import POINTS_ACROSS, Motion, Segment
-from rattle.arclength import Problem
 from rattle.attractors.table import Attractors
-from rattle.bifurcations import Kind
-from rattle.diagrams import Diagram, diagram_of, require_end
+from rattle.continuation.arclength import Problem
+from rattle.continuation.conditions import Kind
+from rattle.continuation.diagram import Diagram, diagram_of, require_end
+from rattle.continuation.motions import POINTS_ACROSS, Motion, Segment
 from rattle.errors import RattleError, require_number, require_pair
 from rattle.numerics.complex_step import Array
 from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
@@ -28,7 +28,7 @@ SEEDS = 5  # steps at which A to D are looked for
 
 @dataclass(frozen=True)
 class StiffMotions:
-    """The stiff gear along a segment of (δ, ε, p), p = 1/√(2κ): see `rattle.along_segment.Motions`."""
+    """The stiff gear along a segment of (δ, ε, p), p = 1/√(2κ): see `rattle.continuation.motions.Motions`."""
 
     segment: Segment
     beta: float

@@ -1,15 +1,15 @@
 """Pseudo-arclength continuation of a family of periodic motions of the stiff gear in ε (compiled).
 
-As `rattle.arclength`, for the equations of `rattle.stiff.closure`, some hundred times as fast. A family is followed
-through stretches in which its motions do not happen, to where a contact is lost (σ = 0), ε leaves its span, or a
-flight vanishes.
+As `rattle.continuation.arclength`, for the equations of `rattle.stiff.closure`, some hundred times as fast. A family is
+followed through stretches in which its motions do not happen, to where a contact is lost (σ = 0), ε leaves its span, or
+a flight vanishes.
 """
 
 import math
 
 import numpy as np
 
-from rattle.arclength import (
+from rattle.continuation.arclength import (
     ACCEPTED_CORRECTION,
     LARGEST_TURN,
     MOST_CORRECTIONS,

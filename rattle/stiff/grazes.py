@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.arclength import newton, tangent_at
+from rattle.continuation.arclength import newton, tangent_at
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import begun_at
 from rattle.stiff.line import MotionsOnLine

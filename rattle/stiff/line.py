@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.arclength import Problem, located, with_value
+from rattle.continuation.arclength import Problem, located, with_value
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters, twins
 from rattle.stiff.equations import StiffItinerary

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.arclength import Bound, Follower, Path, Problem, tangent_at
+from rattle.continuation.arclength import Bound, Follower, Path, Problem, tangent_at
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 import rattle
 from rattle.attractors.basins import classified
 from rattle.attractors.table import listed
-from rattle.diagrams import Diagram
+from rattle.continuation.diagram import Diagram
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.plane import ImpactingPlane
 from rattle.models import AnyGear, model_at

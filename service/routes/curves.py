@@ -8,7 +8,7 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
-from rattle.curves.trace import FARTHEST
+from rattle.continuation.curves import FARTHEST
 from rattle.models import model_of
 from service import examples
 from service.conditional import NOT_MODIFIED, function_of_query

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from rattle import arclength, curves
+from rattle import curves
+from rattle.continuation import arclength
 from workers import Axis, SurveyRequest, create_store
 from workers.curves import CURVE_VARIABLES, POINT_VARIABLES
 

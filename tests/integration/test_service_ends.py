@@ -22,7 +22,7 @@ MIDDLE = 3  # tiles that are done; the next one never ends
 PROMISED = 5.0  # seconds, in CHANGELOG.md
 #: Nor does this point.
 ENDLESS = """
-    @patch("rattle.gear")
+    @patch("rattle.impacting.gear")
     def endless(gear):
         def act(self, *_, **__):
             if self.delta == 0.61:

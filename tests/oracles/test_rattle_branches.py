@@ -10,10 +10,10 @@ import pytest
 from mpmath import mpf
 
 import rattle
-from rattle.branches import beyond, branch, doubled, fate
-from rattle.cascades import cascade
 from rattle.curves import bifurcation_curve, codimension_two
-from rattle.events import Event
+from rattle.impacting.bifurcations.branches import beyond, branch, doubled, fate
+from rattle.impacting.bifurcations.cascade import cascade
+from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.periodic import PeriodicOrbit, orbit_of, periodic_orbit
 

@@ -5,9 +5,9 @@ import pytest
 from transients import crisis_of, escapes
 
 from rattle.crisis import boundary_crisis, crisis_curve
-from rattle.crisis.curve import in_delta, in_gap
-from rattle.curves.codimension import codimension_two
 from rattle.errors import ParameterError, RattleError
+from rattle.impacting.bifurcations.codimension_two import codimension_two
+from rattle.impacting.crisis.curve import in_delta, in_gap
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import period_one_saddle

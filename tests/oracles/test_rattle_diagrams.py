@@ -8,9 +8,9 @@ from depth import deep, either
 
 import rattle
 from rattle.attractors.table import KINDS
-from rattle.branches import beyond, branch
 from rattle.curves import name_of
-from rattle.diagrams import diagram
+from rattle.impacting.bifurcations.branches import beyond, branch
+from rattle.impacting.bifurcations.diagram import diagram
 from rattle.impacting.orbits.periodic import orbit_of
 from rattle.orbits.periodic import at_parameters
 

@@ -8,7 +8,7 @@ from stiff_high_precision import integrated
 
 import rattle
 from rattle.attractors.table import KINDS
-from rattle.bifurcations import Kind
+from rattle.continuation.conditions import Kind
 from rattle.errors import ParameterError
 from rattle.stiff import StiffGear, diagram, from_limit, saddle_node_1, trace
 

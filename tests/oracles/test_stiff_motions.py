@@ -7,7 +7,7 @@ import pytest
 from stiff_high_precision import integrated
 
 import rattle
-from rattle.bifurcations import Kind
+from rattle.continuation.conditions import Kind
 from rattle.errors import ParameterError, RattleError
 from rattle.numerics.complex_step import derivatives
 from rattle.stiff import (

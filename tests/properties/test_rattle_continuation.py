@@ -11,10 +11,10 @@ import pytest
 from depth import either
 
 import rattle
-from rattle.branches import beyond, branch, doubled, fate
-from rattle.cascades import cascade
 from rattle.curves import bifurcation_curve, trace
 from rattle.errors import ParameterError, RattleError
+from rattle.impacting.bifurcations.branches import beyond, branch, doubled, fate
+from rattle.impacting.bifurcations.cascade import cascade
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 
 SEED = int(os.environ.get("CONTINUATION_SEED", 2009))
@@ -238,7 +238,7 @@ def test_grazing_curves_graze():
 
 
 def event_itinerary(event):
-    from rattle.curves.trace import _begun_on_sigma_plus
+    from rattle.impacting.bifurcations.curves import _begun_on_sigma_plus
 
     return _begun_on_sigma_plus(event)[0]
 

@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.arclength import Problem
+from rattle.continuation.arclength import Problem
 from rattle.flight.between import TWO_PI, Flights, flights_between
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import multipliers_of

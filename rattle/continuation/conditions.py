@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.arclength import Problem
+from rattle.continuation.arclength import Problem
 from rattle.errors import RattleError
 from rattle.numerics.complex_step import Array, bordered
 from rattle.orbits.periodic import Equations

@@ -1,28 +1,33 @@
 """Trace a curve of the registry through the (δ, ε) plane."""
 
-from collections.abc import Iterable
-
 import numpy as np
 
-from rattle.arclength import Problem
-from rattle.bifurcations import condition
-from rattle.curves.codimension import codimension_two
-from rattle.curves.curve import Curve, Described
-from rattle.curves.following import POINTS_ACROSS, Window, traced
-from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, Definition
-from rattle.errors import RattleError, require, require_integer, require_number, require_pair
-from rattle.events import Event
+from rattle.continuation.arclength import Problem
+from rattle.continuation.conditions import condition
+from rattle.continuation.curves import (
+    POINTS_ACROSS,
+    QUIET_LIMIT,
+    Curve,
+    Described,
+    Window,
+    limit_of_contact,
+    spread_between,
+    traced,
+    window_range,
+)
+from rattle.errors import RattleError, require, require_integer, require_number
 from rattle.flight.between import TWO_PI
+from rattle.impacting.bifurcations.codimension_two import codimension_two
+from rattle.impacting.bifurcations.events import Event
+from rattle.impacting.bifurcations.registry import CURVES, NAMES, Definition
 from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.periodic import admissible_or_why
 from rattle.numerics.complex_step import Array
 
-STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found
 MOST_ACROSS = 1000  # points
 BESIDE = 1e-7  # of a damping
 REACH = 8.0  # half-backlashes of damping: COD22 is near 4/π of them, and every curve passes below
-FARTHEST = 1e6  # of a window, and the damping that it must reach above: beyond either too few digits are left
 LEAST_DELTA = 1e-4
 SAME_POINT = 1e-6
 ALL_EPSILON = (0.0, 1.0)
@@ -77,18 +82,14 @@ def _dampings(window: Window, beta: float) -> Array:
     return np.array([*spread, low, high, *inside])
 
 
-def spread_between(low: float, high: float) -> Array:
-    return np.linspace(low, high, 2 * STARTS + 1)[1::2]
-
-
 def bifurcation_curve(
     event: Event,
     delta: tuple[float, float] = (0.3, 1.2),
     epsilon: tuple[float, float] = ALL_EPSILON,
     resolution: int = POINTS_ACROSS,
 ) -> Curve:
-    """The saddle-node, flip or grazing curve through an event on a branch (`rattle.branches`), of any periodic motion,
-    inside a window of the (δ, ε) plane.
+    """The saddle-node, flip or grazing curve through an event on a branch (`rattle.branch`), of any periodic motion, inside a
+    window of the (δ, ε) plane.
 
     The curve of an admissible event ends where its motion ceases to happen; that of a virtual one goes on. Points as in
     `trace`, resolution of them across the window at least; at a graze tau and v are those of the motion that touches
@@ -122,13 +123,6 @@ def _begun_on_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
     return Itinerary(walls, itinerary.m, itinerary.beta), rotated, impact
 
 
-def window_range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
-    low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
-    require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
-    require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")
-    return low, high
-
-
 def _left(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:
     return definition.belongs(x) or admissible_or_why(itinerary, x, definition.impact)
 
@@ -158,18 +152,3 @@ def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
 
     guesses = (np.array([np.arctan2(d, TWO_PI) / TWO_PI, d, float(quiet_limit(d))]) for d in dampings)
     return limit_of_contact(beta, Problem(equations), guesses, window)
-
-
-def limit_of_contact(beta: float, problem: Problem, guesses: Iterable[Array], window: Window) -> Curve:
-    """The quiet limit as a curve of x = (phase at which contact is lost, δ, ε): no motion bifurcates there."""
-    nothing = np.full(2, complex(np.nan, np.nan))
-    return traced(
-        QUIET_LIMIT,
-        beta,
-        problem,
-        guesses,
-        window,
-        lambda _: None,
-        lambda x: Described(float(x[0] - np.floor(x[0])), 0.0, nothing),
-        lambda _, reason: reason,
-    )

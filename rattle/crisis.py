@@ -3,8 +3,8 @@
 `boundary_crisis` finds it at one damping, `crisis_curve` follows it over a range. docs/crisis.md.
 """
 
-from rattle.crisis.contact import Crisis
-from rattle.crisis.curve import CrisisCurve, crisis_curve
-from rattle.crisis.search import boundary_crisis
+from rattle.impacting.crisis.contact import Crisis
+from rattle.impacting.crisis.curve import CrisisCurve, crisis_curve
+from rattle.impacting.crisis.search import boundary_crisis
 
 __all__ = ["Crisis", "CrisisCurve", "boundary_crisis", "crisis_curve"]

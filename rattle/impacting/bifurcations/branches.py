@@ -10,31 +10,31 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.arclength import CLOSED, Bound, Follower, Path, newton, tangent_at
-from rattle.bifurcations import Kind
-from rattle.curves.registry import name_of
-from rattle.errors import RattleError, require, require_integer, require_number, require_pair
-from rattle.events import Event, ParameterLine, between_twins, find_events, is_twice, origin_of_doubling
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, newton, tangent_at
+from rattle.continuation.conditions import Kind
+from rattle.continuation.line import (
+    FIRST_OF_DOUBLED,
+    HALF_PERIOD,
+    MOST_POINTS,
+    POINTS_ACROSS,
+    Parameter,
+    ParameterLine,
+    Span,
+    line_through,
+)
+from rattle.errors import RattleError, require, require_number
+from rattle.impacting.bifurcations.events import Event, between_twins, find_events, is_twice, origin_of_doubling
+from rattle.impacting.bifurcations.registry import name_of
 from rattle.impacting.orbits.equations import Itinerary, on_line
 from rattle.impacting.orbits.periodic import PeriodicOrbit, orbit_of
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters, twins
 
 LONGEST = 0.05  # of a step, in the unknowns
-POINTS_ACROSS = 50  # at least, over the span
 FEW_POINTS = 6  # between neighbouring cells
 SHORTEST_FLIGHT = 1e-6
 TWICE = 1e-5  # nearer to its flip, rounding decides which way a doubled branch turns
 SAME_PLACE = 1e-9  # in the plane
-FIRST_OF_DOUBLED = 1e-4  # its size grows as the root of the distance from the flip
-MOST_POINTS = 1000
-HALF_PERIOD = "the period halves: a flip"
-LEAST_DAMPING = 1e-3  # of the orbit's, to which a line may go
-NEAR = 0.02  # span by default, either way
-DIRECTIONS = {"delta": (1.0, 0.0), "epsilon": (0.0, 1.0)}
-
-Parameter = str | tuple[float, float]
-Span = tuple[float, float] | None
 
 
 @dataclass(frozen=True)
@@ -190,30 +190,6 @@ def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | 
             return event
     arrived = np.allclose([here.delta[-1], here.epsilon[-1]], [delta, epsilon], rtol=1e-12, atol=0)
     return here.orbit(-1) if arrived else None
-
-
-def line_through(
-    delta: float, epsilon: float, parameter: Parameter, span: Span, resolution: int = POINTS_ACROSS
-) -> ParameterLine:
-    """The line through a point that these arguments of `branch` mean, where δ is positive and ε not negative."""
-    origin = np.array([delta, epsilon])
-    resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
-    if isinstance(parameter, str):
-        require(parameter in DIRECTIONS, f"parameter must be delta, epsilon or a direction, got {parameter!r}")
-        direction = np.array(DIRECTIONS[parameter])
-        ends = np.array([-NEAR, NEAR]) if span is None else require_pair("span", span) - origin @ direction
-    else:
-        direction = np.array(require_pair("parameter, if not delta or epsilon,", parameter))
-        require(bool(direction.any()), "a direction is a pair (dδ, dε) other than (0, 0)")
-        ends = np.array([-1.0, 1.0] if span is None else require_pair("span", span))
-    low, high = float(ends[0]), float(ends[1])
-    require(low <= 0.0 <= high and low < high, f"span must be (low, high) around the orbit, got {span!r}")
-    for rate, below in zip(direction, ((LEAST_DAMPING - 1.0) * delta, -epsilon), strict=True):
-        if rate > 0.0:
-            low = max(low, below / rate)
-        elif rate < 0.0:
-            high = min(high, below / rate)
-    return ParameterLine(origin, direction, (low, high), resolution)
 
 
 def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.arclength import Problem, between, last_inside, located, newton, tangent_at
-from rattle.bifurcations import Kind, condition
+from rattle.continuation.arclength import Problem, between, last_inside, located, newton, tangent_at
+from rattle.continuation.conditions import Kind, condition
+from rattle.continuation.line import ParameterLine
 from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.periodic import PeriodicOrbit, admissible, first_failure, orbit_of
 from rattle.numerics.complex_step import Array
@@ -18,24 +19,6 @@ SAME_HALVES = 0.02  # a motion this close to one of half the period, where its b
 NEARLY = 0.5  # of its value: a parabola that comes so much nearer to 0 is looked at
 FOUND = 1e-3  # of a step: near enough to solve from
 SAME_PLACE = 0.5  # of a step: farther than this from where it was found, a solution is another one
-
-
-@dataclass(frozen=True)
-class ParameterLine:
-    """(δ, ε) = origin + p direction, p in span, with so many points over it at least."""
-
-    origin: Array
-    direction: Array
-    span: tuple[float, float]
-    resolution: int
-
-    def plane(self, y: Array) -> Array:
-        """The unknowns (n + 2,) at y = (times, p)."""
-        return np.concatenate([y[:-1], self.origin + y[-1] * self.direction])
-
-    def across(self, n: int) -> Array:
-        """The constraint (n + 2,) that keeps a solution on the line."""
-        return np.concatenate([np.zeros(n), [-self.direction[1], self.direction[0]]])
 
 
 class Candidate(NamedTuple):

@@ -9,14 +9,12 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.along_segment import ImpactingMotions, Motion, Motions, Segment, runs
 from rattle.attractors.table import PERIODIC, Attractors
-from rattle.branch_search import Search
-from rattle.branches import Branch
+from rattle.continuation.motions import Motion, Motions, Segment, runs
+from rattle.continuation.search import Search
+from rattle.continuation.sweeps import Known, Points, Sweeps
 from rattle.errors import require, require_integer, require_number, require_pair
-from rattle.events import Event
 from rattle.flight.law import wrapped
-from rattle.sweeps import Known, Points, Sweeps
 
 LEAST_LENGTH = 1e-6
 MOST_STEPS = 20_000
@@ -104,28 +102,6 @@ class Diagram(Generic[AnyBranch, AnyEvent]):
     def positions(self, of: AnyBranch | AnyEvent) -> Array:
         """Where the points of a branch (k,), or an event (), are on the way from start to end."""
         return self.segment.position(of.parameters)
-
-
-def diagram(
-    start: ArrayLike,
-    end: ArrayLike,
-    beta: float = 0.6,
-    steps: int = 400,
-    count: int = 64,
-    v_max: float = 7.0,
-    impacts: int = 8,
-    most: int = 100,
-    seed: int = 0,
-) -> Diagram[Branch, Event]:
-    """The bifurcation diagram along the segment from start to end, both (δ, ε) with δ > 0 and ε ≥ 0.
-
-    steps: intervals between the parameter values of the sweeps. count, v_max, seed: the sample at each of them, as in
-    `Gear.attractors`. impacts: branches have at most so many per period, on both walls; most: and so many branches
-    there are at most; what is beyond is named in left_out. Deterministic. Raises ParameterError.
-    """
-    beta = require_number("beta", beta, positive=True)
-    segment = Segment(require_end("start", start), require_end("end", end))
-    return diagram_of(ImpactingMotions(segment, beta), beta, steps, count, v_max, impacts, most, seed)
 
 
 def diagram_of(

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from rattle.bifurcations import Kind
-from rattle.branches import Branch, Parameter, Span, branch, doubled, line_through
+from rattle.continuation.conditions import Kind
+from rattle.continuation.line import Parameter, Span, line_through
 from rattle.errors import require_integer
-from rattle.events import Event
+from rattle.impacting.bifurcations.branches import Branch, branch, doubled
+from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.periodic import PeriodicOrbit
 
 MOST_DOUBLINGS = 8  # time grows by six with each

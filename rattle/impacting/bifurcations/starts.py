@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.bifurcations import Kind
+from rattle.continuation.conditions import Kind
 from rattle.impacting.orbits import closed_form
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import flip, sine_offset, sn1

@@ -13,8 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.along_segment import Motions
 from rattle.attractors.table import PERIODIC, QUIET, UNDECIDED, Attractors, tabulated
+from rattle.continuation.motions import Motions
 
 FORWARD, BACKWARD = 0, 1
 STEP = (1, -1)

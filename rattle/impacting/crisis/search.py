@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from rattle.crisis.contact import Crisis, frame, solve
-from rattle.crisis.escape import AT_REST, RETURNS, SPARSE, at_rest, escapes
-from rattle.crisis.survival import is_chaotic, outlived
-from rattle.curves.codimension import codimension_two
 from rattle.errors import RattleError, require_number
+from rattle.impacting.bifurcations.codimension_two import codimension_two
+from rattle.impacting.crisis.contact import Crisis, frame, solve
+from rattle.impacting.crisis.escape import AT_REST, RETURNS, SPARSE, at_rest, escapes, is_chaotic, outlived
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.limits import quiet_limit, sn1
 from rattle.impacting.orbits.period_one import period_one

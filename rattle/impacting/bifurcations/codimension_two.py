@@ -19,11 +19,11 @@ from itertools import combinations
 
 import numpy as np
 
-from rattle.arclength import Problem, tangent_at, with_value
-from rattle.bifurcations import condition
-from rattle.curves.registry import CURVES
-from rattle.curves.starts import members
+from rattle.continuation.arclength import Problem, tangent_at, with_value
+from rattle.continuation.conditions import condition
 from rattle.errors import RattleError, require_number
+from rattle.impacting.bifurcations.registry import CURVES
+from rattle.impacting.bifurcations.starts import members
 from rattle.impacting.orbits import closed_form
 from rattle.numerics.complex_step import Array
 

@@ -1,101 +1,27 @@
-"""What a bifurcation diagram asks of a model along a segment of its parameters, and what the impacting one answers."""
+"""What diagrams ask of the impacting gear, and its diagram."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from rattle.arclength import Problem
 from rattle.attractors.classify import Classifier
 from rattle.attractors.table import Attractors
-from rattle.branches import Branch, doubled, through
-from rattle.errors import RattleError
-from rattle.events import Event
+from rattle.continuation.arclength import Problem
+from rattle.continuation.diagram import Diagram, diagram_of, require_end
+from rattle.continuation.motions import POINTS_ACROSS, Motion, Segment, runs
+from rattle.errors import RattleError, require_number
 from rattle.impacting.attractors.classifier import attractors_of, classify
+from rattle.impacting.bifurcations.branches import Branch, doubled, through
+from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.equations import Itinerary, on_line
 from rattle.impacting.orbits.period_one import period_one
 from rattle.impacting.orbits.periodic import PeriodicOrbit, follow_impacts, orbit_of
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import NAMES
-from rattle.orbits.periodic import Periodic, at_parameters
-
-POINTS_ACROSS = 60  # a segment, at least
-
-Motion = tuple[Any, Array]  # its itinerary; its n unknowns, then the d parameters
-
-
-@dataclass(frozen=True)
-class Segment:
-    """From start to end, parameters (d,) with δ and ε first; a position on it is a fraction of the way."""
-
-    start: Array
-    end: Array
-
-    @property
-    def direction(self) -> Array:
-        """End less start."""
-        return self.end - self.start
-
-    def at(self, position: NDArray[np.float64]) -> Array:
-        """Parameters (…, d) at these positions (…), the ends exactly."""
-        found = self.start + np.asarray(position)[..., None] * self.direction
-        found[..., 1] = np.maximum(found[..., 1], 0.0)
-        return np.asarray(found, np.float64)
-
-    def position(self, parameters: Array) -> Array:
-        """Where points (…, d) of the segment are (…)."""
-        rate = self.direction
-        return np.asarray(np.sum((parameters - self.start) * rate, axis=-1) / (rate @ rate), np.float64)
-
-
-class Motions(Protocol):
-    """One model along a segment. A step is a point of it: δ, ε, β and what else the model has, arrays (n,) for many.
-
-    Branches and events are the model's own: `rattle.Branch` and `rattle.Event` say what is asked of them.
-    """
-
-    @property
-    def segment(self) -> Segment:
-        """The segment."""
-
-    def steps(self, position: Array) -> tuple[Array, ...]:
-        """The steps at these positions (n,)."""
-
-    def sampled(self, steps: tuple[Array, ...], count: int, v_max: float, seed: int) -> Attractors:
-        """The attractors that so many initial conditions find, cell i at step i."""
-
-    def classify(self, steps: tuple[Array, ...], tau: Array, v: Array) -> Classifier:
-        """States (n, k), each followed to its end."""
-
-    def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
-        """States (n,) after one return to Σ⁺."""
-
-    def period_one(self, steps: tuple[Array, ...]) -> Iterator[Motion]:
-        """Motions A to D somewhere on each of their branches."""
-
-    def near(self, step: tuple[float, ...], tau: float, v: float, n_plus: int) -> Motion | None:
-        """The periodic motion with so many impacts on Σ⁺ near a state, if there is one."""
-
-    def problem(self, itinerary: Any) -> Problem:
-        """The equations of motions with an itinerary; y = (unknowns (n,), position)."""
-
-    def solved(self, itinerary: Any, y: Array) -> Periodic | None:
-        """The motion at this position whose unknowns are near those of y."""
-
-    def through(self, motion: Motion, span: tuple[float, float]) -> Any:
-        """The branch through a motion, over these positions less its own."""
-
-    def doubled(self, event: Any, span: tuple[float, float]) -> Any:
-        """The branch of motions of twice the period from a flip on, over these positions less its own."""
-
-    def events(self, found: Any) -> tuple[Any, ...]:
-        """All that happens on a branch."""
-
-    def beside(self, event: Any) -> Iterator[Motion]:
-        """The motions, of any itinerary, whose branches pass an event."""
+from rattle.orbits.periodic import at_parameters
 
 
 @dataclass(frozen=True)
@@ -185,6 +111,23 @@ def where_period_one(steps: tuple[Array, ...]) -> Iterator[tuple[int, float, flo
             yield k, float(found.tau[i, k]), float(found.v[i, k])
 
 
-def runs(steps: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Rising numbers cut where they are not consecutive."""
-    return np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1) if steps.size else []
+def diagram(
+    start: ArrayLike,
+    end: ArrayLike,
+    beta: float = 0.6,
+    steps: int = 400,
+    count: int = 64,
+    v_max: float = 7.0,
+    impacts: int = 8,
+    most: int = 100,
+    seed: int = 0,
+) -> Diagram[Branch, Event]:
+    """The bifurcation diagram along the segment from start to end, both (δ, ε) with δ > 0 and ε ≥ 0.
+
+    steps: intervals between the parameter values of the sweeps. count, v_max, seed: the sample at each of them, as in
+    `Gear.attractors`. impacts: branches have at most so many per period, on both walls; most: and so many branches
+    there are at most; what is beyond is named in left_out. Deterministic. Raises ParameterError.
+    """
+    beta = require_number("beta", beta, positive=True)
+    segment = Segment(require_end("start", start), require_end("end", end))
+    return diagram_of(ImpactingMotions(segment, beta), beta, steps, count, v_max, impacts, most, seed)

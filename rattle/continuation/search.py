@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from rattle.along_segment import Motion, Motions
-from rattle.arclength import LARGEST_TURN, between
-from rattle.bifurcations import Kind
+from rattle.continuation.arclength import LARGEST_TURN, between
+from rattle.continuation.conditions import Kind
+from rattle.continuation.motions import Motion, Motions
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Equations, Periodic, begun_at
 

@@ -1,7 +1,7 @@
 """The registry of the bifurcation curves of the period-one motions. To add a curve, add one `Definition` to CURVES.
 
-Each curve is a motion (which walls it meets), the condition that holds on it (`rattle.bifurcations`), where to start
-it, and which part of the solutions it is.
+Each curve is a motion (which walls it meets), the condition that holds on it (`rattle.continuation.conditions`), where
+to start it, and which part of the solutions it is.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,10 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rattle.bifurcations import Kind
-from rattle.curves import starts
+from rattle.continuation.conditions import Kind
+from rattle.continuation.curves import QUIET_LIMIT
 from rattle.errors import require
-from rattle.events import Event
+from rattle.impacting.bifurcations import starts
+from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.numerics.complex_step import Array
 
@@ -118,8 +119,6 @@ CURVES: dict[str, Definition] = {
     ),
 }
 
-#: The one curve on which no orbit bifurcates.
-QUIET_LIMIT = "quiet_limit"
 QUIET_MEANING = "limit of permanent contact with Σ⁺: above it the contact force changes sign; ε = 2δ/√(4π² + δ²)"
 
 NAMES = (*CURVES, QUIET_LIMIT)

@@ -1,9 +1,9 @@
 """Bifurcation curves of the period-one motions in the (δ, ε) plane, and the codimension-two points where they meet."""
 
-from rattle.curves.codimension import CodimensionTwo, codimension_two
-from rattle.curves.curve import Curve, End
-from rattle.curves.registry import CURVES, NAMES, QUIET_LIMIT, describe, name_of
-from rattle.curves.trace import bifurcation_curve, trace
+from rattle.continuation.curves import QUIET_LIMIT, Curve, End
+from rattle.impacting.bifurcations.codimension_two import CodimensionTwo, codimension_two
+from rattle.impacting.bifurcations.curves import bifurcation_curve, trace
+from rattle.impacting.bifurcations.registry import CURVES, NAMES, describe, name_of
 
 __all__ = [
     "CURVES",

@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from rattle.crisis.contact import Crisis, frame, reach, root_slope, solve, solve_delta
-from rattle.crisis.search import boundary_crisis, end_of_curve, touched
-from rattle.crisis.survival import is_chaotic
 from rattle.errors import RattleError, require, require_number
+from rattle.impacting.crisis.contact import Crisis, frame, reach, root_slope, solve, solve_delta
+from rattle.impacting.crisis.escape import is_chaotic
+from rattle.impacting.crisis.search import boundary_crisis, end_of_curve, touched
 from rattle.orbits.saddles import Array
 
 START = 0.98  # of COD22's δ: where a curve is begun

@@ -1,0 +1,1 @@
+"""Pseudo-arclength continuation, curves in the plane, the search for branches, sweeps, diagrams. Knows no gear."""

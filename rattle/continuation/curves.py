@@ -1,0 +1,293 @@
+"""A bifurcation curve in the (δ, ε) plane: its points in order, its pieces, and where and why each of them ends; how it
+is followed through a window of the plane, both ways from a solution.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, located, tangent_at, with_value
+from rattle.errors import require, require_number, require_pair
+from rattle.numerics.complex_step import Array
+
+SAME_POINT = 1e-9
+
+
+@dataclass(frozen=True)
+class End:
+    """An end of a piece: the index of its point, and why the curve ends there."""
+
+    index: int
+    reason: str
+
+
+class Piece(NamedTuple):
+    """A connected piece as it was followed: unknowns (k, N) with δ, ε last, and why each end is one."""
+
+    points: Array
+    reasons: tuple[str, str]
+
+
+class Described(NamedTuple):
+    """The motion at a point of a curve."""
+
+    tau: float
+    v: float
+    multipliers: NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A bifurcation curve at half-backlash beta, n points in the order of its pieces; n = 0 where it does not exist.
+
+    delta, epsilon (n,): the point; tau, v (n,): phase in [0, 1) and speed after the impact on Σ⁺ of the motion that
+    bifurcates; multipliers (2, n): its Floquet multipliers (on a grazing curve those of the motion that just misses the
+    wall); arclength (n,): along (δ, ε) from the start of the piece; piece (n,): number of the connected piece. folds:
+    points at which δ turns back. ends: both ends of each piece. Dimensionless, phases in forcing periods.
+    """
+
+    name: str
+    beta: float
+    delta: NDArray[np.float64]
+    epsilon: NDArray[np.float64]
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    multipliers: NDArray[np.complex128]
+    arclength: NDArray[np.float64]
+    piece: NDArray[np.int64]
+    folds: tuple[int, ...]
+    ends: tuple[End, ...]
+    _problem: Problem = field(repr=False)
+    _points: tuple[Array, ...] = field(repr=False)
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return self.delta.size
+
+    def at(self, delta: float | None = None, epsilon: float | None = None) -> tuple[float, ...]:
+        """Every ε of the curve at this damping, or every δ at this eccentricity: rising, each solved for to rounding.
+
+        Empty where it has none. Raises ParameterError unless one of the two is given.
+        """
+        given = [(name, x) for name, x in (("delta", delta), ("epsilon", epsilon)) if x is not None]
+        require(len(given) == 1, "give delta or epsilon, not both")
+        name, value = given[0][0], require_number(*given[0])
+        index = -2 if name == "delta" else -1
+        found = (crossings(self._problem, points, index, value) for points in self._points)
+        return tuple(sorted({float(x[-3 - index]) for each in found for x in each}))
+
+
+def crossings(problem: Problem, points: Array, index: int, value: float) -> list[Array]:
+    """The solutions with this δ (index −2) or ε (−1) on a followed piece (k, N), each once."""
+    found: list[Array] = []
+    d = points[:, index] - value
+    for i in np.flatnonzero((d[:-1] <= 0) & (d[1:] >= 0) | (d[:-1] >= 0) & (d[1:] <= 0)):
+        rise = d[i + 1] - d[i]
+        share = -d[i] / rise if rise else 0.0
+        x = with_value(problem, points[i] + share * (points[i + 1] - points[i]), index, value)
+        if x is not None and not any(np.max(np.abs((x - other)[-2:])) < SAME_POINT for other in found):
+            found.append(x)
+    return found
+
+
+def build(
+    name: str, beta: float, problem: Problem, pieces: Sequence[Piece], described: Sequence[Sequence[Described]]
+) -> Curve:
+    """A curve of followed pieces, with what is known of the motion at each point."""
+    motions = [motion for piece in described for motion in piece]
+    sizes = [len(piece.points) for piece in pieces]
+    starts = np.concatenate([[0], np.cumsum(sizes, dtype=np.int64)])
+    plane = np.concatenate([np.empty((0, 2)), *(piece.points[:, -2:] for piece in pieces)])
+    lengths = [_arclength(piece.points[:, -2:]) for piece in pieces]
+    ends = [
+        end
+        for start, size, piece in zip(starts, sizes, pieces, strict=False)
+        for end in (End(int(start), piece.reasons[0]), End(int(start) + size - 1, piece.reasons[1]))
+    ]
+    folds = [int(start) + i for start, piece in zip(starts, pieces, strict=False) for i in _folds(piece.points[:, -2])]
+    return Curve(
+        name,
+        beta,
+        plane[:, 0],
+        plane[:, 1],
+        np.array([motion.tau for motion in motions]),
+        np.array([motion.v for motion in motions]),
+        np.array([motion.multipliers for motion in motions], np.complex128).reshape(-1, 2).T,
+        np.concatenate([np.empty(0), *lengths]),
+        np.repeat(np.arange(len(pieces)), sizes),
+        tuple(folds),
+        tuple(ends),
+        problem,
+        tuple(piece.points for piece in pieces),
+    )
+
+
+def _arclength(plane: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plane, axis=0).T))])
+
+
+def _folds(delta: Array) -> list[int]:
+    rises = np.sign(np.diff(delta))
+    return [int(i) + 1 for i in np.flatnonzero(rises[:-1] * rises[1:] < 0)]
+
+
+LONGEST = 0.05  # of a step, in times
+SAME_SOLUTION = 1e-7
+POINTS_ACROSS = 60  # at least, over the width of the window
+Test = Callable[[Array], str | None]
+
+
+@dataclass(frozen=True)
+class Window:
+    """A rectangle of the plane: (low, high) of δ and of ε, and the least number of points of a curve across it."""
+
+    delta: tuple[float, float]
+    epsilon: tuple[float, float]
+    resolution: int = POINTS_ACROSS
+
+    @property
+    def bounds(self) -> tuple[Bound, Bound]:
+        """Of the last two unknowns."""
+        return Bound(-2, *self.delta), Bound(-1, *self.epsilon)
+
+    def left(self, x: Array) -> str | None:
+        """Which side of the window a point is beyond: None if it is inside."""
+        limits = zip(("delta", "epsilon"), (bound.crossed(x) for bound in self.bounds), strict=True)
+        return next((f"window: {name} = {limit:g}" for name, limit in limits if limit is not None), None)
+
+    def step(self, tangent: Array) -> float:
+        """The longest step along a unit tangent."""
+        sizes = (self.delta[1] - self.delta[0], self.epsilon[1] - self.epsilon[0])
+        rates = [self.resolution * abs(rate) / size for rate, size in zip(tangent[-2:], sizes, strict=True)]
+        return 1.0 / max(*rates, float(np.max(np.abs(tangent[:-2]))) / LONGEST)
+
+
+def pieces(
+    problem: Problem, starts: Iterable[Array], window: Window, left: Test, times: int | None = None
+) -> list[Piece]:
+    """The pieces inside the window through solutions near the starts; a start on a piece already followed adds none.
+
+    left: why a solution in the window is not on the curve (its motion does not happen), None if it is. times: how many
+    unknowns are times, by default all but δ and ε.
+    """
+    found: list[Piece] = []
+    twins = partial(_periods_later, times)
+    follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.step, twins)
+    for guess in starts:
+        x = with_value(problem, guess, guess.size - 2, guess[-2])
+        if x is None or not follower.inside(x) or any(_on(problem, piece, x, times) for piece in found):
+            continue
+        found.append(_both_ways(follower, x, lambda y: window.left(y) or left(y)))
+    return sorted(found, key=lambda piece: (piece.points[0, -2], piece.points[0, -1]))
+
+
+def _periods_later(times: int | None, start: Array, x: Array) -> Array:
+    """The same motion some forcing periods earlier or later, near x."""
+    twin = start.copy()
+    twin[: -2 if times is None else times] += np.rint(x[0] - start[0])
+    return twin[None]
+
+
+def _on(problem: Problem, piece: Piece, x: Array, times: int | None) -> bool:
+    """Whether a solution is on a piece already, some forcing periods earlier or later perhaps."""
+    found = crossings(problem, piece.points, -2, x[-2])
+    return any(np.max(np.abs(_periods_later(times, x, y)[0] - y)) < SAME_SOLUTION for y in found)
+
+
+def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
+    """The whole piece through a solution, its folds among the points, the end of smaller δ first."""
+    rising = np.zeros(x.size)
+    rising[-2] = 1.0
+    tangent = tangent_at(follower.problem, x, rising)
+    on = follower.follow(x, tangent)
+    if on.closed:
+        return Piece(_with_folds(follower.problem, on.points, on.tangents), (CLOSED, CLOSED))
+    back = follower.follow(x, -tangent)
+    points = np.concatenate([back.points[:0:-1], on.points])
+    tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
+    reasons = _reason(back, why), _reason(on, why)
+    points = _with_folds(follower.problem, points, tangents)
+    if tuple(points[0, -2:]) > tuple(points[-1, -2:]):
+        return Piece(points[::-1], (reasons[1], reasons[0]))
+    return Piece(points, reasons)
+
+
+def _with_folds(problem: Problem, points: Array, tangents: Array) -> Array:
+    """The points with one more wherever δ or ε turns back, so that both are monotone between neighbours."""
+    turns = [
+        (int(i), index) for index in (-2, -1) for i in np.flatnonzero(tangents[:-1, index] * tangents[1:, index] < 0)
+    ]
+    for i, index in sorted(turns, reverse=True):
+        chord = points[i + 1] - points[i]
+        fold = located(problem, points[i], points[i + 1], partial(_rate, problem, chord, index))
+        if fold is not None:
+            points = np.insert(points, i + 1, fold, axis=0)
+    return points
+
+
+def _rate(problem: Problem, direction: Array, index: int, x: Array) -> float:
+    """Rate of δ (index −2) or ε (−1) along the curve at a solution."""
+    return float(tangent_at(problem, x, direction)[index])
+
+
+def _reason(path: Path, why: Test) -> str:
+    if path.outside is None:
+        return "the equations become singular: it cannot be followed on"
+    return why(path.outside) or "the edge of its existence"
+
+
+def traced(
+    name: str,
+    beta: float,
+    problem: Problem,
+    starts: Iterable[Array],
+    window: Window,
+    left: Test,
+    describe: Callable[[Array], Described],
+    named: Callable[[Array, str], str],
+    times: int | None = None,
+) -> Curve:
+    """The curve of a problem in a window, as `pieces`. `named` may put a better name to the reason of an end."""
+    found = [
+        Piece(piece.points, (named(piece.points[0], piece.reasons[0]), named(piece.points[-1], piece.reasons[1])))
+        for piece in pieces(problem, starts, window, left, times)
+    ]
+    return build(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])
+
+
+STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found
+FARTHEST = 1e6  # of a window, and the damping that it must reach above: beyond either too few digits are left
+
+
+def spread_between(low: float, high: float) -> Array:
+    return np.linspace(low, high, 2 * STARTS + 1)[1::2]
+
+
+def window_range(name: str, value: tuple[float, float], positive: bool = False) -> tuple[float, float]:
+    low, high = (require_number(name, number, positive=positive) for number in require_pair(name, value))
+    require(low < high, f"{name} must be a pair (low, high) with low < high, got {value!r}")
+    require(max(-low, high) <= FARTHEST, f"{name} must be within {FARTHEST:g}, got {value!r}")
+    return low, high
+
+
+def limit_of_contact(beta: float, problem: Problem, guesses: Iterable[Array], window: Window) -> Curve:
+    """The quiet limit as a curve of x = (phase at which contact is lost, δ, ε): no motion bifurcates there."""
+    nothing = np.full(2, complex(np.nan, np.nan))
+    return traced(
+        QUIET_LIMIT,
+        beta,
+        problem,
+        guesses,
+        window,
+        lambda _: None,
+        lambda x: Described(float(x[0] - np.floor(x[0])), 0.0, nothing),
+        lambda _, reason: reason,
+    )
+
+
+#: The one curve on which no orbit bifurcates.
+QUIET_LIMIT = "quiet_limit"

@@ -1,0 +1,1 @@
+"""The gear whose walls do not give way (paper 2.3, 2.4)."""

@@ -1,0 +1,1 @@
+"""The boundary crisis of the chaotic attractor."""
