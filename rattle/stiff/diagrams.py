@@ -1,4 +1,4 @@
-"""Bifurcation diagrams of the stiff gear along segments of (δ, ε, κ): what `rattle.continuation.diagram` asks of a gear."""
+"""Bifurcation diagrams of the stiff gear along segments of (δ, ε, κ): what `rattle.continuation.diagram` asks of it."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

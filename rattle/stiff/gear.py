@@ -104,7 +104,7 @@ class StiffGear:
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
-        """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast, as `rattle.stiff.iterate`. Raises ParameterError."""
+        """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast; see `rattle.stiff`. Raises ParameterError."""
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
 
     def trajectory(self, tau: float, v: float, periods: float = 10.0, points: int = 2000) -> Trajectory:

@@ -88,8 +88,8 @@ def bifurcation_curve(
     epsilon: tuple[float, float] = ALL_EPSILON,
     resolution: int = POINTS_ACROSS,
 ) -> Curve:
-    """The saddle-node, flip or grazing curve through an event on a branch (`rattle.branch`), of any periodic motion, inside a
-    window of the (δ, ε) plane.
+    """The saddle-node, flip or grazing curve through an event on a branch (`rattle.branch`), of any periodic motion,
+    inside a window of the (δ, ε) plane.
 
     The curve of an admissible event ends where its motion ceases to happen; that of a virtual one goes on. Points as in
     `trace`, resolution of them across the window at least; at a graze tau and v are those of the motion that touches
