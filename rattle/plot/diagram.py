@@ -21,7 +21,7 @@ from rattle.plot import paper_ranges as ranges
 from rattle.plot.colours import name_of as name_of_type
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.plot.labels import Labels
-from rattle.stiff.diagrams import diagram as stiff_diagram
+from rattle.stiff.bifurcations.diagram import diagram as stiff_diagram
 
 FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
 MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}

@@ -3,15 +3,15 @@
 Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 """
 
-from rattle.stiff.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
-from rattle.stiff.curves import NAMES, describe, trace
-from rattle.stiff.diagrams import diagram
+from rattle.stiff.attractors.classifier import attractors_of
+from rattle.stiff.bifurcations.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
+from rattle.stiff.bifurcations.curves import NAMES, describe, trace
+from rattle.stiff.bifurcations.diagram import diagram
 from rattle.stiff.gear import Motion, StiffGear
-from rattle.stiff.iterate import iterate, iterate_tangent
-from rattle.stiff.motion import StiffOrbit, from_limit, stiff_orbit
-from rattle.stiff.orbits import period_one, regions, saddle_node_1
-from rattle.stiff.quiet import quiet_depth, quiet_limit
-from rattle.stiff.survey import attractors_of
+from rattle.stiff.map.iterate import iterate, iterate_tangent
+from rattle.stiff.map.quiet import quiet_depth, quiet_limit
+from rattle.stiff.orbits.period_one import period_one, regions, saddle_node_1
+from rattle.stiff.orbits.periodic import StiffOrbit, from_limit, stiff_orbit
 
 __all__ = [
     "NAMES",

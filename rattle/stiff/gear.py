@@ -15,12 +15,13 @@ from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
 from rattle.orbits.period_one import Orbit
-from rattle.stiff import motion, orbits, quiet, returns
-from rattle.stiff.flow import GAP, QUIET, flow
-from rattle.stiff.iterate import iterate
-from rattle.stiff.plane import StiffPlane
-from rattle.stiff.survey import attractors_of
-from rattle.stiff.trajectory import trajectory
+from rattle.stiff.attractors.classifier import attractors_of
+from rattle.stiff.attractors.plane import StiffPlane
+from rattle.stiff.map import quiet, return_map
+from rattle.stiff.map.flow import GAP, QUIET, flow
+from rattle.stiff.map.iterate import iterate
+from rattle.stiff.map.trajectory import trajectory
+from rattle.stiff.orbits import period_one, periodic
 
 LONGEST_RUN = 1e5  # forcing periods of one call
 
@@ -67,7 +68,7 @@ class StiffGear:
     @property
     def sn1(self) -> float:
         """ε at which A and C are born at this damping. Raises RattleError where they are not born so."""
-        return orbits.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
+        return period_one.saddle_node_1(self.delta, self.kappa, self.beta).epsilon
 
     def flight(self, position: float, velocity: float, phase: float = 0.0, time: float = 1.0) -> Motion:
         """The motion from (Φ, Φ') at this phase, after a time in forcing periods: the stroboscopic map, if it is whole.
@@ -96,7 +97,7 @@ class StiffGear:
         Σ⁺ never ends (quiet motion).
         """
         v = require_number("v", v, positive=True)
-        status, tau1, v1, time, n_minus, *tangent, _ = returns.step_tangent(_phase(tau), v, self._point)
+        status, tau1, v1, time, n_minus, *tangent, _ = return_map.step_tangent(_phase(tau), v, self._point)
         if status == QUIET:
             raise RattleError("the motion becomes quiet: its contact with Σ⁺ never ends")
         if status != OK or not math.isfinite(time):
@@ -119,20 +120,20 @@ class StiffGear:
         """The counterparts of A, B, C and D that happen, by their letters; "P": another P(1,1,0)."""
         return tuple(
             Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable)
-            for name, found in orbits.orbits_at(*self._point)
+            for name, found in period_one.orbits_at(*self._point)
         )
 
-    def orbit(self, tau: float, v: float, n_plus: int = 1) -> motion.StiffOrbit:
+    def orbit(self, tau: float, v: float, n_plus: int = 1) -> periodic.StiffOrbit:
         """The periodic motion near a departure (τ, v), with n_plus contacts with Σ⁺ a period; see `stiff_orbit`."""
-        return motion.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
+        return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
-    def saddle(self, orbit: Orbit) -> motion.StiffOrbit:
+    def saddle(self, orbit: Orbit) -> periodic.StiffOrbit:
         """A saddle among `orbits`, for its manifolds."""
         return self.orbit(orbit.tau, orbit.v)
 
     def region(self) -> int:
         """Region 1…5 (I…V) by the counterparts of A–D; 0 for another combination."""
-        return int(orbits.regions(*self._point))
+        return int(period_one.regions(*self._point))
 
     def attractors(self, count: int = 256, v_max: float = 7.0, seed: int = 0) -> tuple[Attractor, ...]:
         """The attractors that the sample of `Gear.attractors` finds, by falling fraction.
@@ -152,8 +153,8 @@ class StiffGear:
         return uncertainty(StiffPlane(*self._point), pairs, v_max, seed)
 
     @property
-    def _point(self) -> returns.StiffPoint:
-        return returns.StiffPoint(self.delta, self.epsilon, self.beta, self.kappa)
+    def _point(self) -> return_map.StiffPoint:
+        return return_map.StiffPoint(self.delta, self.epsilon, self.beta, self.kappa)
 
 
 def _phase(phase: float) -> float:

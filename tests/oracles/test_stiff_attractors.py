@@ -5,7 +5,7 @@ import pytest
 
 import rattle
 from rattle.stiff import StiffGear
-from rattle.stiff.returns import StiffPoint, step
+from rattle.stiff.map.return_map import StiffPoint, step
 
 
 def names(attractors):

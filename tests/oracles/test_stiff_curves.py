@@ -10,7 +10,7 @@ from stiff_high_precision import integrated
 import rattle
 from rattle.errors import ParameterError
 from rattle.stiff import NAMES, StiffGear, period_one, quiet_limit, trace
-from rattle.stiff.returns import StiffPoint, step_tangent
+from rattle.stiff.map.return_map import StiffPoint, step_tangent
 
 BETA, KAPPA = 0.6, 1e4
 FOLDS = ("SN1", "SN2", "G1", "G2")

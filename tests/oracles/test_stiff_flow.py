@@ -9,9 +9,10 @@ from mpmath import mp, mpf
 from stiff_high_precision import Contact, integrated
 
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
-from rattle.stiff import StiffGear, contact, flow
-from rattle.stiff.quiet import quiet_depth, quiet_limit
-from rattle.stiff.returns import StiffPoint, step, step_tangent
+from rattle.stiff import StiffGear
+from rattle.stiff.map import contact, flow
+from rattle.stiff.map.quiet import quiet_depth, quiet_limit
+from rattle.stiff.map.return_map import StiffPoint, step, step_tangent
 
 BETA = 0.6
 EPS = np.finfo(float).eps

@@ -7,7 +7,7 @@ from stiff_high_precision import integrated
 import rattle
 from rattle.errors import ParameterError
 from rattle.stiff import StiffGear, iterate, iterate_tangent
-from rattle.stiff.quiet import quiet_depth
+from rattle.stiff.map.quiet import quiet_depth
 
 RNG = np.random.default_rng(5)
 DELTA, EPSILON = RNG.uniform(0.4, 1.0, 40), RNG.uniform(0.15, 0.3, 40)

@@ -12,8 +12,8 @@ from rattle.orbits.images import images
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.saddles import eigenvectors, local_manifold
 from rattle.stiff import StiffGear, from_limit
-from rattle.stiff.flow import preceding
-from rattle.stiff.returns import StiffPoint, step
+from rattle.stiff.map.flow import preceding
+from rattle.stiff.map.return_map import StiffPoint, step
 
 DELTA, EPSILON, BETA = 0.6, 0.1, 0.6
 

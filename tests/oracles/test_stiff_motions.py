@@ -20,8 +20,8 @@ from rattle.stiff import (
     stiff_curve,
     stiff_orbit,
 )
-from rattle.stiff.orbits import orbits_at
-from rattle.stiff.returns import StiffPoint, step_tangent
+from rattle.stiff.map.return_map import StiffPoint, step_tangent
+from rattle.stiff.orbits.period_one import orbits_at
 
 DELTA, EPSILON, BETA = 0.6, 0.075, 0.6
 SN2, PD1, G1 = 0.06874679, 0.07615571, 0.144452777  # of the impacting model at δ = 0.6 (paper, section 5)

@@ -7,10 +7,10 @@ import rattle
 from rattle.errors import ParameterError
 from rattle.numerics.complex_step import derivatives
 from rattle.stiff import StiffGear, attractors_of, period_one, regions, saddle_node_1
-from rattle.stiff.closure import Cycle, closure, departure_of
-from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.families import families, members
-from rattle.stiff.returns import StiffPoint, step_tangent
+from rattle.stiff.map.return_map import StiffPoint, step_tangent
+from rattle.stiff.orbits.closure import Cycle, closure, departure_of
+from rattle.stiff.orbits.equations import StiffItinerary
+from rattle.stiff.orbits.families import families, members
 
 
 def test_the_compiled_closure_is_that_of_the_equations() -> None:

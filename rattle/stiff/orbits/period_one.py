@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import RattleError, parameters, require_number
 from rattle.orbits.period_one import NAMES, PeriodOne, classify, multipliers_of
-from rattle.stiff.closure import Cycle, departure_of, happens, softness, trace_of
-from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.families import PLUS, SLOW, Member, members, slow, span_of, without_minus
-from rattle.stiff.motion import StiffOrbit, orbit_of
+from rattle.stiff.orbits.closure import Cycle, departure_of, happens, softness, trace_of
+from rattle.stiff.orbits.equations import StiffItinerary
+from rattle.stiff.orbits.families import PLUS, SLOW, Member, members, slow, span_of, without_minus
+from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of
 
 LARGEST_SPAN = 64.0  # of ε, in which SN1 is looked for
 
@@ -41,8 +41,8 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
 
     As `rattle.period_one`; tau and v are those of the departure from Σ⁺. What is found at a point depends on nothing
     but its parameters. Where there are several of one letter, a P(1,1,0) comes first, then that with the longest time
-    from Σ⁺ to Σ⁻. Absent are motions whose family `rattle.stiff.families` does not find (docs/stiff.md says what can be
-    missed). Raises ParameterError, and RattleError where a family is lost on the way.
+    from Σ⁺ to Σ⁻. Absent are motions whose family `rattle.stiff.orbits.families` does not find (docs/stiff.md says what
+    can be missed). Raises ParameterError, and RattleError where a family is lost on the way.
     """
     arrays = parameters(delta, epsilon, beta, kappa=kappa)
     shape = arrays[0].shape

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from rattle.attractors.cell_map import locate
 from rattle.numerics.complex_step import Array
 from rattle.numerics.sampling import initial_conditions
-from rattle.stiff.iterate import returned
-from rattle.stiff.survey import StiffClassifier, classify
+from rattle.stiff.attractors.classifier import StiffClassifier, classify
+from rattle.stiff.map.iterate import returned
 
 NEVER = 0.0  # no speed above 0 is sure to become quiet: contact tells
 

@@ -13,8 +13,8 @@ import numpy as np
 from rattle.continuation.arclength import newton, tangent_at
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import begun_at
-from rattle.stiff.line import MotionsOnLine
-from rattle.stiff.motion import Failure, first_failure
+from rattle.stiff.bifurcations.line import MotionsOnLine
+from rattle.stiff.orbits.periodic import Failure, first_failure
 
 LIGHT = 1e-5  # a contact (σ) or a flight (in times p) that is no longer has come to its end
 BEGUN = 0.04  # duration at which one begins (σ over p; flights over p²): below that of the fold of C and B, 2.1

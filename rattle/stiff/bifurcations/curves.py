@@ -15,12 +15,12 @@ from rattle.continuation.curves import Curve, Described, Window, limit_of_contac
 from rattle.errors import RattleError, require, require_number
 from rattle.flight.between import TWO_PI
 from rattle.numerics.complex_step import Array
-from rattle.stiff.closure import LEAST_CONTACT, Cycle, closure, happens, softness, struck, trace_of
-from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.families import PLUS, PLUS_MINUS, Family, crossings, families, span_of
-from rattle.stiff.following import between
-from rattle.stiff.motion import orbit_of
-from rattle.stiff.quiet import quiet_limit
+from rattle.stiff.map.quiet import quiet_limit
+from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, closure, happens, softness, struck, trace_of
+from rattle.stiff.orbits.equations import StiffItinerary
+from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, Family, crossings, families, span_of
+from rattle.stiff.orbits.family_continuation import between
+from rattle.stiff.orbits.periodic import orbit_of
 
 #: The letters that meet in each fold.
 FOLDS = {"SN1": "AC", "SN2": "BD", "G1": "BC", "G2": "AD"}
@@ -177,7 +177,7 @@ def _is_greatest(y: Array, cycle: Cycle) -> bool:
 
 
 def _quiet_limit(beta: float, kappa: float, window: Window, dampings: Array) -> Curve:
-    """x = (phase, δ, ε): the depth of permanent contact, times κ, and its rate vanish (`rattle.stiff.quiet`)."""
+    """x = (phase, δ, ε): the depth of permanent contact, times κ, and its rate vanish (`rattle.stiff.map.quiet`)."""
 
     def equations(x: Array) -> Array:
         phase, delta, epsilon = TWO_PI * x[..., 0], x[..., 1], x[..., 2]

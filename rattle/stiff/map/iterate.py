@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 from rattle.flight.first_impact import OK
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Iterates, Stretched, checked
-from rattle.stiff.flow import QUIET
-from rattle.stiff.returns import StiffPoint, step, step_tangent
+from rattle.stiff.map.flow import QUIET
+from rattle.stiff.map.return_map import StiffPoint, step, step_tangent
 
 
 @kernel

@@ -7,8 +7,8 @@ from rattle.attractors.classify import Classifier, Seen
 from rattle.attractors.samples import Samples
 from rattle.attractors.table import Attractors, of_samples
 from rattle.errors import parameters
-from rattle.stiff.quiet import quiet_limit
-from rattle.stiff.settle import StiffCells, measure, settle
+from rattle.stiff.attractors.settle import StiffCells, measure, settle
+from rattle.stiff.map.quiet import quiet_limit
 
 
 class StiffClassifier(Classifier):

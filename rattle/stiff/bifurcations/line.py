@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import Problem, located, with_value
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters, twins
-from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.motion import StiffOrbit, admissible, orbit_of, trace_of
+from rattle.stiff.orbits.equations import StiffItinerary
+from rattle.stiff.orbits.periodic import StiffOrbit, admissible, orbit_of, trace_of
 
 TWICE = 1e-5  # a motion this near to one of half the period is that one, at its flip
 MOST_BRACKETS = 8

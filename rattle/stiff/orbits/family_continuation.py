@@ -1,8 +1,8 @@
 """Pseudo-arclength continuation of a family of periodic motions of the stiff gear in ε (compiled).
 
-As `rattle.continuation.arclength`, for the equations of `rattle.stiff.closure`, some hundred times as fast. A family is
-followed through stretches in which its motions do not happen, to where a contact is lost (σ = 0), ε leaves its span, or
-a flight vanishes.
+As `rattle.continuation.arclength`, for the equations of `rattle.stiff.orbits.closure`, some hundred times as fast. A
+family is followed through stretches in which its motions do not happen, to where a contact is lost (σ = 0), ε leaves
+its span, or a flight vanishes.
 """
 
 import math
@@ -20,7 +20,7 @@ from rattle.continuation.arclength import (
 )
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrowed
-from rattle.stiff.closure import LEAST_CONTACT, closure
+from rattle.stiff.orbits.closure import LEAST_CONTACT, closure
 
 SPAN, LOST, FLIGHT, CLOSED, BROKEN = range(5)  # why it ends: ε, a contact, or a flight; it closes; it cannot go on
 LONGEST = 0.1  # of a step, in the unknowns

@@ -14,11 +14,11 @@ from rattle.impacting.orbits.periodic import PeriodicOrbit
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import multipliers_of
 from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters
-from rattle.stiff import closure
-from rattle.stiff.closure import Cycle, softness
-from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.flow import OK, QUIET, departs, piece
-from rattle.stiff.returns import StiffPoint
+from rattle.stiff.map.flow import OK, QUIET, departs, piece
+from rattle.stiff.map.return_map import StiffPoint
+from rattle.stiff.orbits import closure
+from rattle.stiff.orbits.closure import Cycle, softness
+from rattle.stiff.orbits.equations import StiffItinerary
 
 LONGEST = 0.1  # of a step, in the unknowns
 STEPS_TO_LIMIT = 20  # at least

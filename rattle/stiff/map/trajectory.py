@@ -7,7 +7,7 @@ from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Trajectory, followed
-from rattle.stiff.flow import GAP, MOST_PIECES, QUIET, piece
+from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, piece
 
 
 @kernel

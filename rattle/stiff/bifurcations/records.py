@@ -13,11 +13,11 @@ from rattle.continuation.conditions import Kind
 from rattle.flight.law import wrapped
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import NAMES
-from rattle.stiff.curves import FOLDS
-from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.line import MotionsOnLine
-from rattle.stiff.motion import StiffOrbit, orbit_of, softness
-from rattle.stiff.orbits import orbits_at
+from rattle.stiff.bifurcations.curves import FOLDS
+from rattle.stiff.bifurcations.line import MotionsOnLine
+from rattle.stiff.orbits.equations import StiffItinerary
+from rattle.stiff.orbits.period_one import orbits_at
+from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of, softness
 
 SAME_MOTION = 1e-6  # in τ and v
 
@@ -152,7 +152,8 @@ class StiffBranch:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """A, B, C or D for every point of a period-one branch, "" for those of any other, and of the P(1,1,0) that no
-        impacting motion becomes: the letter of the stretch between folds that it is on (`rattle.stiff.families`).
+        impacting motion becomes: the letter of the stretch between folds that it is on
+        (`rattle.stiff.orbits.families`).
         """
         folds = [event.point for event in self.events if event.kind is Kind.SADDLE_NODE]
         edges, names = [0, *folds, len(self)], list[str]()

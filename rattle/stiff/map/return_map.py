@@ -9,7 +9,7 @@ from typing import NamedTuple
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits import return_map
-from rattle.stiff.flow import departure, outward_force, preceding
+from rattle.stiff.map.flow import departure, outward_force, preceding
 
 
 class StiffPoint(NamedTuple):

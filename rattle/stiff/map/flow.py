@@ -11,7 +11,7 @@ import math
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
 from rattle.flight.law import DRIFT, TWO_PI, contact_force, evaluate, folded, versines
 from rattle.numerics.compile import inline, kernel
-from rattle.stiff.contact import ENDS, LASTS, STAYS, contact_end
+from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end
 
 GAP = SIGMA_PLUS - SIGMA_PLUS
 QUIET, STUCK = 3, 4  # beside OK: contact that never ends; a motion that cannot be followed farther

@@ -1,8 +1,8 @@
 """The closure of a periodic motion of the stiff gear with all derivatives, and whether it happens (compiled).
 
-As `rattle.stiff.equations` at one δ, β and κ: unknowns y = (times at which the contacts begin, durations σ in units of
-p = 1/√(2κ), ε), 2c + 1 of them for c contacts; the equations say that every contact, entered with the velocity of the
-flight before, is over after pσ, and ends with the velocity of the flight after.
+As `rattle.stiff.orbits.equations` at one δ, β and κ: unknowns y = (times at which the contacts begin, durations σ in
+units of p = 1/√(2κ), ε), 2c + 1 of them for c contacts; the equations say that every contact, entered with the velocity
+of the flight before, is over after pσ, and ends with the velocity of the flight after.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 from rattle.flight.first_impact import OK, first_impact
 from rattle.flight.law import DRIFT, TWO_PI, folded
 from rattle.numerics.compile import inline, kernel
-from rattle.stiff.contact import ENDS, contact_end, driven, forcing, responses
+from rattle.stiff.map.contact import ENDS, contact_end, driven, forcing, responses
 
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight, and likewise a contact
 LEAST_CONTACT = 1e-6  # σ; a shorter one is a graze, at σ = 0, where a branch has a turning point in σ²

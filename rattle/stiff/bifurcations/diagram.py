@@ -13,15 +13,15 @@ from rattle.continuation.diagram import Diagram, diagram_of, require_end
 from rattle.continuation.motions import POINTS_ACROSS, Motion, Segment
 from rattle.errors import RattleError, require_number, require_pair
 from rattle.numerics.complex_step import Array
-from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
-from rattle.stiff.branches import both_ways, doubled
-from rattle.stiff.closure import softness
-from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.iterate import returned
-from rattle.stiff.line import MotionsOnLine
-from rattle.stiff.motion import StiffOrbit, stiff_orbit
-from rattle.stiff.orbits import orbits_at
-from rattle.stiff.survey import StiffClassifier, attractors_of, classify
+from rattle.stiff.attractors.classifier import StiffClassifier, attractors_of, classify
+from rattle.stiff.bifurcations.branches import both_ways, doubled
+from rattle.stiff.bifurcations.line import MotionsOnLine
+from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of
+from rattle.stiff.map.iterate import returned
+from rattle.stiff.orbits.closure import softness
+from rattle.stiff.orbits.equations import StiffItinerary
+from rattle.stiff.orbits.period_one import orbits_at
+from rattle.stiff.orbits.periodic import StiffOrbit, stiff_orbit
 
 SEEDS = 5  # steps at which A to D are looked for
 

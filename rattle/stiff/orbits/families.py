@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from rattle.errors import RattleError
 from rattle.numerics.complex_step import Array
-from rattle.stiff.closure import LEAST_CONTACT, Cycle, departure_of, happens, softness, struck, trace_of
-from rattle.stiff.equations import StiffItinerary
-from rattle.stiff.following import (
+from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, departure_of, happens, softness, struck, trace_of
+from rattle.stiff.orbits.equations import StiffItinerary
+from rattle.stiff.orbits.family_continuation import (
     BROKEN,
     CLOSED,
     LOST,
@@ -43,7 +43,7 @@ BISECTIONS = 45
 
 
 class Member(NamedTuple):
-    """A motion of a family, with the letter of its stretch: unknowns as in `rattle.stiff.closure`."""
+    """A motion of a family, with the letter of its stretch: unknowns as in `rattle.stiff.orbits.closure`."""
 
     name: str
     cycle: Cycle

@@ -13,10 +13,10 @@ from rattle.continuation.conditions import Kind, condition
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
-from rattle.stiff.branch import StiffBranch, StiffEvent, unknowns_of
-from rattle.stiff.grazes import LIGHT, Graze, graze
-from rattle.stiff.line import TWICE, MotionsOnLine
-from rattle.stiff.motion import LONGEST, StiffOrbit, admissible, softness
+from rattle.stiff.bifurcations.grazes import LIGHT, Graze, graze
+from rattle.stiff.bifurcations.line import TWICE, MotionsOnLine
+from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of
+from rattle.stiff.orbits.periodic import LONGEST, StiffOrbit, admissible, softness
 
 __all__ = ["StiffBranch", "StiffEvent", "both_ways", "doubled", "stiff_branch", "stiff_curve"]
 

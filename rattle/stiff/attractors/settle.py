@@ -13,8 +13,8 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits.return_map import point_of, step
-from rattle.stiff import flow
-from rattle.stiff.returns import StiffPoint
+from rattle.stiff.map import flow
+from rattle.stiff.map.return_map import StiffPoint
 
 
 class StiffCells(NamedTuple):

@@ -1,0 +1,1 @@
+"""The classifier of the stiff gear, and its plane of states."""

@@ -1,0 +1,1 @@
+"""Branches of the stiff gear through grazes, its curves, its diagram."""
