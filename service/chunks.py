@@ -7,7 +7,7 @@ from pathlib import Path
 
 from service.state import Front
 from workers import Bucket, place_of
-from workers.integrity import SEALED, Manifest, manifest_of
+from workers.storage.integrity import SEALED, Manifest, manifest_of
 
 
 def is_owed(front: Front, survey_id: str, key: str) -> bool:

@@ -14,7 +14,7 @@ from service.state import Front
 from service.tables import JobRow
 from service.turns import in_turn
 from workers import Axis, SurveyRequest, TileShape, compute_tile, tiles_of
-from workers.schema import SAMPLED, Group
+from workers.survey.schema import SAMPLED, Group
 
 LOOKED_AT = 100  # newest surveys
 LEAST_CELLS = 16  # of a survey whose speed is taken for that of others

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
     from workers import TileRecord
-    from workers.template import Template
+    from workers.survey.template import Template
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK, READY, STARTING = "ok", "ready", "starting"

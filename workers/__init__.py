@@ -1,35 +1,36 @@
 """A survey of the (δ, ε) plane: its request, its tiles, its zarr store, and the dask cluster that fills it.
 
-Pictures are apart, in `workers.figure` and `workers.maps`: processes that compute need not load what draws.
+Pictures are apart, in `workers.pictures.figure` and `workers.pictures.maps`: processes that compute need not load what
+draws.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from workers.bucket import Bucket
+from workers.cluster.window import Frame, Window, compute_part, map_quantity, window_survey
 from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
 from workers.in_process import is_short, run_tiles_here
-from workers.integrity import Integrity, examine
-from workers.location import Directory, Place, place_of
-from workers.quantities import QUANTITIES
-from workers.request import Axis, InitialConditions, SurveyRequest, TileShape
-from workers.schema import Group, Quantity
-from workers.store import create_store, finish_store, open_survey, tiles_done
-from workers.tiles import Tile, TileRecord, compute_tile, tiles_of
-from workers.window import Frame, Window, compute_part, map_quantity, window_survey
+from workers.storage.bucket import Bucket
+from workers.storage.integrity import Integrity, examine
+from workers.storage.location import Directory, Place, place_of
+from workers.storage.store import create_store, finish_store, open_survey, tiles_done
+from workers.survey.quantities import QUANTITIES
+from workers.survey.request import Axis, InitialConditions, SurveyRequest, TileShape
+from workers.survey.schema import Group, Quantity
+from workers.survey.tiles import Tile, TileRecord, compute_tile, tiles_of
 
 if TYPE_CHECKING:
-    from workers.cluster import connect, embedded_cluster
-    from workers.refinement import refined
-    from workers.runner import run_tiles, template_on
+    from workers.cluster.cluster import connect, embedded_cluster
+    from workers.cluster.refinement import refined
+    from workers.cluster.runner import run_tiles, template_on
 
 #: What needs dask's cluster, a quarter of a second that a survey in one process does not wait for.
 _ON_CLUSTERS = {
-    "connect": "workers.cluster",
-    "embedded_cluster": "workers.cluster",
-    "refined": "workers.refinement",
-    "run_tiles": "workers.runner",
-    "template_on": "workers.runner",
+    "connect": "workers.cluster.cluster",
+    "embedded_cluster": "workers.cluster.cluster",
+    "refined": "workers.cluster.refinement",
+    "run_tiles": "workers.cluster.runner",
+    "template_on": "workers.cluster.runner",
 }
 
 __all__ = [

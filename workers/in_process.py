@@ -8,11 +8,11 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 
 from rattle.models import Model
-from workers.location import Place, place_of
-from workers.request import SurveyRequest
-from workers.schema import SAMPLED, Group
-from workers.store import require_aligned, write_tile
-from workers.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile, tile_error
+from workers.storage.location import Place, place_of
+from workers.storage.store import require_aligned, write_tile
+from workers.survey.request import SurveyRequest
+from workers.survey.schema import SAMPLED, Group
+from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile, tile_error
 
 #: Milliseconds of a cell, in round numbers: the same command does the same on every machine.
 CLOSED_FORM, SAMPLE, BASINS, STIFF = 0.05, 1 / 64, 40.0, 100.0

@@ -11,7 +11,7 @@ def draw(store: str | Path, out: Path) -> None:
     """Write the three-panel picture of the survey in ``store`` to ``out``; the suffix is the format."""
     from service.errors import ServiceError
     from service.results import open_results
-    from workers.figure import survey_figure
+    from workers.pictures.figure import survey_figure
 
     with open_results(store) as dataset:
         picture = survey_figure(dataset)

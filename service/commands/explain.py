@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from workers.explain import Explanation
+    from workers.boundaries.explain import Explanation
 
 WIDTH = 160  # numbers are never cut, whatever the terminal
 UNEXPLAINED = 1
@@ -25,7 +25,7 @@ def explain(
     Cells differ in their region or in their set of attractors. Exits with 1 if a boundary of regions has no curve.
     """
     from service.results import open_results
-    from workers.explain import explain as explained
+    from workers.boundaries.explain import explain as explained
 
     with open_results(store) as dataset:
         found = explained(dataset, most_curves)

@@ -146,8 +146,8 @@ def _summarise(out: str) -> None:
     import numpy as np
     import zarr  # xarray takes half a second to load
 
-    from workers.evaluate import FAILED
-    from workers.location import place_of
+    from workers.storage.location import place_of
+    from workers.survey.evaluate import FAILED
 
     arrays = zarr.open_group(place_of(out).zarr(), mode="r")
     status = np.asarray(arrays["status"])

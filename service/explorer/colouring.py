@@ -10,8 +10,8 @@ from matplotlib.colors import to_hex
 
 from service.explorer.address import Limits, Pair
 from service.explorer.planes import Block, Plane
-from workers.figure import region_places
-from workers.maps import WITHOUT_VALUE, scale_of, title_of, valueless_layers
+from workers.pictures.figure import region_places
+from workers.pictures.maps import WITHOUT_VALUE, scale_of, title_of, valueless_layers
 
 SHADES = 256
 ROBUST = (2.0, 98.0)  # percentiles

@@ -20,8 +20,8 @@ from service.limits import check_limits
 from service.problems import field_errors_of
 from service.tables import Scope
 from workers import SurveyRequest
-from workers.quantities import groups_of
-from workers.schema import DEFAULT, Group
+from workers.survey.quantities import groups_of
+from workers.survey.schema import DEFAULT, Group
 
 STIFFNESS = 1e4  # offered at first
 PATIENCE = 0.4  # seconds without a change, then the cost is estimated

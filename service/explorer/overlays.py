@@ -18,7 +18,7 @@ from service.errors import UnavailableError
 from service.explorer.address import CRISIS, OVERLAYS, POINTS, Pair
 from service.explorer.glyphs import style_of
 from service.state import Front
-from workers.curves import LOWEST_DELTA, Missing, Window, traced
+from workers.survey.curves import LOWEST_DELTA, Missing, Window, traced
 
 CRISIS_RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
 KEPT_CRISES = 16

@@ -17,8 +17,8 @@ from service.explorer.address import Pair
 from service.state import Front
 from service.tables import JobRow, State
 from workers import SurveyRequest, open_survey, tiles_of
-from workers.maps import numbers, plane_of
-from workers.schema import CELL
+from workers.pictures.maps import numbers, plane_of
+from workers.survey.schema import CELL
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # maps, and cells of them all, which take 5 bytes each
 SIDE = 1024  # cells along an axis that are drawn at once: more than a screen has room for
@@ -197,7 +197,7 @@ class Atlas:
 
 def maps_of(request: SurveyRequest) -> dict[str, Any]:
     """The variables of a survey that are maps, in the order of the store; each with the names of its several maps."""
-    from workers.quantities import COORDINATES, stored
+    from workers.survey.quantities import COORDINATES, stored
 
     return {
         quantity.name: COORDINATES[quantity.dims[0]].values if len(quantity.dims) > 2 else ()

@@ -17,9 +17,9 @@ from service.explorer.address import Pair
 from service.explorer.axes import written
 from service.explorer.planes import Plane
 from workers import QUANTITIES
-from workers.evaluate import FAILED, KINDS, STATUS
-from workers.maps import WITHOUT_VALUE, title_of
-from workers.schema import CELL
+from workers.pictures.maps import WITHOUT_VALUE, title_of
+from workers.survey.evaluate import FAILED, KINDS, STATUS
+from workers.survey.schema import CELL
 
 Row = tuple[str, str]
 

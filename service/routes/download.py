@@ -79,7 +79,7 @@ async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket,
 
 
 def _written(place: Path | Bucket) -> IO[bytes]:
-    from workers.export import require_readable, write_netcdf  # xarray
+    from workers.storage.export import require_readable, write_netcdf  # xarray
 
     with open_survey(place) as dataset:
         require_readable(dataset)
@@ -93,7 +93,7 @@ def _blocks(file: IO[bytes]) -> Iterator[bytes]:
 
 
 def _lines(place: Path | Bucket) -> Iterator[str]:
-    from workers.export import csv_lines, csv_names, require_readable
+    from workers.storage.export import csv_lines, csv_names, require_readable
 
     dataset = open_survey(place)  # here, so that what is wrong is answered as a problem
     try:

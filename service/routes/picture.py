@@ -57,7 +57,7 @@ async def picture(
 
 
 def _draw(place: Path | Bucket, variable: str, index: int) -> bytes:
-    from workers.maps import map_png  # matplotlib: a second for who asks first, not for every start
+    from workers.pictures.maps import map_png  # matplotlib: a second for who asks first, not for every start
 
     with open_survey(place) as dataset:
         return map_png(dataset, variable, index)

@@ -18,7 +18,7 @@ from service.problems import declared
 from service.state import FrontState
 from service.tracing import number, orbits_document
 from service.turns import in_turn
-from workers.request import MOST_STIFF
+from workers.survey.request import MOST_STIFF
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

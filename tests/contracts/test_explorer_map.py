@@ -21,8 +21,8 @@ from service.explorer.planes import Atlas, Plane
 from service.explorer.readout import in_words
 from service.tables import State
 from workers import SurveyRequest, compute_tile, create_store, tiles_of
-from workers.maps import REGION_COLOURS
-from workers.store import write_tile
+from workers.pictures.maps import REGION_COLOURS
+from workers.storage.store import write_tile
 
 REQUEST = SurveyRequest(
     **BODY | {

@@ -9,7 +9,7 @@ from service_support import front_end
 
 from service.settings import Settings
 from workers import QUANTITIES, SurveyRequest
-from workers.request import DEFAULT
+from workers.survey.request import DEFAULT
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "operations.md"
 TEXT = DOCUMENT.read_text()

@@ -13,7 +13,7 @@ from service.database import DoneTile
 from service.routes import points
 from service.tables import State
 from workers import SurveyRequest, compute_tile, create_store, finish_store, tiles_of
-from workers.store import write_tile
+from workers.storage.store import write_tile
 
 HOUR = "max-age=3600"
 POINT = "/v1/orbits?delta=0.6&epsilon=0.1"

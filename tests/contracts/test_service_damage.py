@@ -20,7 +20,7 @@ from service.explorer.page import _first, _row
 from service.settings import Settings
 from service.tables import State
 from workers import Bucket, SurveyRequest, compute_tile, create_store, tiles_of
-from workers.store import write_tile
+from workers.storage.store import write_tile
 
 REQUEST = SurveyRequest(**BODY)
 TILE = tiles_of(REQUEST)[1]  # the first row, the second column

@@ -17,7 +17,7 @@ from service.explorer.colouring import colouring
 from service.explorer.planes import Atlas
 from service.tables import State
 from workers import SurveyRequest, compute_tile, create_store, open_survey, tiles_of
-from workers.store import write_tile
+from workers.storage.store import write_tile
 
 REQUEST = SurveyRequest(**BODY)
 

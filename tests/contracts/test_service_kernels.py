@@ -152,7 +152,7 @@ from service.kernels import KAPPA
 from service.routes.basins import _draw
 from service.tracing import curves_document, orbits_document
 from workers import SurveyRequest, compute_tile, tiles_of
-from workers.template import template_of
+from workers.survey.template import template_of
 
 name = Model(sys.argv[1])
 compile_all(name)

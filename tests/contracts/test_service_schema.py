@@ -33,7 +33,7 @@ from service.settings import Settings
 from service.tables import Scope, State
 from service.tracing import curves_document, orbits_document
 from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, tiles_of
-from workers.store import write_tile
+from workers.storage.store import write_tile
 
 README = (Path(__file__).parents[2] / "README.md").read_text()
 #: Answers that are never 200 for data that fit the schema: what does not exist is not found, what is too large for the

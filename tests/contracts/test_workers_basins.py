@@ -8,9 +8,10 @@ import xarray as xr
 from depth import DEEP
 
 import rattle
-from workers import Axis, Group, SurveyRequest, create_store, finish_store, maps, tiles_of
-from workers.maps import map_png
-from workers.runner import compute_and_write
+from workers import Axis, Group, SurveyRequest, create_store, finish_store, tiles_of
+from workers.cluster.runner import compute_and_write
+from workers.pictures import maps
+from workers.pictures.maps import map_png
 
 NAMES = ("basin_entropy", "boundary_basin_entropy", "boundary_distance", "boundary_distance_phase", "crisis_side")
 # quiet alone, another basin, chaos, past its crisis, so near the quiet limit that nothing can be told, no quiet motion

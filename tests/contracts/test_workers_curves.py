@@ -9,7 +9,7 @@ import xarray as xr
 from rattle import curves
 from rattle.continuation import arclength
 from workers import Axis, SurveyRequest, create_store
-from workers.curves import CURVE_VARIABLES, POINT_VARIABLES
+from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.45, stop=0.85, num=9),

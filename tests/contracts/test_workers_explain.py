@@ -12,9 +12,9 @@ import rattle
 from rattle import curves
 from service.cli import app
 from workers import Axis, SurveyError, SurveyRequest, create_store, open_survey, tiles_of
-from workers.boundaries import Grid, crossed
-from workers.explain import explain
-from workers.runner import compute_and_write
+from workers.boundaries.explain import explain
+from workers.boundaries.pairs import Grid, crossed
+from workers.cluster.runner import compute_and_write
 
 COLUMNS, ROWS = either((8, 9), (11, 13))
 

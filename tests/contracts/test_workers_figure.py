@@ -23,9 +23,9 @@ from workers import (
     open_survey,
     tiles_of,
 )
-from workers.figure import survey_figure
-from workers.maps import map_png
-from workers.runner import compute_and_write
+from workers.cluster.runner import compute_and_write
+from workers.pictures.figure import survey_figure
+from workers.pictures.maps import map_png
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.8, num=8),
@@ -185,6 +185,6 @@ def test_drawing_in_threads_gives_the_same_pictures(whole: xr.Dataset) -> None:
 
 
 def test_no_global_drawing_state() -> None:
-    assert "workers.maps" in sys.modules
-    assert "pyplot" not in vars(sys.modules["workers.maps"])
-    assert "plt" not in vars(sys.modules["workers.figure"])
+    assert "workers.pictures.maps" in sys.modules
+    assert "pyplot" not in vars(sys.modules["workers.pictures.maps"])
+    assert "plt" not in vars(sys.modules["workers.pictures.figure"])

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import workers.store
+import workers.storage.store
 from workers import Axis, SurveyError, SurveyRequest, create_store, examine, finish_store, tiles_done, tiles_of
-from workers.integrity import read_sealed
-from workers.location import Directory
-from workers.runner import compute_and_write
-from workers.version import code_version
+from workers.cluster.runner import compute_and_write
+from workers.storage.integrity import read_sealed
+from workers.storage.location import Directory
+from workers.survey.version import code_version
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.9, num=4),
@@ -27,7 +27,7 @@ REQUEST = SurveyRequest(
 ROOT, OWN = "zarr.json", "checksums/zarr.json"
 
 
-_template_of = cache(workers.store.template_of)
+_template_of = cache(workers.storage.store.template_of)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def store(whole: Path, tmp_path: Path) -> Path:
 @pytest.fixture(autouse=True)
 def _curves_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """The template is computed once: the same curves are mended many times."""
-    monkeypatch.setattr(workers.store, "template_of", _template_of)
+    monkeypatch.setattr(workers.storage.store, "template_of", _template_of)
 
 
 def contents(path: Path) -> dict[str, bytes]:
@@ -237,7 +237,7 @@ def test_damage_is_mended_by_one_run_at_a_time(store: Path) -> None:
 
 def test_a_store_of_another_version_is_left_alone(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = contents(store)
-    monkeypatch.setattr(workers.store, "code_version", lambda: f"{code_version()}.1")
+    monkeypatch.setattr(workers.storage.store, "code_version", lambda: f"{code_version()}.1")
     monkeypatch.setattr(SurveyRequest, "content_hash", lambda _: "other")
     with pytest.raises(SurveyError, match="computed by version"):
         create_store(REQUEST, store)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-import workers.request
+import workers.survey.request
 from workers import Axis, Group, SurveyError, SurveyRequest
 
 AXES = {"delta": {"start": 0.4, "stop": 1.0, "num": 61}, "epsilon": {"start": 0.005, "stop": 0.3, "num": 60}}
@@ -168,5 +168,5 @@ def test_hash_tells_surveys_apart(fields: dict[str, object]) -> None:
 
 def test_hash_tells_versions_of_the_code_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     before = survey().content_hash()
-    monkeypatch.setattr(workers.request, "code_version", lambda: "another")
+    monkeypatch.setattr(workers.survey.request, "code_version", lambda: "another")
     assert survey().content_hash() != before

@@ -11,11 +11,11 @@ import rattle
 from rattle import stiff
 from rattle.models import Model, Stiff
 from workers import Axis, SurveyRequest, Window, compute_part, create_store, finish_store, tiles_of, window_survey
+from workers.boundaries.explain import explain
+from workers.cluster.runner import compute_and_write
 from workers.errors import SurveyError
-from workers.explain import explain
-from workers.figure import survey_figure
-from workers.runner import compute_and_write
-from workers.schema import OPTIONAL
+from workers.pictures.figure import survey_figure
+from workers.survey.schema import OPTIONAL
 
 KAPPA = 1e4
 FIELDS = {

@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
-import workers.submission
+import workers.cluster.submission
 from workers import Axis, SurveyRequest, tiles_of
-from workers.submission import Submission
+from workers.cluster.submission import Submission
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.6, num=4),
@@ -39,8 +39,10 @@ class Client:
 def test_endless_tiles_are_taken_one_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two processes that end at once can both be given the same tile, and that is two deaths of it."""
     ended: list[str] = []
-    monkeypatch.setattr(workers.submission, "end_tasks", lambda _, futures: ended.extend(each.key for each in futures))
-    monkeypatch.setattr(workers.submission, "TILE_SECONDS", -1.0)
+    monkeypatch.setattr(
+        workers.cluster.submission, "end_tasks", lambda _, futures: ended.extend(each.key for each in futures)
+    )
+    monkeypatch.setattr(workers.cluster.submission, "TILE_SECONDS", -1.0)
     submission = Submission(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
     first, second = tiles_of(REQUEST)[:2]
     submission.submit(first)

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-import workers.quantities
-import workers.window
+import workers.cluster.window
+import workers.survey.quantities
 from rattle import RattleError
 from rattle.models import Model
 from workers import (
@@ -20,7 +20,7 @@ from workers import (
     tiles_of,
     window_survey,
 )
-from workers.window import Frame, Grid, PartValues
+from workers.cluster.window import Frame, Grid, PartValues
 
 REQUEST = SurveyRequest(
     delta={"start": 0.4, "stop": 1.0, "num": 7},
@@ -171,10 +171,12 @@ def test_a_cell_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch,
         return healthy.evaluate(cells)
 
     healthy = map_quantity("lyapunov_max", 0, Model.IMPACTING)
-    quantities = [replace(each, evaluate=failing) if each is healthy else each for each in workers.window.QUANTITIES]
-    monkeypatch.setattr(workers.window, "QUANTITIES", quantities)
+    quantities = [
+        replace(each, evaluate=failing) if each is healthy else each for each in workers.cluster.window.QUANTITIES
+    ]
+    monkeypatch.setattr(workers.cluster.window, "QUANTITIES", quantities)
     fails = map_quantity("lyapunov_max", 0, Model.IMPACTING)
-    monkeypatch.setattr(workers.window, "stored", lambda *_: (quantities[-1], fails, quantities[-1]))
+    monkeypatch.setattr(workers.cluster.window, "stored", lambda *_: (quantities[-1], fails, quantities[-1]))
     values, failed, _ = compute_part(request, variable, 0, delta, epsilon)
     assert failed == 1
     np.testing.assert_equal(values[1, 1], lost)

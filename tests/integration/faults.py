@@ -91,7 +91,7 @@ def held(index):
     except FileNotFoundError:
         return False
 
-@patch("workers.tiles")
+@patch("workers.survey.tiles")
 def count(tiles):
     def act(request, tile, outcomes=None):
         note(f"tile {{tile.index}} {{os.getpid()}}")
@@ -102,7 +102,7 @@ def count(tiles):
 
 #: A cluster in the process of the service, which loads kernels when it needs them: it starts sooner, and dies with it.
 IN_PROCESS = """
-    @patch("workers.cluster")
+    @patch("workers.cluster.cluster")
     def inside(cluster):
         spec = cluster.SpecCluster
         def start(workers, **options):

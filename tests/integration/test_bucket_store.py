@@ -12,7 +12,7 @@ import xarray as xr
 import zarr
 from s3_server import BUCKET, S3, s3_server
 
-import workers.bucket
+import workers.storage.bucket
 from workers import (
     Axis,
     Bucket,
@@ -29,7 +29,8 @@ from workers import (
     tiles_done,
     tiles_of,
 )  # fmt: skip
-from workers.store import write_tile
+from workers.storage import bucket_lock
+from workers.storage.store import write_tile
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.9, num=5),
@@ -58,7 +59,7 @@ def s3(server: S3, monkeypatch: pytest.MonkeyPatch) -> S3:
 def _few_objects(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 216 objects of a template 190 are of curves: one test looks at them."""
     if request.function is not test_bytes_are_those_on_disk:
-        monkeypatch.setattr("workers.template._write_curves", lambda *_: None)
+        monkeypatch.setattr("workers.survey.template._write_curves", lambda *_: None)
 
 
 @pytest.fixture
@@ -76,8 +77,8 @@ def documents(place: Any) -> dict[str, bytes]:
 
 
 def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("workers.template.now", lambda: "2009-01-01T00:00:00+00:00")
-    monkeypatch.setattr("workers.store.now", lambda: "2009-01-01T00:00:00+00:00")
+    monkeypatch.setattr("workers.survey.template.now", lambda: "2009-01-01T00:00:00+00:00")
+    monkeypatch.setattr("workers.storage.store.now", lambda: "2009-01-01T00:00:00+00:00")
     path = tmp_path / "survey.zarr"
     for where in (url, path):
         create_store(REQUEST, where)
@@ -157,15 +158,15 @@ def test_the_lock_of_a_dead_process_is_taken_over(url: str) -> None:
     assert isinstance(place, Bucket)
     with subprocess.Popen(["true"]) as ended:
         pass
-    holder = workers.bucket._identity() | {"process": ended.pid}
-    obstore.put(place.objects, workers.bucket.LOCK, json.dumps(holder).encode())
+    holder = bucket_lock.identity() | {"process": ended.pid}
+    obstore.put(place.objects, workers.storage.bucket.LOCK, json.dumps(holder).encode())
     with place.writing():
         pass
     elsewhere = json.dumps(holder | {"host": "elsewhere"}).encode()
-    obstore.put(place.objects, workers.bucket.LOCK, elsewhere)
+    obstore.put(place.objects, workers.storage.bucket.LOCK, elsewhere)
     with pytest.raises(SurveyError, match=r"on elsewhere.*delete the object .*\.lock"), place.writing():
         pass
-    assert place.read(workers.bucket.LOCK) == elsewhere
+    assert place.read(workers.storage.bucket.LOCK) == elsewhere
 
 
 def test_lost_and_damaged_objects_are_found_and_mended(url: str) -> None:
@@ -217,7 +218,7 @@ def test_a_server_that_fails_once_is_asked_again(url: str, s3: S3) -> None:
 
 def test_a_server_that_fails_is_waited_for(url: str, s3: S3, monkeypatch: pytest.MonkeyPatch) -> None:
     create_store(REQUEST, url)
-    monkeypatch.setattr(workers.bucket, "RETRIES", 0)
+    monkeypatch.setattr(workers.storage.bucket, "RETRIES", 0)
     impatient = Bucket(url)
     s3.fail(100)
     with pytest.raises(StorageError, match="goes on"):

@@ -19,7 +19,7 @@ from intruders import certificates
 from service_processes import assert_bit_identical, serial_run
 from waiting import eventually
 
-import workers.refinement
+import workers.cluster.refinement
 from rattle import RattleError
 from service.app import create_app
 from service.errors import UnavailableError
@@ -70,7 +70,7 @@ def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     gate.touch()
     survey = window_survey(REQUEST, WINDOW, PIXELS)
     coarsest = {*survey.delta.values()[::32]}, {*survey.epsilon.values()[::32]}
-    monkeypatch.setattr(workers.refinement, "compute_part", partial(behind, gate, coarsest))
+    monkeypatch.setattr(workers.cluster.refinement, "compute_part", partial(behind, gate, coarsest))
     return gate
 
 
@@ -204,7 +204,7 @@ def test_a_survey_stays_as_it_is_beside_a_window(tmp_path: Path, cluster: Client
 def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(
     tmp_path: Path, cluster: Client, gate: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(workers.refinement, "PART_SECONDS", 0)  # of a cell each, so that some must wait
+    monkeypatch.setattr(workers.cluster.refinement, "PART_SECONDS", 0)  # of a cell each, so that some must wait
 
     async def body(front: Front, _: Any) -> None:
         async with aclosing(shown(front, "lyapunov_max")) as frames:

@@ -23,17 +23,17 @@ N_TILES = REQUEST.n_tiles
 #: Where the service kills itself; together, in this order, they are the life of one survey.
 INSTANTS = {
     "template creation": """
-        @patch("workers.location")
+        @patch("workers.storage.location")
         def kill(location):
             before(os, "rename", lambda _, path: str(path).endswith(".zarr") and die())
     """,
     "template renamed": """
-        @patch("workers.store")
+        @patch("workers.storage.store")
         def kill(store):
             before(store, "_require_same", lambda *_: in_service() and die())
     """,
     "tile half written": """
-        @patch("workers.location")
+        @patch("workers.storage.location")
         def kill(location):
             third = at_call(3, die)
             before(location.Directory, "put", lambda _, key, content: key.startswith("status/c/") and third())
@@ -49,12 +49,12 @@ INSTANTS = {
             after(database.Database, "add_tile", at_call(3, die))
     """,
     "all tiles done": """
-        @patch("workers.store")
+        @patch("workers.storage.store")
         def kill(store):
             before(store, "_missing_cells", lambda *_: die())
     """,
     "whole, not dated": """
-        @patch("workers.location")
+        @patch("workers.storage.location")
         def kill(location):
             before(location.Directory, "put", lambda _, key, content: key == "zarr.json" and die())
     """,
@@ -120,7 +120,7 @@ def try_to_submit(client: Client) -> Any:
 #: A survey whose curves are never traced.
 ENDLESS = "endless"
 ENDLESS_CURVES = """
-    @patch("workers.template")
+    @patch("workers.survey.template")
     def endless(template):
         def act(request, created=None):
             if request.name == "endless":

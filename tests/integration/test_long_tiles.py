@@ -40,11 +40,11 @@ def turned():
 
 time.time = turned
 
-@patch("workers.cluster")
+@patch("workers.cluster.cluster")
 def silence(cluster):
     cluster.SILENT_SECONDS = 5
 
-@patch("workers.tiles")
+@patch("workers.survey.tiles")
 def count_ends(tiles):
     after(tiles, "compute_tile", lambda request, tile, *_, **__: note(f"end {{tile.index}} {{os.getpid()}}"))
 """

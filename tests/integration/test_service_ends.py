@@ -103,14 +103,14 @@ STAGES = {
             before(jobs.JobManager, "start", lambda self: [note("opened"), wait_for_signal()])
         """,
     "processes": """
-        @patch("workers.tiles")
+        @patch("workers.survey.tiles")
         def processes(tiles):
             if "--multiprocessing-fork" in sys.orig_argv:  # a worker, before it says that it is there
                 note("processes")
                 wait_for_signal()
         """,
     "warming": """
-        @patch("workers.cluster")
+        @patch("workers.cluster.cluster")
         def warming(cluster):
             async def setup(self, worker):
                 note("warming")
@@ -174,7 +174,7 @@ def test_a_service_that_starts_ends_by_itself_and_leaves_nothing(tmp_path: Path,
 def test_what_cannot_be_ended_is_killed_in_time(tmp_path: Path) -> None:
     faults, port, log = Faults(tmp_path), free_port(), tmp_path / "log"
     faults.inject("""
-        @patch("workers.cluster")
+        @patch("workers.cluster.cluster")
         def endless(cluster):
             def act(*_):
                 note("started")

@@ -16,8 +16,8 @@ from distributed import Client
 from intruders import certificates, listening
 from waiting import HANG, wait_until
 
-import workers.cluster
-import workers.submission
+import workers.cluster.cluster
+import workers.cluster.submission
 from workers import (
     Axis,
     ClusterLostError,
@@ -33,7 +33,7 @@ from workers import (
     tiles_done,
     tiles_of,
 )
-from workers.runner import compute_and_write
+from workers.cluster.runner import compute_and_write
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.58, stop=0.78, num=8),
@@ -47,8 +47,8 @@ TILES = tiles_of(REQUEST)
 @pytest.fixture(autouse=True)
 def _long_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine may be so busy that a worker takes minutes to come, or to come back."""
-    monkeypatch.setattr(workers.cluster, "CONNECT_SECONDS", HANG)
-    monkeypatch.setattr(workers.submission, "WORKERLESS_SECONDS", HANG)
+    monkeypatch.setattr(workers.cluster.cluster, "CONNECT_SECONDS", HANG)
+    monkeypatch.setattr(workers.cluster.submission, "WORKERLESS_SECONDS", HANG)
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +190,7 @@ def test_an_existing_scheduler(cluster: Client, store: Path, serial: xr.Dataset)
 
 
 def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers.cluster, "CONNECT_SECONDS", 0.3)
+    monkeypatch.setattr(workers.cluster.cluster, "CONNECT_SECONDS", 0.3)
     for url in ("tcp://127.0.0.1:9", "unknown://x", "", "tcp://127.0.0.1:no"):
         with pytest.raises(ClusterLostError, match="no dask scheduler"), connect(url):
             pass

@@ -11,7 +11,7 @@ from parts import Settings, authority, dask_part, environment
 from service_processes import client_of, free_port, server
 from waiting import HANG, wait_until
 
-import workers.cluster
+import workers.cluster.cluster
 from workers import ClusterLostError, connect
 
 BODY = {
@@ -25,14 +25,14 @@ BODY = {
 @pytest.fixture
 def hopeless(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody waits long for who never answers."""
-    monkeypatch.setattr(workers.cluster, "CONNECT_SECONDS", 1)
+    monkeypatch.setattr(workers.cluster.cluster, "CONNECT_SECONDS", 1)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _patience() -> Iterator[None]:
     """The others wait, however long an answer takes."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workers.cluster, "CONNECT_SECONDS", HANG)
+        patch.setattr(workers.cluster.cluster, "CONNECT_SECONDS", HANG)
         yield
 
 

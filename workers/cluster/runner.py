@@ -11,15 +11,15 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from workers.cluster import end_tasks
+from workers.cluster.cluster import end_tasks
+from workers.cluster.isolation import compute_tile_apart
+from workers.cluster.submission import Submission
 from workers.errors import ClusterLostError, StoppedError, SurveyError
-from workers.isolation import compute_tile_apart
-from workers.location import Place, place_of
-from workers.request import SurveyRequest
-from workers.store import require_aligned, write_tile
-from workers.submission import Submission
-from workers.template import Template, template_of
-from workers.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile
+from workers.storage.location import Place, place_of
+from workers.storage.store import require_aligned, write_tile
+from workers.survey.request import SurveyRequest
+from workers.survey.template import Template, template_of
+from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile
 
 #: At a template, two deaths each: a process that has just been ended for another survey may still be given it.
 ATTEMPTS = 3

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 from rattle.plot.drawing import HALO, new_figure
 from rattle.plot.plane import REGIONS
 from workers.errors import SurveyError
-from workers.maps import draw_legend, draw_map
-from workers.overlay import CURVES_ON, draw_curves, draw_points, surveyed_model
+from workers.pictures.maps import draw_legend, draw_map
+from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points, surveyed_model
 
 PANELS = {
     "region": "Regions",

@@ -11,14 +11,14 @@ import time
 from collections.abc import Iterator
 from typing import IO
 
-from workers.request import SurveyRequest
-from workers.tiles import CellOutcome, Tile, TileArrays, TileRecord, cell_outcomes, cells_of, compute_tile
+from workers.survey.request import SurveyRequest
+from workers.survey.tiles import CellOutcome, Tile, TileArrays, TileRecord, cell_outcomes, cells_of, compute_tile
 
 #: A cell is given up after this many processes that died of it: one death may be somebody else's doing.
 ATTEMPTS = 2
 #: Processor time of one cell, in seconds: a hundred times what the slowest took that is known to end.
 CELL_SECONDS = 600
-_START = [sys.executable, "-c", "from workers.isolation import serve; serve()"]
+_START = [sys.executable, "-c", "from workers.cluster.isolation import serve; serve()"]
 
 
 def compute_tile_apart(request: SurveyRequest, tile: Tile, memory: int | None) -> tuple[TileArrays, TileRecord]:

@@ -12,8 +12,8 @@ from functools import lru_cache
 from pathlib import Path
 from uuid import uuid4
 
-from workers.bucket import LOCK, ROOT, SCHEME, Bucket
 from workers.errors import SurveyError, storage_error
+from workers.storage.bucket import LOCK, ROOT, SCHEME, Bucket
 
 
 class Directory:

@@ -7,19 +7,16 @@ variables AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, AWS_ENDPOINT, an
 
 import json
 import os
-import socket
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from datetime import UTC, datetime, timedelta
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from datetime import timedelta
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
-from uuid import uuid4
 
-import psutil
 from zarr.storage import ObjectStore
 
 from workers.errors import StorageError, SurveyError
+from workers.storage.bucket_lock import has_died, identity
 
 if TYPE_CHECKING:
     from obstore.store import S3Store
@@ -187,7 +184,7 @@ class Bucket:
             return
         import obstore
 
-        mine = json.dumps(_identity()).encode()
+        mine = json.dumps(identity()).encode()
         with self.reaching():
             self._take_lock(mine)
         try:
@@ -209,7 +206,7 @@ class Bucket:
         try:
             found = obstore.get(self.objects, LOCK)
             holder = json.loads(bytes(found.bytes()))
-            if _has_died(holder):
+            if has_died(holder):
                 obstore.put(self.objects, LOCK, mine, mode={"e_tag": found.meta["e_tag"]})
                 return
         except (FileNotFoundError, PreconditionError):
@@ -243,36 +240,6 @@ def _connect(url: str) -> "S3Store":
         )
     except (BaseError, ValueError) as error:
         raise SurveyError(f"{url} cannot be used ({_first_line(error)}): look at the variables AWS_…") from error
-
-
-def _identity() -> dict[str, Any]:
-    """This process, so that another one on the same machine can tell whether it lives."""
-    return {
-        "host": socket.gethostname(),
-        "boot": _boot(),
-        "process": os.getpid(),
-        "started": psutil.Process().create_time(),
-        "since": datetime.now(UTC).isoformat(timespec="seconds"),
-        "run": uuid4().hex,
-    }
-
-
-def _boot() -> str:
-    try:
-        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-    except OSError:
-        return ""
-
-
-def _has_died(holder: dict[str, Any]) -> bool:
-    """Whether a process is known to have ended: of another machine, or before a reboot, nothing is known."""
-    if not _boot() or (holder["host"], holder["boot"]) != (socket.gethostname(), _boot()):
-        return False
-    try:
-        process = psutil.Process(int(holder["process"]))
-        return process.create_time() != holder["started"] or process.status() == psutil.STATUS_ZOMBIE
-    except psutil.NoSuchProcess:
-        return True
 
 
 def _first_line(error: BaseException) -> str:

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 import rattle
 from rattle.models import Model
-from workers import evaluate
-from workers.cells import GRAZING_CURVES
-from workers.schema import CELL, Coordinate, Group, Quantity
+from workers.survey import evaluate
+from workers.survey.cells import GRAZING_CURVES
+from workers.survey.schema import CELL, Coordinate, Group, Quantity
 
 DOI = "10.1137/090759641"
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 import rattle
-from workers.cells import Cells
+from workers.survey.cells import Cells
 
 SLOTS = 8
 KINDS = rattle.KINDS

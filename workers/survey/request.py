@@ -10,9 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from rattle.models import AnyModel, Model, model_of
 from workers.errors import SurveyError
-from workers.quantities import groups_of
-from workers.schema import DEFAULT, SAMPLED, Group
-from workers.version import code_version
+from workers.survey.quantities import groups_of
+from workers.survey.schema import DEFAULT, SAMPLED, Group
+from workers.survey.version import code_version
 
 #: Strict: neither True nor "0.6" is a number here.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]

@@ -15,13 +15,13 @@ from pydantic import ValidationError
 
 from rattle.errors import require_integer, require_pair
 from rattle.models import Model
-from workers.cells import Cells
 from workers.errors import SurveyError
-from workers.evaluate import FAILED
-from workers.quantities import QUANTITIES, shape_of, stored
-from workers.request import Axis, SurveyRequest, TileShape, reason
-from workers.schema import SAMPLED, Group, Quantity
-from workers.tiles import MACHINE_FAILURES
+from workers.survey.cells import Cells
+from workers.survey.evaluate import FAILED
+from workers.survey.quantities import QUANTITIES, shape_of, stored
+from workers.survey.request import Axis, SurveyRequest, TileShape, reason
+from workers.survey.schema import SAMPLED, Group, Quantity
+from workers.survey.tiles import MACHINE_FAILURES
 
 HALVINGS = 5  # from the coarsest level to the whole grid
 MOST_PIXELS = 4096

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from workers.bucket import ROOT
 from workers.errors import StoppedError, StorageError, SurveyError
-from workers.location import Place, place_of
+from workers.storage.bucket import ROOT
+from workers.storage.location import Place, place_of
 
 STATUS = "status"
 GROUP = "checksums"

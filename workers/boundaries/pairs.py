@@ -8,7 +8,7 @@ import xarray as xr
 
 from rattle.curves import Curve
 from workers.errors import SurveyError
-from workers.evaluate import FAILED, KINDS
+from workers.survey.evaluate import FAILED, KINDS
 
 ROMAN = ("none", "I", "II", "III", "IV", "V")
 UNDECIDED = KINDS.index("undecided")

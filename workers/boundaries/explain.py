@@ -19,7 +19,7 @@ from rattle.impacting.bifurcations.branches import fate
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.models import Model
-from workers.boundaries import KINDS, ROMAN, Attractor, Grid, Label, Pairs, crossed, name_of
+from workers.boundaries.pairs import KINDS, ROMAN, Attractor, Grid, Label, Pairs, crossed, name_of
 from workers.errors import SurveyError
 
 QUIET, PERIODIC, CHAOTIC = (KINDS.index(kind) for kind in ("quiet", "periodic", "chaotic"))

@@ -8,9 +8,9 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker
 
+from workers.cluster.window import Frame, Grid, Part, PartValues, compute_part, map_quantity
 from workers.errors import ClusterLostError, SurveyError
-from workers.request import SurveyRequest
-from workers.window import Frame, Grid, Part, PartValues, compute_part, map_quantity
+from workers.survey.request import SurveyRequest
 
 PRIORITY = 10  # of dask; tiles have 0
 PART_SECONDS = 0.3  # aimed at: a part that is begun is not interrupted

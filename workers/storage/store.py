@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import xarray as xr
 import zarr
 
-from workers.bucket import ROOT, SCHEME
 from workers.errors import StorageError, SurveyError, storage_error
-from workers.integrity import (
+from workers.storage.bucket import ROOT, SCHEME
+from workers.storage.integrity import (
     OWN,
     STATUS,
     TILES,
@@ -27,11 +28,11 @@ from workers.integrity import (
     sealed,
     tile_key,
 )
-from workers.location import Place, place_of
-from workers.request import SurveyRequest
-from workers.template import Template, blank, now, template_of
-from workers.tiles import Tile
-from workers.version import code_version
+from workers.storage.location import Place, place_of
+from workers.survey.request import SurveyRequest
+from workers.survey.template import Template, blank, now, template_of
+from workers.survey.tiles import Tile
+from workers.survey.version import code_version
 
 if TYPE_CHECKING:
     import xarray as xr

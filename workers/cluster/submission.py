@@ -11,10 +11,10 @@ from uuid import uuid4
 from dask.typing import Key
 from distributed import Client, Future, KilledWorker
 
-from workers.cluster import end_tasks
+from workers.cluster.cluster import end_tasks
 from workers.errors import ClusterLostError, SurveyError
-from workers.request import SurveyRequest
-from workers.tiles import Tile, TileRecord, described, tile_error
+from workers.survey.request import SurveyRequest
+from workers.survey.tiles import Tile, TileRecord, described, tile_error
 
 #: A tile is late after this time, and after ten times the longest tile of the run: its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10

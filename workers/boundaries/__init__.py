@@ -1,0 +1,1 @@
+"""Which curve passes between two cells."""

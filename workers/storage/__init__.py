@@ -1,0 +1,1 @@
+"""A directory or a bucket, the store in it, its integrity, and what leaves it."""

@@ -1,0 +1,16 @@
+"""Which code fills a survey: a resumed survey must not mix two versions."""
+
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+import rattle
+
+
+@cache
+def code_version() -> str:
+    """Return the version of the library with a digest of every source that decides what a cell holds: this folder's."""
+    digest = sha256(rattle.source_hash().encode())
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    return f"{rattle.__version__}+{digest.hexdigest()[:16]}"
