@@ -7,7 +7,8 @@ from pathlib import Path
 
 from service.state import Front
 from workers import Bucket, place_of
-from workers.storage.integrity import SEALED, Manifest, manifest_of
+from workers.storage.integrity import Manifest, manifest_of
+from workers.survey.seals import SEALED
 
 
 def is_owed(front: Front, survey_id: str, key: str) -> bool:

@@ -17,12 +17,12 @@ from zarr.storage import ObjectStore
 
 from workers.errors import StorageError, SurveyError
 from workers.storage.bucket_lock import has_died, identity
+from workers.survey.seals import ROOT
 
 if TYPE_CHECKING:
     from obstore.store import S3Store
 
 SCHEME = "s3://"
-ROOT = "zarr.json"
 #: A prefix with one of these is ours, and no store: its creation or deletion was begun, or a run holds it.
 CREATING, DELETING, LOCK = ".creating", ".deleting", ".lock"
 MARKERS = (CREATING, DELETING, LOCK)

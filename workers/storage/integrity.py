@@ -6,7 +6,6 @@ own checksum knows no position. Any zarr reader reads all that as numbers and te
 """
 
 import errno
-import hashlib
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -15,18 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from workers.errors import StoppedError, StorageError, SurveyError
-from workers.storage.bucket import ROOT
 from workers.storage.location import Place, place_of
+from workers.survey.seals import GROUP, OWN, ROOT, SEAL, SEALED, checksum, checksums_in, seal_of, tile_key
 
 STATUS = "status"
-GROUP = "checksums"
-TILES = f"{GROUP}/tiles"
-OWN = f"{GROUP}/{ROOT}"
-SEALED = (ROOT, OWN)
-SEAL = "checksum"
 READERS = 8  # of files at a time: a bucket answers each after a while
 
 
@@ -84,28 +76,11 @@ class Manifest:
         return row * self.grid[1] + column if known else None
 
 
-def checksum(key: str, content: bytes) -> bytes:
-    """Return eight bytes that depend on where a file is and on what it holds."""
-    return hashlib.blake2b(content, digest_size=8, key=hashlib.blake2b(key.encode()).digest()).digest()
-
-
-def sealed(document: Mapping[str, Any]) -> bytes:
-    """Return a JSON document of metadata with its own checksum among its attributes."""
-    attributes = {**document.get("attributes", {}), SEAL: _seal(document)}
-    return json.dumps({**document, "attributes": attributes}, indent=2).encode()
-
-
-def _seal(document: Mapping[str, Any]) -> str:
-    attributes = {name: value for name, value in document.get("attributes", {}).items() if name != SEAL}
-    canonical = json.dumps({**document, "attributes": attributes}, sort_keys=True)
-    return hashlib.sha256(canonical.encode()).hexdigest()
-
-
 def read_sealed(place: Place, key: str) -> dict[str, Any] | None:
     """Return a sealed document, or None if it is lost or damaged. Raises StorageError, and SurveyError."""
     try:
         document: dict[str, Any] = json.loads(read(place, key) or b"")
-        return document if document["attributes"][SEAL] == _seal(document) else None
+        return document if document["attributes"][SEAL] == seal_of(document) else None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None
 
@@ -194,7 +169,7 @@ def _damage(place: Place, manifest: Manifest, row: int, column: int) -> tuple[st
     noted = read(place, tile_key(row, column))
     if noted is None and read(place, keys[STATUS]) is None:
         return None
-    known = _checksums_in(noted or b"", tile_key(row, column), len(keys))
+    known = checksums_in(noted or b"", tile_key(row, column), len(keys))
     if known is None:
         return (GROUP,)
     contents = {name: read(place, key) for name, key in keys.items()}
@@ -207,26 +182,6 @@ def _damage(place: Place, manifest: Manifest, row: int, column: int) -> tuple[st
     return None if lost == (STATUS,) and contents[STATUS] is None else lost
 
 
-def tile_key(row: int, column: int) -> str:
-    """Where the checksums of a tile are."""
-    return f"{TILES}/c/0/{row}/{column}"
-
-
-def checksums_of(row: int, column: int, keys: Mapping[str, str], contents: Mapping[str, bytes]) -> np.ndarray:
-    """Return the checksums of a tile's chunks and one of these, as the store holds them: (variables + 1, 1, 1)."""
-    noted = b"".join(checksum(key, contents[name]) for name, key in keys.items())
-    noted += checksum(tile_key(row, column), noted)
-    return np.frombuffer(noted, "<u8").reshape(-1, 1, 1)
-
-
-def _checksums_in(stored: bytes, key: str, count: int) -> list[bytes] | None:
-    """Return the checksums that a chunk holds, which is not compressed; None if it is lost or damaged."""
-    noted, own = stored[: 8 * count], stored[8 * count : 8 * count + 8]
-    if checksum(key, noted) != own:
-        return None
-    return [noted[start : start + 8] for start in range(0, 8 * count, 8)]
-
-
 def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
     """Return the files of a survey that are lost or damaged, but for what tiles write."""
     lost = [key for key in SEALED if read_sealed(place, key) is None]
@@ -236,8 +191,3 @@ def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:
             if content is None or checksum(key, content).hex() != known:
                 lost.append(key)
     return tuple(lost)
-
-
-def files_of(template: Mapping[str, bytes]) -> dict[str, str]:
-    """Return the checksum of each file of a template but the sealed ones, by its key."""
-    return {key: checksum(key, content).hex() for key, content in template.items() if key not in SEALED}

@@ -13,7 +13,8 @@ from pathlib import Path
 from uuid import uuid4
 
 from workers.errors import SurveyError, storage_error
-from workers.storage.bucket import LOCK, ROOT, SCHEME, Bucket
+from workers.storage.bucket import LOCK, SCHEME, Bucket
+from workers.survey.seals import ROOT
 
 
 class Directory:

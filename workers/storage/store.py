@@ -13,23 +13,11 @@ import xarray as xr
 import zarr
 
 from workers.errors import StorageError, SurveyError, storage_error
-from workers.storage.bucket import ROOT, SCHEME
-from workers.storage.integrity import (
-    OWN,
-    STATUS,
-    TILES,
-    Manifest,
-    checksums_of,
-    damaged_template,
-    examine_tiles,
-    manifest_of,
-    read,
-    read_sealed,
-    sealed,
-    tile_key,
-)
+from workers.storage.bucket import SCHEME
+from workers.storage.integrity import STATUS, Manifest, damaged_template, examine_tiles, manifest_of, read, read_sealed
 from workers.storage.location import Place, place_of
 from workers.survey.request import SurveyRequest
+from workers.survey.seals import OWN, ROOT, TILES, checksums_of, sealed, tile_key
 from workers.survey.template import Template, blank, now, template_of
 from workers.survey.tiles import Tile
 from workers.survey.version import code_version

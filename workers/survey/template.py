@@ -14,12 +14,11 @@ from zarr.core.buffer import Buffer, cpu
 from zarr.errors import ZarrUserWarning
 from zarr.storage import MemoryStore, StoreLike
 
-from workers.storage.bucket import ROOT
-from workers.storage.integrity import GROUP, OWN, TILES, files_of, sealed
 from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
 from workers.survey.quantities import COORDINATES, DOI, shape_of, stored
 from workers.survey.request import SurveyRequest
 from workers.survey.schema import Quantity
+from workers.survey.seals import GROUP, OWN, ROOT, TILES, files_of, sealed
 from workers.survey.tiles import cells_of
 from workers.survey.version import code_version
 
@@ -50,7 +49,7 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
     _, chunks = _create_checksums(root, request, quantities)
     template = _contents(kept)
     attributes = {
-        "long_name": "checksums of every file (workers/storage/integrity.py)",
+        "long_name": "checksums of every file (workers/survey/seals.py)",
         "content_hash": request.content_hash(),
         "date_created": created,
         "grid": request.tile_grid,
