@@ -13,23 +13,25 @@ from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 
 import rattle
 import workers
-from service import compilation, problems
-from service.access import AccessMiddleware, caller_of
-from service.broadcast import Broadcast
-from service.conditional import AnyTagMiddleware
+from service import compilation
+from service.access.middleware import AccessMiddleware, caller_of
+from service.access.revocation import Revocations
 from service.explorer.mount import Explorer
-from service.head import HeadMiddleware
-from service.jobs import JobManager
+from service.jobs.broadcast import Broadcast
+from service.jobs.manager import JobManager
+from service.jobs.opening import opened
+from service.jobs.recovery import recover
 from service.kernels import Kernels
-from service.logs import RequestLogMiddleware, adopt_handlers
-from service.metrics import Metrics
-from service.opening import opened
-from service.queries import refuse_unknown
-from service.recovery import recover
-from service.revocation import Revocations
+from service.observability.logs import adopt_handlers
+from service.observability.metrics import Metrics
+from service.observability.request_log import RequestLogMiddleware
 from service.routes import ROUTERS, health
 from service.settings import Settings
 from service.state import Front
+from service.web import problems
+from service.web.conditional import AnyTagMiddleware
+from service.web.head import HeadMiddleware
+from service.web.queries import refuse_unknown
 
 if TYPE_CHECKING:
     from distributed import Client

@@ -6,7 +6,7 @@ import rattle
 from rattle.models import AnyModel, Model
 from service.explorer import point_parts
 from service.kernels import AT, Part, Work, model_for, note_compiled
-from service.tracing import curves_document, orbits_document
+from service.operations.points import curves_document, orbits_document
 
 
 def _orbits(model: AnyModel) -> None:

@@ -1,4 +1,4 @@
-"""What the front end can refuse, as exceptions; :mod:`service.problems` maps them to HTTP."""
+"""What the front end can refuse, as exceptions; :mod:`service.web.problems` maps them to HTTP."""
 
 from __future__ import annotations
 

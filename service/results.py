@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
+from service.access.origins import is_loopback
 from service.errors import ServiceError
-from service.origins import is_loopback
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -16,16 +16,16 @@ from typing import Annotated
 from anyio import CancelScope, CapacityLimiter
 from fastapi import Depends, Request
 
-from service.broadcast import Broadcast
+from service.access.revocation import Revocations
 from service.database import Database
-from service.datadir import DataDirectory
+from service.database.tables import JobRow
 from service.errors import UnavailableError
-from service.jobs import JobManager
+from service.jobs.broadcast import Broadcast
+from service.jobs.directory import DataDirectory
+from service.jobs.manager import JobManager
 from service.kernels import Kernels
-from service.metrics import Metrics
-from service.revocation import Revocations
+from service.observability.metrics import Metrics
 from service.settings import Settings
-from service.tables import JobRow
 from workers import Bucket
 
 

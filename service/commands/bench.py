@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from service.measure import Outcome
+    from service.bench.measure import Outcome
 
 
 class Part(StrEnum):
@@ -74,7 +74,7 @@ def bench(
 def _kernel(thin: int) -> Iterable[Table]:
     from rich.table import Table
 
-    from service import measure
+    from service.bench import measure
 
     table = Table("workload", "plain", "with tangent", "scanned", "searched", title="kernel: ns per impact, one thread")
     for rate in measure.rates(thin):
@@ -94,7 +94,7 @@ def _kernel(thin: int) -> Iterable[Table]:
 def _cell(count: int, row: int, sample: int) -> Iterable[Table]:
     from rich.table import Table
 
-    from service import measure
+    from service.bench import measure
 
     table = Table("cell (δ, ε)", "ms", "outcome: share × impacts on Σ⁺", title=f"cell: {count} initial conditions")
     for name, milliseconds, outcomes in measure.cells(count, row):
@@ -119,7 +119,7 @@ def _described(outcomes: list[Outcome]) -> str:
 def _survey(side: int, count: int, workers: int, tile: int | None) -> Iterable[Table]:
     from rich.table import Table
 
-    from service import measure
+    from service.bench import measure
 
     cost = measure.survey(side, count, workers, tile)
     title = f"survey: plane of Figure 7, {side} × {side} cells, {count} initial conditions, {workers} processes"
@@ -143,7 +143,7 @@ def _survey(side: int, count: int, workers: int, tile: int | None) -> Iterable[T
 def _curves() -> Iterable[Table]:
     from rich.table import Table
 
-    from service.curve_times import bifurcations
+    from service.bench.curves import bifurcations
 
     table = Table("what", "seconds", "points", title="curves: one core, kernels compiled")
     for name, seconds, points in bifurcations():
@@ -154,10 +154,10 @@ def _curves() -> Iterable[Table]:
 def _global() -> Iterable[Table]:
     from rich.table import Table
 
-    from service import global_times
+    from service.bench import global_dynamics
 
     table = Table("what", "seconds", "", title="global: δ = 0.6, ε = 0.1; one core, kernels compiled")
-    for name, seconds, makes in global_times.times():
+    for name, seconds, makes in global_dynamics.times():
         table.add_row(name, f"{seconds:.3f}", makes)
     yield table
 
@@ -166,7 +166,7 @@ def _peers() -> Iterable[Table]:
     from rich.markup import escape
     from rich.table import Table
 
-    from service import peers
+    from service.bench import peers
 
     columns = ("peer", "ns per impact", "rattle", "ratio", "largest error: phase", "speed", "compared", "lost")
     table = Table(*columns, title="peers: one thread, δ = 0.6, ε = 0.1")
@@ -182,7 +182,7 @@ def _peers() -> Iterable[Table]:
 def _start() -> Iterable[Table]:
     from rich.table import Table
 
-    from service import measure
+    from service.bench import measure
 
     table = Table("process", "seconds", title="start: a new process")
     for name, seconds in measure.start():

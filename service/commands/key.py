@@ -46,8 +46,8 @@ def add(
     database_url: DatabaseUrl = None,
 ) -> None:
     """Make a key and print it. It is shown this once: the service keeps a hash of it."""
-    from service.keys import add_key
-    from service.tables import Scope
+    from service.access.keys import add_key
+    from service.database.tables import Scope
 
     if not (name.isprintable() and 0 < len(name) <= LONGEST_NAME):
         raise typer.BadParameter(f"NAME has 1 to {LONGEST_NAME} characters that can be printed")
@@ -91,8 +91,8 @@ def revoke(
 def _database(data: Path | None, database_url: str | None, create: bool = False) -> Iterator[Database]:
     from service.commands.options import settings_of
     from service.database import Database
-    from service.datadir import DataDirectory
     from service.errors import DataDirectoryError
+    from service.jobs.directory import DataDirectory
 
     settings = settings_of(data=data, database_url=database_url)
     directory = DataDirectory(settings.data)

@@ -44,10 +44,10 @@ def serve(
     from service.app import create_app
     from service.commands.options import settings_of
     from service.commands.signals import stop_requested
-    from service.logs import log_config
-    from service.opening import opened
-    from service.protocol import protocol_of
-    from service.server import Server
+    from service.jobs.opening import opened
+    from service.observability.logs import log_config
+    from service.web.protocol import protocol_of
+    from service.web.server import Server
 
     settings = settings_of(
         host=host, port=port, data=data, store=store, scheduler=scheduler, workers=workers, insecure=insecure or None
@@ -81,9 +81,9 @@ def serve(
 
 def require_keys(settings: Settings, database: Database) -> None:
     """Raise AccessError where keys are asked and nobody has one."""
-    from service.access import asks_keys
+    from service.access.keys import has_live_key
+    from service.access.middleware import asks_keys
     from service.errors import AccessError
-    from service.keys import has_live_key
 
     if not asks_keys(settings) or has_live_key(database):
         return

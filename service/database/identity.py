@@ -9,8 +9,8 @@ from typing import Any
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
+from service.database.tables import ACTIVE, AnsweredRow, JobRow, State
 from service.errors import ConflictError
-from service.tables import ACTIVE, AnsweredRow, JobRow, State
 
 #: Idempotency keys of one survey that are remembered beside that which it was made with.
 MOST_ANSWERED = 100

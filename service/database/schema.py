@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from sqlalchemy import Connection, Engine, Inspector, inspect
 
 from service.database.engine import shown
+from service.database.tables import Table
 from service.errors import DataDirectoryError
-from service.tables import Table
 
 if TYPE_CHECKING:
     from alembic.config import Config

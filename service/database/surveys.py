@@ -12,9 +12,9 @@ from sqlalchemy import bindparam, delete, func, select, text
 from sqlalchemy.orm import Session
 
 from service.database.identity import NewJob, find_by_key, find_identical
+from service.database.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, TileRow, now
 from service.database.transactions import Transactions
 from service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
-from service.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, TileRow, now
 
 CHUNK = 500  # values in one IN (…)
 BEING_DELETED = "being deleted"

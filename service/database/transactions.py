@@ -10,8 +10,8 @@ from sqlalchemy import Engine, select
 from sqlalchemy.orm import Session
 
 from service.database.engine import BUSY_SECONDS
+from service.database.tables import ServiceRow
 from service.errors import UnavailableError
-from service.tables import ServiceRow
 
 
 class Transactions:

@@ -12,13 +12,13 @@ from pydantic import ValidationError
 
 from rattle import RattleError
 from rattle.models import AnyModel, Model
-from service.actions import submit_survey
-from service.estimate import Estimate, estimate
+from service.database.tables import Scope
 from service.explorer.address import Pair
 from service.explorer.viewer import Viewer
-from service.limits import check_limits
-from service.problems import field_errors_of
-from service.tables import Scope
+from service.operations.estimate import Estimate, estimate
+from service.operations.limits import check_limits
+from service.operations.surveys import submit_survey
+from service.web.problems import field_errors_of
 from workers import SurveyRequest
 from workers.survey.quantities import groups_of
 from workers.survey.schema import DEFAULT, Group

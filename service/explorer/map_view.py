@@ -13,6 +13,7 @@ import panel as pn
 
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
+from service.database.tables import UNREADABLE, JobRow, State
 from service.explorer.address import CRISIS, LIMITS, POINTS, Pair, View
 from service.explorer.beside import Beside
 from service.explorer.colouring import Colouring, colouring, values_shown
@@ -26,7 +27,6 @@ from service.explorer.shared import Shared
 from service.explorer.text import Text
 from service.explorer.viewer import Viewer
 from service.explorer.zoom import Zoom, coarser
-from service.tables import UNREADABLE, JobRow, State
 from workers import Frame, SurveyRequest
 
 PAUSE = 1.0  # between two drawings of a survey that runs

@@ -15,14 +15,14 @@ from starlette.responses import StreamingResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import Message, Receive, Scope, Send
 
+from service.access import login
 from service.errors import UnavailableError
-from service.explorer import login
 from service.explorer.address import View
 from service.explorer.assets_route import Assets
 from service.explorer.head import COOKIE, SCHEME, body_of, following, head_of
 from service.explorer.news import News
-from service.jobs import STARTING
-from service.logs import adopt_handlers
+from service.jobs.manager import STARTING
+from service.observability.logs import adopt_handlers
 from service.settings import Settings
 from service.state import Front
 
@@ -119,7 +119,7 @@ class Explorer:
         found = transport_of(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
         adopt_handlers()  # Panel's
-        gc.freeze()  # as in service.server, for what has just been loaded
+        gc.freeze()  # as in service.web.server, for what has just been loaded
         return found
 
     async def _page(self, request: Request) -> Response:

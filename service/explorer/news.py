@@ -13,9 +13,9 @@ from datetime import datetime
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
+from service.database.tables import JobRow, State
 from service.errors import UnavailableError
 from service.state import Front
-from service.tables import JobRow, State
 
 LISTED = 100  # newest surveys
 PAUSE = 0.5  # between two readings

@@ -9,7 +9,7 @@ from typing import Any
 import panel as pn
 from bokeh.document import Document
 
-from service.actions import remove_survey
+from service.database.tables import Scope, State
 from service.explorer.address import View
 from service.explorer.files import asset
 from service.explorer.form import Form
@@ -19,7 +19,7 @@ from service.explorer.map_view import MapView
 from service.explorer.news import Standing
 from service.explorer.shared import Shared
 from service.explorer.viewer import CALLER, Viewer
-from service.tables import Scope, State
+from service.operations.surveys import remove_survey
 from workers import SurveyRequest
 
 

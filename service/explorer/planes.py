@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from service.database.tables import JobRow, State
 from service.errors import MissingError
 from service.explorer.address import Pair
 from service.state import Front
-from service.tables import JobRow, State
 from workers import SurveyRequest, open_survey, tiles_of
 from workers.pictures.maps import numbers, plane_of
 from workers.survey.schema import CELL

@@ -18,8 +18,8 @@ from rattle.models import Model
 from service.explorer import point_parts
 from service.explorer.viewer import change_and_wait
 from service.kernels import AT, Part
+from service.operations.turns import in_turn
 from service.state import Front
-from service.turns import in_turn
 
 if TYPE_CHECKING:
     from bokeh.document import Document

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from starlette.concurrency import run_in_threadpool
 
 from rattle import RattleError
+from service.access.keys import Caller
+from service.database.tables import Scope
 from service.errors import ForbiddenError, UnauthorizedError
-from service.keys import Caller
 from service.state import Front
-from service.tables import Scope
 
 if TYPE_CHECKING:
     from bokeh.document import Document

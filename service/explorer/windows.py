@@ -9,7 +9,7 @@ from contextlib import closing, suppress
 from functools import partial
 
 from service.errors import UnavailableError
-from service.jobs import STARTING
+from service.jobs.manager import STARTING
 from service.state import Front
 from workers import Frame, SurveyRequest, Window, map_quantity, refined, window_survey
 

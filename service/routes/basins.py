@@ -8,14 +8,14 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query, Response
 
 from rattle.models import AnyGear, model_at
-from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
 from service.kernels import Part
-from service.problems import declared
+from service.operations.turns import in_turn
 from service.routes.picture import PNG
 from service.routes.points import GearQuery
 from service.state import FrontState
-from service.turns import in_turn
+from service.web.conditional import NOT_MODIFIED, function_of_query
+from service.web.problems import declared
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

@@ -10,14 +10,14 @@ from pydantic import BaseModel, Field
 
 from rattle.continuation.curves import FARTHEST
 from rattle.models import model_of
-from service import examples
-from service.conditional import NOT_MODIFIED, function_of_query
 from service.kernels import Part
-from service.problems import declared
+from service.operations.points import curves_document
+from service.operations.turns import in_turn
 from service.routes.points import Backlash, Multiplier, Stiffness
 from service.state import FrontState
-from service.tracing import curves_document
-from service.turns import in_turn
+from service.web import examples
+from service.web.conditional import NOT_MODIFIED, function_of_query
+from service.web.problems import declared
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

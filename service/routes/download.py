@@ -12,11 +12,11 @@ from fastapi.responses import StreamingResponse
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 
-from service.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
-from service.documents import SurveyId
 from service.errors import MissingError
-from service.problems import declared
+from service.routes.documents import SurveyId
 from service.state import Front, FrontState
+from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
+from service.web.problems import declared
 from workers import Bucket, open_survey
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])

@@ -12,16 +12,16 @@ from sse_starlette import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
-from service import examples
-from service.access import CallerState
-from service.broadcast import written
-from service.documents import SurveyId
+from service.access.keys import Caller
+from service.access.middleware import CallerState
+from service.access.revocation import Revocations
+from service.database.tables import State
 from service.errors import UnknownSurveyError
-from service.keys import Caller
-from service.problems import declared
-from service.revocation import Revocations
+from service.jobs.broadcast import written
+from service.routes.documents import SurveyId
 from service.state import Front, FrontState
-from service.tables import State
+from service.web import examples
+from service.web.problems import declared
 
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 

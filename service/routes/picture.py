@@ -9,11 +9,11 @@ import anyio
 from fastapi import APIRouter, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from service.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
-from service.documents import SurveyId
 from service.errors import MissingError
-from service.problems import declared
+from service.routes.documents import SurveyId
 from service.state import FrontState
+from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
+from service.web.problems import declared
 from workers import QUANTITIES, Bucket, open_survey
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])

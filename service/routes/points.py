@@ -10,14 +10,14 @@ from starlette.concurrency import run_in_threadpool
 
 import rattle
 from rattle.models import AnyGear, model_at, model_of
-from service import examples
-from service.conditional import NOT_MODIFIED, function_of_query
 from service.errors import LimitError
 from service.kernels import Part
-from service.problems import declared
+from service.operations.points import number, orbits_document
+from service.operations.turns import in_turn
 from service.state import FrontState
-from service.tracing import number, orbits_document
-from service.turns import in_turn
+from service.web import examples
+from service.web.conditional import NOT_MODIFIED, function_of_query
+from service.web.problems import declared
 from workers.survey.request import MOST_STIFF
 
 router = APIRouter(prefix="/v1", tags=["points"])

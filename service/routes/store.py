@@ -12,14 +12,14 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from service.chunks import is_owed
-from service.conditional import HOUR, NOT_MODIFIED, REVALIDATE
-from service.documents import SurveyId, path_of
+from service.database.tables import State
 from service.errors import MissingError
-from service.objects import object_response
-from service.problems import declared
+from service.operations.chunks import is_owed
+from service.routes.documents import SurveyId, path_of
 from service.state import FrontState
-from service.tables import State
+from service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE
+from service.web.objects import object_response
+from service.web.problems import declared
 from workers import Bucket
 from workers.errors import DamageError
 

@@ -8,14 +8,14 @@ from typing import Annotated
 from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
 
-from service import examples
-from service.access import CallerState
-from service.actions import remove_survey, require_owner, submit_survey
-from service.conditional import NOT_MODIFIED, json_answer
-from service.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of
-from service.problems import ADVICE, declared
+from service.access.middleware import CallerState
+from service.database.tables import JobRow, State
+from service.operations.surveys import remove_survey, require_owner, submit_survey
+from service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of
 from service.state import Front, FrontState
-from service.tables import JobRow, State
+from service.web import examples
+from service.web.conditional import NOT_MODIFIED, json_answer
+from service.web.problems import ADVICE, declared
 from workers import SurveyRequest
 
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])

@@ -23,9 +23,9 @@ from service.explorer.point import PointView
 from service.explorer.point_panel import PointPanel
 from service.explorer.point_state import PointState
 from service.explorer.point_work import prepare
+from service.operations.turns import in_turn
 from service.settings import Settings
 from service.state import Front
-from service.turns import in_turn
 
 # Words
 

@@ -12,11 +12,11 @@ from fastapi.testclient import TestClient
 from service_support import BODY, HERE, assert_problem, front_end, front_of
 from starlette.websockets import WebSocketDisconnect
 
-from service import keys
-from service.access import asks_keys
-from service.origins import is_loopback
+from service.access import keys
+from service.access.middleware import asks_keys
+from service.access.origins import is_loopback
+from service.database.tables import Scope, State
 from service.settings import Settings
-from service.tables import Scope, State
 
 CELLS = 24  # of BODY
 NOBODY = ("203.0.113.7", 40000)

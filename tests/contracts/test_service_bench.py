@@ -11,7 +11,7 @@ from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
 import workers
-from service import global_times, measure, peers
+from service.bench import global_dynamics, measure, peers
 from service.cli import app
 from service.commands.bench import Part
 
@@ -113,11 +113,11 @@ def test_curves(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_global(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(global_times, "SIDE", 20)
-    monkeypatch.setattr(global_times, "STEPS", 5)
-    monkeypatch.setattr(global_times, "ARCLENGTH", 2.0)
-    monkeypatch.setattr(global_times, "best_of_two", lambda run: run() or 1.0)
-    monkeypatch.setattr(global_times, "boundary_crisis", lambda _: SimpleNamespace(epsilon=0.0974223487))
+    monkeypatch.setattr(global_dynamics, "SIDE", 20)
+    monkeypatch.setattr(global_dynamics, "STEPS", 5)
+    monkeypatch.setattr(global_dynamics, "ARCLENGTH", 2.0)
+    monkeypatch.setattr(global_dynamics, "best_of_two", lambda run: run() or 1.0)
+    monkeypatch.setattr(global_dynamics, "boundary_crisis", lambda _: SimpleNamespace(epsilon=0.0974223487))
     table = rows(printed(monkeypatch, "global"))
     assert table["basins, direct, 20 × 20 cells"] == ["1.000", f"{1e9 / 400:.0f} ns per cell"]
     assert table["boundary crisis at δ = 0.762"] == ["1.000", "ε = 0.0974223487"]

@@ -8,10 +8,10 @@ from depth import either
 from fastapi.testclient import TestClient
 from service_support import BODY, front_end, front_of
 
-from service import conditional
 from service.database import DoneTile
+from service.database.tables import State
 from service.routes import points
-from service.tables import State
+from service.web import conditional
 from workers import SurveyRequest, compute_tile, create_store, finish_store, tiles_of
 from workers.storage.store import write_tile
 

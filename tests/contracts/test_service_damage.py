@@ -14,11 +14,11 @@ from waiting import wait_until
 
 from service.app import create_app
 from service.database import Database, DoneTile
+from service.database.tables import State
 from service.explorer.address import View
 from service.explorer.news import Standing
 from service.explorer.page import _first, _row
 from service.settings import Settings
-from service.tables import State
 from workers import Bucket, SurveyRequest, compute_tile, create_store, tiles_of
 from workers.storage.store import write_tile
 
@@ -206,10 +206,10 @@ def test_the_surveys_behind_a_damaged_one_run(
     tmp_path: Path, database_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     computed: list[str] = []
-    monkeypatch.setattr("service.jobs.create_store", lambda *_: None)
-    monkeypatch.setattr("service.jobs.finish_store", lambda *_: None)
-    monkeypatch.setattr("service.jobs.tiles_done", lambda *_: set())
-    monkeypatch.setattr("service.jobs.run_tiles", lambda _, path, *__: computed.append(path.stem))
+    monkeypatch.setattr("service.jobs.manager.create_store", lambda *_: None)
+    monkeypatch.setattr("service.jobs.manager.finish_store", lambda *_: None)
+    monkeypatch.setattr("service.jobs.manager.tiles_done", lambda *_: set())
+    monkeypatch.setattr("service.jobs.manager.run_tiles", lambda _, path, *__: computed.append(path.stem))
     with front_end(tmp_path, database_url=database_url) as client:
         ids = [client.post("/v1/surveys?force=true", json=BODY).json()["id"] for _ in range(2)]
         damage(front_of(client).database, ids[0], damages(database_url)[0])

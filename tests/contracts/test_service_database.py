@@ -19,8 +19,8 @@ from service.database import Database, DoneTile, NewJob
 from service.database.engine import UNPOOLED, open_engine
 from service.database.hold import LOCK
 from service.database.identity import MOST_ANSWERED
+from service.database.tables import AnsweredRow, Scope, State
 from service.errors import ConflictError, DataDirectoryError, QueueFullError, UnavailableError, UnknownSurveyError
-from service.tables import AnsweredRow, Scope, State
 
 THREADS = 12
 HOLD = sys.modules["service.database.hold"]  # of the package, it is the function

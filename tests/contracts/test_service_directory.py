@@ -9,10 +9,10 @@ from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of, idle_cluster, local_client
 from waiting import wait_until
 
-from service import jobs
 from service.app import create_app
 from service.errors import DataDirectoryError
-from service.opening import opened
+from service.jobs import manager
+from service.jobs.opening import opened
 from service.settings import Settings
 
 SMALLER = BODY | {"seed": 3}
@@ -92,15 +92,15 @@ def test_a_survey_waits_for_its_directory(data: Path, monkeypatch: pytest.Monkey
         raise RuntimeError("the store is gone")
 
     away = data
-    monkeypatch.setattr(jobs, "create_store", lambda *_: None)
-    monkeypatch.setattr(jobs, "tiles_done", lambda *_: set())
-    monkeypatch.setattr(jobs, "run_tiles", store_is_gone)
-    monkeypatch.setattr(jobs, "finish_store", lambda *_: None)
+    monkeypatch.setattr(manager, "create_store", lambda *_: None)
+    monkeypatch.setattr(manager, "tiles_done", lambda *_: set())
+    monkeypatch.setattr(manager, "run_tiles", store_is_gone)
+    monkeypatch.setattr(manager, "finish_store", lambda *_: None)
     with local_client(create_app(Settings(data=data), idle_cluster)) as client:
         path = client.post("/v1/surveys", json=BODY).headers["location"]
         wait_until(lambda: "data directory" in front_of(client).manager.storage_state)
         assert tried == 1
-        monkeypatch.setattr(jobs, "run_tiles", lambda *_: None)
+        monkeypatch.setattr(manager, "run_tiles", lambda *_: None)
         bring_back(away, data)
         wait_until(lambda: client.get(path).json()["state"] == "successful")
         assert health(client)["status"] == "ok"

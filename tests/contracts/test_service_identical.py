@@ -10,9 +10,9 @@ from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of
 
 import workers.survey.request
+from service.access.keys import add_key
 from service.database import Database, NewJob
-from service.keys import add_key
-from service.tables import Scope, State
+from service.database.tables import Scope, State
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ from waiting import HANG
 
 from service.database import DoneTile
 from service.database.engine import UNPOOLED, open_engine
+from service.database.tables import State
 from service.errors import DataDirectoryError
-from service.tables import State
 
 
 @pytest.fixture

@@ -145,12 +145,12 @@ import sys
 
 from rattle import RattleError
 from rattle.models import Model, model_of
-from service.estimate import cell_seconds
+from service.operations.estimate import cell_seconds
 from service.explorer import point_parts
 from service.compilation import compile_all
 from service.kernels import KAPPA
 from service.routes.basins import _draw
-from service.tracing import curves_document, orbits_document
+from service.operations.points import curves_document, orbits_document
 from workers import SurveyRequest, compute_tile, tiles_of
 from workers.survey.template import template_of
 

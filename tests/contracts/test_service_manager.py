@@ -11,10 +11,10 @@ from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_of, idle_cluster, local_client
 from waiting import HANG, wait_until
 
-from service import jobs
 from service.app import create_app
+from service.database.tables import State
+from service.jobs import manager
 from service.settings import Settings
-from service.tables import State
 from workers import StorageError, TileRecord
 
 
@@ -29,7 +29,7 @@ def full_disk(*_: Any) -> None:
 
 
 def test_a_storage_that_nobody_waits_for_is_not_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(jobs, "create_store", full_disk)
+    monkeypatch.setattr(manager, "create_store", full_disk)
     with service(tmp_path) as client:
         survey_id = client.post("/v1/surveys", json=BODY).json()["id"]
         wait_until(lambda: "full" in client.get("/v1/health").json()["storage"])
@@ -40,7 +40,7 @@ def test_a_storage_that_nobody_waits_for_is_not_reported(tmp_path: Path, monkeyp
 def test_a_survey_that_goes_on_after_a_restart_no_longer_says_that_it_waits(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(jobs, "create_store", full_disk)
+    monkeypatch.setattr(manager, "create_store", full_disk)
     with service(tmp_path) as client:
         path = client.post("/v1/surveys", json=BODY).headers["location"]
         wait_until(lambda: "waits for its store" in client.get(path).json()["message"])
@@ -51,9 +51,9 @@ def test_a_survey_that_goes_on_after_a_restart_no_longer_says_that_it_waits(
         seen.append(client.get(path).json())
         raise RuntimeError("enough")
 
-    monkeypatch.setattr(jobs, "create_store", lambda *_: None)
-    monkeypatch.setattr(jobs, "tiles_done", lambda *_: set())
-    monkeypatch.setattr(jobs, "run_tiles", run_one_tile)
+    monkeypatch.setattr(manager, "create_store", lambda *_: None)
+    monkeypatch.setattr(manager, "tiles_done", lambda *_: set())
+    monkeypatch.setattr(manager, "run_tiles", run_one_tile)
     with service(tmp_path) as client:
         wait_until(lambda: bool(seen))
     assert (seen[0]["state"], seen[0]["message"]) == (State.RUNNING, "")
@@ -64,10 +64,10 @@ def test_a_deletion_waits_for_the_last_tiles_of_a_survey_that_has_ended(
 ) -> None:
     """Or one that follows the end at once would be refused by chance."""
     tiles_end = threading.Event()
-    monkeypatch.setattr(jobs, "create_store", lambda *_: None)
-    monkeypatch.setattr(jobs, "tiles_done", lambda *_: set())
-    monkeypatch.setattr(jobs, "run_tiles", lambda *_: tiles_end.wait(HANG))
-    monkeypatch.setattr(jobs, "LAST_TILES_SECONDS", 0.1)
+    monkeypatch.setattr(manager, "create_store", lambda *_: None)
+    monkeypatch.setattr(manager, "tiles_done", lambda *_: set())
+    monkeypatch.setattr(manager, "run_tiles", lambda *_: tiles_end.wait(HANG))
+    monkeypatch.setattr(manager, "LAST_TILES_SECONDS", 0.1)
     with service(tmp_path) as client:
         path = client.post("/v1/surveys", json=BODY).headers["location"]
         wait_until(lambda: client.get(path).json()["state"] == "running")
@@ -81,7 +81,7 @@ def test_a_deletion_waits_for_the_last_tiles_of_a_survey_that_has_ended(
             tiles_end.set()
             return wait_for(is_over, seconds)
 
-        monkeypatch.setattr(jobs, "LAST_TILES_SECONDS", HANG)
+        monkeypatch.setattr(manager, "LAST_TILES_SECONDS", HANG)
         monkeypatch.setattr(ended, "wait_for", end_while_waited_for)
         assert client.delete(path).status_code == 204
         assert_problem(client.get(path), 404)

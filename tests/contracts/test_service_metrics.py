@@ -18,9 +18,9 @@ from service_support import BODY, front_end, front_of
 from sqlalchemy.exc import OperationalError
 
 from service.database import Database
-from service.logs import about, adopt_handlers, log_config
-from service.logs_json import TRACEBACKS
-from service.tables import State
+from service.database.tables import State
+from service.observability.logs import about, adopt_handlers, log_config
+from service.observability.logs_json import TRACEBACKS
 from workers import SurveyRequest, compute_tile, tiles_of
 
 REQUEST = SurveyRequest(**BODY)
@@ -114,19 +114,19 @@ def lines(request: pytest.FixtureRequest) -> Iterator[Callable[[], list[str]]]:
 @pytest.mark.parametrize("lines", ["json"], indirect=True)
 def test_json_lines(client: TestClient, lines: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
     clock = count(0, 2.5)
-    monkeypatch.setattr("service.logs.time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    monkeypatch.setattr("service.observability.logs.time", SimpleNamespace(perf_counter=lambda: next(clock)))
     survey_id = "0123456789abcdef"
     response = client.get(f"/v1/surveys/{survey_id}", headers={"X-Request-ID": "mine-1"})
     assert response.headers["x-request-id"] == "mine-1"
     with about(survey_id):
-        logging.getLogger("service.jobs").warning("two\nlines %s", "here")
+        logging.getLogger("service.jobs.manager").warning("two\nlines %s", "here")
     records = [json.loads(line) for line in lines()]
-    request = next(record for record in records if record["logger"] == "service.logs")
+    request = next(record for record in records if record["logger"] == "service.observability.logs")
     assert request["survey"] == survey_id
     assert (request["request"], request["method"], request["status"]) == ("mine-1", "GET", 404)
     assert request["route"] == "/v1/surveys/{survey_id}"
     assert request["seconds"] == 2.5
-    job = next(record for record in records if record["logger"] == "service.jobs")
+    job = next(record for record in records if record["logger"] == "service.jobs.manager")
     assert (job["survey"], job["level"], job["message"]) == (survey_id, "WARNING", r"two\nlines here")
 
 

@@ -11,8 +11,8 @@ from sqlalchemy import Engine, inspect
 
 from service.database import Database, DoneTile, NewJob
 from service.database.engine import UNPOOLED, open_engine
+from service.database.tables import Scope, State, Table
 from service.errors import DataDirectoryError
-from service.tables import Scope, State, Table
 
 #: Verbatim, what `create_all` made of the tables before there were migrations.
 TYPES = {

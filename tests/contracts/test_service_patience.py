@@ -7,8 +7,8 @@ from typing import Any
 from uvicorn import Config
 from uvicorn.server import ServerState
 
-from service.protocol import LEAST_READ, protocol_of
 from service.settings import Settings
+from service.web.protocol import LEAST_READ, protocol_of
 
 LIMIT = 20.0
 PAUSE = 0.6 * LIMIT

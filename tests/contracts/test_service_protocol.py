@@ -10,8 +10,8 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 from waiting import eventually
 
-from service.protocol import LEAST_READ, protocol_of
 from service.settings import Settings
+from service.web.protocol import LEAST_READ, protocol_of
 
 LIMITS = Settings(request_seconds=16, unread_seconds=32)
 KEEP_ALIVE = 100

@@ -12,9 +12,9 @@ from waiting import wait_until
 
 from service.app import create_app
 from service.database import Database, DoneTile, NewJob
-from service.datadir import DataDirectory
+from service.database.tables import State
+from service.jobs.directory import DataDirectory
 from service.settings import Settings
-from service.tables import State
 from workers import SurveyRequest, create_store
 
 HEX = "0123456789abcdef" * 2

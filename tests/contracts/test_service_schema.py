@@ -23,15 +23,16 @@ from waiting import HANG, wait_until
 
 from rattle import Gear
 from rattle.models import Impacting
-from service import examples, jobs
+from service.access.keys import add_key
 from service.app import create_app
 from service.cli import app as cli
 from service.client import Client
-from service.keys import add_key
+from service.database.tables import Scope, State
+from service.jobs import manager
+from service.operations.points import curves_document, orbits_document
 from service.routes import basins, curves, points
 from service.settings import Settings
-from service.tables import Scope, State
-from service.tracing import curves_document, orbits_document
+from service.web import examples
 from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, tiles_of
 from workers.storage.store import write_tile
 
@@ -99,7 +100,7 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error"))
     thread = threading.Thread(target=server.run)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(jobs.JobManager, "_compute", compute)
+        patch.setattr(manager.JobManager, "_compute", compute)
         thread.start()
         try:
             wait_until(lambda: server.started or not thread.is_alive())

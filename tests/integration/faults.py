@@ -33,7 +33,7 @@ def die():
     os.kill(os.getpid(), signal.SIGKILL)
 
 def in_service():
-    return "service.jobs" in sys.modules
+    return "service.jobs.manager" in sys.modules
 
 def before(module, name, act):
     function = getattr(module, name)
@@ -115,7 +115,7 @@ IN_PROCESS = """
 
 #: A service that waits for ever for what it ends by itself.
 NO_DEADLINE = """
-    @patch("service.server")
+    @patch("service.web.server")
     def patient(server):
         server.STOP_SECONDS = 1e6
         after(server.Server, "__init__", lambda self, config, *_: setattr(config, "timeout_graceful_shutdown", None))

@@ -13,7 +13,7 @@ from service_processes import ENVIRONMENT, ROOT, finish, free_port
 from waiting import HANG
 
 from service.database import Database
-from service.datadir import DataDirectory
+from service.jobs.directory import DataDirectory
 
 NO_CLUSTER = "tcp://127.0.0.1:1"
 
@@ -21,7 +21,7 @@ NO_CLUSTER = "tcp://127.0.0.1:1"
 WRITER = """
 import sys
 from service.database import Database, DoneTile, NewJob
-from service.tables import State
+from service.database.tables import State
 database = Database(sys.argv[1])
 while True:
     survey_id = database.accept(NewJob("", {}, "c", "b", 60, 10), 10**6).id

@@ -16,7 +16,7 @@ from faults import NO_DEADLINE, Faults
 from service_processes import REQUEST, client_of, finish, free_port, server, start
 from waiting import HANG, wait_until
 
-from service.server import STOP_SECONDS
+from service.web.server import STOP_SECONDS
 
 MIDDLE = 3  # tiles that are done; the next one never ends
 PROMISED = 5.0  # seconds, in CHANGELOG.md
@@ -93,12 +93,12 @@ def test_a_busy_service_ends_by_itself_with_its_tiles(tmp_path: Path) -> None:
 #: A word for every stage of a start at which a signal may come; the last two as a cluster starts.
 STAGES = {
     "begun": """
-        @patch("service.server")
+        @patch("service.web.server")
         def begun(server):
             after(server.Server, "__init__", lambda *_: [note("begun"), wait_for_signal()])
         """,
     "opened": """
-        @patch("service.jobs")
+        @patch("service.jobs.manager")
         def opened(jobs):
             before(jobs.JobManager, "start", lambda self: [note("opened"), wait_for_signal()])
         """,
@@ -199,7 +199,7 @@ def test_what_cannot_be_ended_is_killed_in_time(tmp_path: Path) -> None:
 def test_a_port_that_is_taken_is_told_before_anything_starts(tmp_path: Path) -> None:
     faults = Faults(tmp_path)
     faults.inject("""
-        @patch("service.jobs")
+        @patch("service.jobs.manager")
         def noted(jobs):
             before(jobs.JobManager, "start", lambda self: note("manager"))
     """)

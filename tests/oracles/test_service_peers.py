@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rattle
-from service import peers
+from service.bench import peers
 
 COUNT = 40
 AGREEMENT = 1e-9

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import hashlib
 
+from service.access.keys import Caller
 from service.database import NewJob
+from service.database.tables import UNREADABLE, JobRow, State
 from service.errors import ForbiddenError
-from service.keys import Caller
-from service.limits import check_limits
+from service.operations.limits import check_limits
 from service.state import Front
-from service.tables import UNREADABLE, JobRow, State
 from workers import SurveyRequest
 
 

@@ -8,7 +8,7 @@ from fastapi import Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
-from service.conditional import is_known
+from service.web.conditional import is_known
 from workers import Bucket
 
 RANGE = re.compile(r"bytes=(\d*)-(\d*)")

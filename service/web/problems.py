@@ -21,7 +21,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rattle import ParameterError, RattleError
 from service import errors
-from service.examples import ANSWERS
+from service.web.examples import ANSWERS
 from workers import StorageError, SurveyError
 from workers.errors import DamageError
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
-from service.datadir import SURVEY_STORE, DataDirectory, Entry
+from service.jobs.directory import SURVEY_STORE, DataDirectory, Entry
 from workers import Bucket
 
 

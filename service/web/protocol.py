@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from service.problems import ADVICE, RETRY_AFTER, problem_response
 from service.settings import Settings
+from service.web.problems import ADVICE, RETRY_AFTER, problem_response
 
 UNFINISHED = (h11.IDLE, h11.SEND_BODY)
 CAN_ANSWER = (h11.IDLE, h11.SEND_RESPONSE)

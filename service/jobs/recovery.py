@@ -6,8 +6,8 @@ import logging
 from contextlib import suppress
 
 from service.database import Database
-from service.datadir import DataDirectory
 from service.errors import ConflictError
+from service.jobs.directory import DataDirectory
 
 log = logging.getLogger(__name__)
 

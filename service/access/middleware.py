@@ -15,13 +15,13 @@ from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rattle import RattleError
-from service import problems
+from service.access.keys import COOKIE, Caller, find_key, find_session
+from service.access.login import LOGIN, LOGOUT, login_url
+from service.access.origins import is_local, is_loopback, require_own_name, require_same_origin
+from service.database.tables import Scope as KeyScope
 from service.errors import ForbiddenError, UnauthorizedError
-from service.explorer.login import LOGIN, LOGOUT, login_url
-from service.keys import COOKIE, Caller, find_key, find_session
-from service.origins import is_local, is_loopback, require_own_name, require_same_origin
 from service.settings import Settings
-from service.tables import Scope as KeyScope
+from service.web import problems
 
 #: Answered without a key: whether the service lives, and how to use it.
 OPEN = frozenset({"/v1/health", "/v1/ready", "/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc", LOGIN})

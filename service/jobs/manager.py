@@ -14,10 +14,10 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from rattle import RattleError
 from service.database import Database, DoneTile
-from service.datadir import DataDirectory
+from service.database.tables import UNREADABLE, JobRow, State
 from service.errors import ConflictError, DirectoryAwayError, ServiceError, UnavailableError
-from service.logs import about
-from service.tables import UNREADABLE, JobRow, State
+from service.jobs.directory import DataDirectory
+from service.observability.logs import about
 from workers import (
     ClusterLostError,
     StoppedError,

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 from starlette.concurrency import run_in_threadpool
 
+from service.database.tables import JobRow
 from service.kernels import Part
+from service.operations.turns import in_turn
 from service.state import Front
-from service.tables import JobRow
-from service.turns import in_turn
 from workers import Axis, SurveyRequest, TileShape, compute_tile, tiles_of
 from workers.survey.schema import SAMPLED, Group
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
-from service.bucketdir import open_directory
 from service.database import Database
-from service.datadir import DataDirectory
+from service.jobs.bucket_directory import open_directory
+from service.jobs.directory import DataDirectory
 from service.settings import Settings
 
 

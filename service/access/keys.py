@@ -9,7 +9,7 @@ import secrets
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from service.tables import JobRow, KeyRow, Scope
+from service.database.tables import JobRow, KeyRow, Scope
 
 if TYPE_CHECKING:
     from service.database import Database

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from fastapi import Path
 from pydantic import BaseModel, Field
 
-from service import examples
-from service.tables import JobRow, State
+from service.database.tables import JobRow, State
+from service.web import examples
 
 
 class Links(BaseModel):

@@ -10,7 +10,7 @@ import rattle
 from rattle.crisis import boundary_crisis
 from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.manifolds import manifold
-from service.measure import NANO, best_of_two
+from service.bench.measure import NANO, best_of_two
 
 DELTA, EPSILON = 0.6, 0.1
 SIDE = 1000  # cells of a basin, each way

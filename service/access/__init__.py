@@ -1,0 +1,1 @@
+"""Who may: keys, origins, login, and what ends when they are revoked."""

@@ -1,0 +1,1 @@
+"""What `rattle bench` measures, peers included: no product code imports it but the command."""

@@ -1,0 +1,1 @@
+"""The thread that runs surveys, and where stores lie."""
