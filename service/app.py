@@ -16,7 +16,7 @@ import workers
 from service import compilation
 from service.access.middleware import AccessMiddleware, caller_of
 from service.access.revocation import Revocations
-from service.explorer.mount import Explorer
+from service.explorer.page.mount import Explorer
 from service.jobs.broadcast import Broadcast
 from service.jobs.manager import JobManager
 from service.jobs.opening import opened

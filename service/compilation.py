@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import rattle
 from rattle.models import AnyModel, Model
-from service.explorer import point_parts
+from service.explorer.point import parts
 from service.kernels import AT, Part, Work, model_for, note_compiled
 from service.operations.points import curves_document, orbits_document
 
@@ -23,7 +23,7 @@ def _attractors(model: AnyModel) -> None:
 
 
 def _point(model: AnyModel) -> None:
-    point_parts.warm_up(model.gear(*AT))
+    parts.warm_up(model.gear(*AT))
     if model.has_crisis:
         rattle.crisis_side(*AT)  # surveys of basins ask it, and the estimate of their cost
 

@@ -12,11 +12,11 @@ EXPLORER = {"RATTLE_EXPLORER": "true"}
 CELLS = either(150, 600)  # a side of the basins of a point
 #: What a point shows, with fewer cells and steps.
 COARSE = f"""
-    @patch("service.explorer.point")
+    @patch("service.explorer.point.view")
     def coarse(point):
         point.RESOLUTIONS = (50, {CELLS})
 
-    @patch("service.explorer.point_parts")
+    @patch("service.explorer.point.parts")
     def few(parts):
         parts.STEPS = 20
 """

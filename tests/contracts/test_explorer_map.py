@@ -13,13 +13,13 @@ from service_support import BODY, front_end, front_of
 from rattle.plot.plane import REGIONS
 from service.database import DoneTile
 from service.database.tables import State
-from service.explorer import planes
-from service.explorer.colouring import colouring, values_shown
-from service.explorer.cursor import following, stepped, zoomed
-from service.explorer.glyphs import style_of
-from service.explorer.map import Map
-from service.explorer.planes import Atlas, Plane
-from service.explorer.readout import in_words
+from service.explorer.common.glyphs import style_of
+from service.explorer.map import planes
+from service.explorer.map.colouring import colouring, values_shown
+from service.explorer.map.cursor import following, stepped, zoomed
+from service.explorer.map.figure import Map
+from service.explorer.map.planes import Atlas, Plane
+from service.explorer.map.readout import in_words
 from workers import SurveyRequest, compute_tile, create_store, tiles_of
 from workers.pictures.maps import REGION_COLOURS
 from workers.storage.store import write_tile

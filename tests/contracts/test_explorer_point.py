@@ -18,11 +18,11 @@ from rattle.models import Impacting, Stiff
 from rattle.stiff import StiffGear
 from service.app import create_app
 from service.errors import UnavailableError
-from service.explorer import point_parts, point_words, point_work
-from service.explorer.point import PointView
-from service.explorer.point_panel import PointPanel
-from service.explorer.point_state import PointState
-from service.explorer.point_work import prepare
+from service.explorer.point import parts, words, work
+from service.explorer.point.panel import PointPanel
+from service.explorer.point.state import PointState
+from service.explorer.point.view import PointView
+from service.explorer.point.work import prepare
 from service.operations.turns import in_turn
 from service.settings import Settings
 from service.state import Front
@@ -41,25 +41,25 @@ from service.state import Front
 )  # fmt: skip
 def test_a_sentence_for_an_engineer(delta: float, epsilon: float, likely: list[str], safe: list[str]) -> None:
     gear = rattle.Gear(delta, epsilon)
-    said = point_words.how_likely(gear, point_parts.chances(gear, 1024))
+    said = words.how_likely(gear, parts.chances(gear, 1024))
     assert all(word in said for word in likely), said
-    said = point_words.how_safe(gear, point_parts.margin(gear))
+    said = words.how_safe(gear, parts.margin(gear))
     assert all(word in said for word in safe), said
 
 
 def test_the_numbers_of_the_sentence_are_the_library_s() -> None:
     gear = rattle.Gear(0.6, 0.089)
-    found = point_parts.chances(gear, 512)
+    found = parts.chances(gear, 512)
     quiet = next(each for each in gear.attractors(512) if each.kind == "quiet")
-    numbers = [float(x) for x in re.findall(r"([\d.]+) %", point_words.how_likely(gear, found))]
+    numbers = [float(x) for x in re.findall(r"([\d.]+) %", words.how_likely(gear, found))]
     low, high = quiet.fraction_interval
     assert numbers[:4] == pytest.approx([100 * quiet.fraction, 95, 100 * low, 100 * high], rel=5e-3)
-    assert point_words.number(gear.quiet_limit) in point_words.where(gear)
-    margin = point_parts.margin(gear)
+    assert words.number(gear.quiet_limit) in words.where(gear)
+    margin = parts.margin(gear)
     assert margin[:3] == gear.boundary_distance(7.0)
     assert margin.leads_to is not None
     assert margin.leads_to.kind != "quiet"
-    assert f"speed {margin.v:.4g}" in point_words.how_safe(gear, margin)
+    assert f"speed {margin.v:.4g}" in words.how_safe(gear, margin)
 
 
 @pytest.mark.parametrize(
@@ -67,7 +67,7 @@ def test_the_numbers_of_the_sentence_are_the_library_s() -> None:
     [(0.0, "0 %"), (1.0, "100 %"), (1e-5, "less than 0.05 %"), (1 - 1e-5, "more than 99.95 %"), (0.12345, "12.3 %")],
 )
 def test_shares(value: float, said: str) -> None:
-    assert point_words.percent(value) == said
+    assert words.percent(value) == said
 
 
 @pytest.mark.parametrize(
@@ -80,7 +80,7 @@ def test_shares(value: float, said: str) -> None:
     ],
 )
 def test_multipliers(pair: tuple[complex, complex] | None, said: str) -> None:
-    assert point_words.pair(pair) == said
+    assert words.pair(pair) == said
 
 
 # Parts
@@ -88,7 +88,7 @@ def test_multipliers(pair: tuple[complex, complex] | None, said: str) -> None:
 
 def test_attractors_have_their_letters_and_multipliers() -> None:
     gear = rattle.Gear(0.6, 0.089)
-    found = point_parts.chances(gear, 256)
+    found = parts.chances(gear, 256)
     stable = {orbit.name: orbit for orbit in gear.orbits() if orbit.stable}
     assert {letter for letter in found.letters if letter} == set(stable)
     for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
@@ -101,28 +101,28 @@ def test_attractors_have_their_letters_and_multipliers() -> None:
 
 def test_lines_are_the_manifolds_and_gamma() -> None:
     gear = rattle.Gear(0.6, 0.1)
-    found = {line.name: line.points for line in point_parts.lines(gear).lines}
+    found = {line.name: line.points for line in parts.lines(gear).lines}
     assert set(found) == {"Γ", "Wˢ(A)", "Wˢ(B)", "Wᵘ(A)"}
     a = next(orbit for orbit in gear.orbits() if orbit.name == "A")
     for name in ("Wˢ(A)", "Wᵘ(A)"):
         assert np.nanmin(np.hypot(found[name][:, 0] - a.tau, found[name][:, 1] - a.v)) < 0.02
-    assert len(point_parts.lines(rattle.Gear(0.6, 0.03)).lines) <= 1  # no saddle there
+    assert len(parts.lines(rattle.Gear(0.6, 0.03)).lines) <= 1  # no saddle there
 
 
 @pytest.mark.parametrize(("delta", "epsilon"), [(0.6, 0.1), (0.03, 0.005), (1e-9, 0.0), (5.0, 3.0)])
 def test_a_diagram_stays_inside_the_plane(delta: float, epsilon: float) -> None:
     gear = rattle.Gear(delta, epsilon)
-    low, high = point_parts.diagram_span(gear, "delta")
+    low, high = parts.diagram_span(gear, "delta")
     assert 0 < low < delta < high
-    low, high = point_parts.diagram_span(gear, "epsilon")
+    low, high = parts.diagram_span(gear, "epsilon")
     assert 0 <= low <= epsilon < high
 
 
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])
 def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(point_parts, "STEPS", either(40, point_parts.STEPS))
-    found = point_parts.diagram(rattle.Gear(0.6, 0.1), direction)
-    assert 0 < found.x.size <= 2 * point_parts.MOST_POINTS
+    monkeypatch.setattr(parts, "STEPS", either(40, parts.STEPS))
+    found = parts.diagram(rattle.Gear(0.6, 0.1), direction)
+    assert 0 < found.x.size <= 2 * parts.MOST_POINTS
     assert {each.stable for each in found.strokes} == {True, False}
     along_a = [each for each in found.strokes if each.motion == "P(1,1,0), A"]
     assert along_a
@@ -173,9 +173,9 @@ def with_front(data: Path, body: Callable[[Front], Awaitable[None]]) -> None:
 
 def coarse(work: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
     """A part of a view, computed here, with few cells and starts."""
-    if work is point_parts.basins:
+    if work is parts.basins:
         arguments = (arguments[0], 40, "cells")
-    if work is point_parts.chances:
+    if work is parts.chances:
         arguments = (arguments[0], 64)
     return work(*arguments)
 
@@ -196,7 +196,7 @@ def is_complete(view: PointView, side: int) -> bool:
 
 def with_process(compute: Callable[..., Any], *arguments: Any) -> tuple[int, Any]:
     """What a function returns, and the process that computed it."""
-    point_parts.STEPS = either(10, point_parts.STEPS)  # in that process
+    parts.STEPS = either(10, parts.STEPS)  # in that process
     return os.getpid(), compute(*arguments)
 
 
@@ -204,7 +204,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
     computed: dict[str, set[int]] = {}
 
     async def in_turn_and_noted(front: Front, *work: Any, **words: Any) -> Any:
-        if work[0] is point_parts.basins:
+        if work[0] is parts.basins:
             work = (*work[:2], work[2] // COARSER, work[3])
         process, found = await in_turn(front, with_process, *work, **words)
         computed.setdefault(words["what"], set()).add(process)
@@ -212,7 +212,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
 
     async def body(front: Front) -> None:
         await prepare(front)
-        monkeypatch.setattr(point_work, "in_turn", in_turn_and_noted)
+        monkeypatch.setattr(work, "in_turn", in_turn_and_noted)
         view = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6))
         assert "region IV" in view.panel.where.html
         assert "2.602, 0.2109" in view.panel.orbits.html
@@ -259,7 +259,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
             return refusing(arguments[0]) if slow and what == "The margin" else coarse(work, arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
-        monkeypatch.setattr(point_parts, "STEPS", 10)
+        monkeypatch.setattr(parts, "STEPS", 10)
         await eventually(lambda: is_complete(view, 40))
         assert "too long" in view.panel.safe.html
         assert "<b>" not in view.panel.safe.html
@@ -304,15 +304,15 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             return coarse(work, arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
-        monkeypatch.setattr(point_parts, "STEPS", 10)
+        monkeypatch.setattr(parts, "STEPS", 10)
         assert "stiffness κ = 10000" in view.panel.where.html
         texts = (view.panel.under_motion, view.panel.under_diagram, view.panel.orbits)
         await eventually(lambda: asked.count("The basins") == 3 and not any("computing" in each.html for each in texts))
         gear = StiffGear(0.6, 0.075, 0.6, 1e4)
         quiet = next(each for each in gear.attractors(64) if each.kind == "quiet")
-        assert point_words.percent(quiet.fraction) in view.panel.likely.html
+        assert words.percent(quiet.fraction) in view.panel.likely.html
         assert "region III" in view.panel.orbits.html
-        assert point_words.number(gear.orbits()[0].v) in view.panel.orbits.html
+        assert words.number(gear.orbits()[0].v) in view.panel.orbits.html
         samples = view.panel.motions._samples.data
         assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
         assert "impacting model only" in view.panel.safe.html

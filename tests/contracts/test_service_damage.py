@@ -15,9 +15,9 @@ from waiting import wait_until
 from service.app import create_app
 from service.database import Database, DoneTile
 from service.database.tables import State
-from service.explorer.address import View
-from service.explorer.news import Standing
-from service.explorer.page import _first, _row
+from service.explorer.common.address import View
+from service.explorer.common.news import Standing
+from service.explorer.page.page import _first, _row
 from service.settings import Settings
 from workers import Bucket, SurveyRequest, compute_tile, create_store, tiles_of
 from workers.storage.store import write_tile

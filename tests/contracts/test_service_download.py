@@ -13,8 +13,8 @@ from service_support import BODY, assert_problem, front_end, front_of
 
 from service.database import DoneTile
 from service.database.tables import State
-from service.explorer.colouring import colouring
-from service.explorer.planes import Atlas
+from service.explorer.map.colouring import colouring
+from service.explorer.map.planes import Atlas
 from service.operations.estimate import cell_seconds, most_like
 from workers import SurveyRequest, compute_tile, create_store, open_survey, tiles_of
 from workers.storage.store import write_tile

@@ -15,7 +15,7 @@ from service.access import keys
 from service.access.keys import COOKIE, OLD_COOKIE
 from service.database.keys import MOST_SESSIONS
 from service.database.tables import Scope
-from service.explorer import mount
+from service.explorer.page import mount
 
 HOST = "127.0.0.1:8000"
 SOCKET = f"ws://{HOST}/ws"

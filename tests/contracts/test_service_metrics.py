@@ -114,7 +114,7 @@ def lines(request: pytest.FixtureRequest) -> Iterator[Callable[[], list[str]]]:
 @pytest.mark.parametrize("lines", ["json"], indirect=True)
 def test_json_lines(client: TestClient, lines: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
     clock = count(0, 2.5)
-    monkeypatch.setattr("service.observability.logs.time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    monkeypatch.setattr("service.observability.request_log.time", SimpleNamespace(perf_counter=lambda: next(clock)))
     survey_id = "0123456789abcdef"
     response = client.get(f"/v1/surveys/{survey_id}", headers={"X-Request-ID": "mine-1"})
     assert response.headers["x-request-id"] == "mine-1"

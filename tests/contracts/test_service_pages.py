@@ -12,7 +12,7 @@ from service_support import front_end
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from waiting import HANG, wait_until
 
-from service.explorer import mount
+from service.explorer.page import mount
 
 HOST = "127.0.0.1:8000"
 SOCKET = f"ws://{HOST}/ws"
@@ -50,11 +50,11 @@ def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path
 def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level(logging.INFO, "service.explorer.socket")
+    caplog.set_level(logging.INFO, "service.explorer.page.socket")
     records: list[logging.LogRecord] = []
     handler = logging.Handler()
     handler.emit = records.append  # type: ignore[method-assign]
-    loggers = [logging.getLogger(name) for name in ("bokeh", "bokeh_fastapi", "service.explorer.socket", "panel")]
+    loggers = [logging.getLogger(name) for name in ("bokeh", "bokeh_fastapi", "service.explorer.page.socket", "panel")]
     for logger in loggers:
         logger.addHandler(handler)
     gone, failed = threading.Event(), threading.Semaphore(0)

@@ -130,7 +130,7 @@ PROTECTIONS = (
     _one(
         "a page that is closed ends at once",
         "tests/contracts/test_service_pages.py::test_a_page_ends_with_its_browser_or_when_it_is_swept",
-        "service/explorer/mount.py",
+        "service/explorer/page/mount.py",
         "            if code in LEFT:\n",
         "            if False:\n",
     ),
@@ -503,7 +503,7 @@ PROTECTIONS = (
     _one(
         "a revoked key's pages end",
         f"{REVOCATION}::test_the_websocket_of_a_page_ends_too",
-        "service/explorer/mount.py",
+        "service/explorer/page/mount.py",
         '        with scope["app"].state.front.revocations.ending(caller) as visit:\n',
         '        with scope["app"].state.front.revocations.ending(None) as visit:\n',
     ),
@@ -517,7 +517,7 @@ PROTECTIONS = (
     _one(
         "what waits is not sent to who may no longer be here",
         "tests/contracts/test_explorer_socket.py::test_what_waits_is_not_sent_to_who_may_no_longer_be_here",
-        "service/explorer/socket.py",
+        "service/explorer/page/socket.py",
         "            self._sender.cancel()\n",
         "            pass\n",
     ),
@@ -559,7 +559,7 @@ PROTECTIONS = (
     _one(
         "a page that is left is let go of after its message",
         "tests/contracts/test_service_pages.py::test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback",
-        "service/explorer/socket.py",
+        "service/explorer/page/socket.py",
         "        self._dropped = True\n\n    def drop",
         "        super().on_close(code, reason)\n\n    def drop",
     ),

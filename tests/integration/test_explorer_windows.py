@@ -23,7 +23,7 @@ import workers.cluster.refinement
 from rattle import RattleError
 from service.app import create_app
 from service.errors import UnavailableError
-from service.explorer.windows import refine
+from service.explorer.map.deep_zoom import refine
 from service.settings import Settings
 from service.state import Front
 from workers import (

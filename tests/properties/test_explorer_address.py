@@ -7,8 +7,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from service.explorer import axes
-from service.explorer.address import LIMITS, OVERLAYS, THEMES, View
+from service.explorer.common.address import LIMITS, OVERLAYS, THEMES, View
+from service.explorer.map import axes
 
 numbers = st.floats(-1e3, 1e3)
 windows = st.tuples(numbers, numbers).filter(lambda pair: pair[0] < pair[1])

@@ -1,0 +1,1 @@
+"""Address, texts, glyphs, theme, news, viewer."""

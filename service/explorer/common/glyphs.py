@@ -1,0 +1,130 @@
+"""The glyphs of the map, without those that Bokeh adds for selections: they take 0.2 s of every page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from bokeh.models import ColumnDataSource, LinearColorMapper, LogColorMapper
+from bokeh.models.annotations import ColorBar
+from bokeh.models.glyphs import Image, MultiLine, Scatter, Text
+from bokeh.models.renderers import GlyphRenderer
+
+from rattle.plot.plane import STYLES
+from service.explorer.common.address import CRISIS
+
+CLEAR = "#00000000"
+CRISIS_STYLE = ("#00695c", (8.0, 3.0))
+IMAGE = ("image", "x", "y", "dw", "dh")
+LINE = ("xs", "ys")
+POINT = ("x", "y", "marker", "name", "align", "dx", "dy")
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What draws values on a linear or a logarithmic scale of colours: a glyph takes no other mapper later."""
+
+    mapper: Any
+    cells: Any
+    fine: Any
+    bar: Any
+
+
+def source_of(columns: tuple[str, ...]) -> ColumnDataSource:
+    """Columns without rows."""
+    return ColumnDataSource({name: [] for name in columns})
+
+
+def empty(source: ColumnDataSource) -> None:
+    """Take the rows away, if there are any."""
+    if any(len(column) for column in source.data.values()):
+        source.data = {name: [] for name in source.data}
+
+
+def style_of(name: str) -> tuple[str, tuple[float, ...]]:
+    """Colour, and dashes in pixels, of a line: those of the figures."""
+    if name == CRISIS:
+        return CRISIS_STYLE
+    styles: dict[str, Any] = dict(STYLES)
+    colour, dashes = styles[name]
+    return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
+
+
+def image(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
+    """A renderer of images below everything else."""
+    glyph = Image(image="image", x="x", y="y", dw="dw", dh="dh", color_mapper=mapper)
+    return _rendered(source, glyph, level="image", **named)
+
+
+def clear_mapper() -> Any:
+    """A mapper from numbers to colours, the first of which is none."""
+    return LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
+
+
+def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
+    """The linear scale, and the logarithmic one under True."""
+    found = {}
+    for log, kind in ((False, LinearColorMapper), (True, LogColorMapper)):
+        mapper = kind(palette=["#000000"], low=1, high=2, nan_color=CLEAR)
+        cells, finer = (
+            image(source, mapper, visible=False, name=f"{name}{log:d}")
+            for name, source in (("cells", values), ("fine", fine))
+        )
+        found[log] = Scale(
+            mapper, cells, finer, ColorBar(color_mapper=mapper, visible=False, width=12, padding=6, **bar)
+        )
+    return found
+
+
+def line(source: ColumnDataSource, name: str) -> list[Any]:
+    """A line in its style, with a white edge."""
+    colour, dash = style_of(name)
+    dashes = " ".join(str(round(each)) for each in dash) or "solid"
+    halo = MultiLine(xs="xs", ys="ys", line_color="white", line_width=3.6, line_alpha=0.75)
+    own = MultiLine(xs="xs", ys="ys", line_color=colour, line_width=1.7, line_dash=dashes)
+    return [_rendered(source, halo), _rendered(source, own, name=name)]
+
+
+def points(source: ColumnDataSource) -> list[Any]:
+    """Marks with names beside them."""
+    marks = Scatter(x="x", y="y", marker="marker", size=9, fill_color="white", line_color="black")
+    box: dict[str, Any] = {"padding": 2, "border_radius": 3}
+    names = Text(
+        x="x", y="y", text="name", x_offset="dx", y_offset="dy", text_align="align", text_baseline="middle",
+        text_font_size="12px", text_color="black", background_fill_color="white", background_fill_alpha=0.8,
+        **box,
+    )  # fmt: skip
+    return [_rendered(source, marks, name="points"), _rendered(source, names)]
+
+
+def names(source: ColumnDataSource) -> Any:
+    """Names of regions, with a white edge."""
+    glyph = Text(
+        x="x", y="y", text="name", text_align="center", text_baseline="middle", text_font_size="17px",
+        text_font_style="bold", text_color="black", text_outline_color="white",
+    )  # fmt: skip
+    return _rendered(source, glyph, name="names")
+
+
+def cross(source: ColumnDataSource) -> list[Any]:
+    """A cross with a white edge."""
+    return _edged(source, "cross", (26, "white", 5), (24, "#d40078", 2))
+
+
+def ring(source: ColumnDataSource) -> list[Any]:
+    """A ring with a white edge."""
+    return _edged(source, "circle", (17, "white", 5), (17, "black", 2))
+
+
+def _edged(source: ColumnDataSource, marker: str, *strokes: tuple[int, str, int]) -> list[Any]:
+    return [
+        _rendered(
+            source,
+            Scatter(x="x", y="y", marker=marker, size=size, line_color=colour, line_width=width, fill_color=None),
+        )
+        for size, colour, width in strokes
+    ]
+
+
+def _rendered(source: ColumnDataSource, glyph: Any, **named: Any) -> Any:
+    return GlyphRenderer(data_source=source, glyph=glyph, nonselection_glyph=None, muted_glyph=None, **named)

@@ -1,0 +1,47 @@
+"""Axes of the map: tick labels for any width, down to 1e-9 and below, and what the viewer does to the window."""
+
+from __future__ import annotations
+
+import math
+
+from bokeh.models import CustomJS, CustomJSTickFormatter, LinearAxis, Range1d
+from bokeh.plotting import figure
+
+from service.explorer.common.address import Pair
+from service.explorer.files import asset
+
+NAMES = ("damping δ", "eccentricity ε")
+NARROW = 1e-5  # of the values: narrower windows have an offset
+NARROWEST = 1e-13
+
+
+def dress(plot: figure) -> None:
+    """Give the axes of a map their labels and ticks."""
+    for axis, span, name in zip((plot.xaxis[0], plot.yaxis[0]), (plot.x_range, plot.y_range), NAMES, strict=True):
+        axis.formatter = CustomJSTickFormatter(args={"range": span}, code=asset("ticks.js"))
+        naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=asset("axis_label.js"))
+        span.js_on_change("start", naming)
+        span.js_on_change("end", naming)
+
+
+def show(axis: LinearAxis, span: Range1d, name: str, window: Pair) -> None:
+    """Set a window, and the label of its axis."""
+    span.update(start=window[0], end=window[1])
+    offset = offset_of(window)
+    axis.axis_label = name if offset is None else f"{name} − {offset[0]!r}, in units of 1e{offset[1]}"
+
+
+def offset_of(window: Pair) -> tuple[float, int] | None:
+    """Offset and power of ten of the tick labels of a narrow window; None of a wide one."""
+    low, high = window
+    span, scale = high - low, max(abs(low), abs(high))
+    if span > NARROW * scale:
+        return None
+    digits = math.ceil(math.log10(scale / span)) + 1
+    return float(f"{(low + high) / 2:.{digits}g}"), math.floor(math.log10(span) + 0.01)
+
+
+def written(value: float, window: Pair) -> str:
+    """A coordinate with the digits that tell points of this window apart on a screen."""
+    span = max(window[1] - window[0], 1e-300)
+    return f"{value:.{min(max(math.ceil(3 - math.log10(span)), 3), 17)}f}"

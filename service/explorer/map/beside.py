@@ -1,0 +1,94 @@
+"""Beside the map: what is known of the cell that is pointed at, and the view of the point that was clicked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from html import escape
+from typing import Any
+
+import panel as pn
+
+from rattle.models import AnyModel
+from service.explorer.common.address import Pair
+from service.explorer.common.text import Text
+from service.explorer.common.viewer import Viewer
+from service.explorer.map.planes import Plane
+from service.explorer.map.readout import readout
+from service.explorer.point.panel import PointPanel
+from service.explorer.point.view import PointView
+
+RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model"})  # an address may name anything
+OPENED = "with-point"  # the page gives it more room
+
+
+class Beside:
+    """The right side of the page."""
+
+    def __init__(
+        self,
+        viewer: Viewer,
+        theme: str,
+        text: Text,
+        sheet: str,
+        on_close: Callable[[], None],
+        on_state: Callable[[dict[str, Any]], None],
+    ) -> None:
+        self._viewer, self._text, self._on_close, self._on_state = viewer, text, on_close, on_state
+        self._theme = theme
+        self._zoom = Text("", sheet)
+        self._close = pn.widgets.Button(
+            label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
+        )
+        self._close.on_click(lambda _event: self.close(tell=True))
+        self._view: PointView | None = None
+        self._points: PointPanel | None = None
+        self._point = pn.Column(sizing_mode="stretch_width", margin=0)
+        self.panel = pn.Column(
+            self._zoom.pane, self._close, self._point, text.pane, sizing_mode="stretch_width", margin=0
+        )
+
+    def say(self, text: str) -> None:
+        """What the finer computation of the window does."""
+        self._zoom.html = f'<p class="faint" role="status">{escape(text)}</p>' if text else ""
+
+    async def read(self, plane: Plane, delta: float, epsilon: float, window: tuple[Pair, Pair]) -> None:
+        """Show what is known at a point."""
+        model = plane.request.gear_model
+        found = await self._viewer.read(lambda: readout(plane.cell(delta, epsilon), delta, epsilon, model, window))
+
+        def show() -> None:
+            self._text.html = found
+
+        self._viewer.change(show)
+
+    def open(self, delta: float, epsilon: float, model: AnyModel, state: Mapping[str, str]) -> None:
+        """Show the view of a point."""
+        self._drop()
+        points = self._points or PointPanel(self._theme)
+        known = {name: value for name, value in state.items() if name not in RESERVED}
+        self._view = view = PointView(points, self._viewer.front, delta, epsilon, model, **known)
+        view.param.watch(lambda event: self._on_state(event.new), "state")
+        self.panel.css_classes = [OPENED]
+        self._close.visible = self._point.visible = True
+        if self._points is None:
+            self._points = points
+            self._point.append(points.column)
+
+    def close(self, tell: bool = False) -> None:
+        """Put the view of the point away."""
+        self._drop()
+        self._close.visible = self._point.visible = False
+        if self._points is not None:
+            self._points.clear()
+        self.panel.css_classes = []
+        if tell:
+            self._on_close()
+
+    def end(self) -> None:
+        """Give up the view of the point: its page was closed, and its document is no more."""
+        self._drop()
+
+    def _drop(self) -> None:
+        if self._view is not None:
+            self._view.stop()
+            self._view = None

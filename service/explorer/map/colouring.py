@@ -1,0 +1,117 @@
+"""How a map is coloured: the colours and words of map.png, with limits and a scale that the viewer may choose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from matplotlib.colors import to_hex
+
+from service.explorer.common.address import Limits, Pair
+from service.explorer.map.planes import Block, Plane
+from workers.pictures.figure import region_places
+from workers.pictures.maps import WITHOUT_VALUE, scale_of, title_of, valueless_layers
+
+SHADES = 256
+ROBUST = (2.0, 98.0)  # percentiles
+
+
+@dataclass(frozen=True)
+class Shade:
+    """A colour of a map that stands for something, and the share of the computed cells that have it."""
+
+    label: str
+    colour: str
+    share: float
+
+
+@dataclass(frozen=True)
+class Colouring:
+    """Colours of a map.
+
+    `reasons` (epsilon, delta), uint8, is 0 where a cell has a value and else the number of the colour of
+    `reason_colours`. Codes run from `low` + 0.5; `log` says that colours are even in the logarithm.
+    """
+
+    title: str
+    palette: Sequence[str]
+    low: float
+    high: float
+    log: bool
+    categorical: bool
+    shades: tuple[Shade, ...]
+    reasons: np.ndarray
+    reason_colours: tuple[str, ...]
+    note: str = ""
+    names: Mapping[str, Pair] = field(default_factory=dict)  # of regions, and where they are written
+
+
+def layers_of(plane: Plane, block: Block) -> dict[str, tuple[np.ndarray, str]]:
+    """Which cells have no value, and the colour for each reason."""
+    variable = str(plane.plane.name)
+    return valueless_layers(variable, block.values, block.status, WITHOUT_VALUE.get(variable, "none"))
+
+
+def values_shown(plane: Plane, block: Block) -> np.ndarray:
+    """The values of a block; NaN where a cell has none."""
+    without = np.logical_or.reduce([mask for mask, _ in layers_of(plane, block).values()])
+    return np.where(without, np.float32(np.nan), block.values)
+
+
+def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> Colouring:
+    """The colours of a map, of which this is drawn. Blocks: for a thread."""
+    values, variable = block.values, str(plane.plane.name)
+    layers = layers_of(plane, block)
+    reasons = np.zeros(values.shape, np.uint8)
+    for number, (mask, _) in enumerate(layers.values(), start=1):
+        reasons[mask] = number
+    shown = values[reasons == 0].astype(float)
+    cmap, norm, codes, labels = scale_of(plane.plane, shown)
+    computed = int((block.status != 0).sum())
+    shades = tuple(
+        Shade(label, colour, float((reasons == number).sum() / reasons.size))
+        for number, (label, (_, colour)) in enumerate(layers.items(), start=1)
+        if (reasons == number).any()
+    )
+    reason_colours = tuple(to_hex(colour) for _, colour in layers.values())
+    shades = tuple(Shade(each.label, to_hex(each.colour), each.share) for each in shades)
+    if codes is not None and labels:
+        palette = [to_hex(cmap(norm(code))) for code in codes]
+        named = tuple(
+            Shade(label, colour, float((shown == code).sum() / max(computed, 1)))
+            for code, label, colour in zip(codes, labels, palette, strict=True)
+        )
+        low, high = codes[0] - 0.5, codes[-1] + 0.5
+        return Colouring(
+            title_of(plane.plane), palette, low, high, False, True, named + shades, reasons, reason_colours,
+            names=region_places(values, block.delta, block.epsilon) if variable == "region" else {},
+        )  # fmt: skip
+    low, high, note = _limits(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
+    if log:
+        low, high, log, note = _positive(shown, low, high, note)
+    palette = [to_hex(cmap(shade)) for shade in np.linspace(0.0, 1.0, SHADES)]
+    return Colouring(title_of(plane.plane), palette, low, high, log, False, shades, reasons, reason_colours, note)
+
+
+def _limits(shown: np.ndarray, auto: Pair, limits: Limits | Pair) -> tuple[float, float, str]:
+    if isinstance(limits, tuple):
+        return *limits, ""
+    low, high = auto
+    if limits != "auto" and shown.size:
+        low, high = (float(x) for x in np.percentile(shown, ROBUST if limits == "robust" else (0.0, 100.0)))
+    if not low < high:
+        return low, low + max(abs(low), 1.0) * 1e-3, "all values are equal"
+    return low, high, ""
+
+
+def _positive(shown: np.ndarray, low: float, high: float, note: str) -> tuple[float, float, bool, str]:
+    """Limits for a logarithmic scale, which shows positive values only."""
+    positive = shown[shown > 0]
+    if not positive.size or high <= 0:
+        return low, high, False, "no positive values: the scale stays linear"
+    low = low if low > 0 else float(positive.min())
+    if not low < high:
+        high = 2.0 * low
+    hidden = 1.0 - positive.size / shown.size
+    return low, high, True, f"{hidden:.0%} of the values are not positive and are not shown" if hidden > 0 else note

@@ -1,0 +1,256 @@
+"""The map as a figure of Bokeh: cells with a value, cells without and why, finer frames, lines, marks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from bokeh.core.property.descriptors import UnsetValueError
+from bokeh.events import MouseMove, RangesUpdate, Reset, Tap
+from bokeh.models import (
+    ColumnDataSource,
+    CustomJS,
+    Range1d,
+    WheelZoomTool,
+)
+from bokeh.plotting import figure
+
+from rattle.plot.plane import MARKERS, STYLES
+from service.explorer.common import glyphs
+from service.explorer.common.address import CRISIS, Pair
+from service.explorer.common.theme import INK
+from service.explorer.map import axes
+from service.explorer.map.colouring import Colouring
+from service.explorer.map.planes import Block
+
+SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
+#: Where the name of a point is: those that lie close together are named on different sides.
+BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("right", -9, 14)}
+UNSEEN = (700, 550)
+POINTER_MS, WINDOW_MS = 50, 200
+LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
+
+
+class Map:
+    """The figure. `on_point` (clicked) and `on_pointer` (hovered) get (δ, ε), `on_window` a window or None for all."""
+
+    def __init__(
+        self,
+        theme: str,
+        on_point: Callable[[float, float], None],
+        on_pointer: Callable[[float, float], None],
+        on_window: Callable[[Pair, Pair], None],
+        on_reset: Callable[[], None],
+    ) -> None:
+        plot: Any = figure(
+            x_range=Range1d(start=0.4, end=1.0, min_interval=axes.NARROWEST),
+            y_range=Range1d(start=0.0, end=0.3, min_interval=axes.NARROWEST),
+            tools="pan,box_zoom,wheel_zoom,zoom_in,zoom_out,reset",
+            toolbar_location="above",
+            sizing_mode="stretch_both",
+            min_height=320,
+            match_aspect=False,
+            lod_threshold=None,
+        )
+        plot.toolbar.logo = None
+        plot.toolbar.active_scroll = plot.select_one(WheelZoomTool)
+        self.figure: Any = plot
+        plot.name = "map"
+        axes.dress(plot)
+        self._dress(theme)
+        self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
+        self._why_mapper = glyphs.clear_mapper()
+        self._why = glyphs.image(self._reasons, self._why_mapper)
+        self._scales = glyphs.scales(self._values, self._fine, **_ink_of_bar(theme))
+        self._log, self._fits = False, True
+        self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
+        for name in (*STYLES, CRISIS):
+            source = glyphs.source_of(glyphs.LINE)
+            self._lines[name] = source, glyphs.line(source, name)
+        self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))
+        self._cursor = glyphs.source_of(("x", "y"))
+        self._names = glyphs.source_of(("x", "y", "name"))
+        self._marks = glyphs.points(self._points)
+        images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
+        lines = (each for _, pair in self._lines.values() for each in pair)
+        plot.renderers = [
+            self._why,
+            *images,
+            *lines,
+            glyphs.names(self._names),
+            *self._marks,
+            *glyphs.cross(self._cross),
+            *glyphs.ring(self._cursor),
+        ]
+        for scale in self._scales.values():
+            plot.add_layout(scale.bar, "right")
+        self._box: tuple[Pair, Pair] | None = None
+        self._listen(on_point, on_pointer, on_window, on_reset)
+
+    def _dress(self, theme: str) -> None:
+        ink, paper, line = INK[theme]
+        plot = self.figure
+        plot.update(background_fill_color=paper, border_fill_color=paper, outline_line_color=line)
+        plot.grid.visible = False
+        for axis in (*plot.xaxis, *plot.yaxis):
+            axis.update(
+                axis_label_text_color=ink, major_label_text_color=ink, axis_line_color=line, major_tick_line_color=ink,
+                minor_tick_line_color=line, axis_label_text_font_size="14px", major_label_text_font_size="13px",
+                axis_label_text_font_style="normal", major_tick_in=0, major_tick_out=5,
+            )  # fmt: skip
+
+    def _listen(
+        self,
+        on_point: Callable[[float, float], None],
+        on_pointer: Callable[[float, float], None],
+        on_window: Callable[[Pair, Pair], None],
+        on_reset: Callable[[], None],
+    ) -> None:
+        pointer, window = ColumnDataSource({"x": [], "y": []}), ColumnDataSource({"x": [], "y": []})
+        for source, event, data, wait in (
+            (pointer, MouseMove, "{x: [cb_obj.x], y: [cb_obj.y]}", POINTER_MS),
+            (window, RangesUpdate, "{x: [cb_obj.x0, cb_obj.x1], y: [cb_obj.y0, cb_obj.y1]}", WINDOW_MS),
+        ):
+            code = f"""const at = {data}
+                clearTimeout(source.waiting)
+                source.waiting = setTimeout(() => {{ source.data = at }}, {wait})"""
+            self.figure.js_on_event(event, CustomJS(args={"source": source}, code=code))
+
+        def pointed(_attribute: str, _old: object, new: Any) -> None:
+            if new["x"] and _finite(new["x"] + new["y"]):
+                on_pointer(float(new["x"][0]), float(new["y"][0]))
+
+        def moved(_attribute: str, _old: object, new: Any) -> None:
+            if len(new["x"]) == 2 and _finite(new["x"] + new["y"]):
+                on_window((float(new["x"][0]), float(new["x"][1])), (float(new["y"][0]), float(new["y"][1])))
+
+        def tapped(event: Any) -> None:
+            if _finite([event.x, event.y]):
+                on_point(float(event.x), float(event.y))
+
+        pointer.on_change("data", pointed)
+        window.on_change("data", moved)
+        self.figure.on_event(Tap, tapped)
+        self.figure.on_event(Reset, lambda _event: on_reset())
+
+    def window(self, delta: Pair, epsilon: Pair) -> None:
+        """Show this window."""
+        axes.show(self.figure.xaxis[0], self.figure.x_range, axes.NAMES[0], delta)
+        axes.show(self.figure.yaxis[0], self.figure.y_range, axes.NAMES[1], epsilon)
+        self._hide_what_is_too_large(delta)
+
+    def moved(self, delta: Pair) -> None:
+        """The viewer has moved to this range of δ."""
+        self._hide_what_is_too_large(delta)
+
+    def _hide_what_is_too_large(self, delta: Pair) -> None:
+        self._fits = self._box is None or (self._box[0][1] - self._box[0][0]) < LARGEST_ZOOM * (delta[1] - delta[0])
+        self._show_scale()
+
+    def _show_scale(self) -> None:
+        self._why.visible = self._fits
+        for log, scale in self._scales.items():
+            scale.cells.visible = self._fits and log == self._log
+            scale.fine.visible = log == self._log
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Width and height of the frame on the screen; a guess until a browser has said."""
+        try:
+            return max(int(self.figure.inner_width), 1), max(int(self.figure.inner_height), 1)
+        except UnsetValueError:
+            return UNSEEN
+
+    def cells(self, block: Block, colours: Colouring) -> None:
+        """Draw the cells of a survey."""
+        self._box, where = block.box, image_at(block.box)
+        self._colour(colours)
+        shown = np.where(colours.reasons == 0, block.values, np.float32(np.nan))
+        places = list(colours.names.values())
+        self._names.data = {"x": [x for x, _ in places], "y": [y for _, y in places], "name": list(colours.names)}
+        self._values.data = {"image": [shown], **where}
+        self._reasons.data = {"image": [colours.reasons], **where}
+
+    def frame(self, values: np.ndarray, box: tuple[Pair, Pair]) -> None:
+        """Draw a finer block over the cells: values (epsilon, delta), and what they cover."""
+        self._fine.data = {"image": [np.asarray(values, np.float32)], **image_at(box)}
+
+    def no_frame(self) -> None:
+        glyphs.empty(self._fine)
+
+    def no_cells(self) -> None:
+        self.no_frame()
+        for source in (self._values, self._reasons, self._names):
+            glyphs.empty(source)
+        for scale in self._scales.values():
+            scale.bar.visible = False
+
+    def _colour(self, colours: Colouring) -> None:
+        self._log = colours.log
+        palette = list(colours.palette)
+        self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
+        for log, scale in self._scales.items():
+            scale.bar.visible = log == colours.log and not colours.categorical
+        reasons = [glyphs.CLEAR, *colours.reason_colours]
+        self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
+        self._show_scale()
+
+    def line(self, name: str, pieces: Sequence[np.ndarray]) -> None:
+        """Draw a curve: pieces (k, 2) of (δ, ε)."""
+        source, _ = self._lines[name]
+        source.data = {"xs": [piece[:, 0] for piece in pieces], "ys": [piece[:, 1] for piece in pieces]}
+
+    def points(self, points: Sequence[tuple[str, float, float]]) -> None:
+        """Mark the codimension-two points: name, δ, ε."""
+        names, x, y = zip(*points, strict=True) if points else ((), (), ())
+        markers = [SHAPES[MARKERS[name]] for name in names]
+        align, dx, dy = (
+            zip(*(BESIDE.get(name, ("left", 9, -10)) for name in names), strict=True) if names else ((),) * 3
+        )
+        columns = (x, y, markers, names, align, dx, dy)
+        self._points.data = {key: list(column) for key, column in zip(glyphs.POINT, columns, strict=True)}
+
+    def choose(self, names: Sequence[str]) -> None:
+        """Show these overlays and no others."""
+        for name, (_, renderers) in self._lines.items():
+            for renderer in renderers:
+                renderer.visible = name in names
+        for renderer in self._marks:
+            renderer.visible = "points" in names
+
+    def cross(self, point: Pair | None) -> None:
+        """Mark the point that was clicked."""
+        _put(self._cross, point)
+
+    def cursor(self, point: Pair | None) -> None:
+        """Mark the cell that the keyboard has come to."""
+        _put(self._cursor, point)
+
+
+def _put(source: ColumnDataSource, point: Pair | None) -> None:
+    if point is None:
+        glyphs.empty(source)
+    else:
+        source.data = {"x": [point[0]], "y": [point[1]]}
+
+
+def image_at(box: tuple[Pair, Pair]) -> dict[str, list[float]]:
+    """Where Bokeh puts an image that covers this."""
+    (left, right), (bottom, top) = box
+    return {"x": [left], "y": [bottom], "dw": [right - left], "dh": [top - bottom]}
+
+
+def _finite(values: Sequence[Any]) -> bool:
+    return all(isinstance(value, int | float) and np.isfinite(value) for value in values)
+
+
+def _ink_of_bar(theme: str) -> dict[str, Any]:
+    ink, paper, line = INK[theme]
+    return {
+        "major_label_text_color": ink,
+        "major_label_text_font_size": "13px",
+        "background_fill_color": paper,
+        "bar_line_color": line,
+        "major_tick_line_color": ink,
+    }

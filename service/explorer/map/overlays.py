@@ -1,0 +1,196 @@
+"""The lines over a map and their key: bifurcation curves, codimension-two points, and the crisis, which takes long and
+is kept. Each line is found by a task of its own, and the key tells what is missing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
+from typing import Any
+
+import numpy as np
+from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
+
+from rattle import RattleError
+from rattle.crisis import crisis_curve
+from rattle.models import AnyModel
+from rattle.plot.plane import polyline
+from service.errors import UnavailableError
+from service.explorer.common.address import CRISIS, OVERLAYS, POINTS, Pair
+from service.explorer.common.glyphs import style_of
+from service.explorer.common.lists import Key
+from service.explorer.common.viewer import Viewer
+from service.explorer.map.figure import Map
+from service.kernels import Part
+from service.state import Front
+from workers.survey.curves import LOWEST_DELTA, Missing, Window, traced
+
+
+class Lines:
+    """The lines that may be drawn on a map; `on_chosen` is called when the viewer switches some on or off."""
+
+    def __init__(
+        self,
+        crises: Crises,
+        viewer: Viewer,
+        canvas: Map,
+        chosen: Sequence[str],
+        on_chosen: Callable[[], None],
+    ) -> None:
+        self._crises, self._viewer, self._map = crises, viewer, canvas
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._entries: list[dict[str, Any]] = []
+        self.key = Key(overlays=self._entries, chosen=list(chosen), margin=0, sizing_mode="stretch_width")
+        self.key.param.watch(lambda _event: on_chosen(), "chosen")
+        canvas.choose(tuple(chosen))
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """The lines that are switched on, in the order of the key."""
+        return tuple(name for name in OVERLAYS if name in self.key.chosen)
+
+    def tell(self, model: AnyModel) -> None:
+        """Tell in the key what the lines of this model mean."""
+        self._entries = entries(model)
+        self.key.overlays = self._entries
+
+    def draw(self, names: Sequence[str], model: AnyModel, window: tuple[Pair, Pair]) -> None:
+        """Find some lines of a model in a window, instead of what was being found of them."""
+        for name in names:
+            if name in self._tasks:
+                self._tasks.pop(name).cancel()
+            self._tasks[name] = self._viewer.start(self._line(name, model, window))
+
+    async def _line(self, name: str, model: AnyModel, window: tuple[Pair, Pair]) -> None:
+        await self._viewer.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
+        if name == POINTS:
+            points = await self._viewer.read(lambda: points_of(model))
+            self._viewer.change(lambda: self._map.points(points))
+            return
+        if name == CRISIS:
+            self._note(name, "is being computed …")
+            try:
+                pieces, missing = [await self._crises.of(model)], ""
+            except RattleError as error:
+                pieces, missing = [], str(error)
+        else:
+            pieces, missing = await self._viewer.read(lambda: pieces_of(name, model, *window))
+        self._note(name, "", missing)
+        self._viewer.change(lambda: self._map.line(name, pieces))
+
+    def _note(self, name: str, note: str, missing: str = "") -> None:
+        entries = [
+            each | {"note": note, "missing": bool(missing), "meaning": missing or each["meaning"]}
+            if each["name"] == name
+            else each
+            for each in self._entries
+        ]
+        if entries != self._entries:
+            self._entries = entries
+            self._viewer.change(lambda: self.key.param.update(overlays=entries))
+
+
+CRISIS_RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
+KEPT_CRISES = 16
+MEANINGS = {
+    CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",
+    POINTS: "codimension-two points, where curves meet",
+}
+LABELS = {"quiet_limit": "quiet limit", POINTS: "COD20–23"}
+
+
+def entries(model: AnyModel) -> list[dict[str, Any]]:
+    """The overlays as the key of a map of this model lists them."""
+    return [
+        {
+            "name": name,
+            "label": LABELS.get(name, name),
+            "meaning": _meaning(name, model),
+            "colour": style_of(name)[0] if name != POINTS else "",
+            "dash": list(style_of(name)[1]) if name != POINTS else [],
+            "note": "",
+            "missing": False,
+        }
+        for name in OVERLAYS
+    ]
+
+
+def _meaning(name: str, model: AnyModel) -> str:
+    if name in MEANINGS:
+        return MEANINGS[name]
+    return model.describe(name) if name in model.curve_names else _not_of(model)
+
+
+def _not_of(model: AnyModel) -> str:
+    return f"is a curve of the impacting model only, not of the {model.name} one"
+
+
+def pieces_of(name: str, model: AnyModel, delta: Pair, epsilon: Pair) -> tuple[list[np.ndarray], str]:
+    """The pieces (k, 2) of a curve inside a window, and why there are none if it cannot be traced. For a thread."""
+    if name not in model.curve_names:
+        return [], _not_of(model)
+    window = Window((max(delta[0], LOWEST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), max(epsilon[1], 0.0)))
+    if window.epsilon[0] >= window.epsilon[1]:
+        return [], ""
+    curve = traced(name, model, window)
+    if isinstance(curve, Missing):
+        return [], curve.reason
+    return split(polyline(curve)) if len(curve) else [], ""
+
+
+def split(line: np.ndarray) -> list[np.ndarray]:
+    """A line (k, 2) with NaN between its pieces, as a list of the pieces."""
+    gaps = np.flatnonzero(np.isnan(line[:, 0]))
+    return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
+
+
+def points_of(model: AnyModel) -> list[tuple[str, float, float]]:
+    """The codimension-two points: name, δ, ε. For a thread."""
+    return [(point.name, point.delta, point.epsilon) for point in _points(model)]
+
+
+@lru_cache(maxsize=64)
+def _points(model: AnyModel) -> Sequence[Any]:
+    with np.errstate(all="ignore"):
+        return model.codimension_two()
+
+
+def _crisis(beta: float) -> np.ndarray:
+    """Points (k, 2) of the crisis; in a process of its own, because it takes half a minute of Python."""
+    curve = crisis_curve(beta=beta, resolution=CRISIS_RESOLUTION)
+    return np.column_stack([curve.delta, curve.epsilon])
+
+
+class Crises:
+    """The crisis curves of the half-backlashes that were asked for, each computed once for all pages."""
+
+    def __init__(self, front: Front) -> None:
+        self._front = front
+        self._found: dict[float, asyncio.Task[np.ndarray]] = {}
+        self._limiter = CapacityLimiter(1)
+
+    async def of(self, model: AnyModel) -> np.ndarray:
+        """Points (k, 2) of the curve. Raises RattleError where there is none, or it cannot be followed."""
+        if not model.has_crisis:
+            raise RattleError("The boundary crisis is followed in the impacting model only.")
+        beta = model.beta
+        if beta not in self._found:
+            while len(self._found) >= KEPT_CRISES:
+                self._found.pop(next(iter(self._found)))
+            self._found[beta] = asyncio.get_running_loop().create_task(self._compute(beta))
+        task = self._found[beta]
+        try:
+            return await asyncio.shield(task)
+        except UnavailableError:
+            self._found.pop(beta, None)
+            raise
+
+    async def _compute(self, beta: float) -> np.ndarray:
+        try:
+            with self._front.interruptible():
+                work = partial(_crisis, beta)
+                return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
+        except BrokenWorkerProcess as error:
+            raise UnavailableError("The process that followed the crisis has died. Switch it off and on.") from error

@@ -1,0 +1,128 @@
+"""All that is known of a cell, as a table that is read beside the map."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from html import escape
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import rattle
+from rattle.models import AnyModel
+from rattle.plot import name_of
+from rattle.plot.plane import REGIONS
+from service.explorer.common.address import Pair
+from service.explorer.map.axes import written
+from service.explorer.map.planes import Plane
+from workers import QUANTITIES
+from workers.pictures.maps import WITHOUT_VALUE, title_of
+from workers.survey.evaluate import FAILED, KINDS, STATUS
+from workers.survey.schema import CELL
+
+Row = tuple[str, str]
+
+
+def readout(cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyModel, window: tuple[Pair, Pair]) -> str:
+    """HTML of what is known at a point (δ, ε): its region, and the cell of the survey that it is in, if any."""
+    rows: list[Row] = [("δ", written(delta, window[0])), ("ε", written(epsilon, window[1]))]
+    if delta > 0 and epsilon >= 0:
+        region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
+        rows.append(("region here", REGIONS[region] or "none"))
+    tables = [_table(rows)]
+    if cell is None:
+        return "".join(tables) + "<p>Outside of the survey.</p>"
+    place = f"δ {float(cell['delta']):.10g}, ε {float(cell['epsilon']):.10g}"
+    status = int(cell["status"])
+    tables.append(f"<h3>Cell at {place}</h3>")
+    if status in (0, FAILED):
+        return "".join(tables) + f"<p>{escape(STATUS[status].replace('_', ' '))}</p>"
+    tables.append(_table(_scalars(cell)))
+    if "attractor_kind" in cell:
+        tables.append(_attractors(cell))
+    if "orbit_exists" in cell:
+        tables.append(_orbits(cell))
+    return "".join(tables)
+
+
+def in_words(plane: Plane, delta: float, epsilon: float, window: tuple[Pair, Pair]) -> str:
+    """Where a cell is, and what the map shows there: a sentence to be read out."""
+    place = f"δ {written(delta, window[0])}, ε {written(epsilon, window[1])}"
+    at = plane.at(delta, epsilon)
+    if at is None:
+        return f"{place}: outside of the survey"
+    value, status = at
+    if status in (0, FAILED):
+        said = STATUS[status].replace("_", " ")
+    elif np.isnan(value):
+        said = WITHOUT_VALUE.get(str(plane.plane.name), "none")
+    else:
+        said = _value(value, plane.plane)
+    return f"{place}: {title_of(plane.plane)}, {said}"
+
+
+def _value(number: float, variable: xr.DataArray) -> str:
+    if meanings := variable.attrs.get("flag_meanings"):
+        return str(meanings).split()[int(number)].replace("_", " ")
+    return _number(bool(number) if variable.dtype == bool else number)
+
+
+def _scalars(cell: xr.Dataset) -> Iterator[Row]:
+    for name in (quantity.name for quantity in QUANTITIES if quantity.dims == CELL and quantity.name in cell):
+        yield name.replace("_", " "), _value(cell[name].item(), cell[name])
+
+
+def _attractors(cell: xr.Dataset) -> str:
+    head = ["attractor", "share"]
+    exponents = "attractor_lyapunov" in cell
+    rows = []
+    for slot in range(cell.sizes["attractor"]):
+        one = cell.isel(attractor=slot)
+        kind = KINDS[int(one["attractor_kind"])]
+        if kind == "none":
+            continue
+        label = (int(one["attractor_m"]), int(one["attractor_n_plus"]), int(one["attractor_n_minus"]))
+        row = [name_of(label) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
+        if exponents:
+            row += [_number(float(value)) for value in one["attractor_lyapunov"]]
+        rows.append(row)
+    return _grid(head + (["λ₁", "λ₂"] if exponents else []), rows)
+
+
+def _orbits(cell: xr.Dataset) -> str:
+    rows = []
+    for orbit in cell["orbit"].values:
+        one = cell.sel(orbit=orbit)
+        if bool(one["orbit_exists"]):
+            multipliers = ", ".join(_complex(complex(value)) for value in one["orbit_multiplier"].values)
+            stable = "stable" if bool(one["orbit_stable"]) else "unstable"
+            numbers = [_number(float(one[name])) for name in ("orbit_phase", "orbit_velocity")]
+            rows.append([str(orbit), stable, *numbers, multipliers])
+    return _grid(["orbit", "", "τ", "v", "multipliers"], rows)
+
+
+def _table(rows: Any) -> str:
+    return "<dl>" + "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in rows) + "</dl>"
+
+
+def _grid(head: list[str], rows: list[list[str]]) -> str:
+    if not rows:
+        return ""
+    titles = "".join(f"<th scope=col>{escape(title)}</th>" for title in head)
+    body = "".join("<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in rows)
+    return f"<table><thead><tr>{titles}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _number(value: float) -> str:
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, int) or not np.isfinite(value):
+        return {"nan": "–", "inf": "∞"}.get(str(value), str(value))
+    return f"{value:.5g}".replace("-", "−")
+
+
+def _complex(value: complex) -> str:
+    if value.imag == 0:
+        return _number(value.real)
+    return f"{_number(value.real)} {'+' if value.imag > 0 else '−'} {_number(abs(value.imag))}i"

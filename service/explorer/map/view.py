@@ -1,0 +1,393 @@
+"""The map of a survey with its controls, its key and what is known of the cell that is pointed at."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from html import escape
+from typing import Any
+
+import numpy as np
+import panel as pn
+
+from rattle import RattleError
+from rattle.models import AnyModel, Impacting
+from service.database.tables import UNREADABLE, JobRow, State
+from service.explorer.common.address import CRISIS, LIMITS, POINTS, Pair, View
+from service.explorer.common.news import Standing
+from service.explorer.common.text import Text
+from service.explorer.common.viewer import Viewer
+from service.explorer.map.beside import Beside
+from service.explorer.map.colouring import Colouring, colouring, values_shown
+from service.explorer.map.cursor import Cursor
+from service.explorer.map.deep_zoom import Zoom, coarser
+from service.explorer.map.figure import Map
+from service.explorer.map.overlays import Lines
+from service.explorer.map.planes import Block, Plane, box_of, maps_of
+from service.explorer.map.readout import in_words
+from service.explorer.map.shared import Shared
+from workers import Frame, SurveyRequest
+
+PAUSE = 1.0  # between two drawings of a survey that runs
+LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
+OWN, LOG = "own", "log scale"
+
+
+class MapView:
+    """The middle of the page; `view` is what it shows, `remember` is told when that changes."""
+
+    def __init__(
+        self,
+        shared: Shared,
+        viewer: Viewer,
+        view: View,
+        theme: str,
+        sheet: str,
+        remember: Callable[[View], None],
+        save_window: Callable[[], None],
+    ) -> None:
+        self._shared, self._viewer, self.view, self._remember = shared, viewer, view, remember
+        self._job: JobRow | None = None
+        self._plane: Plane | None = None
+        self._drawing: asyncio.Task[None] | None = None
+        self._drawn: tuple[Any, ...] = ()
+        self._colours: Colouring | None = None
+        self._quiet = False  # the controls are being set, not used
+        self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
+        self._zoom = Zoom(viewer, self._frame, self._say_zoom)
+        self._lines = Lines(shared.crises, viewer, self.map, view.overlays, self._on_lines)
+        self._lines.tell(self.model)
+        words: dict[str, Callable[[Pair], None]] = {
+            "all": lambda _at: self._reset(),
+            "open": lambda at: self._point(*at),
+            "close": lambda _at: self._beside.close(tell=True),
+        }
+        self._cursor = Cursor(viewer.document, self.map.figure, self._shown, self._look, self._go, words)
+        self._hovering: asyncio.Task[None] | None = None
+        styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
+        self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
+        self._index = pn.widgets.Select(label="Which", options=[], width=90, visible=False, **styled)
+        options = {name: rule for rule, name in LIMIT_NAMES.items()} | {"from … to": OWN}
+        self._rule = pn.widgets.Select(label="Colours span", options=options, width=180, **styled)
+        self._low = pn.widgets.FloatInput(label="from", width=110, **styled)
+        self._high = pn.widgets.FloatInput(label="to", width=110, **styled)
+        self._log = pn.widgets.CheckBoxGroup(
+            options=[LOG], value=[LOG] if view.log else [], **{**styled, "margin": (2, 8, 8, 4)}
+        )
+        self._save = pn.widgets.Button(
+            label="Save window as survey", **{**styled, "margin": (2, 0, 2, 8)}, css_classes=["save"]
+        )
+        self._save.on_click(lambda _event: save_window())
+        self._title = Text("", sheet)
+        for widget, act in (
+            (self._variable, self._on_variable), (self._index, self._on_index), (self._rule, self._on_limits),
+            (self._low, self._on_own), (self._high, self._on_own), (self._log, self._on_limits),
+        ):  # fmt: skip
+            widget.param.watch(lambda _event, act=act: None if self._quiet else act(), "value")
+        self._said = Text("", sheet, is_spoken=True)
+        readout = Text("<p class=faint>Point at the map to read a cell, click it to look closer.</p>", sheet)
+        self._beside = Beside(viewer, theme, readout, sheet, self._close_point, self._remember_point)
+        self.parts = {
+            "controls": pn.Column(
+                pn.FlexBox(
+                    self._variable, self._index, self._rule, self._low, self._high, self._log, self._save,
+                    margin=0, sizing_mode="stretch_width", align_items="flex-end",
+                ),
+                self._title.pane,
+                sizing_mode="stretch_width", margin=0,
+            ),
+            "plot": pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0),
+            "said": self._said.pane,
+            "key": self._lines.key,
+            "beside": self._beside.panel,
+        }  # fmt: skip
+        self._show_limits(None)
+
+    @property
+    def model(self) -> AnyModel:
+        """The model of the survey that is shown."""
+        return self._plane.request.gear_model if self._plane else Impacting()
+
+    @property
+    def window(self) -> tuple[Pair, Pair]:
+        """(low, high) of δ and of ε that is shown."""
+        if self.view.delta and self.view.epsilon:
+            return self.view.delta, self.view.epsilon
+        return self._plane.box if self._plane else ((0.4, 1.0), (0.0, 0.3))
+
+    def choose(self, job: JobRow) -> None:
+        """Show another survey; the window and the point stay only with the one they were chosen on."""
+        if self.view.survey != job.id:
+            other = bool(self.view.survey)
+            kept = {"delta": None, "epsilon": None, "point": None} if other else {}
+            self._change(survey=job.id, **kept)
+            if other:
+                self._beside.close()
+                self.map.cross(None)
+        self._plane, self._drawn = None, ()
+        self._zoom.stop()
+        self._follow(job)
+
+    def follow(self, standing: Standing | None) -> None:
+        """The survey that is shown may have more to show."""
+        if standing is not None:
+            self._follow(standing.job)
+        elif self.view.survey and self._job is not None:
+            self._job, self._plane = None, None
+            self.map.no_cells()
+            self._title.html = "<p>This survey is no longer there. Choose another one.</p>"
+            self._shared.atlas.forget(lambda survey_id: survey_id != self.view.survey)
+
+    def _follow(self, job: JobRow) -> None:
+        if not job.is_readable:
+            self._job, self._plane = job, None
+            self.map.no_cells()
+            self._title.html = f"<p>{UNREADABLE}</p>"
+            return
+        if self._job is None or self._job.id != job.id:
+            self._offer(job)
+        self._job = job
+        if self._drawing is None or self._drawing.done():
+            self._drawing = self._viewer.start(self._keep_drawing())
+
+    def _offer(self, job: JobRow) -> None:
+        """The maps that this survey has."""
+        request = SurveyRequest.model_validate(job.request)
+        maps = maps_of(request)
+        self._lines.tell(request.gear_model)
+        variable = self.view.variable if self.view.variable in maps else next(iter(maps))
+        self._maps = maps
+        self._quiet = True
+        self._variable.options = {name.replace("_", " "): name for name in maps}
+        self._variable.value = variable
+        self._quiet = False
+        self._change(variable=variable)
+        self._offer_index()
+
+    def _offer_index(self) -> None:
+        names = self._maps[self.view.variable]
+        self._quiet = True
+        index = self.view.index if self.view.index < len(names) else 0
+        self._index.visible = bool(names)
+        self._index.options = {str(name): number for number, name in enumerate(names)}
+        if names:
+            self._index.value = index
+        self._quiet = False
+        self._change(index=index)
+
+    def _change(self, **values: Any) -> None:
+        changed = replace(self.view, **values)
+        if changed != self.view:
+            self.view = changed
+            self._remember(changed)
+
+    def _redraw(self) -> None:
+        if self._job is not None:
+            self._follow(self._job)
+
+    async def _keep_drawing(self) -> None:
+        """Draw until what is drawn is what is wanted; a survey that runs is drawn at most once in PAUSE."""
+        while (wanted := self._wanted()) != self._drawn:
+            job = self._job
+            if job is None:
+                return
+            if await self._draw_once(job, self.view):
+                self._drawn = wanted
+            if not State(job.state).final:
+                await asyncio.sleep(PAUSE)
+
+    async def _draw_once(self, job: JobRow, view: View) -> bool:
+        """Draw what is known; whether that is all there is by now."""
+
+        def prepare() -> tuple[Plane, bool, Block, Colouring]:
+            plane, is_whole = self._shared.atlas.plane(job, view.variable, view.index)
+            block = plane.block()
+            return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
+
+        if job.state == State.ACCEPTED and not job.started:
+            self._viewer.change(self._show_waiting)
+            return True
+        try:
+            plane, is_whole, block, colours = await self._viewer.read(prepare)
+        except RattleError as error:
+            text = str(error)
+            self._viewer.change(lambda: self._fail(text))
+            return True
+        await self._viewer.changed(lambda: self._draw(plane, block, colours))
+        return is_whole
+
+    def _wanted(self) -> tuple[Any, ...]:
+        job, view = self._job, self.view
+        if job is None:
+            return ()
+        return job.id, job.state, job.cells_done, view.variable, view.index, view.limits, view.log
+
+    def _show_waiting(self) -> None:
+        self.map.no_cells()
+        self._title.html = "<p class=faint>This survey waits for its turn.</p>"
+
+    def _fail(self, text: str) -> None:
+        self.map.no_cells()
+        self._title.html = f'<p class="notice" role="alert">{escape(text)}</p>'
+
+    def _draw(self, plane: Plane, block: Block, colours: Colouring) -> None:
+        first = self._plane is None or self._plane.id != plane.id
+        other = first or self._plane is not plane
+        self._plane, self._colours = plane, colours
+        self.map.cells(block, colours)
+        note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
+        self._title.html = f"<p>{escape(colours.title)}{note}</p>"
+        self._lines.key.shades = [
+            {"label": each.label, "colour": each.colour, "share": each.share} for each in colours.shades
+        ]
+        self._show_limits(colours)
+        if first:
+            self.map.window(*self.window)
+            if self.view.point:
+                self._point(*self.view.point)
+            self._draw_lines(self.view.overlays)
+        if other:
+            self._refine()
+
+    def _show_limits(self, colours: Colouring | None) -> None:
+        self._quiet = True
+        continuous = colours is not None and not colours.categorical
+        own = isinstance(self.view.limits, tuple)
+        self._rule.value = OWN if own else self.view.limits
+        self._rule.visible = self._log.visible = continuous
+        self._low.visible = self._high.visible = continuous and own
+        if colours is not None and continuous:
+            self._low.value, self._high.value = colours.low, colours.high
+        self._quiet = False
+
+    def _on_variable(self) -> None:
+        self._change(variable=self._variable.value, index=0, limits="auto")
+        self._offer_index()
+        self._zoom.stop()
+        self.map.no_frame()
+        self._redraw()
+
+    def _on_index(self) -> None:
+        self._change(index=self._index.value)
+        self._zoom.stop()
+        self.map.no_frame()
+        self._redraw()
+
+    def _on_limits(self) -> None:
+        rule = self._rule.value
+        if rule == OWN:
+            if self._colours is None or isinstance(self.view.limits, tuple):
+                return
+            self._change(limits=(self._colours.low, self._colours.high), log=bool(self._log.value))
+        else:
+            self._change(limits=rule if rule in LIMITS else "auto", log=bool(self._log.value))
+        self._redraw()
+
+    def _on_own(self) -> None:
+        low, high = self._low.value, self._high.value
+        if low is not None and high is not None and low < high:
+            self._change(limits=(low, high))
+            self._redraw()
+
+    def _on_lines(self) -> None:
+        chosen = self._lines.chosen
+        new = set(chosen) - set(self.view.overlays)
+        self._change(overlays=chosen)
+        self.map.choose(chosen)
+        self._draw_lines(name for name in chosen if name in new)
+
+    def _draw_lines(self, names: Iterable[str]) -> None:
+        if self._plane is not None:
+            self._lines.draw(tuple(names), self.model, self.window)
+
+    def _shown(self) -> tuple[Plane, tuple[Pair, Pair], Pair | None] | None:
+        return (self._plane, self.window, self.view.point) if self._plane is not None else None
+
+    def _look(self, at: Pair) -> None:
+        assert self._plane is not None
+        self.map.cursor(at)
+        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window))}</p>"
+        self._read(*at)
+
+    def _go(self, window: tuple[Pair, Pair]) -> None:
+        if window != self.window and window[0][1] > 0:
+            self.map.window(*window)
+            self._moved(*window)
+
+    def _moved(self, delta: Pair, epsilon: Pair) -> None:
+        if delta[0] >= delta[1] or epsilon[0] >= epsilon[1]:
+            return
+        self._change(delta=delta, epsilon=epsilon)
+        self.map.moved(delta)
+        self._draw_lines(name for name in self.view.overlays if name not in (CRISIS, POINTS))
+        self._refine()
+
+    def _reset(self) -> None:
+        self._change(delta=None, epsilon=None)
+        self.map.window(*self.window)
+        self._draw_lines(self.view.overlays)
+        self._refine()
+
+    def _refine(self) -> None:
+        self.map.no_frame()
+        self._say_zoom("")
+        self._zoom.stop()
+        if self._plane is None or not (self.view.delta and self.view.epsilon):
+            return
+        if coarser(self._plane, self.window, self.map.pixels):
+            self._zoom.start(self._plane, self.view.variable, self.view.index, self.window, self.map.pixels)
+        elif self._plane.is_thinned:
+            self._viewer.start(self._all_cells(self._plane, self.window))
+
+    async def _all_cells(self, plane: Plane, window: tuple[Pair, Pair]) -> None:
+        """Draw those cells of a window that are left out where the whole survey is drawn."""
+
+        def prepare() -> tuple[np.ndarray, tuple[Pair, Pair]]:
+            block = plane.block(window)
+            return values_shown(plane, block), block.box
+
+        values, box = await self._viewer.read(prepare)
+        self._viewer.change(
+            lambda: self.map.frame(values, box) if (plane, window) == (self._plane, self.window) else None
+        )
+
+    def _frame(self, frame: Frame) -> None:
+        self._viewer.change(lambda: self.map.frame(frame.values, box_of(frame.delta, frame.epsilon)))
+
+    def _say_zoom(self, text: str) -> None:
+        self._viewer.change(lambda: self._beside.say(text))
+
+    def _hover(self, delta: float, epsilon: float) -> None:
+        self._cursor.forget()
+        self.map.cursor(None)
+        self._said.html = ""
+        self._read(delta, epsilon)
+
+    def _read(self, delta: float, epsilon: float) -> None:
+        if self._hovering is not None and not self._hovering.done():
+            self._hovering.cancel()
+        if self._plane is not None:
+            self._hovering = self._viewer.start(self._beside.read(self._plane, delta, epsilon, self.window))
+
+    def _point(self, delta: float, epsilon: float) -> None:
+        if delta <= 0 or epsilon < 0:
+            return
+        state = self.view.point_state if self.view.point == (delta, epsilon) else {}
+        self._beside.open(delta, epsilon, self.model, state)
+        self.map.cross((delta, epsilon))
+        self._change(point=(delta, epsilon), point_state=state)
+        self._read(delta, epsilon)
+
+    def end(self) -> None:
+        """Give up what is at work for a page that was closed."""
+        self._zoom.stop()
+        self._beside.end()
+
+    def _close_point(self) -> None:
+        self._change(point=None, point_state={})
+        self.map.cross(None)
+
+    def _remember_point(self, state: dict[str, Any]) -> None:
+        if self.view.point is not None:
+            self._change(point_state={name: str(value) for name, value in state.items()})

@@ -1,0 +1,1 @@
+"""The document: routes, websocket, form."""

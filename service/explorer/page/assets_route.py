@@ -1,0 +1,66 @@
+"""Scripts and styles of Bokeh and Panel, from the installed packages."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import Message, Receive, Scope, Send
+
+if TYPE_CHECKING:
+    from service.explorer.page.transport import Transport
+
+#: Seconds: so long nobody asks for anything, and so long at most, until a browser is taken to have what it needs.
+QUIET, LONGEST = 0.08, 0.6
+FOREVER = "private, max-age=31536000, immutable"  # an address with a version never means anything else
+MOST_KEPT = 16 << 20  # bytes
+
+
+class Assets:
+    """Sends them; those that every page asks for from memory, whole: a browser waits for them all."""
+
+    def __init__(self, load: Callable[[], Awaitable[Transport]]) -> None:
+        self._load = load
+        self._kept: dict[tuple[str, bytes], list[Message]] = {}
+        self._size = 0
+        self._at_work, self._asked = 0, 0.0
+
+    async def quiet(self) -> None:
+        """Wait until a browser that has just got the head of its page has got what the head asks for."""
+        loop = asyncio.get_running_loop()
+        began = loop.time()
+        while (now := loop.time()) < began + LONGEST and (self._at_work or now < max(began, self._asked) + QUIET):
+            await asyncio.sleep(0.005)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        self._at_work += 1
+        try:
+            await self._answer(scope, receive, send)
+        finally:
+            self._at_work -= 1
+            self._asked = asyncio.get_running_loop().time()
+
+    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
+        key = (scope["path"], scope["query_string"])
+        headers = Headers(scope=scope)
+        whole = scope["method"] == "GET" and "range" not in headers and "if-none-match" not in headers
+        if whole and key in self._kept:
+            for message in self._kept[key]:
+                await send(dict(message))
+            return
+        bokeh = await self._load()
+        sent: list[Message] = []
+
+        async def keep(message: Message) -> None:
+            if message["type"] == "http.response.start" and message["status"] == 200 and b"v=" in key[1]:
+                MutableHeaders(scope=message)["Cache-Control"] = FOREVER
+            sent.append(message)
+            await send(message)
+
+        await bokeh.asset(scope, receive, keep)
+        body = b"".join(message.get("body", b"") for message in sent[1:])
+        if whole and sent[0]["status"] == 200 and self._size + len(body) < MOST_KEPT:
+            self._size += len(body)
+            self._kept[key] = [sent[0], {"type": "http.response.body", "body": body}]

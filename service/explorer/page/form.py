@@ -1,0 +1,205 @@
+"""The form that submits a survey, with what it will cost said before."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from html import escape
+from typing import Any
+
+import panel as pn
+from pydantic import ValidationError
+
+from rattle import RattleError
+from rattle.models import AnyModel, Model
+from service.database.tables import Scope
+from service.explorer.common.address import Pair
+from service.explorer.common.viewer import Viewer
+from service.operations.estimate import Estimate, estimate
+from service.operations.limits import check_limits
+from service.operations.surveys import submit_survey
+from service.web.problems import field_errors_of
+from workers import SurveyRequest
+from workers.survey.quantities import groups_of
+from workers.survey.schema import DEFAULT, Group
+
+STIFFNESS = 1e4  # offered at first
+PATIENCE = 0.4  # seconds without a change, then the cost is estimated
+CELLS = 61  # along each axis of a window that is to be saved
+
+
+class Form:
+    """The form; `on_submitted` is called with the id of the survey."""
+
+    def __init__(self, viewer: Viewer, on_submitted: Callable[[str], None], sheet: str) -> None:
+        self._viewer, self._on_submitted = viewer, on_submitted
+        self._estimating: asyncio.Task[None] | None = None
+        number: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
+        self.name = pn.widgets.TextInput(label="Name", max_length=200, **number)
+        self.beta = pn.widgets.FloatInput(label="Half-backlash β", value=0.6, step=0.05, **number)
+        self.model = pn.widgets.Select(
+            label="Model", options={"impacting": Model.IMPACTING, "stiff walls": Model.STIFF}, **number
+        )
+        self.kappa = pn.widgets.FloatInput(label="Stiffness κ", value=STIFFNESS, start=1.0, visible=False, **number)
+        exact: dict[str, Any] = number | {"step": 0.05, "format": "0[.][0000000000000000]"}
+        self.axes = {
+            name: (
+                pn.widgets.FloatInput(label=f"{letter} from", value=start, **exact),
+                pn.widgets.FloatInput(label=f"{letter} to", value=stop, **exact),
+                pn.widgets.IntInput(label=f"{letter} values", value=num, start=2, step=10, **number),
+            )
+            for name, letter, start, stop, num in (("delta", "δ", 0.4, 1.0, 61), ("epsilon", "ε", 0.005, 0.3, 60))
+        }  # fmt: skip
+        self.quantities = pn.widgets.CheckBoxGroup(
+            label="Quantities", options=[str(group) for group in Group], value=[str(group) for group in DEFAULT],
+            inline=True, margin=(0, 4), stylesheets=[sheet],
+        )  # fmt: skip
+        self.count = pn.widgets.IntInput(label="Initial conditions", value=64, start=1, step=64, **number)
+        self.v_max = pn.widgets.FloatInput(label="Highest speed", value=7.0, step=1.0, **number)
+        self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, **number)
+        self.submit = pn.widgets.Button(
+            label="Submit", button_type="primary", css_classes=["submit"], margin=(8, 4), stylesheets=[sheet]
+        )
+        self.cost = pn.pane.HTML(
+            "", css_classes=["cost"], margin=(4, 4), sizing_mode="stretch_width", stylesheets=[sheet]
+        )
+        self.model.param.watch(lambda _event: self._on_model(), "value")
+        for widget in self._widgets():
+            widget.param.watch(lambda _event: self._changed(), "value")
+        self.submit.on_click(lambda _event: viewer.start(self._submit()))
+        self.panel = pn.Column(
+            self.name,
+            *(pn.Row(*three, sizing_mode="stretch_width") for three in self.axes.values()),
+            pn.Row(self.model, self.kappa, sizing_mode="stretch_width"),
+            pn.Row(self.beta, self.v_max, sizing_mode="stretch_width"),
+            pn.Row(self.count, self.seed, sizing_mode="stretch_width"),
+            pn.pane.HTML("<span id=quantities>Quantities</span>", margin=(6, 4, 0, 4)),
+            self.quantities,
+            self.cost,
+            self.submit,
+            css_classes=["form"],
+            sizing_mode="stretch_width",
+        )
+        self._changed()
+
+    def _widgets(self) -> list[Any]:
+        return [
+            self.name, self.model, self.kappa, self.beta, *(widget for three in self.axes.values() for widget in three),
+            self.quantities, self.count, self.v_max, self.seed,
+        ]  # fmt: skip
+
+    def fill(self, request: SurveyRequest) -> None:
+        """Take over the settings of a survey."""
+        self.name.value = request.name
+        self.fill_model(request.gear_model)
+        for name, (start, stop, num) in self.axes.items():
+            axis = getattr(request, name)
+            start.value, stop.value, num.value = axis.start, axis.stop, axis.num
+        self.fill_sample(request)
+
+    def fill_model(self, model: AnyModel) -> None:
+        """Take over a model with its parameters."""
+        self.beta.value, self.model.value = model.beta, model.name
+        if model.stiffness is not None:
+            self.kappa.value = model.stiffness
+
+    def fill_window(self, delta: Pair, epsilon: Pair, model: AnyModel) -> None:
+        """Take over a window of the plane."""
+        self.fill_model(model)
+        for (start, stop, num), window in zip(self.axes.values(), (delta, epsilon), strict=True):
+            start.value, stop.value, num.value = *window, CELLS
+
+    def fill_sample(self, request: SurveyRequest) -> None:
+        """Take over what a survey computes in a cell."""
+        self.quantities.value = [str(group) for group in request.quantities]
+        self.count.value, self.v_max.value = request.initial_conditions.count, request.initial_conditions.v_max
+        self.seed.value = request.seed
+
+    def fields(self) -> dict[str, Any]:
+        """The body of `POST /v1/surveys` that the form stands for."""
+        axes = {
+            name: {"start": start.value, "stop": stop.value, "num": num.value}
+            for name, (start, stop, num) in self.axes.items()
+        }
+        return {
+            "name": self.name.value,
+            "model": str(self.model.value),
+            "kappa": self.kappa.value if self.model.value == Model.STIFF else None,
+            "beta": self.beta.value,
+            **axes,
+            "quantities": self.quantities.value,
+            "initial_conditions": {"count": self.count.value, "v_max": self.v_max.value},
+            "seed": self.seed.value,
+        }
+
+    def _on_model(self) -> None:
+        """Offer what the model has."""
+        offered = [str(group) for group in groups_of(self.model.value)]
+        left = [name for name in self.quantities.value if name in offered]
+        self.kappa.visible = self.model.value == Model.STIFF
+        self.quantities.param.update(options=offered, value=left)
+
+    def _changed(self) -> None:
+        if self._estimating is not None:
+            self._estimating.cancel()
+        self._estimating = self._viewer.start(self._estimate())
+
+    async def _estimate(self) -> None:
+        await asyncio.sleep(PATIENCE)
+        try:
+            request = SurveyRequest.model_validate(self.fields())
+            check_limits(request, self._viewer.front.settings)
+        except (ValidationError, RattleError) as error:
+            self._say(what_is_wrong(error), wrong=True)
+            return
+        size = f"{request.n_cells:,} cells"
+        self._say(f"{size}: the cost is being estimated …")
+        try:
+            found = await estimate(self._viewer.front, request)
+        except RattleError as error:
+            self._say(f"{size}; {error}")
+        else:
+            self._say(f"{size}, {in_words(found)}")
+
+    async def _submit(self) -> None:
+        def submit() -> str:
+            request = SurveyRequest.model_validate(self.fields())
+            return submit_survey(self._viewer.front, self._viewer.require(Scope.SUBMIT), request).id
+
+        try:
+            survey_id = await self._viewer.read(submit, Scope.SUBMIT)
+        except (ValidationError, RattleError) as error:
+            self._say(what_is_wrong(error), wrong=True)
+        else:
+            self._viewer.change(lambda: self._on_submitted(survey_id))
+
+    def _say(self, text: str, wrong: bool = False) -> None:
+        said = f'<p role="{"alert" if wrong else "status"}" class="{"wrong" if wrong else ""}">{escape(text)}</p>'
+
+        def write() -> None:
+            self.cost.object = said
+            self.submit.disabled = wrong or not self._viewer.may_submit()
+
+        self._viewer.change(write)
+
+
+def what_is_wrong(error: Exception) -> str:
+    """The first thing that is wrong with a request, in words."""
+    if isinstance(error, ValidationError):
+        first = field_errors_of(error.errors())[0]
+        return f"{first.field}: {first.message}" if first.field else first.message
+    return str(error)
+
+
+def in_words(found: Estimate) -> str:
+    """A cost, and what it rests on."""
+    return f"about {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"
+
+
+def lasting(seconds: float) -> str:
+    """A duration in the unit that suits it."""
+    for unit, size in (("days", 172_800.0), ("hours", 7200.0), ("min", 120.0)):
+        if seconds >= size:
+            whole = {"days": 86_400.0, "hours": 3600.0, "min": 60.0}[unit]
+            return f"{seconds / whole:.0f} {unit}"
+    return f"{max(seconds, 1.0):.0f} s"

@@ -1,0 +1,203 @@
+"""Where the page is in the application: its routes, and the Bokeh application behind them, loaded once in a thread."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import logging
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from typing import TYPE_CHECKING
+
+from fastapi import FastAPI, Request, Response
+from starlette.concurrency import run_in_threadpool
+from starlette.responses import StreamingResponse
+from starlette.routing import Route, WebSocketRoute
+from starlette.types import Message, Receive, Scope, Send
+
+from service.access import login
+from service.errors import UnavailableError
+from service.explorer.common.address import View
+from service.explorer.common.news import News
+from service.explorer.page.assets_route import Assets
+from service.explorer.page.head import COOKIE, SCHEME, body_of, following, head_of
+from service.jobs.manager import STARTING
+from service.observability.logs import adopt_handlers
+from service.settings import Settings
+from service.state import Front
+
+if TYPE_CHECKING:
+    from service.explorer.page.transport import Transport
+
+TITLE = "gear rattle"
+SIGNED_OUT = "The API key was revoked, or this browser has signed out."
+LOOK_SECONDS = 0.2
+#: Nothing from elsewhere, whatever a library would like to load. Bokeh compiles the callbacks of its models.
+CONTENT_SECURITY = "; ".join(
+    (
+        "default-src 'self'",
+        "script-src 'self' 'unsafe-inline' 'unsafe-eval' blob:",
+        "style-src 'self' 'unsafe-inline'",
+        "connect-src 'self' blob:",
+        "img-src 'self' data: blob:",
+        "font-src 'self' data:",
+        "worker-src 'self' blob:",
+        "form-action 'self'",
+        "base-uri 'self'",
+        "frame-ancestors 'self'",
+    )
+)
+
+log = logging.getLogger(__name__)
+
+
+class Explorer:
+    """The page of one application."""
+
+    def __init__(self, app: FastAPI, settings: Settings) -> None:
+        self._settings = settings
+        self._front: Front | None = None
+        self._news: News | None = None
+        self._loading: asyncio.Future[Transport] | None = None
+        self._head = ""
+        self._warming: asyncio.Task[None] | None = None
+        self._assets = Assets(self.load)
+        app.router.routes += [
+            Route("/", self._page, methods=["GET"], include_in_schema=False),
+            WebSocketRoute("/ws", _Socket(self.load)),
+            Route("/static/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
+            Route("/components/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
+            *login.ROUTES,
+        ]
+
+    @asynccontextmanager
+    async def running(self, front: Front) -> AsyncIterator[None]:
+        """Tell the pages what happens, and forget those that were closed, for as long as the application runs."""
+        self._front = front
+        sweeper = asyncio.create_task(self._sweep())
+        self._news = News(front)
+        try:
+            async with self._news.running():
+                yield
+        finally:
+            sweeper.cancel()
+            with suppress(asyncio.CancelledError):
+                await sweeper
+            if (bokeh := self._loaded()) is not None:
+                await bokeh.stop()
+
+    async def prepare(self) -> None:
+        """Load what the page needs before anybody asks for it, and after the cluster, which has more to load."""
+        assert self._front is not None
+        try:
+            while self._front.manager.cluster_state == STARTING and self._loading is None:
+                await asyncio.sleep(LOOK_SECONDS)
+            await self.load()
+        except Exception:  # told again to whoever opens the page
+            log.exception("the explorer cannot be loaded")
+
+    async def load(self) -> Transport:
+        """The Bokeh application; what it imports takes more than a second, so that is done once and in a thread."""
+        failed = self._loading is not None and self._loading.done() and self._loading.exception() is not None
+        if self._loading is None or failed:
+            self._loading = asyncio.ensure_future(run_in_threadpool(self._build))
+        return await asyncio.shield(self._loading)
+
+    def _build(self) -> Transport:
+        from bokeh.settings import settings
+
+        from service.explorer.map.overlays import Crises
+        from service.explorer.map.planes import Atlas
+        from service.explorer.map.shared import Shared
+        from service.explorer.page.page import open_page
+        from service.explorer.page.transport import transport_of
+
+        assert self._front is not None
+        assert self._news is not None
+        settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
+        shared = Shared(self._front, self._news, Atlas(self._front), Crises(self._front))
+        found = transport_of(lambda: open_page(shared), TITLE)
+        self._head = head_of(found)
+        adopt_handlers()  # Panel's
+        gc.freeze()  # as in service.web.server, for what has just been loaded
+        return found
+
+    async def _page(self, request: Request) -> Response:
+        from service.explorer.common.viewer import CALLER
+        from service.explorer.point.work import prepare
+
+        assert self._front is not None
+
+        bokeh = await self.load()
+        if len(list(bokeh.context.sessions)) >= self._settings.max_pages:
+            raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
+        if self._front.settings.preload and self._warming is None:
+            # processes for the first click, which nobody needs where nobody looks
+            self._warming = asyncio.create_task(prepare(self._front))
+
+        async def parts() -> AsyncIterator[str]:
+            scheme = request.cookies.get(COOKIE, "")
+            given = request.query_params
+            query = {name: [value.encode() for value in given.getlist(name)] for name in given}
+            yield following(self._head, View.parse(query), scheme)
+            await self._assets.quiet()
+            CALLER.set(request.state.caller)
+            SCHEME.set(scheme)
+            yield body_of(await bokeh.document(request))
+
+        headers = {"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"}
+        return StreamingResponse(parts(), media_type="text/html", headers=headers)
+
+    async def _sweep(self) -> None:
+        while True:
+            await asyncio.sleep(SWEEP_SECONDS)
+            if (bokeh := self._loaded()) is not None:
+                await bokeh.context._cleanup_sessions(UNUSED_MILLISECONDS)
+
+    def _loaded(self) -> Transport | None:
+        done = self._loading is not None and self._loading.done() and not self._loading.exception()
+        return self._loading.result() if self._loading is not None and done else None
+
+
+async def _forget(bokeh: Transport, token: str) -> None:
+    """End a page that nobody comes back to: what it had computed would be computed on."""
+    from bokeh.protocol.exceptions import ProtocolError
+    from bokeh.util.token import get_session_id
+
+    with suppress(ProtocolError, LookupError, ValueError):  # no page of ours
+        bokeh.context.get_session(get_session_id(token)).request_expiration()
+        await bokeh.context._cleanup_sessions(UNUSED_MILLISECONDS)
+
+
+SWEEP_SECONDS = 10.0
+UNUSED_MILLISECONDS = 15_000  # without a browser, which comes back after a connection was lost
+LEFT = (1000, 1001)  # codes of RFC 6455: a connection that is no longer needed, a page that was closed or reloaded
+
+
+class _Socket:
+    """The route of the websockets of the pages."""
+
+    def __init__(self, load: Callable[[], Awaitable[Transport]]) -> None:
+        self._load = load
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        from service.explorer.common.viewer import CALLER
+
+        bokeh = await self._load()
+        caller = scope["state"]["caller"]
+        CALLER.set(caller)
+        code = 0
+
+        async def noted() -> Message:
+            nonlocal code
+            message = await receive()
+            code = message.get("code", 0)
+            return message
+
+        with scope["app"].state.front.revocations.ending(caller) as visit:
+            await bokeh.socket(scope, noted, send)
+            if code in LEFT:
+                await _forget(bokeh, "".join(scope["subprotocols"][-1:]))
+        if visit.cancelled_caught:
+            with suppress(RuntimeError):  # closed from the other side meanwhile
+                await send({"type": "websocket.close", "code": 1008, "reason": SIGNED_OUT})

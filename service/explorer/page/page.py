@@ -1,0 +1,231 @@
+"""The document of one open page: its parts, and how they act on each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import panel as pn
+from bokeh.document import Document
+
+from service.database.tables import Scope, State
+from service.explorer.common.address import View
+from service.explorer.common.lists import SurveyList
+from service.explorer.common.news import Standing
+from service.explorer.common.viewer import CALLER, Viewer
+from service.explorer.files import asset
+from service.explorer.map.shared import Shared
+from service.explorer.map.view import MapView
+from service.explorer.page.form import Form
+from service.explorer.page.head import SCHEME, theme_of
+from service.operations.surveys import remove_survey
+from workers import SurveyRequest
+
+
+class _Template(pn.Template):
+    """Panel's, in less time: it keeps the event loop busy whenever somebody opens a page."""
+
+    def _init_doc(self, doc: Document | None = None, *arguments: Any, **named: Any) -> Document:
+        with (doc or pn.state.curdoc or Document()).models.freeze():  # or all models are counted after every part
+            return super()._init_doc(doc, *arguments, **named)
+
+    def __repr__(self) -> str:
+        return type(self).__name__  # Panel's lists all parts, and is made for each of them
+
+
+def open_page(shared: Shared) -> pn.Template:
+    """A new page, for the caller of the request that is being answered, with the view of its URL."""
+    document = pn.state.curdoc
+    assert document is not None  # Panel has set it
+    viewer = Viewer(shared.front, CALLER.get(), document)
+    view = View.parse(pn.state.session_args)
+    theme = theme_of(view, SCHEME.get())
+    config: Any = pn.config
+    config.theme = "dark" if theme == "dark" else "default"  # of this page
+    page = Page(shared, viewer, view, theme)
+    document.on_session_destroyed(lambda _context: page.end())
+    return page.template
+
+
+class Page:
+    """The parts of a page."""
+
+    def __init__(self, shared: Shared, viewer: Viewer, view: View, theme: str) -> None:
+        self._shared, self._viewer = shared, viewer
+        location: Any = pn.state.location
+        self._location = location
+        self._location.param.watch(lambda _event: viewer.change(self._show_address), "search")
+        self._standings: dict[str, Standing] = {}
+        self._unasked = ""  # the survey that is shown because nobody chose one
+        self._form: Form | None = None
+        viewer.tell = self._tell
+        sheet = asset("widgets.css")
+        self._notice = pn.pane.HTML("", stylesheets=[sheet], margin=(0, 10), sizing_mode="stretch_width")
+        self._list = SurveyList(
+            self._act, chosen=view.survey, signed_in=viewer.signed_in, margin=0, sizing_mode="stretch_width"
+        )
+        self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
+        self._new.on_click(lambda _event: self._toggle_form())
+        self._side = pn.Column(self._new, self._notice, self._list, sizing_mode="stretch_width", margin=0)
+        self._map = MapView(shared, viewer, view, theme, sheet, self._remember, self._save_window)
+        self._list.param.watch(lambda event: self._choose(event.new), "chosen")
+        self.template = self._laid_out(theme)
+        shared.news.listen(self._on_news)
+
+    def _laid_out(self, theme: str) -> pn.Template:
+        template = _Template(asset("page.html"), location=True)
+        for name, value in {
+            "theme": theme,
+            "other_theme": "Light" if theme == "dark" else "Dark",
+            "signed_in": self._viewer.signed_in,
+        }.items():
+            template.add_variable(name, value)
+        for name, part in {"side": self._side, **self._map.parts}.items():
+            template.add_panel(name, part)
+        return template
+
+    def _on_news(self, standings: Sequence[Standing]) -> None:
+        self._viewer.start(self._take(standings))
+
+    async def _take(self, standings: Sequence[Standing]) -> None:
+        await self._viewer.read(lambda: None)  # whether the key still holds
+        caller = self._viewer.caller
+        rows = [_row(each, self._map.view, caller.owns(each.job)) for each in standings]
+
+        def show() -> None:
+            self._standings = {each.job.id: each for each in standings}
+            self._list.param.update(rows=rows, ready=True)
+            shown = self._map.view.survey
+            gone = shown == self._unasked and shown not in self._standings  # news may be older than a deletion
+            if (not shown or gone) and (first := _first(standings)):
+                self._unasked = first
+                self._list.chosen = first
+            self._map.follow(self._standings.get(self._map.view.survey))
+
+        self._viewer.change(show)
+
+    def _choose(self, survey_id: str) -> None:
+        if survey_id in self._standings:
+            self._map.choose(self._standings[survey_id].job)
+
+    def _remember(self, view: View) -> None:
+        """The URL that reproduces what is shown."""
+        self._show_address()
+        if self._standings:
+            owns = self._viewer.caller.owns
+            self._list.rows = [_row(each, view, owns(each.job)) for each in self._standings.values()]
+
+    def _show_address(self) -> None:
+        """Also when the browser has just said what its address is: then what was shown before has been lost."""
+        self._location.search = self._map.view.query()
+
+    def _toggle_form(self) -> None:
+        if self._form is not None and self._form.panel in self._side:
+            self._side.remove(self._form.panel)
+            self._new.label = "New survey"
+        else:
+            self._opened_form()
+
+    def _opened_form(self) -> Form:
+        if self._form is None:
+            self._form = Form(self._viewer, self._submitted, asset("widgets.css"))
+        if self._form.panel not in self._side:
+            self._side.insert(1, self._form.panel)
+            self._new.label = "Close the form"
+        return self._form
+
+    def _submitted(self, survey_id: str) -> None:
+        self._toggle_form()
+
+        async def show() -> None:
+            job = await self._viewer.read(lambda: self._shared.front.database.job(survey_id))
+
+            def choose() -> None:
+                self._standings[survey_id] = Standing(job, None, None)
+                self._list.chosen = survey_id
+
+            self._viewer.change(choose)
+
+        self._viewer.start(show())
+
+    def _save_window(self) -> None:
+        view = self._map.view
+        window = self._map.window
+        self._opened_form().fill_window(*window, self._map.model)
+        if view.survey in self._standings and self._standings[view.survey].job.is_readable:
+            self._opened_form().fill_sample(self._request(view.survey))
+
+    def _request(self, survey_id: str) -> SurveyRequest:
+        return SurveyRequest.model_validate(self._standings[survey_id].job.request)
+
+    def _act(self, action: str, survey_id: str) -> None:
+        if action == "again" and survey_id in self._standings and self._standings[survey_id].job.is_readable:
+            self._opened_form().fill(self._request(survey_id))
+        elif action in ("cancel", "delete") and survey_id in self._standings:
+            self._viewer.start(self._remove(action, survey_id))
+
+    async def _remove(self, action: str, survey_id: str) -> None:
+        def remove() -> None:
+            front = self._shared.front
+            ended = front.database.job(survey_id).shown[0].final
+            if ended == (action == "delete"):  # cancelling what has just ended shall not delete it
+                remove_survey(front, self._viewer.require(Scope.SUBMIT), survey_id)
+
+        await self._viewer.read(remove, Scope.SUBMIT)
+
+    def _tell(self, text: str) -> None:
+        def write() -> None:
+            self._notice.object = f'<p class="notice" role="alert">{escape(text)}</p>'
+
+        self._viewer.change(write)
+
+    def end(self) -> None:
+        """The browser has left."""
+        self._shared.news.leave(self._on_news)
+        self._map.end()
+        self._viewer.end()
+
+
+def _first(standings: Sequence[Standing]) -> str:
+    """The newest survey that has something to show."""
+    readable = [each.job for each in standings if each.job.is_readable]
+    shown = (job.id for job in readable if job.cells_done or job.state == State.SUCCESSFUL)
+    return next(shown, readable[0].id if readable else "")
+
+
+def _row(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
+    job = standing.job
+    state, message = job.shown
+    submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
+    size, facts = _asked(job.request) if job.is_readable else ("", [])
+    chosen = job.id == view.survey and job.is_readable
+    return {
+        "id": job.id,
+        "name": job.name or f"survey {job.id[:6]}",
+        "size": size,
+        "state": str(state),
+        "progress": job.progress,
+        "message": message,
+        "failed": job.cells_failed,
+        "rate": standing.rate,
+        "left": standing.left,
+        "mine": owned,
+        "facts": [*facts, submitted],
+        "variable": view.variable if chosen else "",
+        "index": view.index if chosen else 0,
+    }
+
+
+def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
+    """The size of a survey, and what was asked."""
+    delta, epsilon = request["delta"], request["epsilon"]
+    facts = [
+        ["δ", f"{delta['start']:g} … {delta['stop']:g}, {delta['num']} values"],
+        ["ε", f"{epsilon['start']:g} … {epsilon['stop']:g}, {epsilon['num']} values"],
+        ["β", f"{request['beta']:g}"],
+        *([["κ", f"{request['kappa']:g}"]] if request.get("kappa") else []),
+        ["computes", ", ".join(request["quantities"])],
+        ["sample", f"{request['initial_conditions']['count']} initial conditions"],
+    ]
+    return f"{delta['num']} × {epsilon['num']}", facts

@@ -1,0 +1,1 @@
+"""One clicked point."""

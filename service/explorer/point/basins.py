@@ -1,0 +1,136 @@
+"""The picture of basins of attraction: cells, Γ, manifolds, A to D, and the initial condition that was chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from bokeh.events import Tap
+from bokeh.models import ColumnDataSource, CustomJSHover, HoverTool, LinearColorMapper
+
+import rattle
+from rattle.plot.basins import MANIFOLDS
+from rattle.plot.colours import colour, name_of
+from service.explorer.common.glyphs import empty
+from service.explorer.point.figures import new_figure
+from service.explorer.point.parts import V_MAX, PlaneLine
+
+GAMMA = "Γ"
+#: Colour and dashes of each line; the unstable manifold has the colour of its saddle's stable one.
+STYLES = {
+    GAMMA: ("#ffffff", "solid"),
+    "Wˢ(A)": (MANIFOLDS["A"], "solid"),
+    "Wᵘ(A)": (MANIFOLDS["A"], "dashed"),
+    "Wˢ(B)": (MANIFOLDS["B"], "solid"),
+}
+NAME_OF_LABEL = "return names.data.name[value] ?? ''"
+STEPS = "return value < 0 ? 'not seen' : String(value)"
+
+
+class BasinsPicture:
+    """Calls `on_tap` with the (τ, v) that is clicked."""
+
+    def __init__(self, theme: str, on_tap: Callable[[float, float], None]) -> None:
+        self._on_tap = on_tap
+        names = "phase τ of the impact", "speed v after it"
+        self.figure = new_figure("basins", theme, *names, 520, (0.0, 1.0), (V_MAX, 0.0))
+        self.figure.grid.visible = False
+        self._names = ColumnDataSource({"name": []})
+        self._cells = ColumnDataSource({"label": [], "steps": []})
+        self._mapper = LinearColorMapper(palette=["#9a9a9a"], low=-0.5, high=0.5)
+        image = self.figure.image(
+            "label", x=0, y=0, dw=1, dh=V_MAX, source=self._cells, color_mapper=self._mapper, level="image"
+        )
+        named = CustomJSHover(args={"names": self._names}, code=NAME_OF_LABEL)
+        tooltips = [
+            ("ends as", "@label{custom}"),
+            ("impacts until certain", "@steps{custom}"),
+            ("(τ, v)", "$x{0.0000}, $y{0.000}"),
+        ]
+        steps = CustomJSHover(code=STEPS)
+        formatters: dict[str, Any] = {"@label": named, "@steps": steps}
+        self.figure.add_tools(HoverTool(renderers=[image], tooltips=tooltips, formatters=formatters, name="cells"))
+        self._lines: dict[str, ColumnDataSource] = {}
+        for name, (shade, dash) in STYLES.items():
+            width = 1.5 if dash == "solid" else 0.9
+            self._lines[name] = ColumnDataSource({"tau": [], "v": []})
+            edge = {"line_color": "#404040", "line_width": 2.6, "line_alpha": 0.7}
+            if name == GAMMA:
+                self.figure.line("tau", "v", source=self._lines[name], **edge)
+            self.figure.line(
+                "tau",
+                "v",
+                source=self._lines[name],
+                line_color=shade,
+                line_dash=dash,
+                line_width=width,
+                name=name,
+            )
+        self._orbits = ColumnDataSource({"tau": [], "v": [], "name": [], "aside": []})
+        self._chosen = ColumnDataSource({"tau": [], "v": []})
+        for size, shade in ((15, "#000000"), (11, "#ffffff")):
+            self.figure.scatter(
+                "tau", "v", source=self._orbits, marker="x", size=size, line_color=shade, line_width=size - 8
+            )
+        self.figure.text(
+            "tau", "v", "name", source=self._orbits, x_offset="aside", y_offset=-5, text_color="#ffffff",
+            text_outline_color="#000000", text_font_size="17px", text_font_style="bold",
+        )  # fmt: skip
+        for size, shade, width in ((15, "#000000", 4.5), (15, "#ffffff", 2)):
+            self.figure.scatter(
+                "tau", "v", source=self._chosen, marker="circle", size=size, fill_alpha=0, line_color=shade,
+                line_width=width,
+            )  # fmt: skip
+        self.figure.on_event(Tap, self._tapped)
+
+    def _tapped(self, event: Any) -> None:
+        if event.x is not None and event.y is not None and 0 < event.y < V_MAX:
+            self._on_tap(float(event.x % 1.0), float(event.y))
+
+    def show_cells(self, basins: rattle.Basins) -> None:
+        """Show basins, one colour for each type of motion as in every picture."""
+        self._names.data = {"name": [name_of(each) for each in basins.attractors]}
+        self._mapper.update(palette=[colour(each) for each in basins.attractors], high=len(basins.attractors) - 0.5)
+        most = np.iinfo(np.int32).max
+        self._cells.data = {
+            "label": [basins.labels.astype(np.uint8)],
+            "steps": [np.minimum(basins.steps, most).astype(np.int32)],
+        }
+
+    def show_orbits(self, orbits: tuple[rattle.Orbit, ...]) -> None:
+        """Mark those of A to D that the picture has room for."""
+        shown = [orbit for orbit in orbits if orbit.v < V_MAX]
+        self._orbits.data = {
+            "tau": [orbit.tau for orbit in shown],
+            "v": [orbit.v for orbit in shown],
+            "name": [orbit.name for orbit in shown],
+            "aside": [-22 if orbit.name in "BD" else 9 for orbit in shown],  # B is close to C, and D to A
+        }
+
+    def show_lines(self, lines: tuple[PlaneLine, ...]) -> None:
+        """Draw Γ and the manifolds."""
+        for line in lines:
+            self._lines[line.name].data = {"tau": line.points[:, 0], "v": line.points[:, 1]}
+
+    def clear(self) -> None:
+        """Show nothing."""
+        for source in (self._cells, self._orbits, self._chosen, *self._lines.values()):
+            empty(source)
+
+    def show_chosen(self, tau: float, v: float) -> None:
+        """Ring the state that the motion shown begins with."""
+        self._chosen.data = {"tau": [tau], "v": [v]} if v < V_MAX else {"tau": [], "v": []}
+
+
+def legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...]) -> str:
+    """Names of the colours and lines, in HTML, with the share of each basin."""
+    parts = []
+    for i, each in enumerate(basins.attractors):
+        share = 100 * float((basins.labels == i).mean())
+        swatch = f'<span class="swatch" style="background:{colour(each)}"></span>'
+        parts.append(f"<li>{swatch}{name_of(each)} {share:.3g} %</li>")
+    for line in lines:
+        shade, dash = STYLES[line.name]
+        parts.append(f'<li><span class="stroke" style="border-top:3px {dash} {shade}"></span>{line.name}</li>')
+    return f'<ul class="legend" aria-label="Legend of the basins">{"".join(parts)}</ul>'

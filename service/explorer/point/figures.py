@@ -1,0 +1,51 @@
+"""What the pictures of one parameter point have in common: figures in a light or a dark theme."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bokeh.models import Range1d
+from bokeh.plotting import figure
+
+from service.explorer.common.theme import INK
+
+Limits = tuple[float, float]
+
+
+def new_figure(
+    name: str, theme: str, x: str, y: str, height: int, x_range: Limits | None = None, y_range: Limits | None = None
+) -> Any:
+    """An empty figure as wide as there is room, with axes named x and y, and tools to zoom, move and save."""
+    ink, paper, line = INK[theme]
+    spans = {"x_range": x_range, "y_range": y_range}
+    ranges: dict[str, Any] = {name: Range1d(start=span[0], end=span[1]) for name, span in spans.items() if span}
+    found = figure(
+        name=name,
+        sizing_mode="stretch_width",
+        height=height,
+        min_width=260,
+        tools="pan,box_zoom,wheel_zoom,reset,save",
+        toolbar_location="above",
+        background_fill_color=paper,
+        border_fill_color=paper,
+        outline_line_color=line,
+        x_axis_label=x,
+        y_axis_label=y,
+        output_backend="canvas",
+        **ranges,
+    )
+    found.toolbar.logo = None
+    for axis in found.axis:
+        axis.axis_label_text_color = axis.major_label_text_color = ink
+        axis.axis_line_color = axis.major_tick_line_color = ink
+        axis.minor_tick_line_color = None
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_label_text_font_size = "13px"
+    for grid in found.grid:
+        grid.grid_line_color = line
+    return found
+
+
+def ink_of(theme: str) -> str:
+    """The colour of lines and text."""
+    return INK[theme][0]

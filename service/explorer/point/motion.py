@@ -1,0 +1,79 @@
+"""Pictures of one motion: the time trace Φ(t) between the walls, and the phase portrait."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColumnDataSource, HoverTool
+from bokeh.models.annotations import Span
+
+import rattle
+from service.explorer.common.glyphs import empty
+from service.explorer.point.figures import ink_of, new_figure
+
+ROOM = 1.12  # of a picture beyond the walls
+
+
+class MotionPictures:
+    """The trace and the portrait of a motion between the walls."""
+
+    def __init__(self, theme: str) -> None:
+        walls = (-1.0, 1.0)
+        self.trace: Any = new_figure("trace", theme, "forcing periods", "Φ", 260, (0.0, 1.0), walls)
+        self.portrait: Any = new_figure("portrait", theme, "Φ", "Φ′, per forcing period", 260, walls, (-7.0, 7.0))
+        self._samples = ColumnDataSource({"t": [], "phi": [], "velocity": []})
+        self._impacts = ColumnDataSource({"t": [], "phi": [], "speed": []})
+        ink = ink_of(theme)
+        style: dict[str, Any] = {"line_color": ink, "line_width": 3, "line_alpha": 0.55}
+        self._walls = {
+            side: [Span(location=side, dimension=dimension, **style) for dimension in ("width", "height")]
+            for side in (1, -1)
+        }
+        for over, under in self._walls.values():
+            self.trace.add_layout(over)
+            self.portrait.add_layout(under)
+        self._drawn = [
+            self.trace.line("t", "phi", source=self._samples, line_width=1.6),
+            self.portrait.line("phi", "velocity", source=self._samples, line_width=1.2),
+        ]
+        impacts = self.trace.scatter("t", "phi", source=self._impacts, size=4, color=ink, alpha=0.8)
+        tooltips = [("impact at", "@t{0.0000} periods"), ("speed", "@speed{0.0000}")]
+        self.trace.add_tools(HoverTool(renderers=[impacts], tooltips=tooltips))
+
+    def clear(self) -> None:
+        """Show nothing."""
+        for source in (self._samples, self._impacts):
+            empty(source)
+
+    def show(self, found: rattle.Trajectory, beta: float, colour: str) -> None:
+        """Draw a motion between walls at ±beta in a colour."""
+        for side, spans in self._walls.items():
+            for span in spans:
+                span.location = side * beta
+        for across in (self.trace.y_range, self.portrait.x_range):
+            across.update(start=-ROOM * beta, end=ROOM * beta)
+        self.trace.x_range.update(start=0.0, end=float(found.time[-1]))
+        fastest = ROOM * max(float(np.abs(found.velocity).max()), 1e-3)
+        self.portrait.y_range.update(start=-fastest, end=fastest)
+        self._samples.data = {"t": found.time, "phi": found.phi, "velocity": found.velocity}
+        shown = slice(0, 2000)
+        self._impacts.data = {
+            "t": found.impact_time[shown],
+            "phi": beta * found.impact_wall[shown].astype(float),
+            "speed": found.impact_speed[shown],
+        }
+        for each in self._drawn:
+            each.glyph.line_color = colour
+
+
+def caption(found: rattle.Trajectory, what: str) -> str:
+    """A sentence on what the pictures show."""
+    upper = int(np.count_nonzero(found.impact_wall == 1))
+    lower = found.impact_wall.size - upper
+    periods = f"{found.time[-1]:g}"
+    if found.rest < np.inf:
+        return f"{what}: at rest against the wall Φ = β after {found.rest:.3g} forcing periods."
+    speeds = found.impact_speed
+    fastest = f", the fastest at speed {speeds.max():.4g}" if speeds.size else ""
+    return f"{what}: {upper} impacts on the wall Φ = β and {lower} on Φ = −β in {periods} forcing periods{fastest}."

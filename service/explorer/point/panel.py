@@ -1,0 +1,109 @@
+"""Where the points of a page are shown: one set of texts, pictures and controls, filled again for every point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import panel as pn
+
+from service.explorer.common.text import Text
+from service.explorer.files import asset
+from service.explorer.point import basins, diagram, motion
+
+MARGIN = (0, 4)
+WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
+DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
+
+
+class PointPanel:
+    """What a browser takes long to lay out, the pictures, is made when a point has something to show in it.
+
+    Whoever shows a point sets `on_tap`, `on_choice` and `on_direction`.
+    """
+
+    def __init__(self, theme: str) -> None:
+        self._theme = theme
+        self.on_tap: Callable[[float, float], None]
+        self.on_choice: Callable[[Any], None]
+        self.on_direction: Callable[[Any], None]
+        self.where, self.likely, self.safe, self.table, self.orbits = (self._text() for _ in range(5))
+        self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (self._text() for _ in range(4))
+        self._basins, self._motion, self._diagram = (
+            pn.Column(*(each.pane for each in texts), sizing_mode="stretch_width", margin=0)
+            for texts in ((self.under_basins, self.about_lines), (self.under_motion,), (self.under_diagram,))
+        )
+        words = (self.where, self.likely, self.safe, self.table, self.orbits)
+        self.column = pn.Column(
+            *(each.pane for each in words), self._basins, self._motion, self._diagram,
+            css_classes=["point"], sizing_mode="stretch_width", margin=0,
+        )  # fmt: skip
+
+    def clear(self) -> None:
+        """Take away what there is of a point."""
+        for text in (
+            self.where, self.likely, self.safe, self.table, self.orbits,
+            self.under_basins, self.about_lines, self.under_motion, self.under_diagram,
+        ):  # fmt: skip
+            text.html = ""
+        for name in ("picture", "motions", "diagram"):
+            if name in self.__dict__:  # it has been made
+                getattr(self, name).clear()
+
+    def _text(self, html: str = "") -> Text:
+        return Text(html, *self._sheets, margin=MARGIN)
+
+    @property
+    def _sheets(self) -> list[str]:
+        return [asset(name) for name in ("widgets.css", "point.css")]
+
+    @cached_property
+    def picture(self) -> basins.BasinsPicture:
+        """The basins."""
+        found = basins.BasinsPicture(self._theme, lambda tau, v: self.on_tap(tau, v))
+        self._basins[:] = [
+            self._text("<h3>Basins of attraction</h3>").pane,
+            pn.pane.Bokeh(found.figure, **WIDE),
+            self.under_basins.pane,
+            self.about_lines.pane,
+        ]
+        return found
+
+    @cached_property
+    def choice(self) -> pn.widgets.Select:
+        """Which motion is shown."""
+        found = pn.widgets.Select(
+            label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
+        )
+        found.param.watch(lambda event: self.on_choice(event), "value")
+        return found
+
+    @cached_property
+    def motions(self) -> motion.MotionPictures:
+        """The motion."""
+        found = motion.MotionPictures(self._theme)
+        panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
+        self._motion[:] = [
+            self._text("<h3>Motion</h3>").pane, self.choice, pn.Row(*panes, **WIDE), self.under_motion.pane
+        ]  # fmt: skip
+        return found
+
+    @cached_property
+    def direction(self) -> pn.widgets.RadioButtonGroup:
+        """Along which axis the diagram is."""
+        found = pn.widgets.RadioButtonGroup(
+            label="Direction of the diagram", options=DIRECTIONS, stylesheets=self._sheets
+        )
+        found.param.watch(lambda event: self.on_direction(event), "value")
+        return found
+
+    @cached_property
+    def diagram(self) -> diagram.DiagramPicture:
+        """The one-parameter diagram."""
+        found = diagram.DiagramPicture(self._theme)
+        self._diagram[:] = [
+            self._text("<h3>One-parameter diagram</h3>").pane, self.direction, pn.pane.Bokeh(found.figure, **WIDE),
+            self.under_diagram.pane,
+        ]  # fmt: skip
+        return found

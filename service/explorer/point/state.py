@@ -1,0 +1,55 @@
+"""What the URL of a parameter point's view keeps: which motion is shown, and which diagram."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from service.explorer.point.parts import SPANS, V_MAX
+
+MOST_ATTRACTORS = 1000
+
+
+@dataclass(frozen=True)
+class PointState:
+    """The attractor (its place by falling share) or the initial condition (τ, v) shown; the diagram's direction."""
+
+    attractor: int | None = None
+    start: tuple[float, float] | None = None
+    direction: str = "epsilon"
+
+    @classmethod
+    def read(cls, text: Mapping[str, object]) -> PointState:
+        """The state that these texts describe; what cannot be read is as by default."""
+        direction = str(text.get("direction", ""))
+        return cls(
+            _attractor(text.get("attractor")),
+            _start(text.get("tau"), text.get("v")),
+            direction if direction in SPANS else "epsilon",
+        )
+
+    def text(self) -> dict[str, str]:
+        """The texts that describe it, none for what is as by default."""
+        said = {"attractor": str(self.attractor)} if self.attractor is not None and self.start is None else {}
+        if self.start is not None:
+            said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}  # read back, they are the same numbers
+        return said | ({"direction": self.direction} if self.direction != "epsilon" else {})
+
+
+def _attractor(given: object) -> int | None:
+    try:
+        number = int(str(given))
+    except ValueError:
+        return None
+    return number if 0 <= number < MOST_ATTRACTORS else None
+
+
+def _start(tau: object, v: object) -> tuple[float, float] | None:
+    try:
+        start = float(str(tau)), float(str(v))
+    except ValueError:
+        return None
+    if math.isfinite(start[0]) and 0 <= start[0] < 1 and 0 < start[1] <= V_MAX:
+        return start
+    return None

@@ -1,0 +1,181 @@
+"""The view of one parameter point in words and tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from html import escape
+
+import rattle
+from rattle.models import AnyGear, model_at
+from rattle.plot.colours import colour, name_of
+from service.explorer.point.parts import Chances, Margin, PeriodOne
+
+REGIONS = ("no region of the paper", "region I", "region II", "region III", "region IV", "region V")
+MINUS = "\N{MINUS SIGN}"
+NO_MARGIN = "How hard an impact ends quiet running is known of the impacting model only."
+ENOUGH = 5e-4  # a share below it is not said to be 0
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number for people: so many significant digits, a real minus sign, a dash where there is none."""
+    if math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else f"{MINUS}∞"
+    return f"{value:.{digits}g}".replace("-", MINUS)
+
+
+def percent(share: float) -> str:
+    """A share in per cent: three digits, and neither 0 nor 100 unless it is."""
+    if 0 < share < ENOUGH:
+        return "less than 0.05 %"
+    if 1 - ENOUGH < share < 1:
+        return "more than 99.95 %"
+    return f"{100 * share:.3g} %"
+
+
+def complex_number(value: complex) -> str:
+    """A multiplier."""
+    if abs(value.imag) < 1e-12 * max(1.0, abs(value.real)):
+        return number(value.real)
+    return f"{number(value.real)} {'+' if value.imag > 0 else MINUS} {number(abs(value.imag))}i"
+
+
+def pair(values: tuple[complex, complex] | None) -> str:
+    """Both multipliers, as one where they are conjugate."""
+    if values is None:
+        return "–"
+    first, second = values
+    if first.imag and abs(first - second.conjugate()) < 1e-9:
+        return f"{number(first.real)} ± {number(abs(first.imag))}i"
+    return f"{complex_number(first)}, {complex_number(second)}"
+
+
+def motion(attractor: rattle.Attractor, letter: str = "") -> str:
+    """What a motion that is not quiet is called in a sentence."""
+    if attractor.kind == "chaotic":
+        return "chaotic, without a period"
+    if attractor.kind == "undecided":
+        return "undecided"
+    impacts = attractor.n_plus + attractor.n_minus
+    each = "every period" if attractor.m == 1 else f"every {attractor.m} periods"
+    named = f"{name_of(attractor)} = {letter}" if letter else name_of(attractor)
+    return f"{impacts} impact{'s' if impacts > 1 else ''} {each}, {named}"
+
+
+def where(gear: AnyGear) -> str:
+    """What closed forms say of the point, at once."""
+    at = f"Damping δ = {number(gear.delta, 6)}, eccentricity ε = {number(gear.epsilon, 6)}"
+    backlash = f", half-backlash β = {number(gear.beta, 6)}"
+    model = model_at(gear)
+    if model.stiffness is not None:
+        backlash += f", walls of stiffness κ = {number(model.stiffness, 6)}"
+    backlash += f": {REGIONS[gear.region()]}." if model.in_closed_form else "."
+    if gear.epsilon >= gear.quiet_limit:
+        quiet = (
+            f" The gear cannot run quietly here: the eccentricity is above {number(gear.quiet_limit)}, "
+            "from where on the teeth must separate."
+        )
+    else:
+        quiet = f" Quiet running is possible, as it is up to an eccentricity of {number(gear.quiet_limit)}."
+    if model.in_closed_form and gear.epsilon < gear.sn1:
+        return f"{at}{backlash}{quiet} Rattle with one impact a period, P(1,1,0), begins at ε = {number(gear.sn1)}."
+    return f"{at}{backlash}{quiet}"
+
+
+def how_likely(gear: AnyGear, found: Chances) -> str:
+    """How likely the gear is to run quietly, and what it does otherwise."""
+    pairs = list(zip(found.attractors, found.letters, strict=True))
+    quiet, undecided = (next((x for x, _ in pairs if x.kind == kind), None) for kind in ("quiet", "undecided"))
+    rattling = [(each, letter) for each, letter in pairs if each.kind in ("periodic", "chaotic")]
+    below = percent(float(rattle.wilson_interval(0, found.starts)[1]))  # of what no start has shown
+    sentences = []
+    if quiet:
+        low, high = (percent(x) for x in quiet.fraction_interval)
+        likely = f"Set going at random, the gear comes to run quietly with probability {percent(quiet.fraction)}"
+        sentences.append(f"{likely} (95 % interval {low} to {high}, from {found.starts} starts).")
+    elif gear.epsilon >= gear.quiet_limit:
+        sentences.append("However it is set going, the gear never comes to rest against the teeth: it rattles.")
+    else:
+        sentences.append(f"None of {found.starts} random starts came to run quietly: the probability is below {below}.")
+    if rattling:
+        said = "; ".join(f"{motion(each, letter)} ({percent(each.fraction)})" for each, letter in rattling[:4])
+        more = f"; and {len(rattling) - 4} more" if len(rattling) > 4 else ""
+        sentences.append(f"{'Otherwise it' if quiet else 'It'} rattles: {said}{more}.")
+    elif quiet and not undecided:
+        sentences.append(f"No start came to rattle: the probability of rattle is below {below}.")
+    if undecided:
+        sentences.append(f"Where {percent(undecided.fraction)} of the starts end is not decided.")
+    return " ".join(sentences)
+
+
+def how_safe(gear: AnyGear, found: Margin) -> str:
+    """How hard an impact must be to end quiet running, and where that leads."""
+    if gear.epsilon >= gear.quiet_limit:
+        return "There is no quiet running that an impact could end: the margin is 0."
+    if math.isnan(found.v):
+        return "So near the quiet limit it cannot be told which impacts end quiet running."
+    if math.isinf(found.v):
+        return "No impact slower than 7 was found that ends quiet running."
+    leads = motion(found.leads_to) if found.leads_to is not None else "rattle"
+    sentence = (
+        f"The margin of quiet running is an impact of speed {number(found.v)}: weaker ones die out, and such a one at "
+        f"phase {number(found.tau, 3)} sets off the nearest rattle ({leads})."
+    )
+    if found.undecided < found.v:
+        sentence += f" From speed {number(found.undecided)} on there are impacts whose end is not decided."
+    return sentence
+
+
+def table(caption: str, heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A table in HTML; the first cell of a row is its head. Cells are HTML."""
+    head = "".join(f'<th scope="col">{each}</th>' for each in heads)
+    lines = []
+    for first, *rest in rows:
+        cells = "".join(f"<td>{each}</td>" for each in rest)
+        lines.append(f'<tr><th scope="row">{first}</th>{cells}</tr>')
+    body = "".join(lines)
+    return f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def orbits_table(found: PeriodOne) -> str:
+    """The period-one orbits A to D that exist."""
+    if not found.orbits:
+        return "<p>None of the period-one orbits A to D exists here.</p>"
+    rows = (
+        (
+            orbit.name,
+            f"P({orbit.m},{orbit.n_plus},{orbit.n_minus})",
+            "stable" if orbit.stable else "unstable",
+            number(orbit.tau),
+            number(orbit.v),
+            pair(orbit.multipliers),
+        )
+        for orbit in found.orbits
+    )
+    return table(
+        f"Period-one orbits: {REGIONS[found.region]}",
+        ("Orbit", "Type", "Stability", "Phase τ", "Speed v", "Multipliers"),
+        rows,
+    )
+
+
+def attractors_table(found: Chances) -> str:
+    """The attractors, with fractions, exponents and multipliers."""
+    rows = []
+    for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
+        swatch = f'<span class="swatch" style="background:{colour(each)}"></span>'
+        low, high = each.fraction_interval
+        error = f" ± {number(each.lyapunov_error, 2)}" if each.lyapunov_error > 0 else ""
+        rows.append(
+            (
+                f"{swatch}{escape(name_of(each))}{f' = {letter}' if letter else ''}",
+                f"{percent(each.fraction)} <small>({percent(low)}–{percent(high)})</small>",
+                f"{number(each.lyapunov[0])}{error}",
+                number(each.lyapunov[1]),
+                pair(multipliers),
+            )
+        )
+    heads = ("Motion", "Share of starts (95 %)", "Exponent λ₁", "λ₂", "Multipliers")
+    return table(f"Attractors from {found.starts} starts", heads, rows)
