@@ -25,13 +25,13 @@ WORKERS = "tests/integration/test_faults_workers.py"
 SERVICE = "tests/integration/test_faults_service.py"
 STORAGE = "tests/integration/test_faults_storage.py"
 ALONE = "tests/integration/test_service_alone.py"
-DIRECTORY = "tests/contracts/test_service_directory.py"
+DIRECTORY = "tests/contracts/service/test_service_directory.py"
 ENDS = "tests/integration/test_service_ends.py"
 INTRUDERS = "tests/integration/test_cluster_intruders.py"
-METRICS = "tests/contracts/test_service_metrics.py"
-DAMAGE = "tests/contracts/test_service_damage.py"
-LOGIN = "tests/contracts/test_service_login.py"
-REVOCATION = "tests/contracts/test_service_revocation.py"
+METRICS = "tests/contracts/service/test_service_metrics.py"
+DAMAGE = "tests/contracts/service/test_service_damage.py"
+LOGIN = "tests/contracts/service/test_service_login.py"
+REVOCATION = "tests/contracts/service/test_service_revocation.py"
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ PROTECTIONS = (
     ),
     _one(
         "endless tiles are taken one at a time",
-        "tests/contracts/test_workers_submission.py::test_endless_tiles_are_taken_one_at_a_time",
+        "tests/contracts/workers/test_workers_submission.py::test_endless_tiles_are_taken_one_at_a_time",
         "workers/cluster/submission.py",
         "            self._next_end = now + RESTART_SECONDS\n",
         "",
@@ -115,21 +115,21 @@ PROTECTIONS = (
     ),
     _one(
         "a connection given back after the close is closed",
-        "tests/contracts/test_service_database.py::test_a_connection_that_a_thread_gives_back_after_the_close_is_closed",
+        "tests/contracts/service/test_service_database.py::test_a_connection_that_a_thread_gives_back_after_the_close_is_closed",
         "service/database/__init__.py",
         '        event.listen(self._reader, "checkin", _close_checked_in)\n',
         "",
     ),
     _one(
         "a command does not take the compiler down while it computes",
-        "tests/contracts/test_service_commands.py::test_a_command_whose_thread_still_computes_ends_without_taking_the_compiler_down",
+        "tests/contracts/service/test_service_commands.py::test_a_command_whose_thread_still_computes_ends_without_taking_the_compiler_down",
         "service/cli.py",
         "    if any(thread.daemon for thread in threading.enumerate()):\n",
         "    if False:\n",
     ),
     _one(
         "a page that is closed ends at once",
-        "tests/contracts/test_service_pages.py::test_a_page_ends_with_its_browser_or_when_it_is_swept",
+        "tests/contracts/service/test_service_pages.py::test_a_page_ends_with_its_browser_or_when_it_is_swept",
         "service/explorer/page/mount.py",
         "            if code in LEFT:\n",
         "            if False:\n",
@@ -243,7 +243,7 @@ PROTECTIONS = (
     ),
     _one(
         "a checksum knows its place",
-        "tests/contracts/test_workers_integrity.py::test_swapped_chunks_are_damage",
+        "tests/contracts/workers/test_workers_integrity.py::test_swapped_chunks_are_damage",
         "workers/storage/integrity.py",
         "key=hashlib.blake2b(key.encode()).digest()",
         'key=b""',
@@ -285,21 +285,21 @@ PROTECTIONS = (
     ),
     _one(
         "what the database does not own is left alone",
-        "tests/contracts/test_service_recovery.py::test_only_what_the_database_owns_is_swept",
+        "tests/contracts/service/test_service_recovery.py::test_only_what_the_database_owns_is_swept",
         "service/jobs/recovery.py",
         "        if entry.survey_id not in known:\n",
         "        if entry.survey_id not in known:\n            entry.remove()\n",
     ),
     _one(
         "a deletion is noted before it begins",
-        "tests/contracts/test_service_recovery.py::test_a_deletion_is_noted_before_it_begins",
+        "tests/contracts/service/test_service_recovery.py::test_a_deletion_is_noted_before_it_begins",
         "service/jobs/manager.py",
         "            self._database.begin_deletion(survey_id)  # or a crash would leave a survey that seems whole\n",
         "",
     ),
     _one(
         "a deletion that was begun is ended",
-        "tests/contracts/test_service_recovery.py::test_a_deletion_that_was_begun_is_ended",
+        "tests/contracts/service/test_service_recovery.py::test_a_deletion_that_was_begun_is_ended",
         "service/jobs/recovery.py",
         "        directory.remove_store(survey_id)\n        database.delete(survey_id)\n",
         "        pass\n",
@@ -516,7 +516,7 @@ PROTECTIONS = (
     ),
     _one(
         "what waits is not sent to who may no longer be here",
-        "tests/contracts/test_explorer_socket.py::test_what_waits_is_not_sent_to_who_may_no_longer_be_here",
+        "tests/contracts/explorer/test_explorer_socket.py::test_what_waits_is_not_sent_to_who_may_no_longer_be_here",
         "service/explorer/page/socket.py",
         "            self._sender.cancel()\n",
         "            pass\n",
@@ -537,28 +537,28 @@ PROTECTIONS = (
     ),
     _one(
         "answered idempotency keys are bounded",
-        "tests/contracts/test_service_database.py::test_the_latest_answers_are_remembered",
+        "tests/contracts/service/test_service_database.py::test_the_latest_answers_are_remembered",
         "service/database/identity.py",
         ".limit(MOST_ANSWERED)",
         ".limit(10**6)",
     ),
     _one(
         "any tag is known where there is one",
-        "tests/contracts/test_service_conditional.py::test_any_tag_is_that_of_whatever_is_there",
+        "tests/contracts/service/test_service_conditional.py::test_any_tag_is_that_of_whatever_is_there",
         "service/web/conditional.py",
         '!= "*":\n            await self.app',
         '!= "**":\n            await self.app',
     ),
     _one(
         "a compressed body is refused",
-        "tests/contracts/test_service_access.py::test_a_compressed_body_is_refused_in_words",
+        "tests/contracts/service/test_service_access.py::test_a_compressed_body_is_refused_in_words",
         "service/access/middleware.py",
         "                _require_plain(headers)\n",
         "",
     ),
     _one(
         "a page that is left is let go of after its message",
-        "tests/contracts/test_service_pages.py::test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback",
+        "tests/contracts/service/test_service_pages.py::test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback",
         "service/explorer/page/socket.py",
         "        self._dropped = True\n\n    def drop",
         "        super().on_close(code, reason)\n\n    def drop",

@@ -1,6 +1,6 @@
 """Answers of the high-precision oracles, kept in tests/reference: whatever is asked anew is computed.
 
-`tests/reference/make_references.py` writes them, `test_stored.py` computes some of them again.
+`tests/references/make_references.py` writes them, `test_stored.py` computes some of them again.
 """
 
 import json

@@ -17,7 +17,7 @@ import rattle
 
 COUNT = 64
 EVERY = either(4, 1)  # cell of both sets
-CELLS = json.loads((Path(__file__).parents[1] / "reference" / "long_watch.json").read_text())["cells"][::EVERY]
+CELLS = json.loads((Path(__file__).parents[2] / "reference" / "long_watch.json").read_text())["cells"][::EVERY]
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from depth import either
 import rattle
 from rattle.flight import first_impact, law
 
-FLIGHTS = json.loads((Path(__file__).parents[1] / "reference" / "flights.json").read_text())
+FLIGHTS = json.loads((Path(__file__).parents[2] / "reference" / "flights.json").read_text())
 
 
 @pytest.mark.parametrize("case", FLIGHTS, ids=lambda c: f"{c['delta']:.3f}-{c['epsilon']:.3f}-{c['velocity']:.2g}")

@@ -12,7 +12,7 @@ from rattle.paper import numbers
 from rattle.paper.records import AGREES, OFF, UNDECIDED
 from service.cli import app
 
-DOCUMENT = (Path(__file__).parents[2] / "docs" / "paper.md").read_text()
+DOCUMENT = (Path(__file__).parents[3] / "docs" / "paper.md").read_text()
 NUMBER = re.compile(r"\d+\.\d+")
 INTERVAL = 1e-5  # trajectories near a crisis differ from machine to machine
 

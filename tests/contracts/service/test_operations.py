@@ -11,9 +11,12 @@ from service.settings import Settings
 from workers import QUANTITIES, SurveyRequest
 from workers.survey.request import DEFAULT
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "operations.md"
+DOCUMENT = Path(__file__).parents[3] / "docs" / "operations.md"
 TEXT = DOCUMENT.read_text()
-BEGIN, END = "<!-- settings: tests/contracts/test_operations.py writes this table -->\n", "<!-- end of settings -->"
+BEGIN, END = (
+    "<!-- settings: tests/contracts/service/test_operations.py writes this table -->\n",
+    "<!-- end of settings -->",
+)
 
 
 def settings_table() -> str:

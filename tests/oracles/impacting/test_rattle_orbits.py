@@ -11,7 +11,7 @@ from mpmath import mp, mpf
 import rattle
 
 SIDE = either(300, 1000)  # of the plane
-ORBITS = json.loads((Path(__file__).parents[1] / "reference" / "orbits.json").read_text())
+ORBITS = json.loads((Path(__file__).parents[2] / "reference" / "orbits.json").read_text())
 
 
 @pytest.mark.parametrize("case", ORBITS, ids=lambda c: f"{c['delta']:.3f}-{c['epsilon']:.3f}-{c['beta']:.2f}")

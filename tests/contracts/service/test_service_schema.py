@@ -36,7 +36,7 @@ from service.web import examples
 from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, tiles_of
 from workers.storage.store import write_tile
 
-README = (Path(__file__).parents[2] / "README.md").read_text()
+README = (Path(__file__).parents[3] / "README.md").read_text()
 #: Answers that are never 200 for data that fit the schema: what does not exist is not found, what is too large for the
 #: service's settings, or inconsistent in itself (an axis that falls), is refused.
 CONFIG = f"""

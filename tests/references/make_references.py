@@ -1,6 +1,6 @@
-"""Compute high_precision.json anew: all that the tests ask of the oracles, which takes minutes.
+"""Compute tests/reference/high_precision.json anew: all that the tests ask of the oracles, which takes minutes.
 
-    python tests/reference/make_references.py [--add]
+    python tests/references/make_references.py [--add]
 
 With --add only what is not there yet. Other places, of CURVES_SEED=N, belong to a run and not into the file.
 """
@@ -13,7 +13,7 @@ TESTS = Path(__file__).parents[1]
 ASKING = ("rattle_branches", "rattle_curves", "rattle_flight", "rattle_trajectory", "workers_deep_zoom")
 
 if __name__ == "__main__":
-    sys.path[:0] = [str(TESTS.parent), str(TESTS / "oracles")]
+    sys.path[:0] = [str(TESTS.parent), str(TESTS / "references")]
     os.environ["TEST_DEPTH"] = "deep"
 
     import pytest
@@ -21,7 +21,7 @@ if __name__ == "__main__":
 
     if "--add" not in sys.argv:
         stored.KEPT.clear()
-    code = pytest.main(["-q", *(str(TESTS / "oracles" / f"test_{name}.py") for name in ASKING)])
+    code = pytest.main(["-q", *(str(path) for name in ASKING for path in (TESTS / "oracles").rglob(f"test_{name}.py"))])
     if code == 0:
         stored.write()
     sys.exit(code)

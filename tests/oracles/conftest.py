@@ -1,6 +1,0 @@
-"""Lets the oracles import their high-precision model by name."""
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parent))
