@@ -19,7 +19,7 @@ environment = $(PYTHON) -m venv $(1)
 install = $(1)/bin/python -m pip install --quiet --disable-pip-version-check
 endif
 
-.PHONY: survey figures test test-deep test-install test-under-load kernels impacting-kernels stiff-kernels lint bench \
+.PHONY: survey figures map test test-deep test-install test-under-load kernels impacting-kernels stiff-kernels lint bench \
 	constraints clean
 
 survey: $(SURVEY)
@@ -54,6 +54,10 @@ lint: $(INSTALLED)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The picture of the rooms, from the imports.
+map: $(INSTALLED)
+	$(BIN)/python docs/draw_map.py
 
 bench: $(INSTALLED)
 	$(BIN)/rattle bench

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from rattle.attractors.ball import ball
-from rattle.attractors.samples import LEFT, ORBIT, captor, mark
+from rattle.attractors.samples import LEFT, ORBIT, capturing_orbit, mark
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.numerics.compile import kernel
@@ -153,7 +153,7 @@ def resolve(which, cells, samples, orbits, balls):
     for j in range(which.size):
         k = which[j]
         cell = samples.cell[k]
-        orbit = captor(samples.tau[k], samples.v[k], cell, balls)
+        orbit = capturing_orbit(samples.tau[k], samples.v[k], cell, balls)
         if orbit < 0:
             gap = samples.gap[k]
             point = point_of(cell, cells)

@@ -57,7 +57,7 @@ class Balls(NamedTuple):
 
 
 @inline
-def captor(tau, v, cell, balls):
+def capturing_orbit(tau, v, cell, balls):
     """The orbit whose ball holds the state, −1 if none."""
     for p in range(balls.n[cell]):
         x, y = wrapped(tau - balls.tau[cell, p]), v - balls.v[cell, p]

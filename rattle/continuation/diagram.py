@@ -1,5 +1,12 @@
 """One-parameter bifurcation diagrams along any segment of parameters, of either model: branches, their events, and the
 attractors that sweeps forward and backward see (paper, Figures 5 and 9).
+
+    branches = A to D, and what they lead to at flips and grazes
+    table = the attractors of a sample at every step
+    repeat, while something new is found:
+        sweep all attractors that are known, forward and backward
+        look for a branch near every periodic attractor, where it appears and every CHECKED steps
+        add the stable parts of branches that no sweep has met to what is known: basins may be small
 """
 
 from collections.abc import Iterator

@@ -1,9 +1,16 @@
 """Attractors followed step by step along a line of parameters, forward and backward, as in an experiment.
 
-The state at one step starts the next one. All attractors at both ends of the line are followed into it. A motion that
-is lost, or becomes one that was followed that way before, is followed back from there. What has then been reached
-neither way is followed forward from where a sample first found it, and back; what no sample found, as far as to what is
-known. So all attractors are seen, and where the two directions differ there is hysteresis.
+    known = at every step, the attractors that a sample of states finds
+    begin a run forward from each known at the first step, backward from each at the last; finish
+    for each step, while an attractor there was reached neither way:
+        begin a run forward from it (if no sample found it, only as far as to what is known); finish
+
+    finish: until all runs have ended, let the state of each lead where it does at its next step:
+        to quiet motion, or to what was followed that way before: it ends, and begins backward from the step before;
+            if it was itself on its way back, also again from where it came through
+        elsewhere: that is known from here on, was reached this way, and its state starts the next step
+
+So all attractors are seen, and where the two directions differ there is hysteresis.
 """
 
 from collections.abc import Iterable
@@ -68,7 +75,7 @@ class Points(NamedTuple):
 class _Run:
     """A motion that is followed in one direction: the step that it is to arrive at, from a state of the one before, or
     where it begins, from an attractor there. trail: what it was on, by step; back: the trail that it goes back on.
-    shy: it stops where anything was before.
+    stops_at_known: it stops where anything was before.
     """
 
     direction: int
@@ -76,7 +83,7 @@ class _Run:
     tau: float
     v: float
     back: dict[int, Known]
-    shy: bool
+    stops_at_known: bool
     trail: dict[int, Known] = field(default_factory=dict)
 
 
@@ -107,15 +114,20 @@ class Sweeps:
                 if not left:
                     break
                 for known in left:
-                    self._begin(known, FORWARD, step, shy=not known.sampled)
+                    self._begin(known, FORWARD, step, stops_at_known=not known.sampled)
                 self._finish()
                 self.known[step] = [known for known in self.known[step] if any(known.reached) or known not in left]
 
     def _begin(
-        self, known: Known | None, direction: int, step: int, back: dict[int, Known] | None = None, shy: bool = False
+        self,
+        known: Known | None,
+        direction: int,
+        step: int,
+        back: dict[int, Known] | None = None,
+        stops_at_known: bool = False,
     ) -> None:
         if known is not None and not known.reached[direction]:
-            self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, shy))
+            self._runs.append(_Run(direction, step, known.tau, known.v, back or {}, stops_at_known))
 
     def _finish(self) -> None:
         """Advance all runs to their ends, and those that they lead to; at any time one run only is at a step."""
@@ -146,7 +158,7 @@ class Sweeps:
         row, here = rows[0], self.known[run.step]
         kind = int(table.kind[row])
         same = [known for known, other in zip(here, rows[1:], strict=True) if other == row]
-        before = [any(known.reached) if run.shy else known.reached[run.direction] for known in same]
+        before = [any(known.reached) if run.stops_at_known else known.reached[run.direction] for known in same]
         if kind == QUIET or any(before):
             self._runs.remove(run)
             last = run.step - STEP[run.direction]

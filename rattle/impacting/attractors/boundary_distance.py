@@ -58,26 +58,40 @@ class BoundaryDistance(NamedTuple):
 
 
 class _Cells:
-    """Cells with a quiet motion, and the lowest states of each that are known to leave it."""
+    """Cells (n,) with a quiet motion: a classifier of states in them, and the lowest states that are known to leave it.
+
+    chaos: whether what is left of a sample is chaotic; most: impacts that a state may make; tau, v (n, STARTS): the
+    lowest states that go away, v inf where there is none; undecided: the least speed of one that cannot be told.
+    """
 
     def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: float) -> None:
+        n = delta.size
         self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST, 0.5 * v_max)  # all below become quiet
         self.v_max = v_max
-        (tau, v), (x, y) = self.strip(np.full(delta.size, v_max), 0), sobol(SAMPLED).T
-        plane = v_max * (y + 0.5 / SAMPLED)
-        tau, v = np.hstack([tau, np.tile(x, (delta.size, 1))]), np.hstack([v, np.tile(plane, (delta.size, 1))])
-        self.classifier = classify(delta, epsilon, beta, tau.copy(), v.copy())
-        status, impacts = self.classifier.status, self.classifier.samples.impacts.reshape(v.shape)
-        self.chaos = np.array([cell in self.classifier.chaos for cell in range(delta.size)])
+        self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
+        self.balls = np.zeros(n, np.int64)  # of capture, whose preimages have been looked at
+        self.sampled = self.strip_and_plane(n)
+        self.classifier = classify(delta, epsilon, beta, *(each.copy() for each in self.sampled))
+        status, impacts = self.classifier.status, self.classifier.impacts
+        self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
         settled = np.where((status == ORBIT) | (status == QUIET), impacts, 0).max(axis=1)
         self.chaos &= PATIENCE * settled <= MOST_IMPACTS  # else what is left may be on its way to rest
         captured = np.where(status == ORBIT, impacts, 0).max(axis=1)
         self.most = np.clip(PATIENCE * np.where(self.chaos, settled, captured), LEAST_IMPACTS, MOST_IMPACTS)
+        self.undecided = np.full(n, np.inf)
+
+    def strip_and_plane(self, n: int) -> tuple[Array, Array]:
+        """The first sample of n cells: states of the strip and of the plane (n, 2 SAMPLED)."""
+        (tau, v), (x, y) = self.strip(np.full(n, self.v_max), 0), sobol(SAMPLED).T
+        plane = self.v_max * (y + 0.5 / SAMPLED)
+        return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, np.tile(plane, (n, 1))])
+
+    def sample(self) -> None:
+        """Keep the lowest of the sample that go away, and of their preimages."""
+        (tau, v), status = self.sampled, self.classifier.status
         away = (status == ORBIT) | ((status == LEFT) & self.chaos[:, None])
         self.undecided = np.where((status != QUIET) & ~away, v, np.inf).min(axis=1)
-        self.tau, self.v = np.full((delta.size, STARTS), np.nan), np.full((delta.size, STARTS), np.inf)
         self.keep(tau, np.where(away, v, np.inf))
-        self.balls = np.zeros(delta.size, np.int64)  # of capture, whose preimages have been looked at
         self.look_back(away, tau, v)
 
     def strip(self, below: Array, i: int) -> tuple[Array, Array]:
@@ -198,6 +212,7 @@ def boundary_distances(
     quiet = np.flatnonzero(below & ~late)
     if quiet.size:
         cells = _Cells(d[quiet], e[quiet], b[quiet], v_max)
+        cells.sample()
         cells.sample_below()
         cells.descend()
         cells.confirm()

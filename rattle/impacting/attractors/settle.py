@@ -9,7 +9,17 @@ sample. What becomes of a sample depends on its cell's known orbits and on nothi
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.samples import ALIGNMENT, FAILED, LEFT, ORBIT, QUIET, RECURRENCE, RECURRENT, captor, mark
+from rattle.attractors.samples import (
+    ALIGNMENT,
+    FAILED,
+    LEFT,
+    ORBIT,
+    QUIET,
+    RECURRENCE,
+    RECURRENT,
+    capturing_orbit,
+    mark,
+)
 from rattle.flight.lanes.block import GROUP, GROUPS, empty, ended, load, made_ready, overflows, roughest, stretched
 from rattle.flight.lanes.stages import advance_plain, advance_tangent
 from rattle.flight.law import DRIFT, contact_force, wrapped
@@ -43,7 +53,7 @@ def fate(b, i, cell, cells, balls):
     """What has become of lane i, on Σ⁺: (status, orbit)."""
     if is_captured(b, i, cells.capture[cell]):
         return QUIET, -1
-    orbit = captor(b.tau[i], -b.w[i], cell, balls)
+    orbit = capturing_orbit(b.tau[i], -b.w[i], cell, balls)
     return (ORBIT, orbit) if orbit >= 0 else (LEFT, -1)
 
 

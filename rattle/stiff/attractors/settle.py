@@ -8,7 +8,17 @@ import math
 from typing import Any, NamedTuple
 
 from rattle.attractors.chaos import BATCHES
-from rattle.attractors.samples import ALIGNMENT, FAILED, LEFT, ORBIT, QUIET, RECURRENCE, RECURRENT, captor, mark
+from rattle.attractors.samples import (
+    ALIGNMENT,
+    FAILED,
+    LEFT,
+    ORBIT,
+    QUIET,
+    RECURRENCE,
+    RECURRENT,
+    capturing_orbit,
+    mark,
+)
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.numerics.compile import for_type, inline, kernel
@@ -50,7 +60,7 @@ def begun(tau, v):
 @inline
 def looked(tau, v, n, k, reference, samples, balls):
     """What has become of sample k after n returns: (status, orbit, reference)."""
-    orbit = captor(tau, v, samples.cell[k], balls)
+    orbit = capturing_orbit(tau, v, samples.cell[k], balls)
     if orbit >= 0:
         return ORBIT, orbit, reference
     near = abs(v - reference.v) < RECURRENCE and abs(wrapped(tau - reference.tau)) < RECURRENCE

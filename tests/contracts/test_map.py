@@ -1,0 +1,114 @@
+"""docs/map.md is true: its picture is of today's imports, it names every room, and its recipes do what they promise."""
+
+import re
+import runpy
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from waiting import HANG
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "docs" / "map.md").read_text()
+PACKAGES = ("rattle", "workers", "service")
+STEP = re.compile(
+    r"New file `(?P<new>[^`]+)`:\n\n```python\n(?P<file>.*?)```"
+    r"|In `(?P<at>[^`]+)`, before `(?P<line>[^`]+)`:\n\n```python\n(?P<code>.*?)```"
+    r"|In `(?P<in>[^`]+)`, replace `(?P<old>[^`]+)` by `(?P<by>[^`]+)`",
+    re.S,
+)
+PROMISES = {
+    "quantity": """
+from workers import SurveyRequest, compute_tile, tiles_of
+from workers.survey.template import template_of
+request = SurveyRequest(
+    delta={"start": 0.6, "stop": 0.7, "num": 2}, epsilon={"start": 0.1, "stop": 0.2, "num": 2}, quantities=["orbits"]
+)
+arrays, _ = compute_tile(request, tiles_of(request)[0])
+assert (arrays["orbit_count"] == arrays["orbit_exists"].sum(axis=0)).all()
+assert arrays["orbit_count"].max() == 4
+assert "orbit_count/zarr.json" in template_of(request)
+""",
+    "curve": """
+import rattle
+from rattle.plot.plane import plane
+from service.explorer.map.overlays import entries
+from rattle.models import Impacting
+from workers import SurveyRequest
+from workers.survey.template import template_of
+curve = rattle.curves.trace("PDC_low", 0.6, (0.5, 0.7), (0.0, 0.3))
+assert 0.59 < curve.delta.max() <= 0.6 + 1e-9
+assert abs(curve.epsilon - [rattle.flip(delta) for delta in curve.delta]).max() < 1e-9
+assert "the flip of C at low damping" in str(entries(Impacting()))
+texts = plane((0.4, 0.9), (0.005, 0.3)).figure.findobj(lambda artist: hasattr(artist, "get_text"))
+assert "PDC_low" in {text.get_text().replace(" ", "_") for text in texts}
+request = SurveyRequest(
+    delta={"start": 0.5, "stop": 0.7, "num": 2}, epsilon={"start": 0.1, "stop": 0.2, "num": 2}, quantities=["region"]
+)
+assert any(key.startswith("curves/PDC_low/") for key in template_of(request))
+""",
+    "route": """
+import sys
+import tempfile
+from pathlib import Path
+from fastapi.testclient import TestClient
+from service.app import create_app
+from service.settings import Settings
+app = create_app(Settings(data=Path(tempfile.mkdtemp()), explorer=False))
+assert "/v1/balance" in app.openapi()["paths"]
+here = TestClient(app, "http://127.0.0.1:8000", client=("127.0.0.1", 50000))
+answer = here.get("/v1/balance", params={"delta": 0.5})
+assert abs(answer.json()["speed"] - 3.141592653589793) < 1e-12, answer.text
+assert here.get("/v1/balance", params={"delta": -1}).status_code == 422
+guarded = TestClient(
+    create_app(Settings(data=Path(tempfile.mkdtemp()), explorer=False, host="0.0.0.0")), client=("192.0.2.1", 50000)
+)
+with guarded:
+    assert guarded.get("/v1/balance", params={"delta": 0.5}).status_code == 401
+""",
+}
+
+
+@pytest.fixture(scope="module")
+def drawing() -> dict[str, Any]:
+    return runpy.run_path(str(ROOT / "docs" / "draw_map.py"))
+
+
+def test_the_picture_is_of_the_imports_of_today(drawing: dict[str, Any]) -> None:
+    assert drawing["drawn"]() == drawing["facts"](), "make map"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_room_is_named(package: str, drawing: dict[str, Any]) -> None:
+    (section,) = re.findall(rf"## `{package}`.*?(?=\n## )", TEXT, re.S)
+    named = set(re.findall(r"`(\w+)`", section))
+    rooms = {room for layer in drawing["layers_of"](package) for room in layer}
+    assert rooms - named <= {"_version", "errors"}
+
+
+@pytest.mark.parametrize("what", PROMISES)
+def test_a_recipe_does_what_it_promises(what: str, tmp_path: Path) -> None:
+    for package in PACKAGES:
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+    (recipe,) = re.findall(rf"### To add a {what}\n.*?(?=\n### )", TEXT, re.S)
+    steps = list(STEP.finditer(recipe))
+    assert steps
+    for step in steps:
+        carry_out(step, tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", PROMISES[what]], cwd=tmp_path, capture_output=True, text=True, timeout=HANG
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def carry_out(step: re.Match[str], root: Path) -> None:
+    if step["new"]:
+        (root / step["new"]).write_text(step["file"])
+        return
+    path = root / (step["at"] or step["in"])
+    before, old = path.read_text(), step["line"] or step["old"]
+    assert before.count(old) == 1, old
+    path.write_text(before.replace(old, step["code"] + old if step["code"] else step["by"]))
