@@ -7,7 +7,7 @@ from scipy.stats import qmc
 
 import rattle
 from rattle import curves
-from rattle.attractors import chaos
+from rattle.attractors import chaos, samples
 from rattle.impacting.attractors import classifier, settle
 from rattle.numerics.sampling import initial_conditions, sobol
 
@@ -215,11 +215,11 @@ def test_what_is_no_real_number_is_refused(bad):
 def test_nothing_is_measured_before_the_tangent_vector_is_aligned():
     """A witness that makes no more impacts than alignment takes leaves nothing in its batches; one more look does."""
     one = np.ones(1)
-    for impacts, measured in ((settle.ALIGNMENT - 1, False), (4 * settle.ALIGNMENT, True)):
+    for impacts, measured in ((samples.ALIGNMENT - 1, False), (4 * samples.ALIGNMENT, True)):
         cells = settle.Cells(0.6 * one, 0.25 * one, 0.6 * one, 0.0 * one)
         followed = classifier.ImpactingClassifier(cells, np.array([[0.3]]), np.array([[4.0]]))
         followed.samples.limit[:] = impacts
-        sums, prints = np.zeros((1, chaos.BATCHES, 3)), np.zeros((1, settle.GRID), np.uint64)
+        sums, prints = np.zeros((1, chaos.BATCHES, 3)), np.zeros((1, samples.GRID), np.uint64)
         which = np.zeros(1, np.int64)
         settle.measure(
             followed._block,

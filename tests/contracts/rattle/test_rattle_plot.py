@@ -20,7 +20,6 @@ from waiting import HANG
 from rattle import Gear, ParameterError, attractors_of
 from rattle.attractors.basins import Basins, boundary
 from rattle.curves import trace
-from rattle.impacting.orbits import period_one
 from rattle.impacting.orbits.period_one import regions as region_of
 from rattle.plot import FIGURES, basins, colour, draw, name_of, plane, save
 from rattle.plot.paper_figures import Range, Takes, parse, request
@@ -292,7 +291,7 @@ def test_other_planes_are_drawn(delta: Range, epsilon: Range, beta: float, tmp_p
     assert (axes.get_xlim(), axes.get_ylim()) == (delta, epsilon)
     for text in axes.texts:
         if text.get_text() in REGIONS and not hasattr(text, "xy"):
-            assert period_one(*text.get_position(), beta) == REGIONS.index(text.get_text())
+            assert region_of(*text.get_position(), beta) == REGIONS.index(text.get_text())
     assert "Figure 5" not in texts(axes) or beta == 0.6
     save(figure, tmp_path / "plane.svg")
 

@@ -146,7 +146,7 @@ import sys
 from rattle import RattleError
 from rattle.models import Model, model_of
 from service.operations.estimate import cell_seconds
-from service.explorer import point_parts
+from service.explorer.point import parts as point_parts
 from service.compilation import compile_all
 from service.kernels import KAPPA
 from service.routes.basins import _draw
