@@ -5,9 +5,11 @@ import runpy
 import shutil
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
+import grimp
 import pytest
 from waiting import HANG
 
@@ -70,6 +72,26 @@ with guarded:
     assert guarded.get("/v1/balance", params={"delta": 0.5}).status_code == 401
 """,
 }
+
+
+def test_no_module_is_imported_in_a_circle() -> None:
+    """Also not for its types, or inside a function."""
+    graph = grimp.build_graph(*PACKAGES)
+    TopologicalSorter({each: graph.find_modules_directly_imported_by(each) for each in graph.modules}).prepare()
+
+
+def test_nobody_asks_which_gear_it_is() -> None:
+    """What differs is a method, or a capability that the model names."""
+    kinds = "Gear|StiffGear|Impacting|Stiff|Itinerary|StiffItinerary|Branch|StiffBranch|Event|StiffEvent"
+    asks = re.compile(rf"isinstance\([^()]*\b({kinds})\b")
+    own = {"rattle/models.py", "rattle/impacting", "rattle/stiff"}
+    asking = {
+        str(path.relative_to(ROOT))
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+        if asks.search(path.read_text()) and not str(path.relative_to(ROOT)).startswith(tuple(own))
+    }
+    assert not asking
 
 
 @pytest.fixture(scope="module")

@@ -228,3 +228,12 @@ def test_a_dead_scheduler_is_told_from_a_stop(
     assert 2 <= len(tiles_done(REQUEST, store)) < len(TILES)
     run(store, cluster)
     assert_serial(store, serial)
+
+
+def test_a_worker_that_preloads_the_package_has_what_tiles_need() -> None:
+    """Or the import would hold the heart of a worker of somebody else's cluster."""
+    asked = "import sys, workers.cluster as c; c.dask_setup(None); print('workers.cluster.runner' in sys.modules)"
+    said = subprocess.run(
+        [sys.executable, "-c", asked], cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=HANG
+    )
+    assert said.stdout.strip() == "True", said.stderr

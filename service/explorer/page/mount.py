@@ -7,7 +7,8 @@ import gc
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
-from typing import TYPE_CHECKING
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
 from fastapi import FastAPI, Request, Response
 from starlette.concurrency import run_in_threadpool
@@ -110,13 +111,12 @@ class Explorer:
         from service.explorer.map.planes import Atlas
         from service.explorer.map.shared import Shared
         from service.explorer.page.page import open_page
-        from service.explorer.page.transport import transport_of
 
         assert self._front is not None
         assert self._news is not None
         settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
         shared = Shared(self._front, self._news, Atlas(self._front), Crises(self._front))
-        found = transport_of(lambda: open_page(shared), TITLE)
+        found = _transport_of(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
         adopt_handlers()  # Panel's
         gc.freeze()  # as in service.web.server, for what has just been loaded
@@ -201,3 +201,14 @@ class _Socket:
         if visit.cancelled_caught:
             with suppress(RuntimeError):  # closed from the other side meanwhile
                 await send({"type": "websocket.close", "code": 1008, "reason": SIGNED_OUT})
+
+
+def _transport_of(open_page: Callable[[], Any], title: str) -> Transport:
+    """The application that opens a page by calling this in the event loop. Imports take more than a second."""
+    if find_spec("bokeh.server.asgi") is not None:
+        from service.explorer.page.transport_asgi import AsgiTransport
+
+        return AsgiTransport(open_page, title)
+    from service.explorer.page.transport_fastapi import FastapiTransport  # all that there is for Python 3.11
+
+    return FastapiTransport(open_page, title)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Protocol
 
 from starlette.requests import Request
@@ -44,14 +42,3 @@ class Transport(Protocol):
 
     async def stop(self) -> None:
         """End what runs beside the pages."""
-
-
-def transport_of(open_page: Callable[[], Any], title: str) -> Transport:
-    """The application that opens a page by calling this in the event loop. Imports take more than a second."""
-    if find_spec("bokeh.server.asgi") is not None:
-        from service.explorer.page.transport_asgi import AsgiTransport
-
-        return AsgiTransport(open_page, title)
-    from service.explorer.page.transport_fastapi import FastapiTransport  # all that there is for Python 3.11
-
-    return FastapiTransport(open_page, title)
