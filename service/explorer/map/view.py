@@ -14,12 +14,13 @@ import panel as pn
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
-from service.explorer.common.address import CRISIS, LIMITS, POINTS, Pair, View
+from service.explorer.common.address import CRISIS, POINTS, Pair, View
 from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
 from service.explorer.map.beside import Beside
 from service.explorer.map.colouring import Colouring, colouring, values_shown
+from service.explorer.map.controls import Controls, Uses
 from service.explorer.map.cursor import Cursor
 from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
@@ -30,8 +31,6 @@ from service.explorer.map.shared import Shared
 from workers import Frame, SurveyRequest
 
 PAUSE = 1.0  # between two drawings of a survey that runs
-LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
-OWN, LOG = "own", "log scale"
 
 
 class MapView:
@@ -53,7 +52,6 @@ class MapView:
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
-        self._quiet = False  # the controls are being set, not used
         self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
         self._zoom = Zoom(viewer, self._frame, self._say_zoom)
         self._lines = Lines(shared.crises, viewer, self.map, view.overlays, self._on_lines)
@@ -65,44 +63,20 @@ class MapView:
         }
         self._cursor = Cursor(viewer.document, self.map.figure, self._shown, self._look, self._go, words)
         self._hovering: asyncio.Task[None] | None = None
-        styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
-        self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
-        self._index = pn.widgets.Select(label="Which", options=[], width=90, visible=False, **styled)
-        options = {name: rule for rule, name in LIMIT_NAMES.items()} | {"from … to": OWN}
-        self._rule = pn.widgets.Select(label="Colours span", options=options, width=180, **styled)
-        self._low = pn.widgets.FloatInput(label="from", width=110, **styled)
-        self._high = pn.widgets.FloatInput(label="to", width=110, **styled)
-        self._log = pn.widgets.CheckBoxGroup(
-            options=[LOG], value=[LOG] if view.log else [], **{**styled, "margin": (2, 8, 8, 4)}
-        )
-        self._save = pn.widgets.Button(
-            label="Save window as survey", **{**styled, "margin": (2, 0, 2, 8)}, css_classes=["save"]
-        )
-        self._save.on_click(lambda _event: save_window())
+        uses = Uses(self._on_variable, self._on_index, self._on_limits, self._on_own, save_window)
+        self._controls = Controls(sheet, view.log, uses)
         self._title = Text("", sheet)
-        for widget, act in (
-            (self._variable, self._on_variable), (self._index, self._on_index), (self._rule, self._on_limits),
-            (self._low, self._on_own), (self._high, self._on_own), (self._log, self._on_limits),
-        ):  # fmt: skip
-            widget.param.watch(lambda _event, act=act: None if self._quiet else act(), "value")
         self._said = Text("", sheet, is_spoken=True)
         readout = Text("<p class=faint>Point at the map to read a cell, click it to look closer.</p>", sheet)
         self._beside = Beside(viewer, theme, readout, sheet, self._close_point, self._remember_point)
         self.parts = {
-            "controls": pn.Column(
-                pn.FlexBox(
-                    self._variable, self._index, self._rule, self._low, self._high, self._log, self._save,
-                    margin=0, sizing_mode="stretch_width", align_items="flex-end",
-                ),
-                self._title.pane,
-                sizing_mode="stretch_width", margin=0,
-            ),
+            "controls": pn.Column(self._controls.panel, self._title.pane, sizing_mode="stretch_width", margin=0),
             "plot": pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0),
             "said": self._said.pane,
             "key": self._lines.key,
             "beside": self._beside.panel,
         }  # fmt: skip
-        self._show_limits(None)
+        self._controls.show_limits(self.view.limits, None)
 
     @property
     def model(self) -> AnyModel:
@@ -158,22 +132,14 @@ class MapView:
         self._lines.tell(request.gear_model)
         variable = self.view.variable if self.view.variable in maps else next(iter(maps))
         self._maps = maps
-        self._quiet = True
-        self._variable.options = {name.replace("_", " "): name for name in maps}
-        self._variable.value = variable
-        self._quiet = False
+        self._controls.offer_variables(maps, variable)
         self._change(variable=variable)
         self._offer_index()
 
     def _offer_index(self) -> None:
         names = self._maps[self.view.variable]
-        self._quiet = True
         index = self.view.index if self.view.index < len(names) else 0
-        self._index.visible = bool(names)
-        self._index.options = {str(name): number for number, name in enumerate(names)}
-        if names:
-            self._index.value = index
-        self._quiet = False
+        self._controls.offer_indices(names, index)
         self._change(index=index)
 
     def _change(self, **values: Any) -> None:
@@ -241,7 +207,7 @@ class MapView:
         self._lines.key.shades = [
             {"label": each.label, "colour": each.colour, "share": each.share} for each in colours.shades
         ]
-        self._show_limits(colours)
+        self._controls.show_limits(self.view.limits, colours)
         if first:
             self.map.window(*self.window)
             if self.view.point:
@@ -250,44 +216,32 @@ class MapView:
         if other:
             self._refine()
 
-    def _show_limits(self, colours: Colouring | None) -> None:
-        self._quiet = True
-        continuous = colours is not None and not colours.categorical
-        own = isinstance(self.view.limits, tuple)
-        self._rule.value = OWN if own else self.view.limits
-        self._rule.visible = self._log.visible = continuous
-        self._low.visible = self._high.visible = continuous and own
-        if colours is not None and continuous:
-            self._low.value, self._high.value = colours.low, colours.high
-        self._quiet = False
-
     def _on_variable(self) -> None:
-        self._change(variable=self._variable.value, index=0, limits="auto")
+        self._change(variable=self._controls.variable, index=0, limits="auto")
         self._offer_index()
         self._zoom.stop()
         self.map.no_frame()
         self._redraw()
 
     def _on_index(self) -> None:
-        self._change(index=self._index.value)
+        self._change(index=self._controls.index)
         self._zoom.stop()
         self.map.no_frame()
         self._redraw()
 
     def _on_limits(self) -> None:
-        rule = self._rule.value
-        if rule == OWN:
-            if self._colours is None or isinstance(self.view.limits, tuple):
-                return
-            self._change(limits=(self._colours.low, self._colours.high), log=bool(self._log.value))
+        rule, log = self._controls.rule, self._controls.log
+        if rule is not None:
+            self._change(limits=rule, log=log)
+        elif self._colours is None or isinstance(self.view.limits, tuple):
+            return
         else:
-            self._change(limits=rule if rule in LIMITS else "auto", log=bool(self._log.value))
+            self._change(limits=(self._colours.low, self._colours.high), log=log)
         self._redraw()
 
     def _on_own(self) -> None:
-        low, high = self._low.value, self._high.value
-        if low is not None and high is not None and low < high:
-            self._change(limits=(low, high))
+        if (own := self._controls.own) is not None:
+            self._change(limits=own)
             self._redraw()
 
     def _on_lines(self) -> None:

@@ -1,0 +1,117 @@
+"""The controls of the map: which variable it shows, of which index, and what its colours span."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import panel as pn
+
+from service.explorer.common.address import LIMITS, Limits, Pair
+from service.explorer.map.colouring import Colouring
+
+LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
+OWN, LOG = "own", "log scale"
+
+
+@dataclass(frozen=True)
+class Uses:
+    """What is called when a viewer has used a control."""
+
+    variable: Callable[[], None]
+    index: Callable[[], None]
+    limits: Callable[[], None]
+    own: Callable[[], None]
+    save: Callable[[], None]
+
+
+class Controls:
+    """The widgets. To set them calls nobody."""
+
+    def __init__(self, sheet: str, log: bool, uses: Uses) -> None:
+        styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
+        self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
+        self._index = pn.widgets.Select(label="Which", options=[], width=90, visible=False, **styled)
+        options = {name: rule for rule, name in LIMIT_NAMES.items()} | {"from … to": OWN}
+        self._rule = pn.widgets.Select(label="Colours span", options=options, width=180, **styled)
+        self._low = pn.widgets.FloatInput(label="from", width=110, **styled)
+        self._high = pn.widgets.FloatInput(label="to", width=110, **styled)
+        chosen = [LOG] if log else []
+        self._log = pn.widgets.CheckBoxGroup(options=[LOG], value=chosen, **{**styled, "margin": (2, 8, 8, 4)})
+        save = pn.widgets.Button(
+            label="Save window as survey", **{**styled, "margin": (2, 0, 2, 8)}, css_classes=["save"]
+        )
+        save.on_click(lambda _event: uses.save())
+        self._being_set = False
+        for widget, used in (
+            (self._variable, uses.variable), (self._index, uses.index), (self._rule, uses.limits),
+            (self._low, uses.own), (self._high, uses.own), (self._log, uses.limits),
+        ):  # fmt: skip
+            widget.param.watch(lambda _event, used=used: None if self._being_set else used(), "value")
+        self.panel = pn.FlexBox(
+            self._variable, self._index, self._rule, self._low, self._high, self._log, save,
+            margin=0, sizing_mode="stretch_width", align_items="flex-end",
+        )  # fmt: skip
+
+    @contextmanager
+    def _set(self) -> Iterator[None]:
+        self._being_set = True
+        try:
+            yield
+        finally:
+            self._being_set = False
+
+    @property
+    def variable(self) -> str:
+        """The variable that is chosen."""
+        return str(self._variable.value)
+
+    @property
+    def index(self) -> int:
+        """The index that is chosen."""
+        return int(self._index.value)
+
+    @property
+    def rule(self) -> Limits | None:
+        """By which rule the colours span the values; None: between limits of the viewer's own."""
+        rule = self._rule.value
+        if rule == OWN:
+            return None
+        return rule if rule in LIMITS else "auto"
+
+    @property
+    def log(self) -> bool:
+        """Whether colours are on a log scale."""
+        return bool(self._log.value)
+
+    @property
+    def own(self) -> tuple[float, float] | None:
+        """The viewer's own limits, None where they are none."""
+        low, high = self._low.value, self._high.value
+        return (low, high) if low is not None and high is not None and low < high else None
+
+    def offer_variables(self, names: Iterable[str], chosen: str) -> None:
+        """The variables that a survey has."""
+        with self._set():
+            self._variable.options = {name.replace("_", " "): name for name in names}
+            self._variable.value = chosen
+
+    def offer_indices(self, names: Sequence[object], chosen: int) -> None:
+        """The indices of a variable, none if it has no such dimension."""
+        with self._set():
+            self._index.visible = bool(names)
+            self._index.options = {str(name): number for number, name in enumerate(names)}
+            if names:
+                self._index.value = chosen
+
+    def show_limits(self, limits: Limits | Pair, colours: Colouring | None) -> None:
+        """What colours span, where they are continuous."""
+        continuous, own = colours is not None and not colours.categorical, isinstance(limits, tuple)
+        with self._set():
+            self._rule.value = OWN if own else limits
+            self._rule.visible = self._log.visible = continuous
+            self._low.visible = self._high.visible = continuous and own
+            if colours is not None and continuous:
+                self._low.value, self._high.value = colours.low, colours.high
