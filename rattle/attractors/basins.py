@@ -39,7 +39,7 @@ class Plane(Protocol):
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The states after so many returns, and whether they have become quiet on the way."""
 
-    def located(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:
+    def cell_of(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:
         """The cell of every state: row-major (v, τ) of n × n, n² if it is sure to become quiet, −1 above v_max."""
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
@@ -93,12 +93,12 @@ def _images(plane: Plane, tau: Array, v: Array, n: int, v_max: float, impacts: i
     """
     sink = tau.size
     t, speed, rests = plane.iterated(tau, v, impacts)
-    image = np.append(np.where(rests, sink, plane.located(t, speed, n, v_max)), sink)
-    image[:-1][plane.located(tau, v, n, v_max) == sink] = sink
+    image = np.append(np.where(rests, sink, plane.cell_of(t, speed, n, v_max)), sink)
+    image[:-1][plane.cell_of(tau, v, n, v_max) == sink] = sink
     outside = np.flatnonzero(image < 0)
     for _ in range(RETURNS):
         t[outside], speed[outside], rests = plane.iterated(t[outside], speed[outside], impacts)
-        image[outside] = np.where(rests, sink, plane.located(t[outside], speed[outside], n, v_max))
+        image[outside] = np.where(rests, sink, plane.cell_of(t[outside], speed[outside], n, v_max))
         outside = outside[image[outside] < 0]
     image[outside] = outside
     return image

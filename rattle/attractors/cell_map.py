@@ -14,7 +14,7 @@ UNSEEN, ON_THE_WAY = -1, -2
 
 
 @kernel
-def locate(tau, v, n, v_max, delta, epsilon, capture, cell):
+def cell_of(tau, v, n, v_max, delta, epsilon, capture, cell):
     """Write to cell the cell of every state: row-major (v, τ) of n × n, n² if it is certain to become quiet, −1 if its
     speed is v_max or more.
     """

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES, groups_of, is_chaotic
-from rattle.attractors.recurrence import BALLS_PER_ORBIT, resolve, trace
+from rattle.attractors.recurrence import BALLS_PER_ORBIT, mark_footprints, resolve
 from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
@@ -57,6 +57,11 @@ class Classifier(ABC):
         self.stage = np.zeros(n_cells, np.int64)
         self.unclear = np.zeros(n_cells, np.bool_)  # witnesses told nothing: measuring again would not either
         self.enter_known_orbits()
+
+    @property
+    @abstractmethod
+    def has_quiet(self) -> NDArray[np.bool_]:
+        """Whether the cells (n_cells,) have a quiet motion."""
 
     @abstractmethod
     def enter_known_orbits(self) -> None:
@@ -168,7 +173,7 @@ class Classifier(ABC):
             seen.sums[todo], seen.prints[todo] = part
             left = samples.status[now] == LEFT
             quick = part.sums[:, :, 0].sum(axis=1) < 0.5 * PERIODS * longer  # spent its impacts first, on small bounces
-            chattering = quick & (self.cells.capture[samples.cell[now]] > 0)  # which may be about to become quiet
+            chattering = quick & self.has_quiet[samples.cell[now]]  # which may be about to become quiet
             chaotic[todo] = left & ~chattering & np.array([is_chaotic(each) for each in part.sums])
             todo = todo[left & ~chaotic[todo] & ~chattering]
             if not todo.size:
@@ -181,7 +186,7 @@ class Classifier(ABC):
         """
         sums, prints = seen
         if len(groups_of(prints)) > 1:
-            trace(which, TRACED, self.cells, self.samples, prints)
+            mark_footprints(which, TRACED, self.cells, self.samples, prints)
         if len(groups_of(prints)) > 1:
             (sums, more), chaotic = self.measure(which, LONGER)
             prints |= more
@@ -193,7 +198,7 @@ class Classifier(ABC):
         which = self.left_in(cell)
         (sums, prints), chaotic = self.measure(which, LONGER)
         if chaotic.all():
-            trace(which, TRACED, self.cells, self.samples, prints)
+            mark_footprints(which, TRACED, self.cells, self.samples, prints)
             self.chaos[cell] = [Chaos(which[group], sums[group]) for group in groups_of(prints)]
         return bool(chaotic.all())
 

@@ -116,7 +116,7 @@ def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits, balls, poi
 
 
 @kernel
-def trace(which, impacts, cells, samples, footprints):
+def mark_footprints(which, impacts, cells, samples, footprints):
     """Enter every impact of a further stretch of these samples into their footprints.
 
     A measured lane is seen every few flights only, and a set of bands that are visited in turn may keep step with that.

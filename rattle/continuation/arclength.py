@@ -216,7 +216,7 @@ class Follower:
         return b if self.inside(b) else last_inside(self.problem, a, b, self.inside)[0]
 
 
-def located(
+def root_between(
     problem: Problem, a: Array, b: Array, test: Callable[[Array], float], tolerance: float = 1e-15
 ) -> Array | None:
     """The solution between a and b at which a test function that changes sign there vanishes, to this share of the

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, located, tangent_at, with_value
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, root_between, tangent_at, with_value
 from rattle.errors import require, require_number, require_pair
 from rattle.numerics.complex_step import Array
 
@@ -223,7 +223,7 @@ def _with_folds(problem: Problem, points: Array, tangents: Array) -> Array:
     ]
     for i, index in sorted(turns, reverse=True):
         chord = points[i + 1] - points[i]
-        fold = located(problem, points[i], points[i + 1], partial(_rate, problem, chord, index))
+        fold = root_between(problem, points[i], points[i + 1], partial(_rate, problem, chord, index))
         if fold is not None:
             points = np.insert(points, i + 1, fold, axis=0)
     return points

@@ -90,7 +90,7 @@ class Trajectory(NamedTuple):
     rest: float
 
 
-def followed(v: float, periods: float, points: int, follow: Callable[..., tuple[int, int, float]]) -> Trajectory:
+def sampled_motion(v: float, periods: float, points: int, follow: Callable[..., tuple[int, int, float]]) -> Trajectory:
     """A motion of either model with initial speed v, sampled at so many points.
 
     follow: takes v, the times and arrays for Φ and Φ' (points,), and for time, wall and speed of the impacts; returns

@@ -26,6 +26,11 @@ class ImpactingClassifier(Classifier):
         self._block = working_block()
         super().__init__(cells, tau, v)
 
+    @property
+    def has_quiet(self) -> NDArray[np.bool_]:
+        """Whether the cells (n_cells,) have a quiet motion."""
+        return np.asarray(self.cells.quiet_invariant > 0)
+
     def enter_known_orbits(self) -> None:
         """The stable ones of A–D are known beforehand."""
         delta, epsilon, beta, _capture = self.cells

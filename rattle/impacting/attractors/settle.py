@@ -38,7 +38,7 @@ class Cells(NamedTuple):
     delta: Any
     epsilon: Any
     beta: Any
-    capture: Any
+    quiet_invariant: Any
 
 
 @inline
@@ -51,7 +51,7 @@ def is_captured(b, i, capture):
 @inline
 def fate(b, i, cell, cells, balls):
     """What has become of lane i, on Σ⁺: (status, orbit)."""
-    if is_captured(b, i, cells.capture[cell]):
+    if is_captured(b, i, cells.quiet_invariant[cell]):
         return QUIET, -1
     orbit = capturing_orbit(b.tau[i], -b.w[i], cell, balls)
     return (ORBIT, orbit) if orbit >= 0 else (LEFT, -1)
@@ -176,4 +176,4 @@ def measure(b, which, least, periods, cells, samples, balls, sums, footprints, p
 
 @for_type(point_of, Cells)
 def _point_of(cell, cells):
-    return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.capture[cell])
+    return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.quiet_invariant[cell])

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem, between, last_inside, located, newton, tangent_at
+from rattle.continuation.arclength import Problem, between, last_inside, newton, root_between, tangent_at
 from rattle.continuation.conditions import Kind, condition
 from rattle.continuation.line import ParameterLine
 from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
@@ -90,7 +90,7 @@ def find_events(
         found = []
         for j in np.flatnonzero((values[k] < 0) != (values[k + 1] < 0)):
             kind, impact, test = tests[j]
-            y = located(problem, a, b, partial(test, b - a), FOUND)
+            y = root_between(problem, a, b, partial(test, b - a), FOUND)
             if y is None and kind is Kind.SADDLE_NODE:  # two branches cross: no step between them converges
                 y = 0.5 * (a + b)
             if y is not None:

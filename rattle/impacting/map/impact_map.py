@@ -82,7 +82,7 @@ class Point(NamedTuple):
     delta: float
     epsilon: float
     beta: float
-    capture: float
+    quiet_invariant: float
 
 
 @for_type(step, Point)

@@ -7,7 +7,7 @@ from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
 from rattle.flight.law import DRIFT, TWO_PI, evaluate, folded
 from rattle.flight.tangent import rests
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, followed
+from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
 
 AT_REST = 1e-4  # speed below which a bounce of a motion that is certain to become quiet is not followed any more
 
@@ -53,4 +53,4 @@ def trajectory(
         status, impacts, rest = sampled(tau, v, delta, epsilon, beta, slowest, *room)
         return int(status), int(impacts), float(rest)
 
-    return followed(v, periods, points, follow)
+    return sampled_motion(v, periods, points, follow)

@@ -14,6 +14,11 @@ from rattle.stiff.map.quiet import quiet_limit
 class StiffClassifier(Classifier):
     """The samples of a block of cells on their way, and what is known of the cells."""
 
+    @property
+    def has_quiet(self) -> NDArray[np.bool_]:
+        """Whether the cells (n_cells,) have a quiet motion."""
+        return np.asarray(self.cells.has_quiet > 0)
+
     def enter_known_orbits(self) -> None:
         """No motion is known beforehand."""
 

@@ -28,12 +28,12 @@ from rattle.stiff.map.return_map import StiffPoint
 
 
 class StiffCells(NamedTuple):
-    """Parameters of the cells (n,); capture: 1 where permanent contact is a motion, 0 where it is not."""
+    """Parameters of the cells (n,); has_quiet: 1 where permanent contact is a motion, 0 where it is not."""
 
     delta: Any
     epsilon: Any
     beta: Any
-    capture: Any
+    has_quiet: Any
     kappa: Any
 
 

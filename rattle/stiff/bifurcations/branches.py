@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, located, tangent_at
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, root_between, tangent_at
 from rattle.continuation.conditions import Kind, condition
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
@@ -140,7 +140,7 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
     marked: list[int] = []
     for k in folds[::-1].tolist():
         a, b = points[k], points[k + 1]
-        y = located(problem, a, b, _fold(problem, a, b))
+        y = root_between(problem, a, b, _fold(problem, a, b))
         if y is None:
             continue
         if np.array_equal(y, a) or np.array_equal(y, b):
@@ -152,7 +152,7 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
     flips = np.array([line.flip(y) for y in points])
     events = [StiffEvent(Kind.SADDLE_NODE, line.orbit(points[i]), i) for i in marked]
     for i in np.flatnonzero((flips[:-1] < 0) != (flips[1:] < 0)).tolist():
-        y = located(problem, points[i], points[i + 1], line.flip)
+        y = root_between(problem, points[i], points[i + 1], line.flip)
         if y is not None:
             events.append(StiffEvent(Kind.FLIP, line.orbit(y), i))
     grazes = []

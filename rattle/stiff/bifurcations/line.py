@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem, located, with_value
+from rattle.continuation.arclength import Problem, root_between, with_value
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters, twins
 from rattle.stiff.orbits.equations import StiffItinerary
@@ -96,5 +96,5 @@ class MotionsOnLine:
             ends = [with_value(self.problem, y, -1, y[-1] + side * reach) for side in (-1, 1)]
             a, b = ends
             if a is not None and b is not None and self.flip(a) * self.flip(b) < 0.0:
-                return located(self.problem, a, b, self.flip)
+                return root_between(self.problem, a, b, self.flip)
         return None

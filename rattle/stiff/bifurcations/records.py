@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import located
+from rattle.continuation.arclength import root_between
 from rattle.continuation.conditions import Kind
 from rattle.flight.law import wrapped
 from rattle.numerics.complex_step import Array
@@ -202,7 +202,7 @@ class StiffBranch:
         for k in range(len(self) - 1):
             if (at[k] < 0) != (at[k + 1] < 0):
                 a, b = (line.parameter(x) for x in self.unknowns[k : k + 2])
-                y = located(line.problem, a, b, lambda y: line.plane(y)[index] - value)
+                y = root_between(line.problem, a, b, lambda y: line.plane(y)[index] - value)
                 if y is not None:
                     found.append((k, line.plane(y)))
         return found

@@ -6,7 +6,7 @@ from typing import Any
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
 from rattle.numerics.compile import kernel
-from rattle.orbits.iterates import Trajectory, followed
+from rattle.orbits.iterates import Trajectory, sampled_motion
 from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, piece
 
 
@@ -54,4 +54,4 @@ def trajectory(
         status, contacts, rest = sampled(tau, v, delta, epsilon, beta, kappa, *room)
         return int(status), int(contacts), float(rest)
 
-    return followed(v, periods, points, follow)
+    return sampled_motion(v, periods, points, follow)

@@ -134,7 +134,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
         return limit.residual_at(np.concatenate([y[..., :n], parameters], axis=-1), y[..., n:])
 
     start = np.concatenate([orbit.times, np.full(orbit.times.size, np.pi), [0.0]])
-    path = followed(Problem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
+    path = follow_from_limit(Problem(equations), start, np.eye(n + 1)[n], (0.0, end), lambda _: True)
     last = path.points[-1]
     if path.outside is None or abs(last[-1] - end) > 1e-12 * end:
         raise RattleError(
@@ -147,7 +147,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
     return orbit_of(itinerary, found)
 
 
-def followed(
+def follow_from_limit(
     problem: Problem, start: Array, direction: Array, span: tuple[float, float], happens: Callable[[Array], bool]
 ) -> Path:
     """Solutions y (N + 1,) from the start on, the last unknown within its span, while they happen."""
