@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from rattle.numerics.compile import inline, kernel
 
 SAME_FOOTPRINT = 0.2  # two trajectories that share this much of the smaller footprint are on one attractor
+BATCHES = 32
+LEAST_GROWTH = 8.0
+T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 
 
 @inline
@@ -60,11 +63,6 @@ def groups_of(footprints: NDArray[np.uint64]) -> list[list[int]]:
     group = np.zeros(len(footprints), np.int64)
     group_numbers(footprints.copy(), group)
     return [[int(i) for i in np.flatnonzero(group == first)] for first in np.unique(group)]
-
-
-BATCHES = 32
-LEAST_GROWTH = 8.0
-T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 
 
 @kernel

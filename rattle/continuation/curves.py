@@ -15,6 +15,14 @@ from rattle.errors import require, require_number, require_pair
 from rattle.numerics.complex_step import Array
 
 SAME_POINT = 1e-9
+LONGEST = 0.05  # of a step, in times
+SAME_SOLUTION = 1e-7
+POINTS_ACROSS = 60  # at least, over the width of the window
+Test = Callable[[Array], str | None]
+STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found
+FARTHEST = 1e6  # of a window, and the damping that it must reach above: beyond either too few digits are left
+#: The one curve on which no orbit bifurcates.
+QUIET_LIMIT = "quiet_limit"
 
 
 @dataclass(frozen=True)
@@ -135,12 +143,6 @@ def _folds(delta: Array) -> list[int]:
     return [int(i) + 1 for i in np.flatnonzero(rises[:-1] * rises[1:] < 0)]
 
 
-LONGEST = 0.05  # of a step, in times
-SAME_SOLUTION = 1e-7
-POINTS_ACROSS = 60  # at least, over the width of the window
-Test = Callable[[Array], str | None]
-
-
 @dataclass(frozen=True)
 class Window:
     """A rectangle of the plane: (low, high) of δ and of ε, and the least number of points of a curve across it."""
@@ -259,10 +261,6 @@ def traced(
     return build(name, beta, problem, found, [[describe(x) for x in piece.points] for piece in found])
 
 
-STARTS = 33  # dampings at which a curve is looked for; every piece wider than their spacing is found
-FARTHEST = 1e6  # of a window, and the damping that it must reach above: beyond either too few digits are left
-
-
 def spread_between(low: float, high: float) -> Array:
     return np.linspace(low, high, 2 * STARTS + 1)[1::2]
 
@@ -287,7 +285,3 @@ def limit_of_contact(beta: float, problem: Problem, guesses: Iterable[Array], wi
         lambda x: Described(float(x[0] - np.floor(x[0])), 0.0, nothing),
         lambda _, reason: reason,
     )
-
-
-#: The one curve on which no orbit bifurcates.
-QUIET_LIMIT = "quiet_limit"

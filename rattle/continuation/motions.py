@@ -1,4 +1,4 @@
-"""What a bifurcation diagram asks of a model along a segment of its parameters, and what the impacting one answers."""
+"""What a bifurcation diagram asks of a model along a segment of its parameters."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

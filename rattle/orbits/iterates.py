@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.errors import ParameterError, RattleError, real_array, require, require_integer, require_number
 from rattle.flight.first_impact import OK
 
+LONGEST, MOST_POINTS, MOST_IMPACTS = 10_000.0, 10_000_000, 10_000_000
+Array = NDArray[np.float64]
+
 
 class Iterates(NamedTuple):
     """Final states of many trajectories with the impacts counted on each wall; all of the broadcast shape."""
@@ -68,10 +71,6 @@ def checked(
     require(bool((steps < 1 << 53).all()), "n must be below 2**53")
     flat = [np.array(x, np.float64, order="C").ravel() for x in (fold(phases), speeds, steps, d, e, b, *others)]
     return flat, phases.shape
-
-
-LONGEST, MOST_POINTS, MOST_IMPACTS = 10_000.0, 10_000_000, 10_000_000
-Array = NDArray[np.float64]
 
 
 class Trajectory(NamedTuple):

@@ -19,6 +19,12 @@ NEAR = 1e-4  # of λ − 1: where W^u(A) is left to be straight
 RETURNS = 60  # impacts of the excursions that are followed
 AT_REST = 150  # impacts from A down to certain rest
 SPARSE = 400  # samples of a fundamental domain, at least
+SAMPLES = 32
+SETTLE, WATCH = 20_000, 4_000  # impacts
+BELOW = (1e-4, 1e-3, 1e-5)  # of ε − SN1: not all of them in narrow windows of periodic motion
+ABOVE = 0.05
+CHAOTIC = 0.02  # first Lyapunov exponent
+SHARE = 0.2  # of the samples, that must be chaotic
 
 
 def at_rest(delta: float, epsilon: Array, beta: float, tau: Array, v: Array) -> Flags:
@@ -49,14 +55,6 @@ def escapes(delta: float, epsilon: Array, beta: float, samples: int = SPARSE) ->
     tau, v, impacts = fundamental(delta, epsilon, beta, samples)
     end = iterate(delta, epsilon[:, None], tau, v, impacts[:, None], beta)
     return at_rest(delta, epsilon[:, None], beta, end.tau, end.v)
-
-
-SAMPLES = 32
-SETTLE, WATCH = 20_000, 4_000  # impacts
-BELOW = (1e-4, 1e-3, 1e-5)  # of ε − SN1: not all of them in narrow windows of periodic motion
-ABOVE = 0.05
-CHAOTIC = 0.02  # first Lyapunov exponent
-SHARE = 0.2  # of the samples, that must be chaotic
 
 
 def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE) -> float:

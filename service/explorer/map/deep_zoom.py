@@ -20,6 +20,8 @@ from service.state import Front
 from workers import Frame, SurveyRequest, Window, map_quantity, refined, window_survey
 
 LOOK_SECONDS = 0.2
+LEAST_DELTA = 1e-3  # of the upper end, where the window reaches to no damping at all
+COARSEST = 3.0  # pixels of a cell of the survey, beyond which it is computed finer
 
 
 async def refine(
@@ -97,10 +99,6 @@ class _Refinement:
     def _hand_over(self, found: Frame | Exception | None) -> None:
         with suppress(RuntimeError):  # the loop is closed: the service has ended
             self._loop.call_soon_threadsafe(self._found.put_nowait, found)
-
-
-LEAST_DELTA = 1e-3  # of the upper end, where the window reaches to no damping at all
-COARSEST = 3.0  # pixels of a cell of the survey, beyond which it is computed finer
 
 
 class Zoom:

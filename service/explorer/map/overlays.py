@@ -27,6 +27,14 @@ from service.kernels import Part
 from service.state import Front
 from workers.survey.curves import LOWEST_DELTA, Missing, Window, traced
 
+CRISIS_RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
+KEPT_CRISES = 16
+MEANINGS = {
+    CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",
+    POINTS: "codimension-two points, where curves meet",
+}
+LABELS = {"quiet_limit": "quiet limit", POINTS: "COD20–23"}
+
 
 class Lines:
     """The lines that may be drawn on a map; `on_chosen` is called when the viewer switches some on or off."""
@@ -90,15 +98,6 @@ class Lines:
         if entries != self._entries:
             self._entries = entries
             self._viewer.change(lambda: self.key.param.update(overlays=entries))
-
-
-CRISIS_RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
-KEPT_CRISES = 16
-MEANINGS = {
-    CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",
-    POINTS: "codimension-two points, where curves meet",
-}
-LABELS = {"quiet_limit": "quiet limit", POINTS: "COD20–23"}
 
 
 def entries(model: AnyModel) -> list[dict[str, Any]]:
