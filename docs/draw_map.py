@@ -34,7 +34,7 @@ def layers_of(package: str) -> list[list[str]]:
 
 def imports_of(package: str) -> Edges:
     """(importer, imported) for every two rooms of a package of which one imports the other."""
-    graph = grimp.build_graph(package)
+    graph = grimp.build_graph(package, cache_dir=None)  # a cache knows files by the second of their change
     rooms = {room: f"{package}.{room}" for layer in layers_of(package) for room in layer}
     return {
         (above, below)
