@@ -36,8 +36,9 @@ _SINGLE = (
     *("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s"),
 )
 #: What a driver keeps of the trajectory on a lane, `who` (−1: none): a reference state with the impacts to there, looks
-#: so far and at which the reference moves up; the batch that it is measured for (below 0: none yet) and since when.
-_NOTES = ("at_tau", "at_v", "at_n", "looks", "next_look", "batch", "since")
+#: so far and at which the reference moves up; the batch that it is measured for (below 0: none yet) and since when; the
+#: unit of its speeds.
+_NOTES = ("at_tau", "at_v", "at_n", "looks", "next_look", "batch", "since", "unit")
 #: One block: every field is an array over its lanes.
 BLOCK = np.dtype(
     [(name, np.float64, (LANES,)) for name in _DOUBLE]
@@ -86,7 +87,7 @@ def move(b, i, j):
     b.sin_entry[i], b.sin_exit[i], b.rough[i] = b.sin_entry[j], b.sin_exit[j], b.rough[j]
     b.at_tau[i], b.at_v[i], b.at_n[i] = b.at_tau[j], b.at_v[j], b.at_n[j]
     b.looks[i], b.next_look[i], b.batch[i], b.since[i] = b.looks[j], b.next_look[j], b.batch[j], b.since[j]
-    b.who[i] = b.who[j]
+    b.unit[i], b.who[i] = b.unit[j], b.who[j]
     b.who[j], b.limit[j] = -1, -1.0
 
 

@@ -190,6 +190,8 @@ def _land(tangent):
             b.tau[i] = later if go else tau
             b.w[i] = back if go else w
             b.wall[i] = target if go else wall
+            if not tangent:
+                b.time[i] += s if go else 0.0
             b.sin0[i] = sin1 if go else sin0
             b.cos0[i] = cos1 if go else cos0
             b.n_plus[i] += plus
