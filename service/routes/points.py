@@ -21,7 +21,7 @@ from service.state import FrontState
 from service.web import examples
 from service.web.conditional import NOT_MODIFIED, function_of_query
 from service.web.problems import declared
-from workers.survey.request import MOST_STIFF
+from workers.survey.request import MOST_STIFF, OneSpeed
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -37,6 +37,7 @@ Stiffness = Annotated[
 
 SampledSpeed = Annotated[
     Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["natural"] | None,
+    OneSpeed,
     Query(description="largest initial speed, or natural; by default 7 in the paper's plane, natural elsewhere"),
 ]
 

@@ -6,7 +6,16 @@ from hashlib import sha256
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    field_validator,
+    model_validator,
+)
 
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH
 from rattle.attractors.speeds import NATURAL, PAPER_SPEED, in_paper_plane
@@ -20,6 +29,17 @@ from workers.survey.version import code_version
 #: Strict: neither True nor "0.6" is a number here.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
+
+
+def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    try:
+        return handler(value)
+    except ValidationError as error:
+        raise ValueError(f'v_max is a speed above 0, or "{NATURAL}" for each cell\'s own: give one of them') from error
+
+
+#: What is wrong with a speed limit is said once, not for each kind that it might have been.
+OneSpeed = WrapValidator(_one_of_both)
 
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
 LEAST_TILES = 64  # by default, so that the workers end together and progress is seen
@@ -79,7 +99,7 @@ class InitialConditions(_Strict):
     """
 
     count: Count = 64
-    v_max: Annotated[Real, Field(gt=0)] | Literal["natural"] | None = None
+    v_max: Annotated[Annotated[Real, Field(gt=0)] | Literal["natural"] | None, OneSpeed] = None
     budget: Annotated[int, Field(strict=True, ge=1, le=LARGEST_BUDGET)] = BUDGET
 
 
