@@ -181,9 +181,9 @@ class Classifier(ABC):
         return decided
 
     def outlast(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether nothing leaves what is left in these cells, as long as a witness is watched: of all samples and of so
-        many states near them that there are CROWD. Where damping is weak, sets that lose samples slowly are as frequent
-        as those that lose none, and twelve witnesses do not tell them apart.
+        """Whether nothing leaves what is left in these cells, in as many impacts as the most watched has made: of all
+        samples and of so many states near them that there are CROWD. Where damping is weak, sets that lose samples
+        slowly are as frequent as those that lose none, and twelve witnesses do not tell them apart.
         """
         lasted, samples = np.zeros(cells.size, np.bool_), self.samples
         left = [self.left_in(int(cell)) for cell in cells]
@@ -199,14 +199,15 @@ class Classifier(ABC):
         return lasted
 
     def crowd_lasts(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether states beside what is left in these cells go on too: in chaos they soon have nothing in common."""
+        """Whether states beside what is left in these cells go on too, each for as many impacts as any sample: in chaos
+        they soon have nothing in common.
+        """
         each = np.arange(CROWD)
         left = [self.left_in(int(cell)) for cell in cells]
         which = np.concatenate([np.zeros(0, np.int64), *(here[each % here.size] for here in left)])
         beside = np.concatenate([np.zeros(0), *(each // here.size for here in left)])
         cell, fresh, samples = self.samples.cell[which], beside > 0, self.samples
-        rate = np.concatenate([np.zeros(0), *(np.full(CROWD, (samples.impacts / samples.time)[i].max()) for i in left)])
-        most = (PERIODS * self.longer[cell] * rate).astype(np.int64)
+        most = np.repeat([samples.impacts[here].max() for here in left], CROWD)
         v = samples.v[which] * (1.0 + BESIDE * beside)
         gone = np.zeros(which.size, np.bool_)
         gone[fresh] = self.settled(cell[fresh], samples.tau[which][fresh], v[fresh], most[fresh]) != LEFT

@@ -19,6 +19,7 @@ from rattle.numerics.polynomial import degree_4, degree_5, degree_6, degree_10, 
 
 TWO_PI = 2.0 * math.pi
 DRIFT = 4.0 * math.pi
+FASTEST = 1e100  # natural speed: of parameters beyond it nothing can be computed
 LONGEST_DECAY = 2.0  # largest δs of the polynomials
 
 
@@ -46,7 +47,8 @@ def natural_speed(delta, epsilon, beta):
     """The speeds that motions have, 7 at (0.6, 0.1, 0.6) to a part in 700: √(16πδβ) is reached across the gap under the
     drift, 2πε is the largest speed of the forcing.
     """
-    return 1.5 * np.sqrt(16.0 * math.pi * delta * beta) + TWO_PI * epsilon
+    across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)  # the product of both may be beyond all numbers
+    return np.minimum(across + TWO_PI * epsilon, FASTEST)
 
 
 @inline
