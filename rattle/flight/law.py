@@ -42,6 +42,20 @@ def contact_force(sine, cosine, delta, epsilon, drift):
 
 
 @inline
+def natural_speed(delta, epsilon, beta):
+    """The speeds that motions have, 7 at (0.6, 0.1, 0.6) to a part in 700: √(16πδβ) is reached across the gap under the
+    drift, 2πε is the largest speed of the forcing.
+    """
+    return 1.5 * np.sqrt(16.0 * math.pi * delta * beta) + TWO_PI * epsilon
+
+
+@inline
+def speed_unit(delta, epsilon, beta):
+    """What a distance of speeds is measured in, beside phases: 1 at (0.6, 0.1, 0.6)."""
+    return natural_speed(delta, epsilon, beta) / 7.0
+
+
+@inline
 def decay64(x):
     """(e^(−x) − 1 + x)/x², x in [−0.05, 2]."""
     return degree_12(coefficients.DECAY, x)
