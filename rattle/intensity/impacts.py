@@ -12,6 +12,7 @@ from rattle.intensity.visit import Impacts, listed
 from rattle.orbits.iterates import MOST_IMPACTS
 
 ROOM, GROWTH = 1024, 8
+ROUNDING = 1e-9  # forcing periods by which the impact that ends a period may seem to be too late
 
 
 def room_for(count: int) -> Impacts:
@@ -58,5 +59,5 @@ def _repeated(one: Impacts, motion: Motion, periods: float) -> Impacts:
     times = math.ceil(periods / motion.m)
     require(times * one.time.size <= MOST_IMPACTS, f"more than {MOST_IMPACTS} impacts: ask for fewer periods")
     time = (one.time + motion.m * np.arange(times)[:, None]).ravel()
-    kept = time <= motion.tau + periods
+    kept = time <= motion.tau + periods + ROUNDING
     return Impacts(time[kept], *(np.tile(column, times)[kept] for column in one[1:]))
