@@ -108,7 +108,9 @@ def _known(attractor: Attractor, gear: AnyGear, bins: int) -> _Known:
 
 
 def _compared(measured: Measured, fit: Fit, known: list[_Known], bins: int, tolerance: float) -> Comparison:
-    here, rate = _phases(measured.time - fit.offset, fit.wall), measured.impacts / measured.time.size
+    label = period_of(measured.time, fit.wall, tolerance)
+    impacts = measured.impacts if label is None else (label[1] + label[2]) / label[0]
+    here, rate = _phases(measured.time - fit.offset, fit.wall), impacts / measured.time.size
     near = [
         Near(
             each.attractor,
@@ -119,9 +121,9 @@ def _compared(measured: Measured, fit: Fit, known: list[_Known], bins: int, tole
         for each in known
     ]
     return Comparison(
-        impacts=measured.impacts,
-        energy=measured.energy,
-        label=period_of(measured.time, fit.wall, tolerance),
+        impacts=impacts,
+        energy=None if measured.speed is None else float(0.5 * np.mean(measured.speed**2)) * impacts,
+        label=label,
         wall=fit.wall,
         offset=fit.offset,
         misfit=fit.misfit,

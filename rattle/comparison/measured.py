@@ -37,11 +37,6 @@ class Measured(NamedTuple):
         """Impacts per forcing period."""
         return (self.time.size - 1) / self.span
 
-    @property
-    def energy(self) -> float | None:
-        """Σv²/2 per forcing period, None without speeds."""
-        return None if self.speed is None else float(0.5 * np.mean(self.speed**2)) * self.impacts
-
 
 def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> Measured:
     """Impacts (n,) at rising times in forcing periods, with speeds ≥ 0 of the model and walls ±1 where these are known.

@@ -17,8 +17,10 @@ those above, and κ is half. docs/decisions/0025-machine.md has every step.
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rattle.attractors.table import Attractor
 from rattle.errors import require, require_number
-from rattle.flight.law import TWO_PI
+from rattle.flight.law import TWO_PI, natural_speed
+from rattle.intensity.intensity import Intensity
 from rattle.intensity.motions import Motion
 from rattle.machine.given import RPM, in_si, is_quantity, require_plausible, require_slow
 
@@ -155,9 +157,18 @@ class Machine:
         energy = force * length
         return Units(length, time, length / time, energy, energy / time, force, 1.0 / time)
 
+    def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
+        """`Gear.attractors` of its gear, from speeds on the scale of its motions."""
+        v_max = float(natural_speed(self.delta, self.epsilon, self.beta))
+        return self.gear.attractors(count, v_max, seed)
+
     def intensity(self, motion: Motion, periods: float | None = None) -> MachineIntensity:
         """How hard a motion of its gear rattles: `Gear.intensity` in SI units. Raises as that."""
-        found, units = self.gear.intensity(motion, periods), self.units
+        return self.in_si(self.gear.intensity(motion, periods))
+
+    def in_si(self, found: Intensity) -> MachineIntensity:
+        """An intensity of its gear in SI units."""
+        units = self.units
         return MachineIntensity(
             impacts=found.impacts * units.frequency,
             mean_velocity=found.mean_speed * units.velocity,
