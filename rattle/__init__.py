@@ -27,6 +27,10 @@ from rattle.impacting.map.iterate import iterate, iterate_tangent
 from rattle.impacting.orbits.limits import flip, quiet_limit, sn1
 from rattle.impacting.orbits.period_one import Grazing, grazing, period_one, regions
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
+from rattle.intensity.intensity import Intensity
+from rattle.intensity.spectrum import Density, Lines
+from rattle.intensity.visit import Impacts
+from rattle.machine import Machine
 from rattle.numerics.compile import source_hash
 from rattle.numerics.sampling import wilson_interval
 from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
@@ -43,6 +47,7 @@ __all__ = [
     "Basins",
     "BoundaryDistance",
     "Branch",
+    "Density",
     "Diagram",
     "Event",
     "FirstImpact",
@@ -50,7 +55,11 @@ __all__ = [
     "Gear",
     "Grazing",
     "Impact",
+    "Impacts",
+    "Intensity",
     "Iterates",
+    "Lines",
+    "Machine",
     "Orbit",
     "ParameterError",
     "PeriodOne",

@@ -12,7 +12,9 @@ from contextlib import suppress
 import typer
 
 from service.commands import key
+from service.commands.attractors import attractors
 from service.commands.bench import bench
+from service.commands.compare import compare
 from service.commands.curves import curves
 from service.commands.explain import explain
 from service.commands.figure import figure
@@ -22,6 +24,7 @@ from service.commands.paper import paper
 from service.commands.remote import list_, submit, watch
 from service.commands.run import run
 from service.commands.serve import serve
+from service.commands.sound import sound
 from service.commands.verify import verify
 
 FAILED, REFUSED = 1, 2
@@ -43,6 +46,9 @@ app.command()(verify)
 app.command()(figure)
 app.command()(explain)
 app.command()(orbits)
+app.command()(attractors)
+app.command()(sound)
+app.command()(compare)
 app.command()(paper)
 app.command()(curves)
 app.command()(bench)

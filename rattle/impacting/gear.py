@@ -19,11 +19,12 @@ from rattle.impacting.attractors.plane import ImpactingPlane
 from rattle.impacting.map import impact_map
 from rattle.impacting.map.gamma import GammaPiece, gamma
 from rattle.impacting.map.iterate import iterate
-from rattle.impacting.map.quiet import capture_speed
+from rattle.impacting.map.quiet import capture_invariant, capture_speed
 from rattle.impacting.map.trajectory import trajectory
 from rattle.impacting.orbits import limits
 from rattle.impacting.orbits.period_one import orbits_at, regions
 from rattle.impacting.orbits.periodic import PeriodicOrbit, period_one_saddle, periodic_orbit
+from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
 from rattle.orbits.period_one import Orbit
 from rattle.orbits.periodic import Periodic
@@ -48,7 +49,7 @@ def _raise_for(status: int) -> None:
 
 
 @dataclass(frozen=True)
-class Gear:
+class Gear(Rattling):
     """The impacting gear model at damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all
     dimensionless.
 
@@ -218,6 +219,11 @@ class Gear:
     @property
     def _plane(self) -> ImpactingPlane:
         return ImpactingPlane(self.delta, self.epsilon, self.beta)
+
+    @property
+    def _point(self) -> impact_map.Point:
+        captured = capture_invariant(self.delta, self.epsilon, self.beta)
+        return impact_map.Point(self.delta, self.epsilon, self.beta, captured)
 
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
         """The grazing curve Γ: all (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10, in pieces whose neighbouring

@@ -96,9 +96,19 @@ class Periodic(ABC):
         return float(self.speeds[0])
 
     @property
+    def n_plus(self) -> int:
+        """Impacts on Σ⁺ in a period."""
+        return self.walls.count(1)
+
+    @property
+    def n_minus(self) -> int:
+        """Impacts on Σ⁻ in a period."""
+        return self.walls.count(-1)
+
+    @property
     def label(self) -> tuple[int, int, int]:
         """(m, n_plus, n_minus)."""
-        return self.m, self.walls.count(1), self.walls.count(-1)
+        return self.m, self.n_plus, self.n_minus
 
     @property
     def stable(self) -> bool:

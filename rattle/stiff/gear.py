@@ -15,6 +15,7 @@ from rattle.attractors.table import Attractor, listed
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
+from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
 from rattle.orbits.period_one import Orbit
 from rattle.stiff.attractors.classifier import attractors_of
@@ -41,7 +42,7 @@ class Motion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StiffGear:
+class StiffGear(Rattling):
     """The gear model with stiff contact at damping delta > 0, eccentricity epsilon ≥ 0, half-backlash beta > 0 and
     stiffness kappa > 0, all dimensionless.
 
@@ -164,6 +165,10 @@ class StiffGear:
     @property
     def _point(self) -> return_map.StiffPoint:
         return return_map.StiffPoint(self.delta, self.epsilon, self.beta, self.kappa)
+
+    @property
+    def _stiffness(self) -> float:
+        return self.kappa
 
 
 def _phase(phase: float) -> float:

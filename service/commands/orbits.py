@@ -2,43 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
-from service.commands.options import Beta, Kappa
+from service.commands.at_point import Point, at_point
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
 REGIONS = ("none of I to V", "I", "II", "III", "IV", "V")
 
 
-def orbits(
-    delta: Annotated[float, typer.Argument(metavar="DELTA", help="Damping.")],
-    epsilon: Annotated[float, typer.Argument(metavar="EPSILON", help="Eccentricity.")],
-    beta: Beta = 0.6,
-    kappa: Kappa = None,
-) -> None:
+@at_point()
+def orbits(point: Point) -> None:
     """Print the period-one orbits of one parameter point, its region and its analytic limits."""
     from rich.console import Console
     from rich.table import Table
 
-    from rattle.models import model_of
+    from rattle.models import model_at
 
-    model = model_of(beta, kappa)
-    gear = model.gear(delta, epsilon)
-    limits = zip(("SN1", "flip", "quiet limit"), model.limits(delta), strict=True)
-    parameters = f"beta = {beta}" + ("" if kappa is None else f", kappa = {kappa}")
+    gear, machine = point.gear, point.machine
+    names = ("SN1", "flip", "quiet limit")
+    limits = [
+        (name, value) for name, value in zip(names, model_at(gear).limits(gear.delta), strict=True) if value is not None
+    ]
     console = Console(highlight=False, width=WIDTH)
-    console.print(
-        f"delta = {gear.delta}, epsilon = {gear.epsilon}, {parameters}: region {REGIONS[gear.region()]}\n"
-        + ", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits if value is not None)
-    )
-    table = Table("orbit", "P(m, n+, n-)", "phase", "speed", "multipliers", "stable", box=None)
+    console.print(f"{point.words}: region {REGIONS[gear.region()]}")
+    console.print(", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits))
+    if machine is not None:
+        length = machine.units.length
+        console.print(", ".join(f"{name} at an eccentricity of {value * length:.6g} m" for name, value in limits))
+    speed = "speed" if machine is None else "speed, m/s"
+    unit = 1.0 if machine is None else machine.units.velocity
+    table = Table("orbit", "P(m, n+, n-)", "phase", speed, "multipliers", "stable", box=None)
     for orbit in gear.orbits():
         first, second = (_complex(value) for value in orbit.multipliers)
         label = f"({orbit.m}, {orbit.n_plus}, {orbit.n_minus})"
         stable = "yes" if orbit.stable else "no"
-        table.add_row(orbit.name, label, f"{orbit.tau:.10f}", f"{orbit.v:.10f}", f"{first}, {second}", stable)
+        table.add_row(orbit.name, label, f"{orbit.tau:.10f}", f"{orbit.v * unit:.10f}", f"{first}, {second}", stable)
     console.print(table)
 
 

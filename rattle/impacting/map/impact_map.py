@@ -8,8 +8,9 @@ import math
 from typing import NamedTuple
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
-from rattle.flight.law import DRIFT, folded
+from rattle.flight.law import DRIFT, contact_force, folded, versines
 from rattle.flight.tangent import MOST_BOUNCES, STUCK, flight_tangent, rests
+from rattle.intensity.visit import bounce
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits.return_map import inverse_step, step, step_tangent
 
@@ -98,3 +99,16 @@ def _step_tangent(tau, v, point):
 @for_type(inverse_step, Point)
 def _inverse_step(tau, v, point):
     return inverse_impact(tau, v, point.delta, point.epsilon, point.beta)
+
+
+@for_type(bounce, Point)
+def _bounce(wall, tau, w, point):
+    omc, sine, _defect = versines(tau)
+    force = contact_force(sine, 1.0 - omc, point.delta, point.epsilon, DRIFT)
+    captured = wall > 0 and abs(w * w * w) <= point.quiet_invariant * force
+    if captured or rests(wall, w, tau, point.delta, point.epsilon, DRIFT):
+        return STUCK, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
+    status, s, wall, w1, _d, _s0, _c0, _s1, _c1 = first_impact(
+        wall, tau, w, point.delta, point.epsilon, point.beta, DRIFT
+    )
+    return status, s, wall, abs(w1), 0.0, 2.0 * abs(w1), abs(w1)

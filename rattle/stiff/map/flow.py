@@ -11,7 +11,7 @@ import math
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
 from rattle.flight.law import DRIFT, TWO_PI, contact_force, evaluate, folded, versines
 from rattle.numerics.compile import inline, kernel
-from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end
+from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end, forcing
 
 GAP = SIGMA_PLUS - SIGMA_PLUS
 QUIET, STUCK = 3, 4  # beside OK: contact that never ends; a motion that cannot be followed farther
@@ -138,6 +138,33 @@ def departure(tau, v, delta, epsilon, beta, kappa):
             begun = after == SIGMA_PLUS
         wall = after
     return STUCK, tau, v, time, n_minus, j00, j01, j10, j11
+
+
+@kernel
+def bounced(wall, tau, w, delta, epsilon, beta, kappa):
+    """From a departure to the next one, from either wall: (status, time of flight, wall, speed of arrival, duration of
+    the contact, its impulse, speed of departure).
+
+    x'' + δx' + 2κx = h from depth 0 to depth 0: the impulse ∫ 2κx is both speeds and ∫ h.
+    """
+    status, flown, wall, position, w, _l, _a, _b, _c, _d = piece(
+        wall, tau, 0.0, w, delta, epsilon, beta, kappa, math.inf
+    )
+    speed, duration, begun = abs(w), 0.0, folded(tau + flown)
+    for _ in range(MOST_PIECES):
+        if status != OK or departs(wall, folded(begun + duration), position, w, delta, epsilon):
+            break
+        status, s, wall, position, w, _l, _a, _b, _c, _d = piece(
+            wall, folded(begun + duration), position, w, delta, epsilon, beta, kappa, math.inf
+        )
+        duration += s
+    else:
+        status = STUCK
+    omc, sin0, _defect = versines(begun)
+    mean, a, b = forcing(wall, sin0, 1.0 - omc, delta, epsilon)
+    omc, sine, _defect = versines(duration)
+    pressed = mean * duration + (a * sine + b * omc) / TWO_PI
+    return status, flown, wall, speed, duration, speed + abs(w) + pressed, abs(w)
 
 
 @kernel

@@ -7,9 +7,10 @@ tangent map of a return that takes the time s has determinant e^(−δs).
 from typing import NamedTuple
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
+from rattle.intensity.visit import bounce
 from rattle.numerics.compile import for_type, kernel
 from rattle.orbits import return_map
-from rattle.stiff.map.flow import departure, outward_force, preceding
+from rattle.stiff.map.flow import bounced, departure, outward_force, preceding
 
 
 class StiffPoint(NamedTuple):
@@ -67,3 +68,8 @@ def _step_tangent(tau, v, point):
 @for_type(return_map.inverse_step, StiffPoint)
 def _inverse_step(tau, v, point):
     return preceding(tau, v, point.delta, point.epsilon, point.beta, point.kappa)
+
+
+@for_type(bounce, StiffPoint)
+def _bounce(wall, tau, w, point):
+    return bounced(wall, tau, w, point.delta, point.epsilon, point.beta, point.kappa)

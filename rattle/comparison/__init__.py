@@ -1,0 +1,6 @@
+"""Measured impacts beside what the model has: of an experiment, or of anybody's simulation."""
+
+from rattle.comparison.compare import Comparison, Near, compare
+from rattle.comparison.measured import Measured, measured, read_csv
+
+__all__ = ["Comparison", "Measured", "Near", "compare", "measured", "read_csv"]

@@ -1,0 +1,111 @@
+"""Impacts that were measured: checked, read from a table, and the period with which they repeat."""
+
+import csv
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.errors import ParameterError, RattleError, real_array, require
+
+LEAST = 8  # impacts
+LONGEST = 512  # impacts of a period
+REPEATS = 3  # of a period that are seen
+CLOSER, SAME = 1.5, 1e-3  # times; of what is allowed, below which all repeat alike
+COLUMNS = ("time", "speed", "wall")
+Array = NDArray[np.float64]
+
+
+class Measured(NamedTuple):
+    """Impacts in their order, arrays (n,): times in forcing periods, which are revolutions; speeds of arrival of the
+    model, and walls, +1 where the driving side of the teeth meets, or −1, None where these were not measured.
+    """
+
+    time: Array
+    speed: Array | None
+    wall: NDArray[np.int64] | None
+
+    @property
+    def span(self) -> float:
+        """Forcing periods from the first impact to the last."""
+        return float(self.time[-1] - self.time[0])
+
+    @property
+    def impacts(self) -> float:
+        """Impacts per forcing period."""
+        return (self.time.size - 1) / self.span
+
+
+def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | None = None) -> Measured:
+    """Impacts (n,) at rising times in forcing periods, with speeds ≥ 0 of the model and walls ±1 where these are known.
+
+    Raises ParameterError.
+    """
+    times = real_array("time", time)
+    require(times.ndim == 1, f"time must be a list of times, got an array of shape {times.shape}")
+    require(times.size >= LEAST, f"there are {times.size} impacts: give {LEAST} at least")
+    require(bool(np.isfinite(times).all() and (np.diff(times) > 0).all()), "times must be finite and rise")
+    speeds, walls = None, None
+    if speed is not None:
+        speeds = real_array("speed", speed)
+        require(speeds.shape == times.shape, f"give a speed for each of the {times.size} impacts, or none")
+        require(bool((np.isfinite(speeds) & (speeds >= 0)).all()), "speeds must be finite and at least 0")
+    if wall is not None:
+        given = real_array("wall", wall)
+        require(given.shape == times.shape, f"give a wall for each of the {times.size} impacts, or none")
+        require(bool((np.abs(given) == 1).all()), "walls must be 1 or -1")
+        walls = given.astype(np.int64)
+    return Measured(times, speeds, walls)
+
+
+def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) -> Measured:
+    """Impacts from a table with a header: a column `time`, and `speed` and `wall` if there are.
+
+    time_unit, speed_unit: what a forcing period and a unit of speed of the model are in the table's units:
+    `units.time` and `units.velocity` of a `Machine` for seconds and m/s. Raises ParameterError, and RattleError if the
+    file cannot be read.
+    """
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise RattleError(f"the table {path} cannot be read: {error}") from None
+    header = [name.strip().lower() for name in rows[0]] if rows else []
+    require("time" in header, f"the first line of {path} must name its columns: time, and speed and wall if there are")
+    table = [(number, row) for number, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)]
+    found = {
+        name: np.array([_number(path, line, row, header.index(name)) for line, row in table])
+        for name in COLUMNS
+        if name in header
+    }
+    speed = found["speed"] / speed_unit if "speed" in found else None
+    return measured(found["time"] / time_unit, speed, found.get("wall"))
+
+
+def _number(path: str | Path, line: int, row: list[str], column: int) -> float:
+    try:
+        return float(row[column])
+    except (ValueError, IndexError):
+        cell = row[column] if column < len(row) else ""
+        raise ParameterError(f"line {line} of {path}: {cell!r} in column {column + 1} is not a number") from None
+
+
+def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:
+    """(m, n₊, n₋) of impacts that repeat themselves; None if they do not.
+
+    tolerance: root mean square of how much earlier or later they are after m whole periods, over the mean time between
+    impacts. The shortest such period, unless longer ones, to which it may have doubled, repeat CLOSER.
+    """
+    allowed = tolerance * float(time[-1] - time[0]) / (time.size - 1)
+    found = []
+    for n in range(1, min(LONGEST, time.size // REPEATS) + 1):
+        later = time[n:] - time[:-n]
+        m = round(float(later.mean()))
+        off = math.sqrt(float(np.mean((later - m) ** 2)))
+        if m >= 1 and off <= allowed and np.array_equal(wall[n:], wall[:-n]):
+            n_plus = int(np.count_nonzero(wall[:n] > 0))
+            found.append((max(off, SAME * allowed), (m, n_plus, n - n_plus)))
+    closest = min((off for off, _ in found), default=0.0)
+    return next((label for off, label in found if off <= CLOSER * closest), None)

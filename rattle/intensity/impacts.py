@@ -1,0 +1,63 @@
+"""The impacts of a motion, one by one."""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from rattle.errors import require, require_number
+from rattle.flight.first_impact import OK
+from rattle.intensity.motions import ENDLESS, Motion, kind_of, require_closed, require_lasting
+from rattle.intensity.visit import Impacts, listed
+from rattle.orbits.iterates import MOST_IMPACTS
+
+ROOM, GROWTH = 1024, 8
+ROUNDING = 1e-9  # forcing periods by which the impact that ends a period may seem to be too late
+
+
+def room_for(count: int) -> Impacts:
+    """Arrays for so many impacts."""
+    return Impacts(np.zeros(count), np.zeros(count, np.int64), *(np.zeros(count) for _ in range(4)))
+
+
+def impacts_of(motion: Motion, point: Any, periods: float | None) -> Impacts:
+    """See `Rattling.impacts`; the point as kernels take it."""
+    kind = kind_of(motion)
+    require(periods is not None or kind in ("quiet", "periodic"), f"a {kind} motion needs a number of periods")
+    periods = math.inf if periods is None else require_number("periods", periods, positive=True)
+    if kind == "quiet":
+        return room_for(0)
+    if kind == "periodic":
+        return _repeated(_one_period(motion, point), motion, periods)
+    status, _tau, _v, found = _listed(motion, ENDLESS, periods, point)
+    time = float(found.time[-1]) - motion.tau if found.time.size else 0.0
+    require_lasting(status, time if status != OK or found.time.size == MOST_IMPACTS else periods, periods)
+    return Impacts(*(column[found.time <= motion.tau + periods] for column in found))
+
+
+def _one_period(motion: Motion, point: Any) -> Impacts:
+    status, tau, v, found = _listed(motion, motion.n_plus, math.inf, point)
+    require_closed(motion, status, tau, v, float(found.speed.max(initial=0.0)))
+    return found
+
+
+def _listed(motion: Motion, returns: int, periods: float, point: Any) -> tuple[int, float, float, Impacts]:
+    """Status, the state at the end, and the impacts, MOST_IMPACTS at most."""
+    room = ROOM
+    while True:
+        found = room_for(room)
+        status, tau, v, count = listed(motion.tau, motion.v, returns, periods, point, found)
+        if count <= room or room == MOST_IMPACTS:
+            return int(status), float(tau), float(v), Impacts(*(column[:count] for column in found))
+        room = min(GROWTH * room, MOST_IMPACTS)
+
+
+def _repeated(one: Impacts, motion: Motion, periods: float) -> Impacts:
+    """The impacts of one period over and over, for so many forcing periods; once if these are infinite."""
+    if periods == math.inf:
+        return one
+    times = math.ceil(periods / motion.m)
+    require(times * one.time.size <= MOST_IMPACTS, f"more than {MOST_IMPACTS} impacts: ask for fewer periods")
+    time = (one.time + motion.m * np.arange(times)[:, None]).ravel()
+    kept = time <= motion.tau + periods + ROUNDING
+    return Impacts(time[kept], *(np.tile(column, times)[kept] for column in one[1:]))

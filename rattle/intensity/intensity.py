@@ -1,0 +1,130 @@
+"""How hard a motion rattles, per forcing period: exact over a period, with error bars over a watch of chaos."""
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.attractors.chaos import BATCHES, T_95
+from rattle.errors import require_number
+from rattle.flight.law import DRIFT
+from rattle.intensity.motions import ENDLESS, Motion, kind_of, require_closed, require_lasting, watched_periods
+from rattle.intensity.visit import (
+    COLUMNS,
+    CONTACT,
+    FASTEST,
+    IMPULSE,
+    ON_MINUS,
+    ON_PLUS,
+    SPEED,
+    SQUARE,
+    TIME,
+    summed,
+)
+from rattle.orbits.iterates import MOST_IMPACTS
+
+
+class Errors(NamedTuple):
+    """95 % half-widths of the quantities of `Intensity` that have the same names; 0 where these are exact."""
+
+    impacts_plus: float
+    impacts_minus: float
+    mean_speed: float
+    energy: float
+    contact: float
+    impulse: float
+
+
+EXACT = Errors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+UNKNOWN = Errors(*(math.nan for _ in EXACT))
+
+
+@dataclass(frozen=True)
+class Intensity:
+    """How hard a motion rattles; dimensionless, per forcing period, which is a revolution of the eccentric gear.
+
+    impacts_plus, impacts_minus: on Σ⁺ and Σ⁻ (stiff gear: contacts begun). mean_speed, largest_speed: of arrival; chaos
+    may have larger ones than were seen. energy: Σv²/2, which the impacts hand over. contact: share of the time in
+    contact (impacting gear: 1 if quiet, else 0). impulse: half of Σ impulses on Σ⁺ less those on Σ⁻, for the impacting
+    gear Σv₊ − Σv₋: 2πδ in every motion that lasts, an audit. Quiet: 0 but for the last two. Undecided: NaN.
+    """
+
+    impacts_plus: float
+    impacts_minus: float
+    mean_speed: float
+    largest_speed: float
+    energy: float
+    contact: float
+    impulse: float
+    errors: Errors = EXACT
+
+    @property
+    def impacts(self) -> float:
+        """Impacts on both walls."""
+        return self.impacts_plus + self.impacts_minus
+
+    def level(self, reference: float) -> float:
+        """The energy in dB relative to this energy per forcing period; −inf if nothing impacts. Raises ParameterError.
+
+        A and C, one impact of speed 2πδ, have 2π²δ².
+        """
+        ratio = self.energy / require_number("reference", reference, positive=True)
+        return -math.inf if ratio == 0.0 else 10.0 * math.log10(ratio)
+
+
+UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, UNKNOWN)
+
+
+def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
+    """See `Rattling.intensity`; the point as kernels take it."""
+    kind = kind_of(motion)
+    if kind == "quiet":
+        return Intensity(0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.5 * DRIFT * point.delta)
+    if kind == "undecided":
+        return UNDECIDED
+    if kind == "periodic":
+        sums = np.zeros((1, COLUMNS))
+        status, tau, v, _ = summed(motion.tau, motion.v, motion.n_plus, math.inf, MOST_IMPACTS, point, sums)
+        require_closed(motion, status, tau, v, sums[0, FASTEST])
+        sums[0, TIME] = np.rint(sums[0, TIME])
+        return _intensity(sums, EXACT)
+    periods = watched_periods(point.delta, periods)
+    sums = np.zeros((BATCHES, COLUMNS))
+    status, _tau, _v, time = summed(motion.tau, motion.v, ENDLESS, periods, MOST_IMPACTS, point, sums)
+    require_lasting(status, time, periods)
+    return _intensity(sums, _errors(sums))
+
+
+def _intensity(sums: NDArray[np.float64], errors: Errors) -> Intensity:
+    total = sums.sum(axis=0)
+    rates = total / total[TIME]
+    return Intensity(
+        impacts_plus=float(rates[ON_PLUS]),
+        impacts_minus=float(rates[ON_MINUS]),
+        mean_speed=float(total[SPEED] / (total[ON_PLUS] + total[ON_MINUS])),
+        largest_speed=float(sums[:, FASTEST].max()),
+        energy=float(0.5 * rates[SQUARE]),
+        contact=float(rates[CONTACT]),
+        impulse=float(0.5 * rates[IMPULSE]),
+        errors=errors,
+    )
+
+
+def _errors(sums: NDArray[np.float64]) -> Errors:
+    """Those of ratio estimates over the batches."""
+
+    def half_width(column: NDArray[np.float64], per: NDArray[np.float64]) -> float:
+        spread = column - column.sum() / per.sum() * per
+        return float(T_95 * math.sqrt(spread @ spread * BATCHES / (BATCHES - 1.0)) / per.sum())
+
+    time, plus, minus = sums[:, TIME], sums[:, ON_PLUS], sums[:, ON_MINUS]
+    return Errors(
+        impacts_plus=half_width(plus, time),
+        impacts_minus=half_width(minus, time),
+        mean_speed=half_width(sums[:, SPEED], plus + minus),
+        energy=half_width(0.5 * sums[:, SQUARE], time),
+        contact=half_width(sums[:, CONTACT], time),
+        impulse=half_width(0.5 * sums[:, IMPULSE], time),
+    )

@@ -1,0 +1,70 @@
+"""Motions whose impacts are asked for: what they say of themselves, and whether they go on as they say."""
+
+from typing import Protocol
+
+from rattle.attractors.chaos import BATCHES
+from rattle.errors import RattleError, require, require_number
+from rattle.flight.first_impact import OK
+from rattle.flight.law import wrapped
+from rattle.orbits.iterates import MOST_IMPACTS
+
+CLOSED = 1e-6  # a motion comes back to where it began, speeds over its largest, to this
+BATCH, RELAXATIONS = 1000.0, 10.0  # forcing periods, and times 1/δ, of a batch at least
+ENDLESS = 1 << 62  # returns
+
+
+class Motion(Protocol):
+    """What says where it is and which it is: an `Attractor`, an `Orbit`, a periodic motion of either gear.
+
+    It may have the kind of an attractor; without it is periodic.
+    """
+
+    @property
+    def tau(self) -> float:
+        """Phase of a departure from Σ⁺."""
+
+    @property
+    def v(self) -> float:
+        """Its speed."""
+
+    @property
+    def m(self) -> int:
+        """Forcing periods of a period."""
+
+    @property
+    def n_plus(self) -> int:
+        """Impacts on Σ⁺ in it."""
+
+
+def kind_of(motion: Motion) -> str:
+    """Quiet, periodic, chaotic or undecided. Raises ParameterError."""
+    kind = getattr(motion, "kind", "periodic")
+    require(kind in ("quiet", "periodic", "chaotic", "undecided"), f"there is no motion of kind {kind!r}")
+    if kind != "quiet":
+        require(motion.v > 0.0, f"the motion must leave Σ⁺ with a speed above 0, got {motion.v}: it is a virtual one")
+    return str(kind)
+
+
+def watched_periods(delta: float, periods: float | None) -> float:
+    """Forcing periods of a watch: by default so many that batches are long against the time in which motions forget."""
+    if periods is None:
+        return BATCHES * max(BATCH, RELAXATIONS / delta)
+    return require_number("periods", periods, positive=True)
+
+
+def require_closed(motion: Motion, status: int, tau: float, v: float, fastest: float) -> None:
+    """Raise RattleError unless a motion is back where it began after all its impacts on Σ⁺."""
+    closed = abs(wrapped(tau - motion.tau)) <= CLOSED and abs(v - motion.v) <= CLOSED * fastest
+    if status != OK or not closed:
+        raise RattleError(
+            f"the motion does not come back to tau = {motion.tau}, v = {motion.v} after {motion.n_plus} impacts on Σ⁺: "
+            "give a periodic motion of this very gear, with all its digits"
+        )
+
+
+def require_lasting(status: int, time: float, periods: float) -> None:
+    """Raise RattleError unless a motion could be followed for so many forcing periods."""
+    if status != OK:
+        raise RattleError(f"the motion comes to rest, or cannot be followed, after {time:g} forcing periods")
+    if time < periods:
+        raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: ask for fewer than {time:g} periods")

@@ -1,0 +1,69 @@
+"""What either gear can be asked of the impacts of a motion."""
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.intensity.impacts import impacts_of
+from rattle.intensity.intensity import Intensity, intensity
+from rattle.intensity.motions import Motion
+from rattle.intensity.sound import sound
+from rattle.intensity.spectrum import Density, Lines, spectrum
+from rattle.intensity.visit import Impacts
+
+
+class Rattling(ABC):
+    """A gear whose motions rattle. A motion is one of its `Attractor`, `Orbit` or periodic motions."""
+
+    @property
+    @abstractmethod
+    def _point(self) -> Any:
+        """Its parameters, as kernels take them."""
+
+    @property
+    def _stiffness(self) -> float:
+        """κ of its walls."""
+        return math.inf
+
+    def intensity(self, motion: Motion, periods: float | None = None) -> Intensity:
+        """How hard a motion rattles: impacts, speeds and energy per forcing period.
+
+        Periodic: over one period, to rounding. Chaotic: over a watch of so many forcing periods (by default 32,000, or
+        320/δ if that is more) from its (τ, v) on, with error bars from 32 batches of it. Quiet: nothing. Raises
+        ParameterError, and RattleError where the motion is none of this gear's or comes to rest.
+        """
+        return intensity(motion, self._point, periods)
+
+    def impacts(self, motion: Motion, periods: float | None = None) -> Impacts:
+        """The impacts of a motion on both walls in so many forcing periods from the departure (τ, v) on, arrays (n,);
+        of a periodic one by default those of its period. None if it is quiet. Raises as `intensity`.
+        """
+        return impacts_of(motion, self._point, periods)
+
+    def spectrum(self, motion: Motion, highest: float = 32.0, resolution: int = 64) -> Lines | Density:
+        """The order spectrum of the contact force, from order 0 to the highest.
+
+        Periodic or quiet: its lines, exact, that of order 0 being −4πδ: amplitude = (1/m) Σ ∓2v e^(−2πi order t) over
+        the impacts at ±β. Chaotic: its density every 1/resolution, with its confidence, from 256 segments of
+        `resolution` forcing periods. Raises as `intensity`.
+        """
+        return spectrum(motion, self._point, self._stiffness, highest, resolution)
+
+    def sound(
+        self,
+        motion: Motion,
+        rpm: float,
+        seconds: float = 5.0,
+        rate: int = 44100,
+        ring: float = 2000.0,
+        decay: float = 0.005,
+    ) -> NDArray[np.float64]:
+        """What a motion sounds like at this speed, from the departure (τ, v) on: samples (seconds · rate,).
+
+        Each impact rings at `ring` Hz and dies away by e in `decay` seconds, as loud as its impulse (dimensionless).
+        What a gearbox makes of it is another matter. Quiet: silence. Raises as `intensity`.
+        """
+        return sound(motion, self._point, rpm, seconds, rate, ring, decay)

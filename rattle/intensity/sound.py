@@ -1,0 +1,50 @@
+"""What a motion sounds like: each impact rings, as a damped oscillation of its impulse."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.errors import require, require_integer, require_number
+from rattle.flight.law import TWO_PI
+from rattle.intensity.impacts import impacts_of
+from rattle.intensity.motions import Motion
+from rattle.numerics.compile import kernel
+
+Array = NDArray[np.float64]
+MOST_SAMPLES = 50_000_000
+
+
+def sound(
+    motion: Motion, point: Any, rpm: float, seconds: float, rate: int, ring: float, decay: float
+) -> NDArray[np.float64]:
+    """See `Rattling.sound`; the point as kernels take it."""
+    rpm, seconds = require_number("rpm", rpm, positive=True), require_number("seconds", seconds, positive=True)
+    ring, decay = require_number("ring", ring, positive=True), require_number("decay", decay, positive=True)
+    rate = require_integer("rate", rate, 1, MOST_SAMPLES)
+    require(ring < 0.5 * rate, f"ring must be below half the rate of {rate} Hz, got {ring:g} Hz: choose a higher rate")
+    require(seconds * rate <= MOST_SAMPLES, f"more than {MOST_SAMPLES} samples: ask for fewer seconds")
+    turn = 60.0 / rpm
+    impacts = impacts_of(motion, point, seconds / turn)
+    return np.asarray(
+        rung((impacts.time - motion.tau) * turn, impacts.impulse, round(seconds * rate), rate, ring, decay)
+    )
+
+
+@kernel
+def rung(time: Array, size: Array, count: int, rate: float, ring: float, decay: float) -> Array:
+    """Σ size e^(−s/decay) sin(2π ring s), s the time since each strike, at so many samples; times (n,) rise."""
+    heard, x, y, j = np.empty(count), 0.0, 0.0, 0
+    fade = math.exp(-1.0 / (decay * rate))
+    c, s = fade * math.cos(TWO_PI * ring / rate), fade * math.sin(TWO_PI * ring / rate)
+    for i in range(count):
+        x, y = x * c - y * s, x * s + y * c
+        while j < time.size and time[j] <= i / rate:
+            since = i / rate - time[j]
+            left = size[j] * math.exp(-since / decay)
+            x += left * math.cos(TWO_PI * ring * since)
+            y += left * math.sin(TWO_PI * ring * since)
+            j += 1
+        heard[i] = y
+    return heard

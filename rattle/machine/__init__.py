@@ -1,0 +1,5 @@
+"""Pairs of gears in SI units, as engineers have them."""
+
+from rattle.machine.machine import Machine, MachineIntensity, Units
+
+__all__ = ["Machine", "MachineIntensity", "Units"]

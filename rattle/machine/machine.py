@@ -1,0 +1,181 @@
+"""A pair of gears in SI units: which parameter point it is, and its motions back in SI units.
+
+Two equal gears, each of inertia I, viscous drag c and base radius r, turn at the mean speed Ω. Along the line of action
+lies a backlash j, the transmission error has the amplitude e once a revolution, and teeth press on each other with k
+times their depth. With φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt the teeth meet at Φ = ±j/2r, and
+
+    I θ₁'' + c θ₁' = 2cΩ − F r,      I θ₂'' + c θ₂' = F r      (drive "torque": a constant one keeps the mean speed)
+
+give I φ'' + c φ' = 2cΩ − 2F r: in forcing periods 2π/Ω the paper's (2.1) to (2.4), with
+
+    δ = 2πc/(IΩ),      ε = e/r,      β = j/2r,      κ = 4π²kr²/(IΩ²).
+
+Drive "speed" imposes θ₁ = Ωt, so I φ'' + c φ' = cΩ − F r, with half the drift: Φ, ε and β of the model are then twice
+those above, and κ is half. docs/decisions/0025-machine.md has every step.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rattle.attractors.speeds import NATURAL
+from rattle.attractors.table import Attractor
+from rattle.errors import require, require_number
+from rattle.flight.law import TWO_PI
+from rattle.intensity.intensity import Intensity
+from rattle.intensity.motions import Motion
+from rattle.machine.given import RPM, in_si, is_quantity, require_plausible, require_slow
+
+if TYPE_CHECKING:
+    from rattle.models import AnyGear
+
+DRIVES = {"torque": 1.0, "speed": 2.0}  # Φ of the model over φ + (e/r) cos Ωt
+PICOWATT = 1e-12  # W, reference of sound power levels (ISO 1683)
+
+
+class Units(NamedTuple):
+    """What one unit of the model is in SI units; multiply by it.
+
+    length (m): of Φ along the line of action. time (s): a forcing period. velocity (m/s): of speeds, along the line of
+    action. energy (J): of v²/2, for the kinetic energy of an impact. power (W): of v²/2 per forcing period. force (N):
+    between the teeth. frequency (Hz): of orders.
+    """
+
+    length: float
+    time: float
+    velocity: float
+    energy: float
+    power: float
+    force: float
+    frequency: float
+
+
+class MachineIntensity(NamedTuple):
+    """How hard a motion rattles, in SI units.
+
+    impacts: per second, on both walls. mean_velocity, largest_velocity: of impacts, m/s along the line of action.
+    energy: kinetic energy of the impacts of a revolution, J. power: what they hand over, W, power_error its 95 %
+    half-width (0: exact). level: of that power, dB relative to 1 pW; −inf if quiet. contact: share of time in contact.
+    """
+
+    impacts: float
+    mean_velocity: float
+    largest_velocity: float
+    energy: float
+    power: float
+    power_error: float
+    level: float
+    contact: float
+
+
+@dataclass(frozen=True, init=False)
+class Machine:
+    """Two equal gears: numbers in SI units, or quantities of `pint`.
+
+    inertia: kg m², of each gear with what turns with it. drag: N m s/rad, the drag torque of each over its speed.
+    backlash, eccentricity: m along the line of action, the whole backlash, and the amplitude of the transmission error
+    once a revolution. radius: m, of the base circle. speed: the mean one in rad/s; or rpm=, revolutions per minute.
+    drive: "torque", a constant one on one gear, or "speed", that of one imposed (inertia and drag are the other's).
+    stiffness: N/m of the mesh along the line of action; without it teeth do not give way. Raises ParameterError on
+    what is not above 0 (the eccentricity may be 0), and on what can only be in other units.
+    """
+
+    inertia: float
+    drag: float
+    backlash: float
+    eccentricity: float
+    radius: float
+    speed: float
+    drive: str = "torque"
+    stiffness: float | None = None
+
+    def __init__(
+        self,
+        inertia: Any,
+        drag: Any,
+        backlash: Any,
+        eccentricity: Any,
+        radius: Any,
+        speed: Any = None,
+        drive: str = "torque",
+        stiffness: Any = None,
+        *,
+        rpm: float | None = None,
+    ) -> None:
+        require(drive in DRIVES, f"drive must be torque or speed, got {drive!r}")
+        require((speed is None) != (rpm is None), "give the mean speed once: speed in rad/s, or rpm")
+        lengths = {"backlash": backlash, "eccentricity": eccentricity, "radius": radius}
+        given = {"inertia": inertia, "drag": drag, **lengths}
+        numbers = {name: in_si(name, value) for name, value in given.items()}
+        numbers["speed"] = in_si("speed", speed) if rpm is None else require_number("rpm", rpm, positive=True) * RPM
+        for name, value in numbers.items():
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "drive", drive)
+        object.__setattr__(self, "stiffness", None if stiffness is None else in_si("stiffness", stiffness))
+        require_plausible(self.inertia, self.backlash, self.eccentricity, self.radius)
+        if rpm is None and not is_quantity(speed):
+            require_slow(self.speed, self.radius)
+
+    @property
+    def rpm(self) -> float:
+        """The mean speed in revolutions per minute."""
+        return self.speed / RPM
+
+    @property
+    def delta(self) -> float:
+        """Damping δ."""
+        return TWO_PI * self.drag / (self.inertia * self.speed)
+
+    @property
+    def epsilon(self) -> float:
+        """Eccentricity ε."""
+        return DRIVES[self.drive] * self.eccentricity / self.radius
+
+    @property
+    def beta(self) -> float:
+        """Half-backlash β."""
+        return DRIVES[self.drive] * self.backlash / (2.0 * self.radius)
+
+    @property
+    def kappa(self) -> float | None:
+        """Stiffness κ, None where teeth do not give way."""
+        if self.stiffness is None:
+            return None
+        turned = TWO_PI * self.radius / self.speed
+        return self.stiffness * turned * turned / (DRIVES[self.drive] * self.inertia)
+
+    @property
+    def gear(self) -> "AnyGear":
+        """The parameter point: a `Gear`, or with a stiffness a `StiffGear`. Raises ParameterError."""
+        from rattle.models import model_of  # loads the stiff gear: only for who asks
+
+        return model_of(self.beta, self.kappa).gear(self.delta, self.epsilon)
+
+    @property
+    def units(self) -> Units:
+        """From the model back to SI units."""
+        length, time = self.radius / DRIVES[self.drive], TWO_PI / self.speed
+        force = 0.5 * self.inertia / (self.radius * time * time)
+        energy = force * length
+        return Units(length, time, length / time, energy, energy / time, force, 1.0 / time)
+
+    def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
+        """`Gear.attractors` of its gear, from speeds on the scale of its motions."""
+        return self.gear.attractors(count, NATURAL, seed)
+
+    def intensity(self, motion: Motion, periods: float | None = None) -> MachineIntensity:
+        """How hard a motion of its gear rattles: `Gear.intensity` in SI units. Raises as that."""
+        return self.in_si(self.gear.intensity(motion, periods))
+
+    def in_si(self, found: Intensity) -> MachineIntensity:
+        """An intensity of its gear in SI units."""
+        units = self.units
+        return MachineIntensity(
+            impacts=found.impacts * units.frequency,
+            mean_velocity=found.mean_speed * units.velocity,
+            largest_velocity=found.largest_speed * units.velocity,
+            energy=found.energy * units.energy,
+            power=found.energy * units.power,
+            power_error=found.errors.energy * units.power,
+            level=found.level(PICOWATT / units.power),
+            contact=found.contact,
+        )

@@ -1,0 +1,69 @@
+"""``rattle attractors``: which motions one parameter point has, and how hard they rattle."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from service.commands.at_point import Point, at_point
+from service.commands.options import Count, Seed
+
+if TYPE_CHECKING:
+    from rattle import Attractor
+
+WIDTH = 160  # numbers are never cut, whatever the terminal
+
+SpeedLimit = Annotated[
+    float | None, typer.Option(help="Largest initial speed of the model.", show_default="by the motion's own scale")
+]
+
+
+def found_at(point: Point, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
+    """The attractors of a point by falling share of the samples, whose speeds are by default those of its motions."""
+    return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
+
+
+def name_of(attractor: Attractor) -> str:
+    """Its label, or its kind."""
+    label = f"P({attractor.m}, {attractor.n_plus}, {attractor.n_minus})"
+    return label if attractor.kind == "periodic" else attractor.kind
+
+
+@at_point()
+def attractors(point: Point, count: Count = 64, v_max: SpeedLimit = None, seed: Seed = 0) -> None:
+    """Print the attractors of one parameter point, their shares, and how hard they rattle.
+
+    Impacts and energies are per revolution. Of a machine speeds are in m/s along the line of action, and the power of
+    the impacts in watts and in dB re 1 pW. Chaotic motions have an error bar (95 %), undecided ones no figures.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    machine = point.machine
+    console = Console(highlight=False, width=WIDTH)
+    console.print(point.words)
+    columns = ("energy", "+-") if machine is None else ("W", "+-", "dB re 1 pW")
+    speeds = ("mean speed", "largest") if machine is None else ("mean m/s", "largest m/s")
+    table = Table("attractor", "share", "from", "to", "impacts+", "impacts-", *speeds, *columns, "in contact", box=None)
+    for each in found_at(point, count, v_max, seed):
+        found = point.gear.intensity(each)
+        if machine is None:
+            velocity, loud = 1.0, [_number(found.energy), _number(found.errors.energy)]
+        else:
+            whole, velocity = machine.in_si(found), machine.units.velocity
+            loud = [_number(whole.power), _number(whole.power_error), _number(round(whole.level, 2))]
+        table.add_row(
+            name_of(each),
+            *(f"{share:.4f}" for share in (each.fraction, *each.fraction_interval)),
+            *(_number(x) for x in (found.impacts_plus, found.impacts_minus)),
+            *(_number(x * velocity) for x in (found.mean_speed, found.largest_speed)),
+            *loud,
+            _number(found.contact),
+        )
+    console.print(table)
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.6g}"

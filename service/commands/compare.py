@@ -1,0 +1,103 @@
+"""``rattle compare``: measured impacts beside the model's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from service.commands.at_point import Point, at_point
+from service.commands.attractors import name_of
+from service.commands.options import Count, Seed
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from rattle.comparison import Comparison
+
+WIDTH = 140  # numbers are never cut, whatever the terminal
+BAR = 20  # characters of the longest bar
+POOR = 0.25
+
+
+@at_point(timed=True)
+def compare(
+    point: Point,
+    table: Annotated[
+        Path, typer.Argument(metavar="CSV", help="A column time, and speed and wall (1 or -1) if there are.")
+    ],
+    offset: Annotated[
+        float | None,
+        typer.Option(
+            help="When the transmission error closes the gap of the driving side most, in the table's unit of time.",
+            show_default="as fits best",
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float, typer.Option(help="How exactly a motion repeats itself, over the mean time between impacts.")
+    ] = 0.05,
+    bins: Annotated[int, typer.Option(min=1, help="Bars of the histogram.")] = 24,
+    count: Count = 64,
+    seed: Seed = 0,
+) -> None:
+    """Compare measured impacts with the motions of a gear: label, phases, nearest attractors.
+
+    Times are in seconds and speeds in m/s along the line of action for a machine; with DELTA and EPSILON speeds are the
+    model's, and times in seconds if --rpm is given, else in revolutions.
+    """
+    from rattle.comparison import compare as compared
+    from rattle.comparison import read_csv
+
+    turn = 1.0 if point.rpm is None else 60.0 / point.rpm
+    velocity = 1.0 if point.machine is None else point.machine.units.velocity
+    measured = read_csv(table, turn, velocity)
+    when = None if offset is None else offset / turn
+    found = compared(measured, point.gear, when, bins=bins, tolerance=tolerance, count=count, seed=seed)
+    unit = "revolutions" if point.rpm is None else "s"
+    typer.echo(f"{point.words}\n{measured.time.size} impacts in {measured.span:.6g} revolutions")
+    _print(found, found.offset * turn, unit)
+
+
+def _print(found: Comparison, offset: float, unit: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(highlight=False, width=WIDTH)
+    label = "not periodic" if found.label is None else f"P({', '.join(map(str, found.label))})"
+    console.print(f"{found.impacts:.4g} impacts per revolution, {label}")
+    if found.energy is not None:
+        console.print(f"energy of the impacts of a revolution (sum of v^2/2 of the model): {found.energy:.6g}")
+    console.print(
+        f"phase 0 at {offset:.6g} {unit}; misfit {found.misfit:.2g} (0: a motion of this gear, 0.5: at random)"
+    )
+    if found.misfit > POOR:
+        console.print("The impacts are not those of this gear: walls, label and phase mean little.")
+    nearest = Table("nearest", "share", "impacts+", "impacts-", "energy", "distance", box=None)
+    for near in found.near:
+        rates = near.intensity.impacts_plus, near.intensity.impacts_minus, near.intensity.energy
+        columns = f"{near.attractor.fraction:.4f}", *(f"{x:.6g}" for x in rates), f"{near.distance:.4g}"
+        nearest.add_row(name_of(near.attractor), *columns)
+    console.print(nearest)
+    console.print(_histogram(found))
+
+
+def _histogram(found: Comparison) -> Table:
+    """Impacts per revolution in each part of the phase, as measured and of the nearest attractor."""
+    from rich.table import Table
+
+    columns = [("driving side", found.histogram[0]), ("other side", found.histogram[1])]
+    if found.near:
+        nearest = found.near[0]
+        columns[1:1] = [(name_of(nearest.attractor), nearest.histogram[0])]
+        columns.append((name_of(nearest.attractor), nearest.histogram[1]))
+    table = Table("phase", *(name for name, _ in columns), box=None)
+    most = max(float(values.max()) for _, values in columns)
+    bins = found.histogram.shape[1]
+    for i in range(bins):
+        table.add_row(f"{i / bins:.3f}", *(_bar(float(values[i]), most) for _, values in columns))
+    return table
+
+
+def _bar(value: float, most: float) -> str:
+    return f"{value:.3f} {'#' * round(BAR * value / most)}" if value > 0.0 else ""

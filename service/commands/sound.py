@@ -1,0 +1,78 @@
+"""``rattle sound``: what a motion sounds like."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from service.commands.at_point import Point, at_point
+from service.commands.attractors import SpeedLimit, found_at, name_of
+from service.commands.options import Count, Seed
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from rattle import Attractor
+
+LOUDEST = 32767 * 9 // 10  # of 16 bits
+
+
+@at_point(timed=True)
+def sound(
+    point: Point,
+    out: Annotated[Path, typer.Argument(metavar="OUT.wav", help="The sound.")],
+    attractor: Annotated[
+        int | None,
+        typer.Option(help="Its number in `rattle attractors`, from 1.", show_default="the one of most power"),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="How long.")] = 5.0,
+    ring: Annotated[float, typer.Option(help="Frequency of the ring of an impact, Hz.")] = 2000.0,
+    decay: Annotated[float, typer.Option(help="Seconds in which it dies away by e.")] = 0.005,
+    rate: Annotated[int, typer.Option(help="Samples per second.")] = 44100,
+    full_scale: Annotated[
+        float | None,
+        typer.Option(
+            help="Impulse of the model that is as loud as can be, so that sounds can be compared.",
+            show_default="the loudest sample",
+        ),
+    ] = None,
+    count: Count = 64,
+    v_max: SpeedLimit = None,
+    seed: Seed = 0,
+) -> None:
+    """Write the impacts of a motion as a sound: each rings, as loud as its impulse, at the speed of --rpm."""
+    if point.rpm is None:
+        raise typer.BadParameter("say how fast it turns: --rpm", param_hint="--rpm")
+    chosen = _chosen(point, found_at(point, count, v_max, seed), attractor)
+    heard = point.gear.sound(chosen, point.rpm, seconds, rate, ring, decay)
+    _write(out, heard, rate, full_scale)
+    share = f"{100 * chosen.fraction:.3g} % of the initial conditions"
+    typer.echo(f"{out}: {name_of(chosen)}, {share}" + ("" if heard.any() else ", is silent"))
+
+
+def _chosen(point: Point, found: tuple[Attractor, ...], number: int | None) -> Attractor:
+    """The attractor of this number, or the one that rattles hardest."""
+    if number is not None:
+        if not 1 <= number <= len(found):
+            raise typer.BadParameter(f"there are attractors 1 to {len(found)}", param_hint="--attractor")
+        return found[number - 1]
+    told = [each for each in found if each.kind != "undecided"]
+    return max(told or found, key=lambda each: point.gear.intensity(each).energy)
+
+
+def _write(out: Path, heard: np.ndarray, rate: int, full_scale: float | None) -> None:
+    import numpy as np
+    from scipy.io import wavfile
+
+    from rattle.errors import require_number
+    from service.errors import ServiceError
+
+    if full_scale is None:
+        full_scale = float(np.abs(heard).max(initial=0.0)) or 1.0
+    scaled = LOUDEST / require_number("full-scale", full_scale, positive=True) * heard
+    try:
+        wavfile.write(out, rate, np.clip(np.rint(scaled), -LOUDEST, LOUDEST).astype(np.int16))
+    except OSError as error:
+        raise ServiceError(f"The sound {out} cannot be written: {error}") from error
