@@ -112,6 +112,12 @@ def sum_rule_error(cells: Cells) -> np.ndarray:
     return _largest(cells, np.abs(found.first + found.second + delta))
 
 
+def impulse_balance_error(cells: Cells) -> np.ndarray:
+    """Return the largest |(Σv₊ − Σv₋)/(2πδT) − 1| of each cell."""
+    errors = cells.model.impulse_balance_errors(cells.delta, cells.epsilon[:, None], cells.attractors)
+    return _largest(cells, errors)
+
+
 def _largest(cells: Cells, values: np.ndarray) -> np.ndarray:
     """Return the largest value of each cell; NaN, of attractors without exponents, does not count."""
     largest = np.full(cells.delta.size * cells.epsilon.size, np.nan)

@@ -275,6 +275,15 @@ QUANTITIES: tuple[Quantity, ...] = (
         evaluate.sum_rule_error,
     ),
     Quantity(
+        "impulse_balance_error",
+        Group.LYAPUNOV,
+        CELL,
+        "float64",
+        "largest |(Σv+ − Σv-)/2πδT − 1| of the attractors that are not quiet; rounding if all are periodic",
+        _MAP,
+        evaluate.impulse_balance_error,
+    ),
+    Quantity(
         "grazing_epsilon",
         Group.GRAZING,
         _CURVE,

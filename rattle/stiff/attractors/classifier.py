@@ -34,6 +34,14 @@ class StiffClassifier(Classifier):
         measure(which, least, periods, self.cells, self.samples, self.balls, *seen)
 
 
+def cells_of(
+    delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], kappa: NDArray[np.float64]
+) -> StiffCells:
+    """Cells with these parameters (n,), as kernels take them."""
+    rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
+    return StiffCells(delta, epsilon, beta, rests, kappa)
+
+
 def classify(
     delta: NDArray[np.float64],
     epsilon: NDArray[np.float64],
@@ -44,8 +52,7 @@ def classify(
     budget: int = BUDGET,
 ) -> StiffClassifier:
     """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end or its budget."""
-    rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
-    found = StiffClassifier(StiffCells(delta, epsilon, beta, rests, kappa), tau, v, budget)
+    found = StiffClassifier(cells_of(delta, epsilon, beta, kappa), tau, v, budget)
     found.run()
     return found
 

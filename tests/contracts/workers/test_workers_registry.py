@@ -43,6 +43,7 @@ SCHEMA = {
     "fraction_error": (CELL, "float32"),
     "lyapunov_max": (CELL, "float64"),
     "sum_rule_error": (CELL, "float64"),
+    "impulse_balance_error": (CELL, "float64"),
     "basin_entropy": (CELL, "float64"),
     "boundary_basin_entropy": (CELL, "float64"),
     "boundary_distance": (CELL, "float64"),

@@ -8,6 +8,7 @@ from pieces import CELLS, contact_force, nodes, stable_orbits
 
 import rattle
 from rattle.impacting.orbits.limits import flip, sn1
+from rattle.models import model_of
 from rattle.stiff import StiffGear, from_limit
 
 CHAOTIC = {"impacting": rattle.Gear(0.6, 0.1), "stiff": StiffGear(0.4, 0.2)}
@@ -153,3 +154,17 @@ def test_what_is_no_motion_of_the_gear_is_refused() -> None:
         for watch in (gear.intensity, lambda motion, gear=gear: gear.impacts(motion, 500.0)):
             with pytest.raises(rattle.RattleError, match="comes to rest"):
                 watch(chaos("impacting"))
+
+
+@pytest.mark.parametrize("model", [model_of(0.6), model_of(0.6, 1e4)], ids=["impacting", "stiff"])
+def test_the_impulses_of_a_cells_attractors_balance(model):
+    """An audit of surveys: to rounding on periodic motions, within (largest speed)/T on chaos."""
+    delta, epsilon = np.full(4, 0.6), np.array([0.05, 0.078, 0.089, 0.1])
+    table = model.attractors_of(delta, epsilon, 32)
+    errors = model.impulse_balance_errors(delta, epsilon, table)
+    periodic, chaotic = (table.kind == rattle.KINDS.index(kind) for kind in ("periodic", "chaotic"))
+    assert periodic.sum() >= 5
+    assert errors[periodic].max() < 1e-10
+    assert np.isnan(errors[~periodic & ~chaotic]).all()
+    bound = 2.0 * 7.0 / (2.0 * np.pi * 0.6 * 64.0)
+    assert ((errors[chaotic] > 0.0) & (errors[chaotic] < bound)).all()

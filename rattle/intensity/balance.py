@@ -1,0 +1,49 @@
+"""The balance of impulses of many attractors: an audit, as λ₁ + λ₂ = −δ is one.
+
+The forcing has mean zero and Φ' returns, so the impacts of a lasting motion take up the drift: half of Σ impulses on Σ⁺
+less those on Σ⁻ is 2πδ per forcing period, exactly over a period, and within (largest speed)/T over T of them.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.attractors.table import CHAOTIC, PERIODIC, Attractors
+from rattle.flight.first_impact import OK
+from rattle.flight.law import TWO_PI
+from rattle.intensity.motions import ENDLESS
+from rattle.intensity.visit import COLUMNS, IMPULSE, TIME, summed
+from rattle.numerics.compile import kernel
+from rattle.orbits.return_map import point_of
+
+PERIODS, RELAXATIONS = 64.0, 8.0  # forcing periods, and times 1/δ, of a chaotic motion at least
+MOST_IMPACTS = 1_000_000
+
+
+@kernel
+def imbalances(cell, periodic, n_plus, tau, v, cells, found):
+    """Write |balance/2πδ − 1| of the motions (n,) to found, NaN of one that cannot be followed."""
+    sums = np.zeros((1, COLUMNS))
+    for i in range(cell.size):
+        point = point_of(cell[i], cells)
+        sums[:] = 0.0
+        returns = n_plus[i] if periodic[i] else ENDLESS
+        periods = math.inf if periodic[i] else max(PERIODS, RELAXATIONS / point.delta)
+        status, _tau, _v, _time = summed(tau[i], v[i], returns, periods, MOST_IMPACTS, point, sums)
+        balance = 0.5 * sums[0, IMPULSE] / (TWO_PI * point.delta * sums[0, TIME])
+        found[i] = abs(balance - 1.0) if status == OK else math.nan
+
+
+def impulse_balance_errors(table: Attractors, cells: Any) -> NDArray[np.float64]:
+    """|(Σv₊ − Σv₋)/(2πδT) − 1| of every attractor of a table (n,), NaN of what is neither periodic nor chaotic: to
+    rounding of a periodic one, over 64 forcing periods and 8/δ of a chaotic one. cells: as the kernels take them.
+    """
+    errors = np.full(table.cell.size, np.nan)
+    rows = np.flatnonzero((table.kind == PERIODIC) | (table.kind == CHAOTIC))
+    found = np.empty(rows.size)
+    columns = (x[rows] for x in (table.cell, table.kind == PERIODIC, table.n_plus, table.tau, table.v))
+    imbalances(*columns, cells, found)
+    errors[rows] = found
+    return errors
