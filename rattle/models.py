@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle import curves, stiff
+from rattle.attractors.classify import BUDGET
+from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractors
 from rattle.continuation.diagram import Diagram
 from rattle.curves import CodimensionTwo, Curve
@@ -69,10 +71,16 @@ class Impacting:
         return period_one(delta, epsilon, self.beta)
 
     def attractors_of(
-        self, delta: ArrayLike, epsilon: ArrayLike, count: int = 256, v_max: float = 7.0, seed: int = 0
+        self,
+        delta: ArrayLike,
+        epsilon: ArrayLike,
+        count: int = 256,
+        v_max: SpeedLimit = None,
+        seed: int = 0,
+        budget: int = BUDGET,
     ) -> Attractors:
         """The attractors of all cells."""
-        return attractors_of(delta, epsilon, self.beta, count, v_max, seed)
+        return attractors_of(delta, epsilon, self.beta, count, v_max, seed, budget)
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
         """Whether quiet motion takes too many impacts to be told from chaos."""
@@ -138,10 +146,16 @@ class Stiff:
         return stiff.period_one(delta, epsilon, self.beta, self.kappa)
 
     def attractors_of(
-        self, delta: ArrayLike, epsilon: ArrayLike, count: int = 256, v_max: float = 7.0, seed: int = 0
+        self,
+        delta: ArrayLike,
+        epsilon: ArrayLike,
+        count: int = 256,
+        v_max: SpeedLimit = None,
+        seed: int = 0,
+        budget: int = BUDGET,
     ) -> Attractors:
         """The attractors of all cells."""
-        return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed)
+        return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed, budget)
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
         """Never: contact that does not end is seen when it begins."""

@@ -10,17 +10,18 @@ what this assumes between the directions that are looked at, and how it is teste
 import math
 
 from rattle.flight.first_impact import OK
+from rattle.flight.law import speed_unit
 from rattle.numerics.compile import kernel
 from rattle.orbits.return_map import power_map
 
 LARGEST, SMALLEST = 0.25, 1e-5  # radii in phase that are tried, halving
-SPEED_WEIGHT = 1.0 / 16.0  # (Δτ)² + (Δv)²/16: phases are of order 1, speeds of order 4
+SPEED_WEIGHT = 1.0 / 16.0  # (Δτ)² + (Δv)²/16: phases are of order 1, speeds of order 4 units
 DIRECTIONS = 8
 
 
 @kernel
-def contracting_norm(a, b, c, d):
-    """M of the norm in which [[a, b], [c, d]] contracts: (found, m00, m01, m11)."""
+def contracting_norm(a, b, c, d, q):
+    """M of the norm in which [[a, b], [c, d]] contracts, with Q = diag(1, q): (found, m00, m01, m11)."""
     determinant, trace = a * d - b * c, a + d
     inside = 0.25 * trace * trace - determinant
     radius = math.sqrt(abs(determinant)) if inside <= 0.0 else abs(0.5 * trace) + math.sqrt(inside)
@@ -30,9 +31,8 @@ def contracting_norm(a, b, c, d):
     k00, k01, k02 = 1.0 - r * a * a, -2.0 * r * a * c, -r * c * c
     k10, k11, k12 = -r * a * b, 1.0 - r * (a * d + b * c), -r * c * d
     k20, k21, k22 = -r * b * b, -2.0 * r * b * d, 1.0 - r * d * d
-    # Cramer's rule with right-hand side (1, 0, SPEED_WEIGHT)
+    # Cramer's rule with right-hand side (1, 0, q)
     whole = k00 * (k11 * k22 - k12 * k21) - k01 * (k10 * k22 - k12 * k20) + k02 * (k10 * k21 - k11 * k20)
-    q = SPEED_WEIGHT
     m00 = (k11 * k22 - k12 * k21) + q * (k01 * k12 - k02 * k11)
     m01 = -(k10 * k22 - k12 * k20) - q * (k00 * k12 - k02 * k10)
     m11 = (k10 * k21 - k11 * k20) + q * (k00 * k11 - k01 * k10)
@@ -60,7 +60,8 @@ def contracts(tau, v, k, n_minus, m00, m01, m11, point):
 def ball(tau, v, k, n_minus, point):
     """The quadratic form whose value below 1 means capture by the fixed point (τ, v) of Π^k: (found, c00, c01, c11)."""
     status, _t, _v, _time, _below, a, b, c, d, _ln = power_map(tau, v, k, point)
-    found, m00, m01, m11 = contracting_norm(a, b, c, d)
+    unit = speed_unit(point.delta, point.epsilon, point.beta)
+    found, m00, m01, m11 = contracting_norm(a, b, c, d, SPEED_WEIGHT / (unit * unit))
     if status != OK or not (found and m00 > 0.0 and m00 * m11 > m01 * m01):
         return False, 0.0, 0.0, 0.0
     radius = LARGEST

@@ -110,7 +110,7 @@ class States:
     def __init__(self, plane: Plane) -> None:
         self.plane = plane
         n, x = np.zeros(0, np.int64), np.zeros(0)
-        self.table = Attractors(n, n, n, n, n, n, x, x, x, x, x, n)
+        self.table = Attractors(n, n, n, n, n, n, x, x, x, x, x, n, x)
         self.tau, self.v = x, x  # a state that goes to each: followed again, it tells which one that is in a new call
 
     def follow(self, tau: NDArray[np.float64], v: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

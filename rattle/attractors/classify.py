@@ -2,7 +2,9 @@
 
 Every sample is followed until it is captured or has made FIRST impacts. In a cell where some are left, a few of them,
 the witnesses, are measured for longer with a tangent vector: they show what the others do, or that all must be followed
-for longer. docs/decisions/0007-survey-cost.md has the reasons and the figures.
+for longer. What is left is chaotic only if it was watched for WATCH relaxation times 1/δ: phase space contracts by
+e^(−δ) a period, and a transient lasts some multiple of that. docs/decisions/0007-survey-cost.md and 0026-labels.md have
+the reasons and the figures.
 """
 
 from abc import ABC, abstractmethod
@@ -18,9 +20,12 @@ from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samp
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
 FIRST = 128  # impacts that every sample may make before the cell is judged
 GROWTH = 4  # every further stage lasts this many times as long
-STAGES = 4
+STAGES = 4  # where damping is strong; else as many as the budget has room for
 FEW = 8  # where no more than one in so many is left, there is one stage more
 MEASURED, PERIODS = 2000, 1000.0  # least impacts and forcing periods of one witness
+WATCH = 100.0  # relaxation times 1/δ of one witness: below δ = 0.1 more than that, and all stages as much longer
+WEAK, CROWD, BESIDE = 0.3, 256, 1e-9  # damping below which more states are watched, how many, and how near to samples
+BUDGET = 1_000_000  # impacts of a sample, by default: what is left by then without being told is undecided
 MOST_MEASURED = 20_000  # impacts of a witness that never gets through its periods
 WITNESSES = 12  # per cell: if one in 3000 periods leaves a chaotic set, 98 % of the cells show it
 TRACED = 1000  # impacts of a footprint without gaps
@@ -31,10 +36,13 @@ ROOM = 8  # orbits per cell to begin with; doubled where a cell has more
 
 
 class Chaos(NamedTuple):
-    """A chaotic attractor of one cell: the samples that are on it, and the batch sums of those measured."""
+    """A chaotic attractor of one cell: the samples that are on it, the batch sums of those measured, and the forcing
+    periods for which these were watched.
+    """
 
     samples: NDArray[np.int64]
     sums: NDArray[np.float64]
+    watched: float
 
 
 class Seen(NamedTuple):
@@ -47,11 +55,13 @@ class Seen(NamedTuple):
 class Classifier(ABC):
     """The samples of a block of cells on their way, and what is known of the cells; a gear says how they go on."""
 
-    def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64]) -> None:
-        """Take cells as the kernels do, and initial conditions of shape (n_cells, count)."""
+    def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
+        """Take cells as the kernels do, initial conditions of shape (n_cells, count), and the most impacts of one."""
         n_cells, self.count = tau.shape
-        self.cells = cells
-        self.samples = begun(np.repeat(np.arange(n_cells), self.count), tau.ravel(), v.ravel(), FIRST)
+        self.cells, self.budget = cells, budget
+        self.longer = np.maximum(1.0, WATCH / (PERIODS * cells.delta))  # than where damping is strong
+        cell = np.repeat(np.arange(n_cells), self.count)
+        self.samples = begun(cell, tau.ravel(), v.ravel(), self.most(FIRST, cell))
         self.orbits, self.balls = _empty_tables(n_cells)
         self.chaos: dict[int, list[Chaos]] = {}
         self.stage = np.zeros(n_cells, np.int64)
@@ -68,13 +78,15 @@ class Classifier(ABC):
         """Enter into the tables what is known of the cells beforehand."""
 
     @abstractmethod
-    def advance(self, which: NDArray[np.int64], samples: Samples) -> None:
-        """Follow these samples to their ends or limits, in place."""
+    def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:
+        """Follow these samples to their ends or limits, in place; early: most of them are soon captured."""
 
     @abstractmethod
-    def watch(self, which: NDArray[np.int64], least: int, periods: float, seen: Seen) -> None:
-        """Follow these of the survey's samples with a tangent vector, for so many impacts and forcing periods at least,
-        in place.
+    def watch(
+        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
+    ) -> None:
+        """Follow these (k,) of the survey's samples with a tangent vector, for so many impacts and forcing periods (k,)
+        at least, in place.
         """
 
     def run(self) -> None:
@@ -82,17 +94,19 @@ class Classifier(ABC):
         index = np.arange(self.samples.cell.size).reshape(-1, self.count)
         pilot = np.zeros(self.count, np.bool_)
         pilot[np.arange(min(PILOT, self.count)) * self.count // min(PILOT, self.count)] = True
-        self.settle(index[:, pilot].ravel(), self.samples)
-        self.settle(index[:, ~pilot].ravel(), self.samples)
+        self.settle(index[:, pilot].ravel(), self.samples, early=True)
+        self.settle(index[:, ~pilot].ravel(), self.samples, early=True)
         pending = np.arange(len(index))
         while pending.size:
             pending = pending[(self.status[pending] == LEFT).any(axis=1)]
             doubtful = (self.stage[pending] == 0) & (self.status[pending] != LEFT).any(axis=1) | self.unclear[pending]
-            leaks = doubtful | leaking(self.status[pending], self.impacts[pending])
+            first = FIRST * self.longer[pending]
+            leaks = doubtful | leaking(self.status[pending], self.impacts[pending], first)
             decided = np.zeros(pending.size, np.bool_)
             decided[~leaks] = self.judge(pending[~leaks])
             few = (self.status[pending] == LEFT).sum(axis=1) <= self.count // FEW
-            decided |= self.stage[pending] >= STAGES + few
+            decided |= (self.stage[pending] >= STAGES + few) & (self.cells.delta[pending] >= WEAK)
+            decided |= FIRST * GROWTH ** self.stage[pending] * self.longer[pending] >= self.budget
             pending = pending[~decided]
             self.extend(pending)
 
@@ -105,6 +119,10 @@ class Classifier(ABC):
         others = begun(cell, tau.copy(), v.copy(), most.copy())
         self.settle(np.arange(cell.size), others)
         return np.asarray(others.status)
+
+    def most(self, impacts: Any, cell: NDArray[np.int64]) -> NDArray[np.int64]:
+        """So many impacts where damping is strong, as many more as these cells' relaxation takes, within the budget."""
+        return np.minimum(impacts * self.longer[cell], self.budget).astype(np.int64)
 
     @property
     def status(self) -> NDArray[np.int64]:
@@ -120,10 +138,10 @@ class Classifier(ABC):
         """The samples of a cell that have not ended."""
         return cell * self.count + np.flatnonzero(self.status[cell] == LEFT)
 
-    def settle(self, which: NDArray[np.int64], samples: Samples) -> None:
+    def settle(self, which: NDArray[np.int64], samples: Samples, early: bool = False) -> None:
         """Follow these samples to their limits; those that recur find an orbit of their cell, or go on."""
         while which.size:
-            self.advance(which, samples)
+            self.advance(which, samples, early)
             which = which[samples.status[which] == RECURRENT]
             self.resolve(which, samples)
             which = which[(samples.status[which] == LEFT) & (samples.impacts[which] < samples.limit[which])]
@@ -140,7 +158,8 @@ class Classifier(ABC):
         """Follow what is left in these cells for longer."""
         self.stage[cells] += 1
         which = np.concatenate([np.zeros(0, np.int64), *(self.left_in(cell) for cell in cells)])
-        self.samples.limit[which] = FIRST * GROWTH ** self.stage[self.samples.cell[which]]
+        cell = self.samples.cell[which]
+        self.samples.limit[which] = self.most(FIRST * GROWTH ** self.stage[cell], cell)
         self.settle(which[self.samples.impacts[which] < self.samples.limit[which]], self.samples)
 
     def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -157,27 +176,64 @@ class Classifier(ABC):
                 decided[i] = self.declare_chaos(int(cell), chosen[i], Seen(seen.sums[span], seen.prints[span]))
             else:
                 self.unclear[cell] = (self.samples.status[chosen[i]] == LEFT).all()
+        weak = decided & (self.cells.delta[cells] < WEAK)
+        decided[weak] = self.outlast(cells[weak])
         return decided
 
-    def measure(self, which: NDArray[np.int64], times: int = 1) -> tuple[Seen, NDArray[np.bool_]]:
+    def outlast(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether nothing leaves what is left in these cells, in as many impacts as the most watched has made: of all
+        samples and of so many states near them that there are CROWD. Where damping is weak, sets that lose samples
+        slowly are as frequent as those that lose none, and twelve witnesses do not tell them apart.
+        """
+        lasted, samples = np.zeros(cells.size, np.bool_), self.samples
+        left = [self.left_in(int(cell)) for cell in cells]
+        which = np.concatenate([np.zeros(0, np.int64), *left])
+        samples.limit[which] = np.repeat([samples.impacts[each].max() for each in left], [each.size for each in left])
+        self.settle(which[samples.impacts[which] < samples.limit[which]], samples)
+        stayed = np.array([(samples.status[each] == LEFT).all() for each in left], np.bool_)
+        lasted[stayed] = self.crowd_lasts(cells[stayed])
+        for cell, all_left in zip(cells, lasted, strict=True):
+            found = self.chaos.pop(int(cell))
+            if all_left:
+                self.chaos[int(cell)] = [chaos._replace(watched=self.watched(chaos.samples)) for chaos in found]
+        return lasted
+
+    def crowd_lasts(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether states beside what is left in these cells go on too, each for as many impacts as any sample: in chaos
+        they soon have nothing in common.
+        """
+        each = np.arange(CROWD)
+        left = [self.left_in(int(cell)) for cell in cells]
+        which = np.concatenate([np.zeros(0, np.int64), *(here[each % here.size] for here in left)])
+        beside = np.concatenate([np.zeros(0), *(each // here.size for here in left)])
+        cell, fresh, samples = self.samples.cell[which], beside > 0, self.samples
+        most = np.repeat([samples.impacts[here].max() for here in left], CROWD)
+        v = samples.v[which] * (1.0 + BESIDE * beside)
+        gone = np.zeros(which.size, np.bool_)
+        gone[fresh] = self.settled(cell[fresh], samples.tau[which][fresh], v[fresh], most[fresh]) != LEFT
+        return ~np.asarray(gone.reshape(-1, CROWD).any(axis=1))
+
+    def measure(self, which: NDArray[np.int64], times: float = 1.0) -> tuple[Seen, NDArray[np.bool_]]:
         """What is seen of these samples, and whether each is left and chaotic; if unclear, measured for longer."""
         seen, chaotic = nothing_seen(which.size), np.zeros(which.size, np.bool_)
-        todo, samples = np.arange(which.size), self.samples
+        samples = self.samples
+        todo = np.flatnonzero(samples.impacts[which] < self.budget)
         for extension in range(EXTENSIONS + 1):
-            now = which[todo]
-            longer = times * 2**extension
-            samples.limit[now] = samples.impacts[now] + MOST_MEASURED * longer
-            part = nothing_seen(todo.size)
-            self.watch(now, MEASURED * longer, PERIODS * longer, part)
-            self.resolve(now[samples.status[now] == RECURRENT], samples)
-            seen.sums[todo], seen.prints[todo] = part
-            left = samples.status[now] == LEFT
-            quick = part.sums[:, :, 0].sum(axis=1) < 0.5 * PERIODS * longer  # spent its impacts first, on small bounces
-            chattering = quick & self.has_quiet[samples.cell[now]]  # which may be about to become quiet
-            chaotic[todo] = left & ~chattering & np.array([is_chaotic(each) for each in part.sums])
-            todo = todo[left & ~chaotic[todo] & ~chattering]
             if not todo.size:
                 break
+            now = which[todo]
+            longer = np.maximum(self.longer[samples.cell[now]], times) * 2**extension
+            most, room = MOST_MEASURED * longer, self.budget - samples.impacts[now]
+            samples.limit[now] = samples.impacts[now] + np.minimum(most, room).astype(np.int64)
+            part, before = nothing_seen(todo.size), samples.time[now]
+            self.watch(now, np.full(todo.size, float(MEASURED * 2**extension)), PERIODS * longer, part)
+            self.resolve(now[samples.status[now] == RECURRENT], samples)
+            seen.sums[todo], seen.prints[todo] = part
+            left, time = samples.status[now] == LEFT, samples.time[now] - before
+            chattering = (time < 0.5 * PERIODS * longer) & self.has_quiet[samples.cell[now]]  # may be about to rest
+            stopped = chattering | (time < PERIODS * longer) & (room < most)  # by the budget
+            chaotic[todo] = left & ~stopped & np.array([is_chaotic(each) for each in part.sums])
+            todo = todo[left & ~chaotic[todo] & ~stopped & (samples.impacts[now] < self.budget)]
         return seen, chaotic
 
     def declare_chaos(self, cell: int, which: NDArray[np.int64], seen: Seen) -> bool:
@@ -193,33 +249,37 @@ class Classifier(ABC):
             if not chaotic.all():
                 return False
         if len(groups_of(prints)) == 1:
-            self.chaos[cell] = [Chaos(self.left_in(cell), sums)]
+            self.chaos[cell] = [Chaos(self.left_in(cell), sums, self.watched(which))]
             return True
         which = self.left_in(cell)
         (sums, prints), chaotic = self.measure(which, LONGER)
         if chaotic.all():
             mark_footprints(which, TRACED, self.cells, self.samples, prints)
-            self.chaos[cell] = [Chaos(which[group], sums[group]) for group in groups_of(prints)]
+            self.chaos[cell] = [Chaos(which[i], sums[i], self.watched(which[i])) for i in groups_of(prints)]
         return bool(chaotic.all())
+
+    def watched(self, which: NDArray[np.int64]) -> float:
+        """Forcing periods for which all of these samples were followed."""
+        return float(self.samples.time[which].min())
 
 
 def begun(
     cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], limit: NDArray[np.int64] | int
 ) -> Samples:
     """Samples (k,) that have made no impact yet, and so many at most; the arrays are followed in place."""
-    impacts, limits, *others = (np.zeros(cell.size, np.int64) for _ in range(6))
-    limits[:] = limit
-    return Samples(cell, tau, v, impacts, limits, *others)
+    impacts, status, orbit, gap, pause = (np.zeros(cell.size, np.int64) for _ in range(5))
+    limits = np.broadcast_to(limit, cell.shape).astype(np.int64)
+    return Samples(cell, tau, v, impacts, limits, status, orbit, gap, pause, np.zeros(cell.size))
 
 
-def leaking(status: NDArray[np.int64], impacts: NDArray[np.int64]) -> NDArray[np.bool_]:
+def leaking(status: NDArray[np.int64], impacts: NDArray[np.int64], first: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Whether what is left in cells (n,) may still settle, from status and impacts (n, count): others settled later
-    than to begin with, and what is left has not outlasted them by enough since.
+    than to begin with, within the first impacts (n,), and what is left has not outlasted them by enough since.
 
     Were it the same leaking set, LEAKS_MISSED more would have left it by now, at the rate until the last one did.
     """
     settled = status != LEFT
-    leaked = settled & (impacts > FIRST)
+    leaked = settled & (impacts > first[:, None])
     last = np.where(leaked, impacts, 0).max(axis=1, initial=0)[:, None]
     since = np.where(settled, 0, np.maximum(impacts - last, 0)).sum(axis=1)
     before = np.minimum(impacts, last).sum(axis=1)

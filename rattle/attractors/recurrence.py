@@ -5,10 +5,10 @@ import math
 import numpy as np
 
 from rattle.attractors.ball import ball
-from rattle.attractors.samples import LEFT, ORBIT, capturing_orbit, mark
+from rattle.attractors.samples import LEFT, ORBIT, capturing_orbit, mark, top_speed
 from rattle.flight.first_impact import OK
-from rattle.flight.law import wrapped
-from rattle.numerics.compile import kernel
+from rattle.flight.law import speed_unit, wrapped
+from rattle.numerics.compile import inline, kernel
 from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
 
 APPROACH = 0.5  # a trajectory must come this much closer to the orbit that Newton's method found ...
@@ -19,10 +19,17 @@ SAME_POINT = 1e-6  # two orbits of one label closer than this are one
 BALLS_PER_ORBIT = 4
 
 
+@inline
+def unit_at(point):
+    """What speeds are measured in at a parameter point."""
+    return speed_unit(point.delta, point.epsilon, point.beta)
+
+
 @kernel
 def approaches(tau, v, star_tau, star_v, k, most, point):
     """True if the trajectory is seen to approach the orbit."""
-    start = math.hypot(wrapped(tau - star_tau), v - star_v)
+    unit = unit_at(point)
+    start = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
     if start < ARRIVED:
         return True
     for _ in range(k, most + 1, k):
@@ -30,7 +37,7 @@ def approaches(tau, v, star_tau, star_v, k, most, point):
             status, tau, v, _time, _below = step(tau, v, point)
             if status != OK:
                 return False
-        distance = math.hypot(wrapped(tau - star_tau), v - star_v)
+        distance = math.hypot(wrapped(tau - star_tau), (v - star_v) / unit)
         if distance < max(APPROACH * start, ARRIVED):
             return True
         if distance > 4.0 * start:
@@ -41,12 +48,12 @@ def approaches(tau, v, star_tau, star_v, k, most, point):
 @kernel
 def first_return(tau, v, gap, point):
     """Impacts to the first return to (τ, v), at most the gap that is known to lead back."""
-    t, speed = tau, v
+    t, speed, unit = tau, v, unit_at(point)
     for j in range(1, gap):
         status, t, speed, _time, _below = step(t, speed, point)
         if status != OK:
             return gap
-        if abs(speed - v) < CANDIDATE and abs(wrapped(t - tau)) < CANDIDATE:
+        if abs(speed - v) < CANDIDATE * unit and abs(wrapped(t - tau)) < CANDIDATE:
             return j
     return gap
 
@@ -62,7 +69,7 @@ def stable_orbit(tau, v, gap, most, point):
         return nothing
     k = first_return(tau, v, gap, point)
     found, star_tau, star_v = newton(tau, v, k, point)
-    if not found or math.hypot(wrapped(tau - star_tau), v - star_v) > 0.05:
+    if not found or math.hypot(wrapped(tau - star_tau), (v - star_v) / unit_at(point)) > 0.05:
         return nothing
     k = shortest_return(star_tau, star_v, k, point)
     _status, _t, _v, time, n_minus, a00, _b, _c, a11, log_det = power_map(star_tau, star_v, k, point)
@@ -79,12 +86,13 @@ def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
     """The index of this orbit among those of the cell, −1 if it is new. A near tie for the fastest point may be broken
     either way, so all points are compared.
     """
+    near = SAME_POINT * unit_at(point)
     for j in range(orbits.n[cell]):
         if orbits.m[cell, j] != m or orbits.n_plus[cell, j] != n_plus or orbits.n_minus[cell, j] != n_minus:
             continue
         t, speed = tau, v
         for _ in range(n_plus):
-            if abs(wrapped(t - orbits.tau[cell, j])) < SAME_POINT and abs(speed - orbits.v[cell, j]) < SAME_POINT:
+            if abs(wrapped(t - orbits.tau[cell, j])) < SAME_POINT and abs(speed - orbits.v[cell, j]) < near:
                 return j
             _status, t, speed, _time, _below = step(t, speed, point)
     return -1
@@ -129,7 +137,7 @@ def mark_footprints(which, impacts, cells, samples, footprints):
             status, tau, v, _time, _below = step(tau, v, point)
             if status != OK:
                 break
-            mark(tau, v, point.epsilon, footprints[j])
+            mark(tau, v, top_speed(point.epsilon, unit_at(point)), footprints[j])
 
 
 @kernel

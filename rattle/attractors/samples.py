@@ -9,13 +9,15 @@ from rattle.numerics.compile import inline
 
 LEFT, QUIET, ORBIT, RECURRENT, FAILED = range(5)
 GRID = 32  # boxes per side of the (τ, v) plane in which a chaotic trajectory leaves its footprint
+HIGHEST = 14.0  # units of speed in which a footprint ends
 RECURRENCE = 1e-6  # a return this close is worth a Newton iteration
 ALIGNMENT = 64  # impacts in which the tangent vector turns into the most expanding direction
 
 
 class Samples(NamedTuple):
     """The samples (n,): cell, state, impacts so far and at most, what became of them, index of the orbit that captured
-    them; after a recurrence the impacts between, and the impacts before which the next one is not looked for.
+    them; after a recurrence the impacts between, and the impacts before which the next one is not looked for; and the
+    forcing periods so far.
     """
 
     cell: Any
@@ -27,6 +29,7 @@ class Samples(NamedTuple):
     orbit: Any
     gap: Any
     pause: Any
+    time: Any
 
 
 class Orbits(NamedTuple):
@@ -67,8 +70,14 @@ def capturing_orbit(tau, v, cell, balls):
 
 
 @inline
-def mark(tau, v, epsilon, footprint):
-    """Enter (τ, v) into the footprint: its rows are phases, its bits speeds up to the largest there can be."""
+def top_speed(epsilon, unit):
+    """The largest speed of a footprint: beyond are few, if any."""
+    return min(DRIFT + TWO_PI * epsilon, HIGHEST * unit)
+
+
+@inline
+def mark(tau, v, top, footprint):
+    """Enter (τ, v) into the footprint: its rows are phases, its bits speeds up to this one and beyond."""
     row = min(int(tau * GRID), GRID - 1)
-    column = min(int(v / (DRIFT + TWO_PI * epsilon) * GRID), GRID - 1)
+    column = min(int(v / top * GRID), GRID - 1)
     footprint[row] |= np.uint64(1) << np.uint64(column)

@@ -8,15 +8,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.chaos import pooled
-from rattle.attractors.classify import Classifier
+from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.samples import LEFT, ORBIT
 from rattle.attractors.samples import QUIET as SETTLED_QUIET
-from rattle.errors import require, require_integer, require_number
+from rattle.attractors.speeds import SpeedLimit, sampled_speeds
+from rattle.errors import require, require_integer
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 
 KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
 QUIET, PERIODIC, CHAOTIC, UNDECIDED = range(1, 5)
 MOST_SAMPLES = 1 << 20
+LARGEST_BUDGET = 1_000_000_000
 LARGEST_SEED = (1 << 128) - 1
 
 
@@ -45,7 +47,9 @@ class Attractor:
 class Attractors(NamedTuple):
     """The attractors of many cells, all arrays (n,): cell by cell, in each by falling number of samples.
 
-    kind indexes KINDS; the other fields are those of `Attractor`, and impacts those on Σ⁺ that its samples made.
+    kind indexes KINDS. impacts: those on Σ⁺ that its samples made. watched: forcing periods for which a chaotic one, or
+    undecided samples, were followed at least, NaN of others. The other fields are those of `Attractor`. One that is
+    known to exist and that no sample found has samples 0.
     """
 
     cell: NDArray[np.int64]
@@ -60,6 +64,7 @@ class Attractors(NamedTuple):
     second: NDArray[np.float64]
     error: NDArray[np.float64]
     impacts: NDArray[np.int64]
+    watched: NDArray[np.float64]
 
 
 def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -75,15 +80,27 @@ def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]
     return kind, which
 
 
-def tabulated(classifier: Classifier) -> tuple[Attractors, NDArray[np.int64]]:
-    """One row for every attractor of every cell, and the row of every sample."""
+def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors, NDArray[np.int64]]:
+    """One row for every attractor of every cell, and the row of every sample; missed: stable orbits that are known and
+    that no sample went to have rows too.
+    """
     kind, which = _kinds(classifier)
     samples, orbits = classifier.samples, classifier.orbits
+    cell = samples.cell
+    if missed:
+        of, orbit = np.nonzero(np.arange(orbits.m.shape[1]) < orbits.n[:, None])
+        cell, kind, which = np.append(cell, of), np.append(kind, np.full(of.size, PERIODIC)), np.append(which, orbit)
     width = int(which.max(initial=0)) + 1
-    key = (samples.cell * len(KINDS) + kind) * width + which
-    _, one, row, number = np.unique(key, return_index=True, return_inverse=True, return_counts=True)
-    cell, kind, which = samples.cell[one], kind[one], which[one]
+    key = (cell * len(KINDS) + kind) * width + which
+    _, one, row = np.unique(key, return_index=True, return_inverse=True)
+    row = row[: samples.cell.size]
+    cell, kind, which = cell[one], kind[one], which[one]
+    number = np.bincount(row, minlength=one.size)
     impacts = np.bincount(row, weights=samples.impacts, minlength=one.size).astype(np.int64)
+    watched = np.full(one.size, np.inf)
+    np.minimum.at(watched, row, samples.time)
+    watched[(kind != CHAOTIC) & (kind != UNDECIDED)] = np.nan
+    one = np.minimum(one, samples.cell.size - 1)  # the state of a row without samples is its orbit's
     periodic = kind == PERIODIC
 
     def of_orbit(values: NDArray[np.float64], otherwise: ArrayLike) -> NDArray[np.float64]:
@@ -93,32 +110,37 @@ def tabulated(classifier: Classifier) -> tuple[Attractors, NDArray[np.int64]]:
     first, second = of_orbit(orbits.first, np.nan), of_orbit(orbits.second, np.nan)
     error = np.where(periodic, 0.0, np.nan)
     for i in np.flatnonzero(kind == CHAOTIC):
-        first[i], second[i], error[i] = pooled(classifier.chaos[int(cell[i])][which[i]].sums)
+        chaos = classifier.chaos[int(cell[i])][which[i]]
+        first[i], second[i], error[i] = pooled(chaos.sums)
+        watched[i] = chaos.watched
     m, n_plus, n_minus = (of_orbit(x, 0).astype(np.int64) for x in (orbits.m, orbits.n_plus, orbits.n_minus))
     tau, v = of_orbit(orbits.tau, samples.tau[one]), of_orbit(orbits.v, samples.v[one])
     order = np.lexsort((tau, v, n_minus, n_plus, m, kind, -number, cell))
-    cell, kind, m, n_plus, n_minus, number, impacts = (
-        x[order] for x in (cell, kind, m, n_plus, n_minus, number, impacts)
-    )
-    tau, v, first, second, error = (x[order] for x in (tau, v, first, second, error))
-    table = Attractors(cell, kind, m, n_plus, n_minus, number, tau, v, first, second, error, impacts)
-    return table, np.argsort(order)[row.ravel()]
+    columns = cell, kind, m, n_plus, n_minus, number, tau, v, first, second, error, impacts, watched
+    return Attractors._make(x[order] for x in columns), np.argsort(order)[row.ravel()]
 
 
 def of_samples(
-    classify: Callable[..., Classifier], cells: Sequence[NDArray[np.float64]], count: int, v_max: float, seed: int
+    classify: Callable[..., Classifier],
+    cells: Sequence[NDArray[np.float64]],
+    count: int,
+    v_max: SpeedLimit,
+    seed: int,
+    budget: int = BUDGET,
 ) -> Attractors:
     """The attractors of cells with these parameters (δ, ε, β and what the model has besides), where `classify` takes
-    them and the sample of each. Raises ParameterError.
+    them, the sample of each and the most impacts of one. Raises ParameterError.
     """
+    budget = require_integer("budget", budget, 1, LARGEST_BUDGET)
     count = require_integer("count", count, 1, MOST_SAMPLES)
     seed = require_integer("seed", seed, 0, LARGEST_SEED)
-    v_max = require_number("v_max", v_max, positive=True)
     flat = [np.array(x, order="C").ravel() for x in cells]
     n = flat[0].size
     require(n * count <= 64 * MOST_SAMPLES, f"{n} cells of {count} samples are too many at once: use tiles")
     d, e, b = flat[:3]
-    table, _rows = tabulated(classify(*flat, *initial_conditions(d, e, b, count, v_max, seed)))
+    sample = initial_conditions(d, e, b, count, sampled_speeds(v_max, d, e, b), seed)
+    found = classify(*flat, *sample, budget)
+    table, _rows = tabulated(found, missed=True)
     return table
 
 

@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
 from rattle.comparison.measured import Measured, period_of
 from rattle.comparison.walls import Fit, fit, fits
 from rattle.errors import require_finite, require_integer, require_number
-from rattle.flight.law import natural_speed, speed_unit
+from rattle.flight.law import speed_unit
 from rattle.intensity.intensity import Intensity
 from rattle.models import AnyGear, model_at
 
@@ -81,7 +82,7 @@ def compare(
     stiffness = model_at(gear).stiffness
     dwell = 0.0 if stiffness is None else math.pi / math.sqrt(2.0 * stiffness)
     fitting = measured, gear, float(speed_unit(*point)), dwell
-    attractors = gear.attractors(count, float(natural_speed(*point)), seed)
+    attractors = gear.attractors(count, NATURAL, seed)
     known = [_known(each, gear, bins) for each in attractors if each.kind != "undecided"]
     found = [
         _compared(measured, each, known, bins, tolerance)

@@ -16,6 +16,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import PERIODIC, Attractors
 from rattle.continuation.motions import Motion, Motions, Segment, runs
 from rattle.continuation.search import Search
@@ -112,7 +113,7 @@ class Diagram(Generic[AnyBranch, AnyEvent]):
 
 
 def diagram_of(
-    model: Motions, beta: float, steps: int, count: int, v_max: float, impacts: int, most: int, seed: int
+    model: Motions, beta: float, steps: int, count: int, v_max: SpeedLimit, impacts: int, most: int, seed: int
 ) -> Diagram[Any, Any]:
     """The diagram of a model along its segment; the other arguments as those of `diagram`."""
     segment = model.segment

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.classify import Classifier
+from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractors
 from rattle.continuation.arclength import Problem
 from rattle.numerics.complex_step import Array
@@ -55,7 +56,7 @@ class Motions(Protocol):
     def steps(self, position: Array) -> tuple[Array, ...]:
         """The steps at these positions (n,)."""
 
-    def sampled(self, steps: tuple[Array, ...], count: int, v_max: float, seed: int) -> Attractors:
+    def sampled(self, steps: tuple[Array, ...], count: int, v_max: SpeedLimit, seed: int) -> Attractors:
         """The attractors that so many initial conditions find, cell i at step i."""
 
     def classify(self, steps: tuple[Array, ...], tau: Array, v: Array) -> Classifier:

@@ -95,12 +95,10 @@ class Sweeps:
         self.known: list[list[Known]] = [[] for _ in steps[0]]
         self.visits: list[Visit] = []
         self._runs: list[_Run] = []
-        for cell, kind, m, n_plus, n_minus, tau, v in zip(
-            table.cell, table.kind, table.m, table.n_plus, table.n_minus, table.tau, table.v, strict=True
-        ):
+        for cell, kind, m, n_plus, n_minus, samples, tau, v in zip(*table[:8], strict=True):
             if kind not in (QUIET, UNDECIDED):
                 label = int(m), int(n_plus), int(n_minus)
-                self.known[cell].append(Known(int(kind), label, float(tau), float(v), sampled=True))
+                self.known[cell].append(Known(int(kind), label, float(tau), float(v), sampled=bool(samples)))
 
     def run(self) -> None:
         """Follow everything known, one way at least."""

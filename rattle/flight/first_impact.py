@@ -7,19 +7,18 @@ import math
 import numpy as np
 from numpy import float32 as f32
 
-from rattle.flight.guess import depth, first_guess, level_of, local_root, refined, taylor
+from rattle.flight.guess import depth, first_guess, in_single, level_of, local_root, refined, taylor
 from rattle.flight.law import (
-    DRIFT,
     TWO_PI,
     evaluate,
     evaluate_short,
     fourth_derivative,
+    leaving,
     negative_arc,
     second_derivative,
     third_derivative,
-    versines,
 )
-from rattle.flight.proof import clears_the_gap, is_located, single_turn
+from rattle.flight.proof import arc_in_single, clears_the_gap, is_located, single_turn
 from rattle.numerics.compile import inline, kernel
 
 OK = 0
@@ -36,15 +35,15 @@ FARTHEST_STEP = 1e-4  # longest last step, of the flight time or of a period
 
 
 @inline
-def last_step(s, f0, f1, lost, sin1, cos1, a, delta, epsilon):
+def last_step(s, f0, f1, lost, sin1, cos1, flight):
     """The step u to F = 0 from a close guess s, its height f0 and what `evaluate_short` gives there.
 
     The root of the Taylor series by reversion, to third order. What is left out is u⁴ (5p (p² − q) + r) with p, q, r =
     F''/2F', F‴/6F', F⁗/24F'. Returns (u, exact); exact tells that this is below 2e-15 s.
     """
-    f2 = second_derivative(a, lost, cos1, delta, epsilon)
-    f3 = third_derivative(a, lost, sin1, delta, epsilon)
-    f4 = fourth_derivative(a, lost, cos1, delta, epsilon)
+    f2 = second_derivative(lost, cos1, flight)
+    f3 = third_derivative(lost, sin1, flight)
+    f4 = fourth_derivative(lost, cos1, flight)
     inverse = 1.0 / f1
     u = -f0 * inverse
     size = abs(u)
@@ -57,66 +56,48 @@ def last_step(s, f0, f1, lost, sin1, cos1, a, delta, epsilon):
 
 
 @inline
-def stepped(u, f1, lost, sin1, cos1, a, delta, epsilon):
+def stepped(u, f1, lost, sin1, cos1, flight):
     """F', F'', 1 − e^(−δs), sin and cos after a step u, by Taylor series: what is left out is below 1e-15 of each."""
-    f2 = second_derivative(a, lost, cos1, delta, epsilon)
-    f3 = third_derivative(a, lost, sin1, delta, epsilon)
-    f4 = fourth_derivative(a, lost, cos1, delta, epsilon)
-    y, x = TWO_PI * u, delta * u
+    f2 = second_derivative(lost, cos1, flight)
+    f3 = third_derivative(lost, sin1, flight)
+    f4 = fourth_derivative(lost, cos1, flight)
+    y, x = TWO_PI * u, flight.delta * u
     omc, siny = y * y * (0.5 - y * y * (1.0 / 24.0)), y * (1.0 - y * y * (1.0 / 6.0))
     w1 = f1 + u * (f2 + u * (0.5 * f3 + u * f4 * (1.0 / 6.0)))
     cos2 = cos1 - (siny * sin1 + omc * cos1)
     lost += (1.0 - lost) * x * (1.0 - x * (0.5 - x * (1.0 / 6.0)))
-    return w1, second_derivative(a, lost, cos2, delta, epsilon), lost, sin1 + (siny * cos1 - omc * sin1), cos2
+    return w1, second_derivative(lost, cos2, flight), lost, sin1 + (siny * cos1 - omc * sin1), cos2
 
 
 @kernel
-def proven_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta):
+def proven_impact(wall, tau, flight, beta):
     """The first impact by the stages that a block of lanes runs: (proved, next wall, s, F', 1 − e^(−δs), sin,
     cos)."""
-    wall_, w_, sin_, cos_, delta_, epsilon_ = f32(wall), f32(w), f32(sin0), f32(cos0), f32(delta), f32(epsilon)
-    gap = f32(2.0 * beta)
-    a_ = f32(DRIFT) - f32(TWO_PI) * epsilon_ * sin_ - w_
-    s = first_guess(wall_, w_, sin_, cos_, delta_, f32(1.0 / delta), epsilon_, gap)
-    c0, c1, c2, c3, c4, c5 = taylor(s, w_, a_, sin_, cos_, delta_, epsilon_)
-    lowest, bound, tilt, turn = depth(s, c0, c1, c2, c3, c4, c5, w_, a_, delta_, epsilon_)
+    wall_, gap, short = f32(wall), f32(2.0 * beta), in_single(flight)
+    s = first_guess(wall_, gap, f32(1.0 / flight.delta), short)
+    series = taylor(s, short)
+    lowest, minimum = depth(s, series, short)
     falls = wall > 0 and lowest < -gap
     level_ = level_of(wall_, falls, gap)
-    s += local_root(not falls, c0 - level_, c1, c2, c3, c4, c5)
-    s, step, speed = refined(s, level_, w_, a_, sin_, cos_, delta_, epsilon_)
-    proved = is_located(s, step, speed, w_, a_, delta_, epsilon_)
-    proved &= clears_the_gap(wall_, not falls, s, turn, bound, tilt, gap, w_, a_, sin_, delta_, epsilon_)
-    arc, leave, length, sin_entry, sin_exit = negative_arc(delta, epsilon)
-    proved &= single_turn(
-        wall_,
-        not falls,
-        f32(tau),
-        s,
-        turn,
-        w_,
-        a_,
-        sin_,
-        delta_,
-        epsilon_,
-        f32(leave),
-        f32(length),
-        f32(sin_entry),
-        f32(sin_exit),
-        not arc,
-    )
+    s += local_root(not falls, level_, series)
+    s, step, speed = refined(s, level_, short)
+    proved = is_located(s, step, speed, short)
+    proved &= clears_the_gap(wall_, not falls, s, minimum, gap, short)
+    arc = arc_in_single(negative_arc(flight.delta, flight.epsilon))
+    proved &= single_turn(wall_, not falls, f32(tau), s, minimum.time, short, arc)
     level = -2.0 * beta if falls else (0.0 if wall > 0 else 2.0 * beta)
     close = np.float64(s)
-    f0, f1, _f2, lost, sin1, cos1 = evaluate_short(close, w, a, sin0, cos0, delta, epsilon)
-    u, exact = last_step(close, f0 - level, f1, lost, sin1, cos1, a, delta, epsilon)
+    f0, f1, _f2, lost, sin1, cos1 = evaluate_short(close, flight)
+    u, exact = last_step(close, f0 - level, f1, lost, sin1, cos1, flight)
     end = close + u
-    w1, _bend, lost, sin1, cos1 = stepped(u, f1, lost, sin1, cos1, a, delta, epsilon)
+    w1, _bend, lost, sin1, cos1 = stepped(u, f1, lost, sin1, cos1, flight)
     proved &= exact
     target = -1 if falls else 1
     return proved and end > 0.0 and target * w1 > 0.0, target, end, w1, lost, sin1, cos1
 
 
 @kernel
-def root_in(lo, hi, guess, level, rising, w, a, sin0, cos0, delta, epsilon):
+def root_in(lo, hi, guess, level, rising, flight):
     """The crossing F = level in (lo, hi), where F is monotone: Halley steps u kept inside a shrinking bracket.
 
     A step leaves an error of u³ (p² + |F‴/6F'|) with p = F''/2F'; the last one leaves less than rounding.
@@ -125,7 +106,7 @@ def root_in(lo, hi, guess, level, rising, w, a, sin0, cos0, delta, epsilon):
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        f0, f1, f2, lost, sin1, _c = evaluate(s, w, a, sin0, cos0, delta, epsilon)
+        f0, f1, f2, lost, sin1, _c = evaluate(s, flight)
         f0 -= level
         if (f0 > 0.0) == rising:
             hi = s
@@ -133,7 +114,7 @@ def root_in(lo, hi, guess, level, rising, w, a, sin0, cos0, delta, epsilon):
             lo = s
         u, p = -f0 / f1, 0.5 * f2 / f1
         u /= 1.0 + u * p
-        bend = p * p + abs(third_derivative(a, lost, sin1, delta, epsilon) / f1)
+        bend = p * p + abs(third_derivative(lost, sin1, flight) / f1)
         new = s + u
         inside = lo <= new <= hi
         if inside and abs(u) * u * u * bend < 1e-17 * s:
@@ -147,21 +128,21 @@ def root_in(lo, hi, guess, level, rising, w, a, sin0, cos0, delta, epsilon):
 
 
 @kernel
-def extremum_in(lo, hi, guess, convex, w, a, sin0, cos0, delta, epsilon):
+def extremum_in(lo, hi, guess, convex, flight):
     """The zero of F' in (lo, hi), where e^(δs) F' is monotone, to 1e-9: F there is then exact to rounding."""
     s = guess
     if not (lo < s < hi):
         s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        _f0, f1, f2, lost, sin1, _c = evaluate(s, w, a, sin0, cos0, delta, epsilon)
+        _f0, f1, f2, lost, sin1, _c = evaluate(s, flight)
         if (f1 > 0.0) == convex:
             hi = s
         else:
             lo = s
-        u = -f1 / (f2 + delta * f1)  # F'' + δF' is the contact force, which keeps its sign
+        u = -f1 / (f2 + flight.delta * f1)  # F'' + δF' is the contact force, which keeps its sign
         new = s + u
         inside = lo <= new <= hi
-        bend = abs(third_derivative(a, lost, sin1, delta, epsilon) / f2) + abs(delta)
+        bend = abs(third_derivative(lost, sin1, flight) / f2) + abs(flight.delta)
         if inside and u * u * bend < 1e-9 * min(s, 1.0):
             return new
         if not inside or k % BISECTED == 0:
@@ -173,7 +154,7 @@ def extremum_in(lo, hi, guess, convex, w, a, sin0, cos0, delta, epsilon):
 
 
 @kernel
-def impact_on_piece(s0, s1, start, end, guess, lower, upper, w, a, sin0, cos0, delta, epsilon):
+def impact_on_piece(s0, s1, start, end, guess, lower, upper, flight):
     """The crossing, if any, on a monotone piece from F = start to F = end: (wall or 0, time)."""
     wall = 1 if end > start and end > upper else -1 if end < start and end < lower else 0
     if wall == 0:
@@ -181,47 +162,47 @@ def impact_on_piece(s0, s1, start, end, guess, lower, upper, w, a, sin0, cos0, d
     level = upper if wall > 0 else lower
     if math.isnan(guess):
         guess = s0 + (level - start) / (end - start) * (s1 - s0)
-    return wall, root_in(s0, s1, guess, level, wall > 0, w, a, sin0, cos0, delta, epsilon)
+    return wall, root_in(s0, s1, guess, level, wall > 0, flight)
 
 
 @inline
-def end_of_piece(s, longest, tau, arc, leave, length):
+def end_of_piece(s, longest, tau, arc):
     """Where a piece that starts after s ends: after `longest`, or before, where the contact force changes sign."""
     e = s + longest
-    if arc:
-        to_exit = leave - tau - s
+    if arc.exists:
+        to_exit = arc.leave - tau - s
         to_exit -= math.floor(to_exit)
-        ahead = to_exit - length if to_exit > length + SAME_PHASE else to_exit
+        ahead = to_exit - arc.length if to_exit > arc.length + SAME_PHASE else to_exit
         if s + ahead > s:
             e = min(e, s + ahead)
     return e
 
 
 @kernel
-def searched_crossing(tau, w, a, sin0, cos0, delta, epsilon, lower, upper):
+def searched_crossing(tau, flight, lower, upper):
     """First crossing of F = lower ≤ 0 downwards or F = upper ≥ 0 upwards by pieces on which e^(δs) F' is monotone, so
     that F has one extremum at most: (status, +1 for the upper and −1 for the lower one, time).
 
     The pieces end where the contact force changes sign, and at least four times a period; each is cut at its extremum,
     and the first monotone part that reaches a level holds the crossing.
     """
-    arc, leave, length, _entry, _exit = negative_arc(delta, epsilon)
-    s, f0, f1 = 0.0, 0.0, w
+    arc = negative_arc(flight.delta, flight.epsilon)
+    s, f0, f1 = 0.0, 0.0, flight.w
     while s < LONGEST:
-        e = end_of_piece(s, PIECE, tau, arc, leave, length)
-        e0, e1, _f2, _d, _s, _c = evaluate(e, w, a, sin0, cos0, delta, epsilon)
+        e = end_of_piece(s, PIECE, tau, arc)
+        e0, e1, _f2, _d, _s, _c = evaluate(e, flight)
         if not (abs(e0) < math.inf):
             break
         first, x0 = s, f0
         if f1 < 0.0 < e1 or e1 < 0.0 < f1:
             guess = s - f1 * (e - s) / (e1 - f1)
-            first = extremum_in(s, e, guess, e1 > 0.0, w, a, sin0, cos0, delta, epsilon)
-            x0 = evaluate(first, w, a, sin0, cos0, delta, epsilon)[0]
-            hit, t = impact_on_piece(s, first, f0, x0, math.nan, lower, upper, w, a, sin0, cos0, delta, epsilon)
+            first = extremum_in(s, e, guess, e1 > 0.0, flight)
+            x0 = evaluate(first, flight)[0]
+            hit, t = impact_on_piece(s, first, f0, x0, math.nan, lower, upper, flight)
             if hit != 0:
                 return OK, hit, t
         guess = 2.0 * first if s == 0.0 else math.nan  # a small bounce is a parabola
-        hit, t = impact_on_piece(first, e, x0, e0, guess, lower, upper, w, a, sin0, cos0, delta, epsilon)
+        hit, t = impact_on_piece(first, e, x0, e0, guess, lower, upper, flight)
         if hit != 0:
             return OK, hit, t
         s, f0, f1 = e, e0, e1
@@ -229,13 +210,12 @@ def searched_crossing(tau, w, a, sin0, cos0, delta, epsilon, lower, upper):
 
 
 @kernel
-def safe_impact(wall, tau, w, sin0, cos0, delta, epsilon, beta, drift):
+def safe_impact(wall, tau, flight, beta):
     """The search, with the state at the impact: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
-    a = drift - TWO_PI * epsilon * sin0 - w
     upper = 0.0 if wall > 0 else 2.0 * beta
     lower = upper - 2.0 * beta
-    status, target, s = searched_crossing(tau, w, a, sin0, cos0, delta, epsilon, lower, upper)
-    _f0, w1, _f2, lost, sin1, cos1 = evaluate(s, w, a, sin0, cos0, delta, epsilon)
+    status, target, s = searched_crossing(tau, flight, lower, upper)
+    _f0, w1, _f2, lost, sin1, cos1 = evaluate(s, flight)
     w1 = target * max(target * w1, 0.0)  # a graze to the last bit arrives with speed 0, never backwards
     return status, s, target, w1, lost, sin1, cos1
 
@@ -244,15 +224,13 @@ def safe_impact(wall, tau, w, sin0, cos0, delta, epsilon, beta, drift):
 def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     """First impact after leaving a wall at phase tau ∈ [0, 1) with velocity w into the gap.
 
-    Returns (status, time, wall, velocity before reflection, 1 − e^(−δ time), sin, cos of 2π phase at departure, at
+    Returns (status, time, wall, velocity before reflection, 1 − e^(−δ time), the flight, sin, cos of 2π phase at
     arrival).
     """
-    versine, sin0, _defect = versines(tau)
-    cos0 = 1.0 - versine
+    flight = leaving(tau, w, delta, epsilon, drift)
     if delta > 0.0:
-        a = drift - TWO_PI * epsilon * sin0 - w
-        proved, target, s, w1, lost, sin1, cos1 = proven_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta)
+        proved, target, s, w1, lost, sin1, cos1 = proven_impact(wall, tau, flight, beta)
         if proved:
-            return OK, s, target, w1, lost, sin0, cos0, sin1, cos1
-    status, s, target, w1, lost, sin1, cos1 = safe_impact(wall, tau, w, sin0, cos0, delta, epsilon, beta, drift)
-    return status, s, target, w1, lost, sin0, cos0, sin1, cos1
+            return OK, s, target, w1, lost, flight, sin1, cos1
+    status, s, target, w1, lost, sin1, cos1 = safe_impact(wall, tau, flight, beta)
+    return status, s, target, w1, lost, flight, sin1, cos1

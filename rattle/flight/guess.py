@@ -10,11 +10,13 @@ docs/kernel.md derives each inequality; the margins bound what rounding to float
 - A value of F' has an error below ERROR times `speed_scale`, likewise.
 """
 
+from typing import NamedTuple
+
 from numpy import float32 as f32
 from numpy import sqrt
 
 from rattle.flight import coefficients
-from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, evaluate32
+from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, Flight, evaluate32
 from rattle.numerics.compile import inline
 from rattle.numerics.polynomial import degree_4
 
@@ -30,9 +32,37 @@ W1, W2, W3, W4, W5 = (f32(TWO_PI**k) for k in range(1, 6))  # (2π)^k, from the 
 SIXTH = f32(TWO_PI**6 / 720)
 
 
+class Minimum(NamedTuple):
+    """A point of a flight near a minimum of F."""
+
+    bound: f32  # F there is no lower
+    tilt: f32  # |F'| there is no larger
+    time: f32
+
+
+class Scan(NamedTuple):
+    """What the points of a scan have told so far."""
+
+    f: f32  # F and F' at the last point
+    g: f32
+    turned: bool
+    turn: f32  # time of the last turning point
+    ended: bool
+    falls: bool  # it ends on Σ⁻
+    end: f32  # its time, −1 if the flight turns in the same step: then its place follows from the turning point
+
+
 @inline
-def first_guess(wall, w, sin0, cos0, delta, inverse_delta, epsilon, gap):
+def in_single(flight):
+    """A flight in single precision, with A of the rounded numbers."""
+    w, sin0, epsilon = f32(flight.w), f32(flight.sin0), f32(flight.epsilon)
+    return Flight(w, Q - W1 * epsilon * sin0 - w, sin0, f32(flight.cos0), f32(flight.delta), epsilon)
+
+
+@inline
+def first_guess(wall, gap, inverse_delta, flight):
     """From Σ⁺ about where the ball turns back, from Σ⁻ about where it arrives; the mean force of the way decides."""
+    w, _a, sin0, cos0, delta, epsilon = flight
     speed = abs(w)
     u = speed * PER_DRIFT
     y = W1 * u * (f32(1.0) - u * (f32(0.5) - f32(0.25) * u)) * inverse_delta  # 2π × the time to stop without forcing
@@ -51,10 +81,10 @@ def first_guess(wall, w, sin0, cos0, delta, inverse_delta, epsilon, gap):
 
 
 @inline
-def better_guess(s, wall, w, a, sin0, cos0, delta, epsilon, gap):
+def better_guess(s, wall, gap, flight):
     """One Newton step to the turning point (from Σ⁺) or to the arrival (from Σ⁻), at most to half or twice the time."""
-    f0, f1, f2, _l, _s, _c = evaluate32(s, w, a, sin0, cos0, delta, epsilon)
-    turning, arriving = f1 / max(f2, f32(0.2) * Q * delta), (f0 - gap) / max(f1, f32(0.1))
+    f0, f1, f2, _l, _s, _c = evaluate32(s, flight)
+    turning, arriving = f1 / max(f2, f32(0.2) * Q * flight.delta), (f0 - gap) / max(f1, f32(0.1))
     step = turning if wall > f32(0.0) else arriving
     return min(max(s - step, f32(0.5) * s), f32(2.0) * s)
 
@@ -67,10 +97,11 @@ def level_of(wall, falls, gap):
 
 
 @inline
-def taylor(s, w, a, sin0, cos0, delta, epsilon):
+def taylor(s, flight):
     """F, F', F''/2, F'''/6, F⁗/24, F⁗'/120 after s."""
-    f0, f1, f2, lost, sin1, cos1 = evaluate32(s, w, a, sin0, cos0, delta, epsilon)
-    b = delta * a * (f32(1.0) - lost)  # the decaying part of F''
+    f0, f1, f2, lost, sin1, cos1 = evaluate32(s, flight)
+    delta, epsilon = flight.delta, flight.epsilon
+    b = delta * flight.a * (f32(1.0) - lost)  # the decaying part of F''
     c3 = (W3 * epsilon * sin1 - delta * b) * f32(1 / 6)
     c4 = (W4 * epsilon * cos1 + delta * delta * b) * f32(1 / 24)
     c5 = (W5 * epsilon * sin1 + delta * delta * delta * b) * f32(-1 / 120)
@@ -78,17 +109,18 @@ def taylor(s, w, a, sin0, cos0, delta, epsilon):
 
 
 @inline
-def height_scale(s, w, a, delta, epsilon):
+def height_scale(s, flight):
     """The sum of the sizes of the terms of F after s, up to which its rounding is relative."""
+    w, a, _sin0, _cos0, delta, epsilon = flight
     y = W1 * s
     forcing = min(y * y * (f32(0.5) + y * f32(1 / 6)), y + f32(3.0))
     return s * (abs(w) + abs(a) * min(f32(0.5) * delta * s, f32(1.0))) + epsilon * forcing
 
 
 @inline
-def speed_scale(w, a, epsilon):
+def speed_scale(flight):
     """The same for F'."""
-    return abs(w) + abs(a) + f32(2.0) * W1 * epsilon
+    return abs(flight.w) + abs(flight.a) + f32(2.0) * W1 * flight.epsilon
 
 
 @inline
@@ -105,12 +137,13 @@ def height(u, c0, c1, c2, c3, c4, c5):
 
 
 @inline
-def depth(s, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon):
-    """The minimum near s: its height as it seems, a lower bound of F and an upper one of |F'| there, and its place.
+def depth(s, series, flight):
+    """The minimum near s, where F has this Taylor series: its height as it seems, and bounds.
 
-    Remainders and rounding are in the bounds, if δs < 2; the lower one is UNBOUNDED where the Taylor polynomial is no
-    good.
+    Remainders and rounding are in the bounds, if δs < 2; that of F is UNBOUNDED where the polynomial is no good.
     """
+    w, a, _sin0, _cos0, delta, epsilon = flight
+    c0, c1, c2, c3, c4, c5 = series
     i2 = f32(0.5) / c2
     u = -c1 * i2
     k3 = f32(3.0) * c3 * i2
@@ -120,16 +153,19 @@ def depth(s, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon):
     r2 = reach * reach
     m6 = SIXTH * epsilon + f32(1 / 360) * (delta * delta) * (delta * delta) * (delta * abs(a))  # |F⁽⁶⁾|/720, e^(δu) < 2
     left_out = m6 * r2 * r2  # times r2 in F, 6 r in F'
-    tilt = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(w, a, epsilon) + f32(6.0) * reach * left_out
+    tilt = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + epsilon * (W1 * end + f32(3.0))  # over height_scale
     good = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s)
-    return lowest, lowest - ERROR * rounding - left_out * r2 if good else UNBOUNDED, tilt, s + u
+    bound = lowest - ERROR * rounding - left_out * r2 if good else UNBOUNDED
+    return lowest, Minimum(bound, tilt, s + u)
 
 
 @inline
-def local_root(rising, c0, c1, c2, c3, c4, c5):
-    """The step to F = 0 (c0 is F less the level): root of the parabola, then one Newton step on the polynomial."""
+def local_root(rising, level, series):
+    """The step to F = level: root of the parabola, then one Newton step on the polynomial."""
+    f0, c1, c2, c3, c4, c5 = series
+    c0 = f0 - level
     root = sqrt(abs(c1 * c1 - f32(4.0) * c0 * c2))
     signed = root if rising else -root
     direct = (c1 > f32(0.0)) == rising  # then c1 and the root of the discriminant agree in sign, and add up
@@ -140,9 +176,9 @@ def local_root(rising, c0, c1, c2, c3, c4, c5):
 
 
 @inline
-def refined(s, level, w, a, sin0, cos0, delta, epsilon):
+def refined(s, level, flight):
     """A step of fourth order to F = level, from the first four derivatives: (s, its size, F' there)."""
-    c0, c1, c2, c3, c4, _c5 = taylor(s, w, a, sin0, cos0, delta, epsilon)
+    c0, c1, c2, c3, c4, _c5 = taylor(s, flight)
     inverse = f32(1.0) / c1
     u, p, q, r = (level - c0) * inverse, c2 * inverse, c3 * inverse, c4 * inverse
     u *= f32(1.0) - u * (p - u * ((f32(2.0) * p * p - q) - u * (f32(5.0) * p * (p * p - q) + r)))
@@ -150,13 +186,12 @@ def refined(s, level, w, a, sin0, cos0, delta, epsilon):
 
 
 @inline
-def scanned(s0, s, wall, f0, g0, turned, turn, ended, falls, end, gap, w, a, sin0, cos0, delta, epsilon):
-    """One more point s of a scan for the last turning point and the end of a flight, both by linear interpolation.
-
-    (s0, f0, g0) are the last point with its F and F'; the end is given as −1 if the flight turns in the same step: then
-    its place follows from the turning point.
+def scanned(s0, s, wall, gap, scan, flight):
+    """A scan for the last turning point and the end of a flight, both by linear interpolation, with one more point s
+    after s0.
     """
-    f, g, _f2, _k, _s, _c = evaluate32(s, w, a, sin0, cos0, delta, epsilon)
+    f0, g0, turned, turn, ended, falls, end = scan
+    f, g, _f2, _k, _s, _c = evaluate32(s, flight)
     turns = (g0 < f32(0.0)) & (g > f32(0.0)) & (not ended)
     between = s0 + (s - s0) * g0 / (g0 - g)
     turn = between if turns else turn
@@ -170,4 +205,4 @@ def scanned(s0, s, wall, f0, g0, turned, turn, ended, falls, end, gap, w, a, sin
     place = f32(-1.0) if turns else place
     hit = (hits_bottom | hits_top) & (not ended)
     end = place if hit else end
-    return f, g, turned | turns, turn, ended | hit, falls | (hit & hits_bottom), end
+    return Scan(f, g, turned | turns, turn, ended | hit, falls | (hit & hits_bottom), end)

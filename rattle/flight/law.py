@@ -10,6 +10,7 @@ serves both directions.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +20,31 @@ from rattle.numerics.polynomial import degree_4, degree_5, degree_6, degree_10, 
 
 TWO_PI = 2.0 * math.pi
 DRIFT = 4.0 * math.pi
+FASTEST = 1e100  # natural speed: of parameters beyond it nothing can be computed
 LONGEST_DECAY = 2.0  # largest δs of the polynomials
+
+Real = float | np.float32
+
+
+class Flight(NamedTuple):
+    """What F of one flight is made of, in double or in single precision."""
+
+    w: Real  # velocity of departure
+    a: Real  # A = q − 2πε sin θ − w
+    sin0: Real  # of the forcing at the departure
+    cos0: Real
+    delta: Real
+    epsilon: Real
+
+
+class Arc(NamedTuple):
+    """The phases where the contact force is negative, if there are any."""
+
+    exists: bool
+    leave: Real  # its end
+    length: Real
+    sin_entry: Real  # of 2π its beginning
+    sin_exit: Real
 
 
 @inline
@@ -46,7 +71,8 @@ def natural_speed(delta, epsilon, beta):
     """The speeds that motions have, 7 at (0.6, 0.1, 0.6) to a part in 700: √(16πδβ) is reached across the gap under the
     drift, 2πε is the largest speed of the forcing.
     """
-    return 1.5 * np.sqrt(16.0 * math.pi * delta * beta) + TWO_PI * epsilon
+    across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)  # the product of both may be beyond all numbers
+    return np.minimum(across + TWO_PI * epsilon, FASTEST)
 
 
 @inline
@@ -106,8 +132,9 @@ def _law(real, decay, versine, sine_defect):
         return q * versine(q), z - defect, two_pi * turns + defect
 
     @inline
-    def evaluate(s, w, a, sin0, cos0, delta, epsilon):
+    def evaluate(s, flight):
         """F, F' and F'' after s, with 1 − e^(−δs) and the forcing's sine and cosine there; δs in [−0.05, 2]."""
+        w, a, sin0, cos0, delta, epsilon = flight
         omc, siny, defect = versines(s)
         x = delta * s
         k = x * decay(x)  # k(δs)/(δs)
@@ -126,48 +153,58 @@ versines, evaluate_short = _law(np.float64, decay64, versine64, sine_defect64)
 versines32, evaluate32 = _law(np.float32, decay32, versine32, sine_defect32)
 
 
+@inline
+def leaving(tau, w, delta, epsilon, drift):
+    """The flight that leaves a wall at this phase with this velocity."""
+    versine, sin0, _defect = versines(tau)
+    return Flight(w, drift - TWO_PI * epsilon * sin0 - w, sin0, 1.0 - versine, delta, epsilon)
+
+
 @kernel
-def evaluate(s, w, a, sin0, cos0, delta, epsilon):
+def evaluate(s, flight):
     """As `evaluate_short`, for any δs."""
+    w, a, sin0, cos0, delta, epsilon = flight
     x = delta * s
-    f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, w, a, sin0, cos0, delta, epsilon)
+    f0, f1, f2, lost, sin1, cos1 = evaluate_short(s, flight)
     if -0.05 <= x <= LONGEST_DECAY:
         return f0, f1, f2, lost, sin1, cos1
     omc, _siny, defect = versines(s)
     lost = -math.expm1(-x)
     f0 = w * s + a * ((x - lost) / delta) - epsilon * (cos0 * omc - sin0 * defect)
     f1 = w + a * lost - TWO_PI * epsilon * (sin1 - sin0)
-    return f0, f1, second_derivative(a, lost, cos1, delta, epsilon), lost, sin1, cos1
+    return f0, f1, second_derivative(lost, cos1, flight), lost, sin1, cos1
 
 
 @inline
-def second_derivative(a, lost, cos1, delta, epsilon):
+def second_derivative(lost, cos1, flight):
     """F'' from 1 − e^(−δs) and the forcing's cosine after s."""
-    return delta * a * (1.0 - lost) - TWO_PI * TWO_PI * epsilon * cos1
+    return flight.delta * flight.a * (1.0 - lost) - TWO_PI * TWO_PI * flight.epsilon * cos1
 
 
 @inline
-def third_derivative(a, lost, sin1, delta, epsilon):
+def third_derivative(lost, sin1, flight):
     """F''' likewise."""
-    return TWO_PI * TWO_PI * TWO_PI * epsilon * sin1 - delta * delta * a * (1.0 - lost)
+    delta = flight.delta
+    return TWO_PI * TWO_PI * TWO_PI * flight.epsilon * sin1 - delta * delta * flight.a * (1.0 - lost)
 
 
 @inline
-def fourth_derivative(a, lost, cos1, delta, epsilon):
+def fourth_derivative(lost, cos1, flight):
     """F⁗ likewise."""
-    return TWO_PI**4 * epsilon * cos1 + delta * delta * delta * a * (1.0 - lost)
+    delta = flight.delta
+    return TWO_PI**4 * flight.epsilon * cos1 + delta * delta * delta * flight.a * (1.0 - lost)
 
 
 @kernel
 def negative_arc(delta, epsilon):
-    """Phases where the contact force is negative: (exists, exit, length, sin 2π entry, sin 2π exit).
+    """The phases where the contact force is negative.
 
     g = δq − 2πε (2π cos θ + δ sin θ) < 0 means cos(θ − φ) > δq / (2πε √(4π² + δ²)) with φ = atan2(δ, 2π).
     """
     largest = TWO_PI * epsilon * math.hypot(TWO_PI, delta)
     mean = abs(delta) * DRIFT
     if not largest > mean:
-        return False, 0.0, 0.0, 0.0, 0.0
+        return Arc(False, 0.0, 0.0, 0.0, 0.0)
     middle, half = math.atan2(delta, TWO_PI), math.acos(mean / largest)
     leave = (middle + half) / TWO_PI
-    return True, leave - math.floor(leave), half / math.pi, math.sin(middle - half), math.sin(middle + half)
+    return Arc(True, leave - math.floor(leave), half / math.pi, math.sin(middle - half), math.sin(middle + half))

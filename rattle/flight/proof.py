@@ -4,7 +4,7 @@ from numpy import float32 as f32
 from numpy import floor
 
 from rattle.flight.guess import CLOSE, ERROR, TOO_FAR, W1, W2, height_scale, speed_scale
-from rattle.flight.law import decay32, evaluate32
+from rattle.flight.law import Arc, decay32, evaluate32
 from rattle.numerics.compile import inline
 
 LATER = f32(1.0002)  # double precision may end a flight up to 1e-4 of it later than single precision
@@ -14,19 +14,25 @@ FASTEST = f32(20.0)  # largest damping of a proof that uses the times of the arc
 
 
 @inline
-def is_located(s, step, speed, w, a, delta, epsilon):
+def is_located(s, step, speed, flight):
     """True if double precision may end what single precision began: a short step, and an impact that is no graze."""
-    near = (abs(step) < LARGEST_STEP * s) & (delta * s < TOO_FAR)
-    return near & (height_scale(s, w, a, delta, epsilon) < STEEPEST * s * abs(speed))
+    near = (abs(step) < LARGEST_STEP * s) & (flight.delta * s < TOO_FAR)
+    return near & (height_scale(s, flight) < STEEPEST * s * abs(speed))
 
 
 @inline
-def arc_ahead(tau, arc_exit, arc_length):
+def arc_in_single(arc):
+    """An arc in single precision."""
+    return Arc(arc.exists, f32(arc.leave), f32(arc.length), f32(arc.sin_entry), f32(arc.sin_exit))
+
+
+@inline
+def arc_ahead(tau, arc):
     """Times to the entry (0 inside) and to the exit of the next arc, and whether the departure lies inside."""
-    to_exit = arc_exit - tau
+    to_exit = arc.leave - tau
     to_exit -= floor(to_exit)
-    inside = to_exit < arc_length
-    return f32(0.0) if inside else to_exit - arc_length, to_exit, inside
+    inside = to_exit < arc.length
+    return f32(0.0) if inside else to_exit - arc.length, to_exit, inside
 
 
 @inline
@@ -38,83 +44,84 @@ def off_edges(to_exit, arc_length, delta):
 
 
 @inline
-def single_turn(
-    wall, rising, tau, s, turn, w, a, sin0, delta, epsilon, arc_exit, arc_length, sin_entry, sin_exit, no_arc
-):
+def single_turn(wall, rising, tau, s, turn, flight, arc):
     """True if it is certain that F' changes sign at most once before s, given its sign at s, and that e^(δs) F' grows
     between that change and the place where it seemed to be.
 
     e^(δs) F' grows where the contact force g is positive and falls on the phase arc where g < 0, if there is one. So
     its sign where the arc is entered and left, which needs no new sine, settles its signs everywhere else.
     """
-    to_entry, to_exit, inside = arc_ahead(tau, arc_exit, arc_length)
+    w, a, sin0, _cos0, delta, epsilon = flight
+    to_entry, to_exit, inside = arc_ahead(tau, arc)
     x, y = delta * to_entry, delta * to_exit
-    slack = ERROR * speed_scale(w, a, epsilon)
-    moved_entry, moved_exit = (sin0 if inside else sin_entry) - sin0, sin_exit - sin0
+    slack = ERROR * speed_scale(flight)
+    moved_entry, moved_exit = (sin0 if inside else arc.sin_entry) - sin0, arc.sin_exit - sin0
     at_entry = w + a * x * (f32(1.0) - x * decay32(x)) - W1 * epsilon * moved_entry
     at_exit = w + a * y * (f32(1.0) - y * decay32(y)) - W1 * epsilon * moved_exit
     falls_in = (at_entry < -slack) | (inside & (w < f32(0.0)))
     rises_out = at_exit > slack
     end = s * LATER + CLOSE
     from_top = wall > f32(0.0)
-    next_entry = to_exit + f32(1.0) - arc_length
+    next_entry = to_exit + f32(1.0) - arc.length
     before = (turn < to_entry - CLOSE) | (not from_top)
     after = (turn > to_exit + CLOSE) & (turn < next_entry - CLOSE) & from_top
     up = before & ((end < to_exit) | (rises_out & (end < to_exit + f32(1.0))))
     up |= after & falls_in & (end < to_exit + f32(1.0))
     down = (end < to_entry) | (falls_in & (end < next_entry))
-    safe = off_edges(to_exit, arc_length, delta) & (y < TOO_FAR)
-    return no_arc | (safe & ((up & rising) | (down & (not rising))))
+    safe = off_edges(to_exit, arc.length, delta) & (y < TOO_FAR)
+    return (not arc.exists) | (safe & ((up & rising) | (down & (not rising))))
 
 
 @inline
-def lowest_point(s, bound, tilt, delta):
-    """A lower bound of F up to s from a point of it with F ≥ bound, |F'| ≤ tilt, if e^(δs) F' grows from there to the
-    minimum or from the minimum to there: on that way |F'| is at most e^(δs) tilt.
+def lowest_point(s, minimum, delta):
+    """A lower bound of F up to s, if e^(δs) F' grows between the minimum and the point near it: there |F'| is at most
+    e^(δs) tilt.
     """
     x = delta * s
-    return bound - tilt * s * (LATER + x * (f32(1.0006) + f32(1.101) * x))  # over LATER e^(LATER x), for x < 2
+    growth = LATER + x * (f32(1.0006) + f32(1.101) * x)  # over LATER e^(LATER x), for x < 2
+    return minimum.bound - minimum.tilt * s * growth
 
 
 @inline
-def clears_the_gap(wall, rising, s, turn, bound, tilt, gap, w, a, sin0, delta, epsilon):
+def clears_the_gap(wall, rising, s, minimum, gap, flight):
     """True unless the flight might touch Σ⁻ on its way from Σ⁺ back to Σ⁺: it is too short for that, or turns above.
 
     Falling, |F'| stays below v + 2πε (1 − sin θ) where a ≥ 0.
     """
-    shallow = (abs(w) + W1 * epsilon * (f32(1.0) - sin0)) * s * LATER < f32(0.9999) * gap
-    turns_above = (lowest_point(s, bound, tilt, delta) > -gap) & (turn < s)
-    return ((shallow & (a > f32(0.0))) | turns_above) | ((wall < f32(0.0)) | (not rising))
+    fastest = abs(flight.w) + W1 * flight.epsilon * (f32(1.0) - flight.sin0)
+    shallow = fastest * s * LATER < f32(0.9999) * gap
+    turns_above = (lowest_point(s, minimum, flight.delta) > -gap) & (minimum.time < s)
+    return ((shallow & (flight.a > f32(0.0))) | turns_above) | ((wall < f32(0.0)) | (not rising))
 
 
 @inline
-def two_turns(
-    wall, rising, tau, s, turn, bound, tilt, gap, w, a, sin0, cos0, delta, epsilon, arc_exit, arc_length, no_arc
-):
+def two_turns(wall, rising, tau, s, minimum, gap, flight, arc):
     """True if a flight from Σ⁺ back to Σ⁺ certainly turns before the arc, back on it and again after it, and touches
     neither wall before s.
 
     Where e^(δs) F' is monotone, its values at the ends bound F' between them, so F lies above or below the lines of
     these slopes through its own values at the ends: the two lines' crossing bounds the extremum.
     """
-    to_entry, to_exit, inside = arc_ahead(tau, arc_exit, arc_length)
-    f_entry, g_entry, _f2, lost_entry, _s, _c = evaluate32(to_entry, w, a, sin0, cos0, delta, epsilon)
-    f_exit, g_exit, _f2, lost_exit, _s, _c = evaluate32(to_exit, w, a, sin0, cos0, delta, epsilon)
-    _f, g_end, _f2, lost_end, _s, _c = evaluate32(s, w, a, sin0, cos0, delta, epsilon)
-    slack, low = ERROR * speed_scale(w, a, epsilon), f32(4.0) * ERROR * height_scale(s, w, a, delta, epsilon)
+    w, delta = flight.w, flight.delta
+    to_entry, to_exit, inside = arc_ahead(tau, arc)
+    f_entry, g_entry, _f2, lost_entry, _s, _c = evaluate32(to_entry, flight)
+    f_exit, g_exit, _f2, lost_exit, _s, _c = evaluate32(to_exit, flight)
+    _f, g_end, _f2, lost_end, _s, _c = evaluate32(s, flight)
+    slack, low = ERROR * speed_scale(flight), f32(4.0) * ERROR * height_scale(s, flight)
     turned = (g_entry > slack) & (g_exit < -slack) & (not inside)
     up, down = g_entry + slack, g_exit - slack
     decay_entry, decay_exit, decay_end = f32(1.0) - lost_entry, f32(1.0) - lost_exit, f32(1.0) - lost_end
     steep = up / decay_entry  # F' between departure and entry is at most this, and at least w
     first = w * (steep * to_entry - f_entry) / (steep - w)
     steep = -down * decay_entry / decay_exit  # on the arc F' is between −steep and up
-    top = f_entry + up * (f_exit - f_entry + steep * arc_length) / (up + steep)
-    bend = delta * abs(a) + W2 * epsilon  # at least |F''|: double precision may move the end by 1e-4
+    top = f_entry + up * (f_exit - f_entry + steep * arc.length) / (up + steep)
+    bend = delta * abs(flight.a) + W2 * flight.epsilon  # at least |F''|: double precision may move the end by 1e-4
     steep = (g_end + slack + f32(1e-4) * bend) * decay_exit / decay_end  # after it F' is between down and steep
     early, late = s * (f32(2.0) - LATER) - CLOSE, s * LATER + CLOSE
     second = f_exit + down * (f_exit + steep * (late - to_exit)) / (steep - down)
-    second = max(second, lowest_point(s, bound, tilt, delta)) if (turn > to_exit + CLOSE) & (turn < s) else second
+    behind = (minimum.time > to_exit + CLOSE) & (minimum.time < s)
+    second = max(second, lowest_point(s, minimum, delta)) if behind else second
     clear = (top < -low) & (first > low - gap) & (second > low - gap)
-    placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc_length) & off_edges(to_exit, arc_length, delta)
-    from_top = (wall > f32(0.0)) & rising & (not no_arc)
+    placed = (early > to_exit) & (late < to_exit + f32(1.0) - arc.length) & off_edges(to_exit, arc.length, delta)
+    from_top = (wall > f32(0.0)) & rising & arc.exists
     return from_top & turned & clear & placed & (delta * s < TOO_FAR)

@@ -32,15 +32,15 @@ def flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, epsilon):
 
 
 @inline
-def flight_tangent(w0, w1, lost, sin0, cos0, sin1, cos1, delta, epsilon, drift):
+def flight_tangent(w1, lost, sin1, cos1, flight):
     """∂(t₁, w₁ after reflection)/∂(t₀, w₀) of one flight, row by row.
 
     F at fixed wall fixes ds = −(∂F/∂t₀ dt₀ + ∂F/∂w₀ dw₀)/w₁; reflection turns w₁ into −w₁.
     """
-    a = drift - TWO_PI * epsilon * sin0 - w0
     decay = 1.0 - lost
-    f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, 1.0 / delta, epsilon)
-    bend = second_derivative(a, lost, cos1, delta, epsilon)
+    sin0, cos0, inverse_delta = flight.sin0, flight.cos0, 1.0 / flight.delta
+    f_w, f_t, v_t = flight_derivatives(lost, sin0, cos0, sin1, cos1, inverse_delta, flight.epsilon)
+    bend = second_derivative(lost, cos1, flight)
     s_t, s_w = -f_t / w1, -f_w / w1
     return 1.0 + s_t, s_w, -(bend * s_t + v_t), -(bend * s_w + decay)
 

@@ -7,7 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattle.attractors.basins import Basins, basins
+from rattle.attractors.classify import BUDGET
 from rattle.attractors.measures import Uncertainty, uncertainty
+from rattle.attractors.speeds import SpeedLimit, sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import first_impact, law
@@ -156,18 +158,26 @@ class Gear(Rattling):
         """Region 1…5 (I…V) of the paper's Figure 7; 0 for another combination of orbits."""
         return int(regions(self.delta, self.epsilon, self.beta))
 
-    def attractors(self, count: int = 256, v_max: float = 7.0, seed: int = 0) -> tuple[Attractor, ...]:
+    def attractors(
+        self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
+    ) -> tuple[Attractor, ...]:
         """The attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds, by falling
-        fraction.
+        fraction; then stable orbits that are known to exist and that no sample found, with fraction 0 and the upper
+        bound of its interval.
 
         Quiet: captured by a proven-small bounce. Periodic: a stable fixed point of Π^k that the trajectory is seen to
-        approach, with its exact label. Chaotic: neither within the watch of some thousand periods, and a first
-        exponent above zero by its own error bar. Else undecided. Deterministic in all arguments. Raises
-        ParameterError.
+        approach, with its exact label. Chaotic: neither within a watch of 1000 periods and 300 relaxation times 1/δ,
+        and a first exponent above zero by its own error bar. Else undecided, as is what is left when a sample has made
+        budget impacts on Σ⁺: small damping needs some 1000/δ. v_max: a number, "natural" for 1.5 √(16πδβ) + 2πε, or
+        None, which is 7 in the paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2) and natural elsewhere.
+        Deterministic in all arguments. Raises ParameterError. What a label means, with its error:
+        docs/decisions/0026-labels.md.
         """
-        return attractors(self.delta, self.epsilon, self.beta, count, v_max, seed)
+        return attractors(self.delta, self.epsilon, self.beta, count, v_max, seed, budget)
 
-    def basins(self, resolution: int = 1000, v_max: float = 7.0, method: str = "cells", impacts: int = 16) -> Basins:
+    def basins(
+        self, resolution: int = 1000, v_max: SpeedLimit = None, method: str = "cells", impacts: int = 16
+    ) -> Basins:
         """Basins of attraction on resolution × resolution cells of (τ, v) ∈ [0, 1) × (0, v_max) (paper Figures 4, 6).
 
         method "direct": each cell centre is followed as `attractors` follows its sample. "cells": simple cell mapping
@@ -176,9 +186,9 @@ class Gear(Rattling):
         meet, until nothing changes. Only "direct" is sure to see a basin that is thin on the scale of a cell, and
         "refined" one of eight cells across (docs/decisions/0009-basins.md). Raises ParameterError.
         """
-        return basins(self._plane, resolution, v_max, method, impacts)
+        return basins(self._plane, resolution, self._speed(v_max), method, impacts)
 
-    def boundary_distance(self, v_max: float = 7.0) -> BoundaryDistance:
+    def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:
         """The least speed v < v_max, over all phases τ, of an impact that takes quiet motion to another attractor.
 
         (v, tau, undecided): the speed, inf if no state is found that does not become quiet again, 0 from the quiet
@@ -194,14 +204,17 @@ class Gear(Rattling):
         found = boundary_distances(self.delta, self.epsilon, self.beta, v_max)
         return BoundaryDistance(*(float(x) for x in found))
 
-    def uncertainty(self, pairs: int = 8192, v_max: float = 7.0, seed: int = 0) -> Uncertainty:
+    def uncertainty(self, pairs: int = 8192, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
         """The uncertainty exponent of the basin boundary in [0, 1) × (0, v_max), whose dimension is 2 less it.
 
         From exact trajectories: so many pairs of states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³.
         Deterministic in all arguments. Raises ParameterError. Source: Grebogi, McDonald, Ott and Yorke, Physics Letters
         A 99 (1983) 415–418.
         """
-        return uncertainty(self._plane, pairs, v_max, seed)
+        return uncertainty(self._plane, pairs, self._speed(v_max), seed)
+
+    def _speed(self, v_max: SpeedLimit) -> float:
+        return sampled_speed(v_max, self.delta, self.epsilon, self.beta)
 
     @property
     def _plane(self) -> ImpactingPlane:

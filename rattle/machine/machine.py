@@ -18,9 +18,10 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
 from rattle.errors import require, require_number
-from rattle.flight.law import TWO_PI, natural_speed
+from rattle.flight.law import TWO_PI
 from rattle.intensity.intensity import Intensity
 from rattle.intensity.motions import Motion
 from rattle.machine.given import RPM, in_si, is_quantity, require_plausible, require_slow
@@ -159,8 +160,7 @@ class Machine:
 
     def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
         """`Gear.attractors` of its gear, from speeds on the scale of its motions."""
-        v_max = float(natural_speed(self.delta, self.epsilon, self.beta))
-        return self.gear.attractors(count, v_max, seed)
+        return self.gear.attractors(count, NATURAL, seed)
 
     def intensity(self, motion: Motion, periods: float | None = None) -> MachineIntensity:
         """How hard a motion of its gear rattles: `Gear.intensity` in SI units. Raises as that."""

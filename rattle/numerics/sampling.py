@@ -1,6 +1,5 @@
 """Initial conditions and the uncertainty of the fractions that they estimate."""
 
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -57,7 +56,7 @@ def initial_conditions(
     epsilon: NDArray[np.float64],
     beta: NDArray[np.float64],
     count: int,
-    v_max: float,
+    v_max: ArrayLike,
     seed: int,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Uniform low-discrepancy samples of (τ, v) ∈ [0, 1) × (0, v_max) for cells (n,): two arrays of shape (n, count).
@@ -66,7 +65,8 @@ def initial_conditions(
     sample depends on nothing but the request and the cell, and cells have independent sampling errors.
     """
     points = (sobol(count) + _shifts(seed, delta, epsilon, beta)[:, None, :]) % 1.0
-    return np.ascontiguousarray(points[..., 0]), np.maximum(v_max * points[..., 1], math.ulp(v_max))
+    speeds = np.broadcast_to(np.asarray(v_max, np.float64), delta.shape)[:, None]
+    return np.ascontiguousarray(points[..., 0]), np.maximum(speeds * points[..., 1], np.spacing(speeds))
 
 
 def wilson_interval(successes: ArrayLike, count: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -77,4 +77,4 @@ def wilson_interval(successes: ArrayLike, count: ArrayLike) -> tuple[NDArray[np.
     z2 = Z_95 * Z_95
     centre = (p + z2 / (2 * n)) / (1 + z2 / n)
     half = Z_95 * np.sqrt(p * (1 - p) / n + z2 / (4 * n * n)) / (1 + z2 / n)
-    return np.maximum(centre - half, 0.0), np.minimum(centre + half, 1.0)
+    return np.where(k > 0, np.maximum(centre - half, 0.0), 0.0), np.where(k < n, np.minimum(centre + half, 1.0), 1.0)

@@ -6,11 +6,11 @@ The type of the point says which model is meant: `step`, `step_tangent` and `poi
 import math
 
 from rattle.flight.first_impact import OK
-from rattle.flight.law import folded, wrapped
+from rattle.flight.law import folded, speed_unit, wrapped
 from rattle.numerics.compile import kernel
 
 NEWTON_STEPS = 15
-SAME = 1e-8  # an orbit that closes to this is closed
+SAME = 1e-8  # an orbit that closes to this, speeds in their unit, is closed
 
 
 def step(tau, v, point):
@@ -52,7 +52,7 @@ def power_map(tau, v, k, point):
 @kernel
 def newton(tau, v, k, point):
     """Fixed point of Π^k near (τ, v): (found, τ, v)."""
-    size = 1.0
+    size, unit = 1.0, speed_unit(point.delta, point.epsilon, point.beta)
     for _ in range(NEWTON_STEPS):
         status, t1, v1, _time, _below, a00, a01, a10, a11, _ln = power_map(tau, v, k, point)
         if status != OK:
@@ -63,7 +63,7 @@ def newton(tau, v, k, point):
             return False, tau, v
         d0 = -((a11 - 1.0) * r0 - a01 * r1) / determinant
         d1 = -((a00 - 1.0) * r1 - a10 * r0) / determinant
-        last, size = size, max(abs(d0), abs(d1))
+        last, size = size, max(abs(d0), abs(d1) / unit)
         if not size < 0.1:
             return False, tau, v
         tau = folded(tau + d0)
@@ -89,10 +89,11 @@ def log_multipliers(trace, log_det):
 @kernel
 def shortest_return(tau, v, k, point):
     """The smallest divisor of k after which the orbit closes."""
+    unit = speed_unit(point.delta, point.epsilon, point.beta)
     for d in range(1, k // 2 + 1):
         if k % d == 0:
             status, t1, v1, _time, _below, _a, _b, _c, _d, _ln = power_map(tau, v, d, point)
-            if status == OK and abs(wrapped(t1 - tau)) < SAME and abs(v1 - v) < SAME:
+            if status == OK and abs(wrapped(t1 - tau)) < SAME and abs(v1 - v) < SAME * unit:
                 return d
     return k
 

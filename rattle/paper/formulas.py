@@ -71,8 +71,8 @@ def _expansion_residuals(h: float) -> tuple[float, float]:
     left = []
     for phase, a, jerk in zip(PHASES, rate, f(PHASES, SPEED, DELTA, EPSILON) / 2, strict=True):
         sine, cosine = math.sin(TWO_PI * phase), math.cos(TWO_PI * phase)
-        start = law.DRIFT - TWO_PI * EPSILON * sine + SPEED
-        moved, velocity, *_ = law.evaluate(h, -SPEED, start, sine, cosine, DELTA, EPSILON)
+        flight = law.Flight(-SPEED, law.DRIFT - TWO_PI * EPSILON * sine + SPEED, sine, cosine, DELTA, EPSILON)
+        moved, velocity, *_ = law.evaluate(h, flight)
         left.append((moved - (-SPEED * h + a / 2 * h**2), velocity - (-SPEED + a * h + jerk / 2 * h**2)))
     worst = np.abs(left).max(axis=0)
     return float(worst[0]), float(worst[1])

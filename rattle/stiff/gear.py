@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.basins import Basins, basins
+from rattle.attractors.classify import BUDGET
 from rattle.attractors.measures import Uncertainty, uncertainty
+from rattle.attractors.speeds import SpeedLimit, sampled_speed
 from rattle.attractors.table import Attractor, listed
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import law
@@ -136,22 +138,29 @@ class StiffGear(Rattling):
         """Region 1…5 (I…V) by the counterparts of A–D; 0 for another combination."""
         return int(period_one.regions(*self._point))
 
-    def attractors(self, count: int = 256, v_max: float = 7.0, seed: int = 0) -> tuple[Attractor, ...]:
+    def attractors(
+        self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
+    ) -> tuple[Attractor, ...]:
         """The attractors that the sample of `Gear.attractors` finds, by falling fraction.
 
         Quiet: contact that never ends, exactly. Periodic: labels P(m, n₊, n₋) count contacts. Near the limit a motion
         needs some √κ returns to become quiet, and above κ ≈ 1e8 it may be left undecided. Raises ParameterError.
         """
-        table = attractors_of(*self._point, count, v_max, seed)
+        table = attractors_of(*self._point, count, v_max, seed, budget)
         return listed(table, table.samples)
 
-    def basins(self, resolution: int = 400, v_max: float = 7.0, method: str = "cells", impacts: int = 16) -> Basins:
+    def basins(
+        self, resolution: int = 400, v_max: SpeedLimit = None, method: str = "cells", impacts: int = 16
+    ) -> Basins:
         """Basins of attraction on cells of (τ, v), by the methods of `Gear.basins`. Raises ParameterError."""
-        return basins(StiffPlane(*self._point), resolution, v_max, method, impacts)
+        return basins(StiffPlane(*self._point), resolution, self._speed(v_max), method, impacts)
 
-    def uncertainty(self, pairs: int = 2048, v_max: float = 7.0, seed: int = 0) -> Uncertainty:
+    def uncertainty(self, pairs: int = 2048, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
         """The uncertainty exponent of the basin boundary, as `Gear.uncertainty`. Raises ParameterError."""
-        return uncertainty(StiffPlane(*self._point), pairs, v_max, seed)
+        return uncertainty(StiffPlane(*self._point), pairs, self._speed(v_max), seed)
+
+    def _speed(self, v_max: SpeedLimit) -> float:
+        return sampled_speed(v_max, self.delta, self.epsilon, self.beta)
 
     @property
     def _point(self) -> return_map.StiffPoint:

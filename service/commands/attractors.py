@@ -22,12 +22,7 @@ SpeedLimit = Annotated[
 
 def found_at(point: Point, count: int, v_max: float | None, seed: int) -> tuple[Attractor, ...]:
     """The attractors of a point by falling share of the samples, whose speeds are by default those of its motions."""
-    from rattle.flight.law import natural_speed
-
-    gear = point.gear
-    if v_max is None:
-        v_max = float(natural_speed(gear.delta, gear.epsilon, gear.beta))
-    return gear.attractors(count, v_max, seed)
+    return point.gear.attractors(count, "natural" if v_max is None else v_max, seed)
 
 
 def name_of(attractor: Attractor) -> str:

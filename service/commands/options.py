@@ -21,7 +21,21 @@ Kappa = Annotated[
     typer.Option(help="Stiffness of the walls: the stiff model.", show_default="none: the impacting model"),
 ]
 Count = Annotated[int, typer.Option(help="Initial conditions per cell.")]
-VMax = Annotated[float, typer.Option(help="Largest initial speed.")]
+VMax = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SPEED",
+        help='Largest initial speed, or "natural": 1.5 √(16πδβ) + 2πε of each cell.',
+        show_default="7 in the paper's plane, natural elsewhere",
+    ),
+]
+Budget = Annotated[
+    int | None,
+    typer.Option(help="Impacts after which a sample is undecided.", show_default="1000000"),
+]
+Slots = Annotated[
+    int | None, typer.Option(help="Attractors that a cell lists.", show_default="8; 24 where δ begins below 0.1")
+]
 Seed = Annotated[int, typer.Option(help="Seed of the samples.")]
 Name = Annotated[str, typer.Option(help="A name for people.")]
 Tile = Annotated[
@@ -65,7 +79,9 @@ def survey_request(
     beta: float,
     kappa: float | None,
     count: int,
-    v_max: float,
+    v_max: str | None,
+    budget: int | None,
+    slots: int | None,
     seed: int,
     name: str,
     tile: str | None,
@@ -75,6 +91,7 @@ def survey_request(
     from pydantic import ValidationError
 
     from rattle import RattleError
+    from rattle.attractors.speeds import read_speed
     from workers import Axis, SurveyRequest
 
     try:
@@ -82,7 +99,12 @@ def survey_request(
             "delta": Axis.parse(delta),
             "epsilon": Axis.parse(epsilon),
             "beta": beta,
-            "initial_conditions": {"count": count, "v_max": v_max},
+            "initial_conditions": {
+                "count": count,
+                "v_max": read_speed(v_max),
+                **({} if budget is None else {"budget": budget}),
+            },
+            "slots": slots,
             "seed": seed,
             "name": name,
         }

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from starlette.concurrency import run_in_threadpool
 
+from rattle.attractors.classify import PERIODS, WATCH
 from service.database.tables import JobRow
 from service.kernels import Part
 from service.operations.turns import in_turn
@@ -20,6 +21,7 @@ LOOKED_AT = 100  # newest surveys
 LEAST_CELLS = 16  # of a survey whose speed is taken for that of others
 SIMILAR = 4.0  # of counts of initial conditions, between which cost is taken to be proportional
 TRIED = 3  # cells along each axis of a measurement
+STRONG = WATCH / PERIODS  # damping above which every sample is watched for as long
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
         and job.is_readable
         and set(job.request["quantities"]) == wanted
         and _same_model(request, job)
+        and _same_watch(request, job)
         and 1.0 / SIMILAR <= _ratio(request, job) <= SIMILAR
     ]
     return min(like, key=lambda job: abs(math.log(_ratio(request, job))), default=None)
@@ -91,6 +94,14 @@ def _same_model(request: SurveyRequest, job: JobRow) -> bool:
     if request.kappa is None or stiffness is None:
         return request.kappa is stiffness
     return 1.0 / SIMILAR <= request.kappa / float(stiffness) <= SIMILAR
+
+
+def _same_watch(request: SurveyRequest, job: JobRow) -> bool:
+    """Whether samples are watched for about as long: in relaxation times where damping is weak, within the budget."""
+    other = SurveyRequest.model_validate(job.request)
+    ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
+    same = request.initial_conditions.budget == other.initial_conditions.budget and request.v_max == other.v_max
+    return same and 1.0 / SIMILAR <= ratio <= SIMILAR
 
 
 def cell_seconds(request: SurveyRequest) -> float:

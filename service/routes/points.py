@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 import rattle
+from rattle.attractors.classify import BUDGET
+from rattle.attractors.speeds import sampled_speed
+from rattle.attractors.table import LARGEST_BUDGET
 from rattle.models import AnyGear, model_at, model_of
 from service.errors import LimitError
 from service.kernels import Part
@@ -18,7 +21,7 @@ from service.state import FrontState
 from service.web import examples
 from service.web.conditional import NOT_MODIFIED, function_of_query
 from service.web.problems import declared
-from workers.survey.request import MOST_STIFF
+from workers.survey.request import MOST_STIFF, OneSpeed
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
@@ -30,6 +33,12 @@ Stiffness = Annotated[
     Query(
         gt=0, le=MOST_STIFF, allow_inf_nan=False, description="of the walls: the stiff model; else the impacting one"
     ),
+]
+
+SampledSpeed = Annotated[
+    Annotated[float, Field(gt=0, allow_inf_nan=False)] | Literal["natural"] | None,
+    OneSpeed,
+    Query(description="largest initial speed, or natural; by default 7 in the paper's plane, natural elsewhere"),
 ]
 
 
@@ -79,7 +88,7 @@ class AttractorDocument(BaseModel):
     m: int
     n_plus: int
     n_minus: int
-    fraction: float
+    fraction: float = Field(description="0 of a stable orbit that exists and that no initial condition found")
     fraction_interval: tuple[float, float] = Field(description="95 % Wilson interval")
     lyapunov: tuple[float | None, float | None] = Field(description="per forcing period; null if not defined")
     lyapunov_error: float | None
@@ -93,6 +102,7 @@ class Attractors(Point):
     count: int
     v_max: float
     seed: int
+    budget: int
     attractors: list[AttractorDocument]
 
 
@@ -139,7 +149,8 @@ async def attractors(
     front: FrontState,
     gear: GearQuery,
     count: Annotated[int, Query(ge=1, description="initial conditions", examples=[16])] = 256,
-    v_max: Annotated[float, Query(gt=0, allow_inf_nan=False, description="largest initial speed")] = 7.0,
+    v_max: SampledSpeed = None,
+    budget: Annotated[int, Query(ge=1, le=LARGEST_BUDGET, description="most impacts on Σ⁺ of one")] = BUDGET,
     seed: Annotated[int, Query(ge=0, lt=2**32)] = 0,
 ) -> Attractors:
     if count > front.settings.max_point_count:
@@ -150,12 +161,18 @@ async def attractors(
         count,
         v_max,
         seed,
+        budget,
         needs=(model_at(gear).name, Part.ATTRACTORS),
         what="The attractors",
         advice="Ask for fewer initial conditions (count), or submit a survey.",
     )
     return Attractors(
-        **_point(gear), count=count, v_max=v_max, seed=seed, attractors=[_attractor(item) for item in found]
+        **_point(gear),
+        count=count,
+        v_max=sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta),
+        seed=seed,
+        budget=budget,
+        attractors=[_attractor(item) for item in found],
     )
 
 

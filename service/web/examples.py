@@ -79,6 +79,7 @@ ATTRACTORS: dict[str, Any] = {
     "count": 16,
     "v_max": 7.0,
     "seed": 0,
+    "budget": 1_000_000,
     "attractors": [
         {
             "kind": "quiet",

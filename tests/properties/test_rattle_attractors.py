@@ -224,8 +224,8 @@ def test_nothing_is_measured_before_the_tangent_vector_is_aligned():
         settle.measure(
             followed._block,
             which,
-            2000,
-            1000.0,
+            np.full(1, 2000.0),
+            np.full(1, 1000.0),
             cells,
             followed.samples,
             followed.balls,

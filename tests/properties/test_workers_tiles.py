@@ -149,7 +149,7 @@ def test_a_failure_of_the_machine_is_not_stored_as_a_cell(monkeypatch: pytest.Mo
 def test_undecided_samples_are_counted_openly(monkeypatch: pytest.MonkeyPatch) -> None:
     none, nan, some = np.zeros(30, int), np.full(30, np.nan), np.full(30, 0.1)
     undecided = rattle.Attractors(
-        np.arange(30), none + 4, none, none, none, none + 5, some, some, nan, nan, nan, none + 100
+        np.arange(30), none + 4, none, none, none, none + 5, some, some, nan, nan, nan, none + 100, some
     )
     monkeypatch.setattr(models, "attractors_of", lambda *_: undecided)
     values, record = compute_tile(WHOLE, tiles_of(WHOLE)[0])

@@ -7,7 +7,7 @@ import panel_march
 from compiled import compiled
 
 from rattle.flight.first_impact import proven_impact, safe_impact
-from rattle.flight.law import DRIFT, TWO_PI, versines
+from rattle.flight.law import DRIFT, TWO_PI, leaving
 
 SEEN = ("flights", "proved", "no_impact", "marched", "wrong_wall", "late", "march_wall", "march_time")
 FLIGHTS, PROVED, NO_IMPACT, MARCHED, WRONG_WALL, LATE, MARCH_WALL, MARCH_TIME = range(len(SEEN))
@@ -121,11 +121,9 @@ def compare(n, seed, regime, near_share, march_every, time_error):
     worst = 0.0
     for k in range(n):
         wall, tau, w, delta, epsilon, beta = random_flight(regime, np.random.random() < near_share)
-        versine, sin0, _ = versines(tau)
-        cos0 = 1.0 - versine
-        a = DRIFT - TWO_PI * epsilon * sin0 - w
-        proved, target, s, _w1, _l, _s1, _c1 = proven_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta)
-        found = safe_impact(wall, tau, w, sin0, cos0, delta, epsilon, beta, DRIFT)
+        flight = leaving(tau, w, delta, epsilon, DRIFT)
+        proved, target, s, _w1, _l, _s1, _c1 = proven_impact(wall, tau, flight, beta)
+        found = safe_impact(wall, tau, flight, beta)
         status, safe_s, safe_target, w1 = found[0], found[1], found[2], found[3]
         seen[FLIGHTS] += 1
         seen[NO_IMPACT] += status != 0
@@ -141,7 +139,7 @@ def compare(n, seed, regime, near_share, march_every, time_error):
         if bad < 0 and k % march_every == 0:
             seen[MARCHED] += 1
             march_status, march_target, march_s = panel_march.march(wall, tau, w, delta, epsilon, beta, DRIFT)
-            scale = (abs(w) + abs(a)) * safe_s + epsilon + beta
+            scale = (abs(w) + abs(flight.a)) * safe_s + epsilon + beta
             allowed = 1e-12 * safe_s + 3e-15 * scale / max(abs(w1), 1e-30)
             if march_status != status or march_target != safe_target:
                 bad = MARCH_WALL

@@ -38,7 +38,7 @@ def refined(
         ClusterLostError: the cluster is gone.
     """
     work = _Work(client, survey, variable, index)
-    quantity = map_quantity(variable, index, survey.model)
+    quantity = map_quantity(variable, index, survey)
     grid = Grid(survey, quantity)
     try:
         for level in grid.levels:

@@ -67,12 +67,13 @@ class Frame:
     failed: int
 
 
-def map_quantity(variable: str, index: int, model: Model) -> Quantity:
+def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
     """Return the variable of a map. Raises SurveyError if there is no such map, as of a survey of that model."""
-    maps = {quantity.name: quantity for quantity in QUANTITIES if quantity.per_cell and model in quantity.models}
+    per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and request.model in quantity.models]
+    maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
         raise SurveyError(f"no map of {variable!r}: there are {', '.join(maps)}")
-    count, *_ = (*shape_of(maps[variable], (1, 1))[:-2], 1)
+    count, *_ = (*shape_of(maps[variable], (1, 1), request.n_slots)[:-2], 1)
     if not 0 <= index < count:
         raise SurveyError(f"{variable} has no map {index}: use an index from 0 to {count - 1}")
     return maps[variable]
@@ -82,7 +83,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
     """Return the survey of a window with about so many cells along (delta, epsilon): its cells are the window's.
 
     What is beyond the plane (δ ≤ 0, ε < 0) is cut off, and no axis is finer than double precision tells values apart.
-    All else is as in `request`, but for the tile, which is the default one.
+    All else is as in `request`, what it has by default too, but for the tile, which is the default one.
 
     Raises:
         ParameterError: the window or its pixels are no numbers, or out of range.
@@ -93,7 +94,9 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
         for name, span, number in zip(("delta", "epsilon"), window, pixels, strict=True):
             low, high = require_pair(name, span)
             axes[name] = _axis(name, low, high, require_integer(f"pixels along {name}", number, 2, MOST_PIXELS))
-        return SurveyRequest.model_validate(request.model_dump() | axes | {"tile": TileShape()})
+        sample = request.initial_conditions.model_copy(update={"v_max": request.v_max})
+        same = {"initial_conditions": sample, "slots": request.n_slots, "tile": TileShape()}
+        return SurveyRequest.model_validate(request.model_dump() | axes | same)
     except ValidationError as error:
         raise SurveyError(f"the window cannot be computed: {reason(error)}") from error
 
@@ -169,7 +172,7 @@ def compute_part(
 ) -> PartValues:
     """Compute a map on the cells epsilon × delta: the task that a cluster runs. A cell that fails keeps the fill."""
     began = time.perf_counter()
-    quantity = map_quantity(variable, index, request.model)
+    quantity = map_quantity(variable, index, request)
     # the status tells of all that are stored
     wanted = (quantity,) if quantity.group else stored(request.quantities, request.model)
     groups = {each.group for each in wanted}
@@ -179,8 +182,10 @@ def compute_part(
         epsilon=epsilon,
         model=request.gear_model,
         count=sample.count if SAMPLED.intersection(groups) else 0,
-        v_max=sample.v_max,
+        v_max=request.v_max,
         seed=request.seed,
+        budget=sample.budget,
+        slots=request.n_slots,
     )
     failed = 0
     try:

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 import rattle
+from rattle.attractors.speeds import SpeedLimit, sampled_speed, sampled_speeds
 from rattle.models import AnyModel
 
 GRAZING_CURVES = ("G1", "G2")
@@ -24,8 +25,10 @@ class Cells:
     epsilon: np.ndarray  # (n_epsilon,)
     model: AnyModel
     count: int  # initial conditions per cell; 0 where no attractors are asked for
-    v_max: float
+    v_max: SpeedLimit
     seed: int
+    budget: int
+    slots: int  # attractors that are listed
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -49,7 +52,14 @@ class Cells:
     @cached_property
     def attractors(self) -> rattle.Attractors:
         """The attractors of all cells, row by row: each cell's are those of the gear at its point, to the bit."""
-        return self.model.attractors_of(self.delta, self.epsilon[:, None], self.count, self.v_max, self.seed)
+        sample = self.count, self.v_max, self.seed, self.budget
+        return self.model.attractors_of(self.delta, self.epsilon[:, None], *sample)
+
+    @cached_property
+    def sampled_speed(self) -> np.ndarray:
+        """The largest speed of the sample, shape (n_epsilon, n_delta)."""
+        delta, epsilon = np.broadcast_arrays(self.delta, self.epsilon[:, None])
+        return sampled_speeds(self.v_max, delta, epsilon, np.full(self.shape, self.model.beta))
 
     @cached_property
     def boundary_distance(self) -> rattle.BoundaryDistance:
@@ -70,9 +80,9 @@ class Cells:
         found = np.full((2, *self.shape), np.nan)
         for (i, j), late in np.ndenumerate(self.rests_late):
             if not late:
-                basins = self.model.gear(float(self.delta[j]), float(self.epsilon[i])).basins(
-                    BASIN_RESOLUTION, self.v_max, "refined"
-                )
+                point = float(self.delta[j]), float(self.epsilon[i])
+                v_max = sampled_speed(self.v_max, *point, self.model.beta)
+                basins = self.model.gear(*point).basins(BASIN_RESOLUTION, v_max, "refined")
                 found[:, i, j] = rattle.basin_entropy(basins)[:2]
         return found
 

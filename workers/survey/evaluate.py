@@ -7,7 +7,6 @@ import numpy as np
 import rattle
 from workers.survey.cells import Cells
 
-SLOTS = 8
 KINDS = rattle.KINDS
 STATUS = ("not_computed", "ok", "some_undecided", "failed")
 OK, SOME_UNDECIDED, FAILED = 1, 2, 3
@@ -26,26 +25,52 @@ def grazing(field: str) -> Evaluate:
 
 
 def slots(field: str, dtype: str, fill: float = 0) -> Evaluate:
-    """Put a field of the first attractors of each cell in its slots: shape (8, n_epsilon, n_delta)."""
+    """Put a field of the first attractors of each cell in its slots: shape (slots, n_epsilon, n_delta)."""
 
     def evaluate(cells: Cells) -> np.ndarray:
-        found = cells.attractors
-        filled = np.full((SLOTS, cells.delta.size * cells.epsilon.size), fill, dtype)
-        slot = np.arange(found.cell.size) - np.searchsorted(found.cell, found.cell)
-        shown = slot < SLOTS
-        filled[slot[shown], found.cell[shown]] = getattr(found, field)[shown]
-        return filled.reshape(SLOTS, *cells.shape)
+        return _in_slots(cells, getattr(cells.attractors, field), fill, dtype)
 
     return evaluate
 
 
+def _in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.ndarray:
+    cell, slot = cells.attractors.cell, _slot(cells)
+    filled = np.full((cells.slots, cells.delta.size * cells.epsilon.size), fill, dtype)
+    shown = slot < cells.slots
+    filled[slot[shown], cell[shown]] = values[shown]
+    return filled.reshape(cells.slots, *cells.shape)
+
+
+def _slot(cells: Cells) -> np.ndarray:
+    """The number of each attractor in its cell."""
+    cell = cells.attractors.cell
+    return np.arange(cell.size) - np.searchsorted(cell, cell)
+
+
 def slot_fraction(cells: Cells) -> np.ndarray:
-    """Share of the sample that each slot wins: shape (8, n_epsilon, n_delta)."""
+    """Share of the sample that each slot wins: shape (slots, n_epsilon, n_delta)."""
     return slots("samples", "float64")(cells) / cells.count
 
 
+def slot_fraction_upper(cells: Cells) -> np.ndarray:
+    """Upper end of the 95 % Wilson interval of that share: shape (slots, n_epsilon, n_delta)."""
+    return _in_slots(cells, rattle.wilson_interval(cells.attractors.samples, cells.count)[1], np.nan, "float64")
+
+
+def unlisted_fraction(cells: Cells) -> np.ndarray:
+    """Share of the sample that attractors beyond the slots win."""
+    return _sum(cells, cells.attractors.samples * (_slot(cells) >= cells.slots)) / cells.count
+
+
+def watched_periods(cells: Cells) -> np.ndarray:
+    """Forcing periods for which what is chaotic or undecided was watched; NaN where every sample settled."""
+    least = np.full(cells.delta.size * cells.epsilon.size, np.nan)
+    np.fmin.at(least, cells.attractors.cell, cells.attractors.watched)
+    return least.reshape(cells.shape)
+
+
 def lyapunov(cells: Cells) -> np.ndarray:
-    """Take both exponents of each slot: shape (8, 2, n_epsilon, n_delta)."""
+    """Take both exponents of each slot: shape (slots, 2, n_epsilon, n_delta)."""
     return np.stack([slots(field, "float64", np.nan)(cells) for field in ("first", "second")], axis=1)
 
 

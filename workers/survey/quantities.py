@@ -18,7 +18,7 @@ COORDINATES = {
     "epsilon": Coordinate("eccentricity ε"),
     "orbit": Coordinate("period-one orbit", ("A", "B", "C", "D")),
     "multiplier": Coordinate("number of the Floquet multiplier", (1, 2)),
-    "attractor": Coordinate("slot of the attractor, by falling basin fraction", tuple(range(evaluate.SLOTS))),
+    "attractor": Coordinate("slot of the attractor, by falling basin fraction"),
     "exponent": Coordinate("number of the Lyapunov exponent, by falling value", (1, 2)),
     "grazing_curve": Coordinate("grazing curve", GRAZING_CURVES),
 }
@@ -107,37 +107,46 @@ QUANTITIES: tuple[Quantity, ...] = (
         "attractor_m",
         Group.ATTRACTORS,
         _SLOT,
-        "int16",
+        "int32",
         "m of P(m, n+, n-), forcing periods; 0 unless periodic",
         _ORBITS,
-        evaluate.slots("m", "int16"),
+        evaluate.slots("m", "int32"),
     ),
     Quantity(
         "attractor_n_plus",
         Group.ATTRACTORS,
         _SLOT,
-        "int16",
+        "int32",
         "n+ of P(m, n+, n-), impacts on or contacts with Σ+; 0 unless periodic",
         _ORBITS,
-        evaluate.slots("n_plus", "int16"),
+        evaluate.slots("n_plus", "int32"),
     ),
     Quantity(
         "attractor_n_minus",
         Group.ATTRACTORS,
         _SLOT,
-        "int16",
+        "int32",
         "n- of P(m, n+, n-), impacts on or contacts with Σ-; 0 unless periodic",
         _ORBITS,
-        evaluate.slots("n_minus", "int16"),
+        evaluate.slots("n_minus", "int32"),
     ),
     Quantity(
         "attractor_fraction",
         Group.ATTRACTORS,
         _SLOT,
         "float32",
-        "share of the sampled initial conditions",
+        "share of the sampled initial conditions; 0 of a stable orbit that exists and that none of them found",
         _BASINS,
         evaluate.slot_fraction,
+    ),
+    Quantity(
+        "attractor_fraction_upper",
+        Group.ATTRACTORS,
+        _SLOT,
+        "float32",
+        "upper end of the 95 % Wilson interval of attractor_fraction",
+        _WILSON,
+        evaluate.slot_fraction_upper,
     ),
     Quantity(
         "attractor_phase",
@@ -162,9 +171,36 @@ QUANTITIES: tuple[Quantity, ...] = (
         Group.ATTRACTORS,
         CELL,
         "int16",
-        "number of attractors found, beyond the slots too",
+        "number of attractors that are known, beyond the slots too",
         _BASINS,
         evaluate.number,
+    ),
+    Quantity(
+        "unlisted_fraction",
+        Group.ATTRACTORS,
+        CELL,
+        "float32",
+        "share of the sample that attractors beyond the slots win",
+        _BASINS,
+        evaluate.unlisted_fraction,
+    ),
+    Quantity(
+        "watched_periods",
+        Group.ATTRACTORS,
+        CELL,
+        "float32",
+        "forcing periods for which chaotic and undecided samples were watched at least; NaN if all settled",
+        _BASINS,
+        evaluate.watched_periods,
+    ),
+    Quantity(
+        "sampled_speed",
+        Group.ATTRACTORS,
+        CELL,
+        "float64",
+        "largest speed of the sampled initial conditions",
+        _BASINS,
+        lambda cells: cells.sampled_speed,
     ),
     Quantity(
         "quiet_fraction",
@@ -342,6 +378,11 @@ def stored(groups: Iterable[Group], model: Model) -> tuple[Quantity, ...]:
     return tuple(quantity for quantity in QUANTITIES if quantity.group in wanted and model in quantity.models)
 
 
-def shape_of(quantity: Quantity, cells: tuple[int, int]) -> tuple[int, ...]:
-    """Return the shape of a per-cell variable on (n_epsilon, n_delta) cells."""
-    return *(len(COORDINATES[dim].values) for dim in quantity.dims[:-2]), *cells
+def labels_of(dim: str, slots: int) -> tuple[int, ...] | tuple[str, ...]:
+    """Return the labels of a dimension other than δ and ε, in a survey with so many slots."""
+    return tuple(range(slots)) if dim == "attractor" else COORDINATES[dim].values
+
+
+def shape_of(quantity: Quantity, cells: tuple[int, int], slots: int) -> tuple[int, ...]:
+    """Return the shape of a per-cell variable on (n_epsilon, n_delta) cells with so many slots of attractors."""
+    return *(len(labels_of(dim, slots)) for dim in quantity.dims[:-2]), *cells

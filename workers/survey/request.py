@@ -3,11 +3,23 @@
 import json
 import math
 from hashlib import sha256
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    field_validator,
+    model_validator,
+)
 
+from rattle.attractors.classify import BUDGET, PERIODS, WATCH
+from rattle.attractors.speeds import NATURAL, PAPER_SPEED, in_paper_plane
+from rattle.attractors.table import LARGEST_BUDGET
 from rattle.models import AnyModel, Model, model_of
 from workers.errors import SurveyError
 from workers.survey.quantities import groups_of
@@ -18,6 +30,17 @@ from workers.survey.version import code_version
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
 
+
+def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    try:
+        return handler(value)
+    except ValidationError as error:
+        raise ValueError(f'v_max is a speed above 0, or "{NATURAL}" for each cell\'s own: give one of them') from error
+
+
+#: What is wrong with a speed limit is said once, not for each kind that it might have been.
+OneSpeed = WrapValidator(_one_of_both)
+
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
 LEAST_TILES = 64  # by default, so that the workers end together and progress is seen
 DEFAULT_SAMPLES = 65_536  # of a default tile: some seconds where all is chaotic, so that a stop is soon obeyed
@@ -27,6 +50,8 @@ BASIN_SAMPLES = 4096  # states at a time of each such cell
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
 MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
 MOST_STIFF = 1e8  # a motion needs some √κ returns to become quiet: beyond, samples are left undecided
+SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1  # attractors that a cell lists; more below this damping
+MAX_SLOTS = 64
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
 
 
@@ -66,10 +91,16 @@ class Axis(_Strict):
 
 
 class InitialConditions(_Strict):
-    """The sample of each cell: `count` points (τ, v) of [0, 1) × (0, v_max)."""
+    """The sample of each cell: `count` points (τ, v) of [0, 1) × (0, v_max).
+
+    v_max: a speed for all cells; "natural" for 1.5 √(16πδβ) + 2πε of each; by default 7 where all axes are in the
+    paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2), natural elsewhere. budget: impacts on Σ⁺ after which
+    a sample that was not told is undecided; at small damping the default takes seconds for each cell.
+    """
 
     count: Count = 64
-    v_max: Annotated[Real, Field(gt=0)] = 7.0
+    v_max: Annotated[Annotated[Real, Field(gt=0)] | Literal["natural"] | None, OneSpeed] = None
+    budget: Annotated[int, Field(strict=True, ge=1, le=LARGEST_BUDGET)] = BUDGET
 
 
 class TileShape(_Strict):
@@ -83,7 +114,8 @@ class SurveyRequest(_Strict):
     """A survey of the (δ, ε) plane: the body of `POST /v1/surveys`; all but the axes has a default.
 
     model: the impacting one, or the stiff one, which needs the stiffness kappa of its walls. quantities: by default all
-    that the model has, but those that cost several times what all others do.
+    that the model has, but those that cost several times what all others do. slots: attractors that a cell lists, by
+    default 8, or 24 where δ begins below 0.1; more are counted, and their share is told.
     """
 
     name: Annotated[str, Field(max_length=200)] = ""
@@ -94,6 +126,7 @@ class SurveyRequest(_Strict):
     epsilon: Axis
     quantities: tuple[Group, ...] = DEFAULT
     initial_conditions: InitialConditions = InitialConditions()
+    slots: Annotated[int, Field(strict=True, ge=1, le=MAX_SLOTS)] | None = None
     tile: TileShape = TileShape()
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
 
@@ -166,6 +199,19 @@ class SurveyRequest(_Strict):
         return model_of(self.beta, self.kappa)
 
     @property
+    def v_max(self) -> float | Literal["natural"]:
+        """The largest speed of the sample."""
+        if self.initial_conditions.v_max is not None:
+            return self.initial_conditions.v_max
+        delta, epsilon = (np.array([axis.start, axis.stop]) for axis in (self.delta, self.epsilon))
+        return PAPER_SPEED if in_paper_plane(delta, epsilon, np.full(2, self.beta)).all() else NATURAL
+
+    @property
+    def n_slots(self) -> int:
+        """Attractors that a cell lists."""
+        return self.slots or (SLOTS if self.delta.start >= MANY_ATTRACTORS else MORE_SLOTS)
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Cells of the grid along (epsilon, delta)."""
         return self.epsilon.num, self.delta.num
@@ -181,7 +227,8 @@ class SurveyRequest(_Strict):
         side = min(DEFAULT_TILE, math.isqrt(self.n_cells // LEAST_TILES))
         if SAMPLED.intersection(self.quantities):
             samples = DEFAULT_SAMPLES if self.model is Model.IMPACTING else STIFF_SAMPLES
-            side = min(side, math.isqrt(samples // self.initial_conditions.count))
+            longer = max(1.0, WATCH / (PERIODS * self.delta.start))
+            side = min(side, math.isqrt(int(samples / longer) // self.initial_conditions.count))
         if Group.BASINS in self.quantities:
             side = min(side, BASIN_SIDE)
         return max(side, SMALLEST_DEFAULT)
@@ -214,8 +261,9 @@ class SurveyRequest(_Strict):
         The name is left out: renaming a survey does not make it another one. The tile shape counts, though no cell
         depends on it, because it is the chunk shape of the store that a resumed run writes to.
         """
-        content = self.model_dump(mode="json", exclude={"name", "tile"})
-        content |= {"tile": self.tile_shape, "code": code_version()}
+        content = self.model_dump(mode="json", exclude={"name", "tile", "slots"})
+        content["initial_conditions"]["v_max"] = self.v_max
+        content |= {"tile": self.tile_shape, "slots": self.n_slots, "code": code_version()}
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

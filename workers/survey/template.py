@@ -15,7 +15,7 @@ from zarr.errors import ZarrUserWarning
 from zarr.storage import MemoryStore, StoreLike
 
 from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
-from workers.survey.quantities import COORDINATES, DOI, shape_of, stored
+from workers.survey.quantities import COORDINATES, DOI, labels_of, shape_of, stored
 from workers.survey.request import SurveyRequest
 from workers.survey.schema import Quantity
 from workers.survey.seals import GROUP, OWN, ROOT, TILES, files_of, sealed
@@ -141,7 +141,7 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
     axes = {"delta": request.delta, "epsilon": request.epsilon}
     for dim, coordinate in COORDINATES.items():
         if dim in dims:
-            values = axes[dim].values() if dim in axes else coordinate_values(coordinate.values)
+            values = axes[dim].values() if dim in axes else coordinate_values(labels_of(dim, request.n_slots))
             _write(root, dim, (dim,), values, {"long_name": coordinate.long_name, "units": "1"})
 
 
@@ -162,8 +162,8 @@ def _create(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> Non
 def _create_per_cell(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> zarr.Array:
     return root.create_array(
         quantity.name,
-        shape=shape_of(quantity, request.shape),
-        chunks=shape_of(quantity, request.tile_shape),
+        shape=shape_of(quantity, request.shape, request.n_slots),
+        chunks=shape_of(quantity, request.tile_shape, request.n_slots),
         dtype=quantity.dtype,
         fill_value=quantity.fill,
         compressors=CODECS,

@@ -70,8 +70,10 @@ def cells_of(request: SurveyRequest, tile: Tile | None = None) -> Cells:
         epsilon=epsilon if tile is None else epsilon[tile.epsilon],
         model=request.gear_model,
         count=sample.count if SAMPLED.intersection(request.quantities) else 0,
-        v_max=sample.v_max,
+        v_max=request.v_max,
         seed=request.seed,
+        budget=sample.budget,
+        slots=request.n_slots,
     )
 
 
@@ -152,7 +154,7 @@ def _gather(
 
 def _fills(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
     quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
-    return {each.name: np.full(shape_of(each, shape), each.fill, each.dtype) for each in quantities}
+    return {each.name: np.full(shape_of(each, shape, request.n_slots), each.fill, each.dtype) for each in quantities}
 
 
 def tile_error(request: SurveyRequest, tile: Tile, error: BaseException) -> SurveyError:

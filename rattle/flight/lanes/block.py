@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy import float32 as f32
 
-from rattle.flight.law import TWO_PI, negative_arc, versines
+from rattle.flight.law import DRIFT, TWO_PI, Arc, Flight, negative_arc, versines
 from rattle.flight.tangent import MOST_BOUNCES, STUCK
 from rattle.numerics.compile import inline, kernel
 
@@ -36,8 +36,9 @@ _SINGLE = (
     *("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s"),
 )
 #: What a driver keeps of the trajectory on a lane, `who` (−1: none): a reference state with the impacts to there, looks
-#: so far and at which the reference moves up; the batch that it is measured for (below 0: none yet) and since when.
-_NOTES = ("at_tau", "at_v", "at_n", "looks", "next_look", "batch", "since")
+#: so far and at which the reference moves up; the batch that it is measured for (below 0: none yet) and since when; the
+#: unit of its speeds.
+_NOTES = ("at_tau", "at_v", "at_n", "looks", "next_look", "batch", "since", "unit")
 #: One block: every field is an array over its lanes.
 BLOCK = np.dtype(
     [(name, np.float64, (LANES,)) for name in _DOUBLE]
@@ -53,6 +54,28 @@ def flag(condition):
     return ONE if condition else ZERO
 
 
+@inline
+def flight32(b, i):
+    """The flight of lane i, in single precision."""
+    k = np.uint64(i)  # a number that might count from the end keeps some loops from becoming vector instructions
+    return Flight(b.w_[k], b.a_[k], b.sin_[k], b.cos_[k], b.delta_[k], b.epsilon_[k])
+
+
+@inline
+def flight64(b, i):
+    """The same in double precision."""
+    k = np.uint64(i)
+    a = DRIFT - TWO_PI * b.epsilon[k] * b.sin0[k] - b.w[k]
+    return Flight(b.w[k], a, b.sin0[k], b.cos0[k], b.delta[k], b.epsilon[k])
+
+
+@inline
+def arc32(b, i):
+    """The arc of lane i."""
+    k = np.uint64(i)
+    return Arc(not b.no_arc[k] > ZERO, b.arc_exit[k], b.arc_length[k], b.sin_entry[k], b.sin_exit[k])
+
+
 @kernel
 def load(b, i, tau, v, delta, epsilon, beta, limit):
     """Put a trajectory on lane i: on Σ⁺ at phase tau with speed v, until it has made limit impacts there."""
@@ -61,9 +84,9 @@ def load(b, i, tau, v, delta, epsilon, beta, limit):
     b.delta[i], b.epsilon[i], b.gap[i], b.inverse_delta[i] = delta, epsilon, 2.0 * beta, 1.0 / delta
     b.delta_[i], b.epsilon_[i], b.gap_[i], b.inverse_delta_[i] = delta, epsilon, 2.0 * beta, 1.0 / delta
     b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i] = 1.0, 0.0, 1.0 / v, 0.0
-    arc, leave, length, sin_entry, sin_exit = negative_arc(delta, epsilon)
-    b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = leave, length, sin_entry, sin_exit
-    b.no_arc[i] = ZERO if arc else ONE
+    arc = negative_arc(delta, epsilon)
+    b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
+    b.no_arc[i] = ZERO if arc.exists else ONE
     b.at_tau[i], b.at_v[i], b.at_n[i] = 0.0, -1.0, 0.0  # a reference that nothing is near
     b.looks[i], b.next_look[i], b.batch[i], b.since[i] = 0.0, 1.0, -1.0, 0.0
     b.rough[i] = flag(epsilon * math.hypot(TWO_PI, delta) > ROUGHNESS * 2.0 * delta)
@@ -86,7 +109,7 @@ def move(b, i, j):
     b.sin_entry[i], b.sin_exit[i], b.rough[i] = b.sin_entry[j], b.sin_exit[j], b.rough[j]
     b.at_tau[i], b.at_v[i], b.at_n[i] = b.at_tau[j], b.at_v[j], b.at_n[j]
     b.looks[i], b.next_look[i], b.batch[i], b.since[i] = b.looks[j], b.next_look[j], b.batch[j], b.since[j]
-    b.who[i] = b.who[j]
+    b.unit[i], b.who[i] = b.unit[j], b.who[j]
     b.who[j], b.limit[j] = -1, -1.0
 
 

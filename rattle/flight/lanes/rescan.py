@@ -11,6 +11,8 @@ from rattle.flight.guess import (
     SCAN_STEPS,
     TOO_FAR,
     UNBOUNDED,
+    Minimum,
+    Scan,
     depth,
     level_of,
     local_root,
@@ -19,6 +21,7 @@ from rattle.flight.guess import (
     taylor,
 )
 from rattle.flight.lanes.block import GROUP, ZERO, flag
+from rattle.flight.law import Arc, Flight
 from rattle.flight.proof import clears_the_gap, is_located, single_turn, two_turns
 from rattle.numerics.compile import inline, kernel
 
@@ -52,6 +55,20 @@ def second_attempt(b, groups, paths):
 
 
 @inline
+def flight_scanned(b, i):
+    """The flight at place i of those to be scanned."""
+    k = np.uint64(i)  # as in `flight32`
+    return Flight(b.z_w[k], b.z_a[k], b.z_sin[k], b.z_cos[k], b.z_delta[k], b.z_epsilon[k])
+
+
+@inline
+def arc_scanned(b, i):
+    """Its arc."""
+    k = np.uint64(i)
+    return Arc(not b.z_no_arc[k] > ZERO, b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k])
+
+
+@inline
 def scan(b, n):
     """Points of the flights at fixed steps, until each has ended."""
     for k in range(n):
@@ -61,27 +78,11 @@ def scan(b, n):
     for j in range(SCAN_STEPS):
         s0, s1 = SCAN_STEP * f32(j), SCAN_STEP * f32(j + 1)
         for k in range(n):
-            f, g, turned, turn, ended, falls, end = scanned(
-                s0,
-                s1,
-                b.z_wall[k],
-                b.z_f[k],
-                b.z_g[k],
-                b.z_turned[k] > ZERO,
-                b.z_turn[k],
-                b.z_ended[k] > ZERO,
-                b.z_falls[k] > ZERO,
-                b.z_end[k],
-                b.z_gap[k],
-                b.z_w[k],
-                b.z_a[k],
-                b.z_sin[k],
-                b.z_cos[k],
-                b.z_delta[k],
-                b.z_epsilon[k],
-            )
-            b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = f, g, turn, end
-            b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(turned), flag(ended), flag(falls)
+            turned, ended, falls = b.z_turned[k] > ZERO, b.z_ended[k] > ZERO, b.z_falls[k] > ZERO
+            before = Scan(b.z_f[k], b.z_g[k], turned, b.z_turn[k], ended, falls, b.z_end[k])
+            now = scanned(s0, s1, b.z_wall[k], b.z_gap[k], before, flight_scanned(b, k))
+            b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = now.f, now.g, now.turn, now.end
+            b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(now.turned), flag(now.ended), flag(now.falls)
         left = np.int32(0)
         for k in range(n):
             left |= np.int32(b.z_ended[k] == ZERO)
@@ -93,34 +94,25 @@ def scan(b, n):
 def conclude(b, n):
     """Depth of the last turning point that the scan found, the impact to single precision, and its proof."""
     for k in range(n):
-        wall, w, a, delta, epsilon, gap = b.z_wall[k], b.z_w[k], b.z_a[k], b.z_delta[k], b.z_epsilon[k], b.z_gap[k]
-        sin0, cos0, turn, end = b.z_sin[k], b.z_cos[k], b.z_turn[k], b.z_end[k]
-        scanned_fall = b.z_falls[k]
-        c0, c1, c2, c3, c4, c5 = taylor(turn, w, a, sin0, cos0, delta, epsilon)
-        lowest, bound, b.z_g[k], place = depth(turn, c0, c1, c2, c3, c4, c5, w, a, delta, epsilon)
-        b.z_f[k] = bound if delta * turn < TOO_FAR else UNBOUNDED
+        wall, gap, flight = b.z_wall[k], b.z_gap[k], flight_scanned(b, k)
+        turn, end, scanned_fall = b.z_turn[k], b.z_end[k], b.z_falls[k]
+        series = taylor(turn, flight)
+        lowest, minimum = depth(turn, series, flight)
+        b.z_f[k] = minimum.bound if flight.delta * turn < TOO_FAR else UNBOUNDED
         misses = (turn > ZERO) & (wall > ZERO) & (lowest < -gap)  # between two points of the scan
         falls = flag(misses | (scanned_fall > ZERO))
         level = level_of(wall, falls > ZERO, gap)
-        u = local_root(falls == ZERO, c0 - level, c1, c2, c3, c4, c5)
-        near_turn = turn + u
+        near_turn = turn + local_root(falls == ZERO, level, series)
         from_turn = (end < ZERO) | (misses & (scanned_fall == ZERO))
         s = near_turn if from_turn else end
-        s, _u, _speed = refined(s, level, w, a, sin0, cos0, delta, epsilon)
-        s, step, speed = refined(s, level, w, a, sin0, cos0, delta, epsilon)
-        b.z_s[k], b.z_falls[k], b.z_turn[k] = s, falls, place
-        b.z_proved[k] = flag(is_located(s, step, speed, w, a, delta, epsilon))
+        s, _u, _speed = refined(s, level, flight)
+        s, step, speed = refined(s, level, flight)
+        b.z_s[k], b.z_falls[k], b.z_g[k], b.z_turn[k] = s, falls, minimum.tilt, minimum.time
+        b.z_proved[k] = flag(is_located(s, step, speed, flight))
     for k in range(n):
-        wall, w, a, delta, epsilon, gap = b.z_wall[k], b.z_w[k], b.z_a[k], b.z_delta[k], b.z_epsilon[k], b.z_gap[k]
-        tau, sin0, cos0, s, turn = b.z_tau[k], b.z_sin[k], b.z_cos[k], b.z_s[k], b.z_turn[k]
-        bound, tilt, rising = b.z_f[k], b.z_g[k], b.z_falls[k] == ZERO
-        leave, length, sin_entry, sin_exit = b.z_arc_exit[k], b.z_arc_length[k], b.z_sin_entry[k], b.z_sin_exit[k]
-        no_arc = b.z_no_arc[k] > ZERO
-        once = single_turn(
-            wall, rising, tau, s, turn, w, a, sin0, delta, epsilon, leave, length, sin_entry, sin_exit, no_arc
-        )
-        once &= clears_the_gap(wall, rising, s, turn, bound, tilt, gap, w, a, sin0, delta, epsilon)
-        twice = two_turns(
-            wall, rising, tau, s, turn, bound, tilt, gap, w, a, sin0, cos0, delta, epsilon, leave, length, no_arc
-        )
+        wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]
+        flight, arc, minimum = flight_scanned(b, k), arc_scanned(b, k), Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
+        once = single_turn(wall, rising, tau, s, minimum.time, flight, arc)
+        once &= clears_the_gap(wall, rising, s, minimum, gap, flight)
+        twice = two_turns(wall, rising, tau, s, minimum, gap, flight, arc)
         b.z_proved[k] = b.z_proved[k] if once | twice else ZERO

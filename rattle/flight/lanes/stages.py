@@ -10,8 +10,18 @@ import numpy as np
 from numpy import float32 as f32
 
 from rattle.flight.first_impact import OK, last_step, safe_impact, stepped
-from rattle.flight.guess import TOO_FAR, better_guess, depth, first_guess, level_of, local_root, refined, taylor
-from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, flag
+from rattle.flight.guess import (
+    TOO_FAR,
+    Minimum,
+    better_guess,
+    depth,
+    first_guess,
+    level_of,
+    local_root,
+    refined,
+    taylor,
+)
+from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag, flight32, flight64
 from rattle.flight.lanes.rescan import SAFE, second_attempt
 from rattle.flight.law import DRIFT, TWO_PI, evaluate_short, folded, second_derivative
 from rattle.flight.proof import clears_the_gap, is_located, single_turn
@@ -36,18 +46,15 @@ def copy_to_single(b, groups):
 def guess(b, groups):
     """A of the flight law, and a first guess of where the flight turns (from Σ⁺) or ends (from Σ⁻)."""
     for i in range(GROUP * groups):
-        w, sin0, delta, epsilon = b.w_[i], b.sin_[i], b.delta_[i], b.epsilon_[i]
-        b.a_[i] = Q_32 - TWO_PI_32 * epsilon * sin0 - w
-        b.s_[i] = first_guess(b.wall_[i], w, sin0, b.cos_[i], delta, b.inverse_delta_[i], epsilon, b.gap_[i])
+        b.a_[i] = Q_32 - TWO_PI_32 * b.epsilon_[i] * b.sin_[i] - b.w_[i]
+        b.s_[i] = first_guess(b.wall_[i], b.gap_[i], b.inverse_delta_[i], flight32(b, i))
 
 
 @inline
 def improve(b, groups):
     """A better guess, worth its time where the force varies so much that the mean of the way misleads."""
     for i in range(GROUP * groups):
-        s = better_guess(
-            b.s_[i], b.wall_[i], b.w_[i], b.a_[i], b.sin_[i], b.cos_[i], b.delta_[i], b.epsilon_[i], b.gap_[i]
-        )
+        s = better_guess(b.s_[i], b.wall_[i], b.gap_[i], flight32(b, i))
         s = min(s, f32(0.95) * TOO_FAR * b.inverse_delta_[i])
         b.s_[i] = s if b.rough[i] > ZERO else b.s_[i]  # a lane's result must not depend on its neighbours
 
@@ -56,7 +63,7 @@ def improve(b, groups):
 def expand(b, groups):
     """Taylor coefficients of F at the guess."""
     for i in range(GROUP * groups):
-        c = taylor(b.s_[i], b.w_[i], b.a_[i], b.sin_[i], b.cos_[i], b.delta_[i], b.epsilon_[i])
+        c = taylor(b.s_[i], flight32(b, i))
         b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i] = c
 
 
@@ -64,11 +71,10 @@ def expand(b, groups):
 def choose_wall(b, groups):
     """Depth of the turning point: which wall is next, and a lower bound of F that may prove it."""
     for i in range(GROUP * groups):
-        lowest, bound, b.tilt[i], b.turn[i] = depth(
-            b.s_[i], b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i], b.w_[i], b.a_[i], b.delta_[i], b.epsilon_[i]
-        )
+        series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
+        lowest, minimum = depth(b.s_[i], series, flight32(b, i))
         falls = (b.wall_[i] > ZERO) & (lowest < -b.gap_[i])
-        b.bound[i] = bound
+        b.bound[i], b.tilt[i], b.turn[i] = minimum
         b.falls[i] = flag(falls)
 
 
@@ -77,9 +83,8 @@ def solve_locally(b, groups):
     """The root of the Taylor polynomial at the level of the wall."""
     for i in range(GROUP * groups):
         level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
-        falls = b.falls[i] > ZERO
-        u = local_root(not falls, b.c0[i] - level, b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i])
-        b.s_[i] += u
+        series = b.c0[i], b.c1[i], b.c2[i], b.c3[i], b.c4[i], b.c5[i]
+        b.s_[i] += local_root(not b.falls[i] > ZERO, level, series)
 
 
 @inline
@@ -87,54 +92,25 @@ def refine(b, groups):
     """A step of fourth order towards the wall."""
     for i in range(GROUP * groups):
         level = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i])
-        b.s_[i], b.step[i], b.speed[i] = refined(
-            b.s_[i], level, b.w_[i], b.a_[i], b.sin_[i], b.cos_[i], b.delta_[i], b.epsilon_[i]
-        )
+        b.s_[i], b.step[i], b.speed[i] = refined(b.s_[i], level, flight32(b, i))
 
 
 @inline
 def prove(b, groups):
     """Whether the impact that was located is certain to be the first."""
     for i in range(GROUP * groups):
-        rising, s, w, a, epsilon = b.falls[i] == ZERO, b.s_[i], b.w_[i], b.a_[i], b.epsilon_[i]
-        clear = clears_the_gap(
-            b.wall_[i],
-            rising,
-            s,
-            b.turn[i],
-            b.bound[i],
-            b.tilt[i],
-            b.gap_[i],
-            w,
-            a,
-            b.sin_[i],
-            b.delta_[i],
-            epsilon,
-        )
-        b.proved[i] = flag(clear & is_located(s, b.step[i], b.speed[i], w, a, b.delta_[i], epsilon))
+        rising, s, flight = b.falls[i] == ZERO, b.s_[i], flight32(b, i)
+        minimum = Minimum(b.bound[i], b.tilt[i], b.turn[i])
+        clear = clears_the_gap(b.wall_[i], rising, s, minimum, b.gap_[i], flight)
+        b.proved[i] = flag(clear & is_located(s, b.step[i], b.speed[i], flight))
 
 
 @inline
 def prove_turns(b, groups):
     """The proof's second part, where the contact force changes sign on some lane."""
     for i in range(GROUP * groups):
-        certain = single_turn(
-            b.wall_[i],
-            b.falls[i] == ZERO,
-            b.tau_[i],
-            b.s_[i],
-            b.turn[i],
-            b.w_[i],
-            b.a_[i],
-            b.sin_[i],
-            b.delta_[i],
-            b.epsilon_[i],
-            b.arc_exit[i],
-            b.arc_length[i],
-            b.sin_entry[i],
-            b.sin_exit[i],
-            b.no_arc[i] > ZERO,
-        )
+        flight, rising = flight32(b, i), b.falls[i] == ZERO
+        certain = single_turn(b.wall_[i], rising, b.tau_[i], b.s_[i], b.turn[i], flight, arc32(b, i))
         b.proved[i] = b.proved[i] if certain else ZERO
 
 
@@ -142,12 +118,10 @@ def prove_turns(b, groups):
 def evaluate_in_double(b, groups):
     """F above the level of the next wall, F', and what they came from."""
     for i in range(GROUP * groups):
-        w, sin0, delta, epsilon, gap = b.w[i], b.sin0[i], b.delta[i], b.epsilon[i], b.gap[i]
-        s = b.s[i]
-        a = DRIFT - TWO_PI * epsilon * sin0 - w
+        gap = b.gap[i]
         level = 0.0 if b.wall[i] > 0.0 else gap
         level = -gap if b.target[i] < 0.0 else level
-        f0, f1, _f2, lost, sin1, cos1 = evaluate_short(s, w, a, sin0, b.cos0[i], delta, epsilon)
+        f0, f1, _f2, lost, sin1, cos1 = evaluate_short(b.s[i], flight64(b, i))
         b.f0[i], b.w1[i], b.lost[i], b.sin1[i], b.cos1[i] = f0 - level, f1, lost, sin1, cos1
 
 
@@ -170,12 +144,10 @@ def _land(tangent):
         For `carry` those that do not have a flight of no time, and sin1, cos1 are the forcing at the departure.
         """
         for i in range(GROUP * groups):
-            delta, epsilon, target = b.delta[i], b.epsilon[i], b.target[i]
-            tau, w, wall, sin0, cos0, s = b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i], b.s[i]
+            tau, wall, target, s, flight = b.tau[i], b.wall[i], b.target[i], b.s[i], flight64(b, i)
             w1, lost, sin1, cos1 = b.w1[i], b.lost[i], b.sin1[i], b.cos1[i]
-            a = DRIFT - TWO_PI * epsilon * sin0 - w
-            u, exact = last_step(s, b.f0[i], w1, lost, sin1, cos1, a, delta, epsilon)
-            w1, bend, lost, sin1, cos1 = stepped(u, w1, lost, sin1, cos1, a, delta, epsilon)
+            u, exact = last_step(s, b.f0[i], w1, lost, sin1, cos1, flight)
+            w1, bend, lost, sin1, cos1 = stepped(u, w1, lost, sin1, cos1, flight)
             s += u
             sure = (b.sure[i] > 0.0) & exact & (target * w1 > 0.0)
             go = sure & (b.n_plus[i] < b.limit[i])
@@ -183,15 +155,17 @@ def _land(tangent):
             if tangent:
                 b.bend[i], b.lost[i] = bend, lost
                 b.s[i] = s if go else 0.0
-                b.sin1[i], b.cos1[i] = sin0, cos0
+                b.sin1[i], b.cos1[i] = flight.sin0, flight.cos0
             later, back = folded(tau + s), -w1
             plus, minus = 0.5 + 0.5 * target, 0.5 - 0.5 * target
             plus, minus = plus if go else 0.0, minus if go else 0.0
             b.tau[i] = later if go else tau
-            b.w[i] = back if go else w
+            b.w[i] = back if go else flight.w
             b.wall[i] = target if go else wall
-            b.sin0[i] = sin1 if go else sin0
-            b.cos0[i] = cos1 if go else cos0
+            if not tangent:
+                b.time[i] += s if go else 0.0
+            b.sin0[i] = sin1 if go else flight.sin0
+            b.cos0[i] = cos1 if go else flight.cos0
             b.n_plus[i] += plus
             b.n_minus[i] += minus
 
@@ -221,24 +195,18 @@ def carry(b, groups):
 @kernel
 def search(b, i, paths):
     """Fly lane i by the search that cannot skip a crossing, unless it rests."""
-    wall = np.int64(b.wall[i])
-    delta, epsilon = b.delta[i], b.epsilon[i]
-    w, sin0, cos0 = b.w[i], b.sin0[i], b.cos0[i]
-    if rests(wall, w, b.tau[i], delta, epsilon, DRIFT):
+    wall, flight = np.int64(b.wall[i]), flight64(b, i)
+    if rests(wall, flight.w, b.tau[i], flight.delta, flight.epsilon, DRIFT):
         b.stuck[i], b.limit[i] = STUCK, -1.0
         return
     paths[SAFE] += 1
-    status, s, target, w1, lost, sin1, cos1 = safe_impact(
-        wall, b.tau[i], w, sin0, cos0, delta, epsilon, 0.5 * b.gap[i], DRIFT
-    )
+    status, s, target, w1, lost, sin1, cos1 = safe_impact(wall, b.tau[i], flight, 0.5 * b.gap[i])
     if status != OK:
         b.stuck[i], b.limit[i] = status, -1.0
         return
-    a = DRIFT - TWO_PI * epsilon * sin0 - w
-    bend = second_derivative(a, lost, cos1, delta, epsilon)
-    t, q, det = carried(
-        b.t_tangent[i], b.w_tangent[i], w1, bend, lost, sin0, cos0, sin1, cos1, b.inverse_delta[i], epsilon
-    )
+    bend = second_derivative(lost, cos1, flight)
+    t0, q0, sin0, cos0 = b.t_tangent[i], b.w_tangent[i], flight.sin0, flight.cos0
+    t, q, det = carried(t0, q0, w1, bend, lost, sin0, cos0, sin1, cos1, b.inverse_delta[i], flight.epsilon)
     b.t_tangent[i], b.w_tangent[i] = t, q
     b.determinant[i] *= det
     b.time[i] += s

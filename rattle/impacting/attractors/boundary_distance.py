@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.samples import LEFT, ORBIT, QUIET
+from rattle.attractors.speeds import SpeedLimit, sampled_speeds
 from rattle.attractors.table import MOST_SAMPLES
-from rattle.errors import parameters, require, require_number
+from rattle.errors import parameters, require
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.classifier import classify
@@ -64,14 +65,15 @@ class _Cells:
     lowest states that go away, v inf where there is none; undecided: the least speed of one that cannot be told.
     """
 
-    def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: float) -> None:
+    def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: Array) -> None:
         n = delta.size
         self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST, 0.5 * v_max)  # all below become quiet
         self.v_max = v_max
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # of capture, whose preimages have been looked at
         self.sampled = self.strip_and_plane(n)
-        self.classifier = classify(delta, epsilon, beta, *(each.copy() for each in self.sampled))
+        tau, v = (each.copy() for each in self.sampled)
+        self.classifier = classify(delta, epsilon, beta, tau, v)
         status, impacts = self.classifier.status, self.classifier.impacts
         self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
         settled = np.where((status == ORBIT) | (status == QUIET), impacts, 0).max(axis=1)
@@ -82,9 +84,9 @@ class _Cells:
 
     def strip_and_plane(self, n: int) -> tuple[Array, Array]:
         """The first sample of n cells: states of the strip and of the plane (n, 2 SAMPLED)."""
-        (tau, v), (x, y) = self.strip(np.full(n, self.v_max), 0), sobol(SAMPLED).T
-        plane = self.v_max * (y + 0.5 / SAMPLED)
-        return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, np.tile(plane, (n, 1))])
+        (tau, v), (x, y) = self.strip(self.v_max, 0), sobol(SAMPLED).T
+        plane = self.v_max[:, None] * (y + 0.5 / SAMPLED)
+        return np.hstack([tau, np.tile(x, (n, 1))]), np.hstack([v, plane])
 
     def sample(self) -> None:
         """Keep the lowest of the sample that go away, and of their preimages."""
@@ -144,7 +146,7 @@ class _Cells:
         rank = np.arange(cell.size) - np.searchsorted(cell[order], cell[order])
         order, rank = order[rank < TRIED], rank[rank < TRIED]
         cell, tau, v = cell[order], tau[order], v[order]
-        low = v < self.v_max
+        low = v < self.v_max[cell]
         low[low] = self.away(cell[low], tau[low], v[low])
         found_tau, found = np.zeros((len(self.v), TRIED)), np.full((len(self.v), TRIED), np.inf)
         found_tau[cell, rank], found[cell, rank] = tau, np.where(low, v, np.inf)
@@ -196,12 +198,11 @@ class _Cells:
 
 
 def boundary_distances(
-    delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, v_max: float = 7.0
+    delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, v_max: SpeedLimit = None
 ) -> BoundaryDistance:
     """`Gear.boundary_distance` of all cells at once; delta, epsilon and beta broadcast. A cell's values do not depend
     on the other cells. Raises ParameterError.
     """
-    v_max = require_number("v_max", v_max, positive=True)
     broadcast = parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
     require(d.size * STATES * (1 + COPIES) <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: use tiles")
@@ -209,9 +210,10 @@ def boundary_distances(
     below = e < quiet_limit(d)
     late = below & rests_late(d, e, b)
     found.v[late], found.undecided[late] = np.nan, 0.0
+    highest = sampled_speeds(v_max, d, e, b)
     quiet = np.flatnonzero(below & ~late)
     if quiet.size:
-        cells = _Cells(d[quiet], e[quiet], b[quiet], v_max)
+        cells = _Cells(d[quiet], e[quiet], b[quiet], highest[quiet])
         cells.sample()
         cells.sample_below()
         cells.descend()

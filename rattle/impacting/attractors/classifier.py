@@ -5,9 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.classify import FIRST, Classifier, Seen
+from rattle.attractors.classify import BUDGET, Classifier, Seen
 from rattle.attractors.recurrence import remember_period_one
 from rattle.attractors.samples import Samples
+from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractor, Attractors, listed, of_samples
 from rattle.errors import parameters
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
@@ -20,11 +21,11 @@ from rattle.impacting.orbits.limits import sine_offset
 class ImpactingClassifier(Classifier):
     """The samples of a block of cells on their way, and what is known of the cells."""
 
-    def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64]) -> None:
+    def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
         """As the classifier of any gear; paths (2,) counts how flights were found."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
-        super().__init__(cells, tau, v)
+        super().__init__(cells, tau, v, budget)
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
@@ -38,12 +39,14 @@ class ImpactingClassifier(Classifier):
         found = period_one_cells(order, delta, epsilon, beta, sine_offset(delta))
         remember_period_one(*found, self.cells, self.orbits, self.balls)
 
-    def advance(self, which: NDArray[np.int64], samples: Samples) -> None:
+    def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:
         """Follow these samples to their ends or limits."""
-        flights = CHUNK if samples.limit[which[0]] <= FIRST else LONG_CHUNK
+        flights = CHUNK if early else LONG_CHUNK
         settle(self._block, which, flights, self.cells, samples, self.balls, self.paths)
 
-    def watch(self, which: NDArray[np.int64], least: int, periods: float, seen: Seen) -> None:
+    def watch(
+        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
+    ) -> None:
         """Follow these of the survey's samples with a tangent vector."""
         measure(self._block, which, least, periods, self.cells, self.samples, self.balls, *seen, self.paths)
 
@@ -54,24 +57,34 @@ def classify(
     beta: NDArray[np.float64],
     tau: NDArray[np.float64],
     v: NDArray[np.float64],
+    budget: int = BUDGET,
 ) -> ImpactingClassifier:
-    """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end."""
-    found = ImpactingClassifier(Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta)), tau, v)
+    """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end or its budget."""
+    cells = Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
+    found = ImpactingClassifier(cells, tau, v, budget)
     found.run()
     return found
 
 
 def attractors_of(
-    delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6, count: int = 256, v_max: float = 7.0, seed: int = 0
+    delta: ArrayLike,
+    epsilon: ArrayLike,
+    beta: ArrayLike = 0.6,
+    count: int = 256,
+    v_max: SpeedLimit = None,
+    seed: int = 0,
+    budget: int = BUDGET,
 ) -> Attractors:
     """The attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
 
     A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
     """
-    return of_samples(classify, parameters(delta, epsilon, beta), count, v_max, seed)
+    return of_samples(classify, parameters(delta, epsilon, beta), count, v_max, seed, budget)
 
 
-def attractors(delta: float, epsilon: float, beta: float, count: int, v_max: float, seed: int) -> tuple[Attractor, ...]:
+def attractors(
+    delta: float, epsilon: float, beta: float, count: int, v_max: SpeedLimit, seed: int, budget: int
+) -> tuple[Attractor, ...]:
     """See `rattle.Gear.attractors`."""
-    table = attractors_of(delta, epsilon, beta, count, v_max, seed)
+    table = attractors_of(delta, epsilon, beta, count, v_max, seed, budget)
     return listed(table, table.samples)

@@ -19,10 +19,11 @@ from rattle.attractors.samples import (
     RECURRENT,
     capturing_orbit,
     mark,
+    top_speed,
 )
 from rattle.flight.lanes.block import GROUP, GROUPS, empty, ended, load, made_ready, overflows, roughest, stretched
 from rattle.flight.lanes.stages import advance_plain, advance_tangent
-from rattle.flight.law import DRIFT, contact_force, wrapped
+from rattle.flight.law import DRIFT, contact_force, speed_unit, wrapped
 from rattle.impacting.map.impact_map import Point
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits.return_map import point_of
@@ -63,6 +64,7 @@ def start(b, i, k, cells, samples):
     c = samples.cell[k]
     limit = float(samples.limit[k] - samples.impacts[k])
     load(b, i, samples.tau[k], samples.v[k], cells.delta[c], cells.epsilon[c], cells.beta[c], limit)
+    b.unit[i] = speed_unit(cells.delta[c], cells.epsilon[c], cells.beta[c])
 
 
 @inline
@@ -70,6 +72,7 @@ def finish(b, i, k, status, orbit, samples):
     """Write lane i back to sample k."""
     samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = b.tau[i], abs(b.w[i]), status, orbit
     samples.impacts[k] += int(b.n_plus[i])
+    samples.time[k] += b.time[i]
     b.limit[i] = -1.0
 
 
@@ -77,7 +80,7 @@ def finish(b, i, k, status, orbit, samples):
 def recurs(b, i, k, samples):
     """True if lane i is back at its reference; the impacts since then go to the sample."""
     tau, v, n = b.tau[i], -b.w[i], b.n_plus[i]
-    near = abs(v - b.at_v[i]) < RECURRENCE and abs(wrapped(tau - b.at_tau[i])) < RECURRENCE
+    near = abs(v - b.at_v[i]) < RECURRENCE * b.unit[i] and abs(wrapped(tau - b.at_tau[i])) < RECURRENCE
     b.looks[i] += 1.0
     if near and samples.impacts[k] + n >= samples.pause[k]:
         samples.gap[k] = int(n - b.at_n[i])
@@ -138,7 +141,7 @@ def record(b, i, batches):
 
 @kernel
 def measure(b, which, least, periods, cells, samples, balls, sums, footprints, paths):
-    """As `settle`, with a tangent vector, for at least so many impacts and so many forcing periods, or to the limit.
+    """As `settle`, with a tangent vector, for at least so many impacts and forcing periods (k,), or to the limit.
 
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
     footprints[j] the boxes that it visits.
@@ -150,7 +153,7 @@ def measure(b, which, least, periods, cells, samples, balls, sums, footprints, p
             j = b.who[i]
             if j >= 0:
                 k = which[j]
-                share = min((b.n_plus[i] - ALIGNMENT) / (least - ALIGNMENT), b.time[i] / periods)
+                share = min((b.n_plus[i] - ALIGNMENT) / (least[j] - ALIGNMENT), b.time[i] / periods[j])
                 share = max(share, b.n_plus[i] / b.limit[i])
                 batch = min(int(share * BATCHES), BATCHES - 1) if b.n_plus[i] >= ALIGNMENT else -1
                 status, orbit, over = look(b, i, k, cells, samples, balls)
@@ -171,7 +174,7 @@ def measure(b, which, least, periods, cells, samples, balls, sums, footprints, p
             advance_tangent(b, groups, flights, force, paths)
             for i in range(GROUP * groups):
                 if b.who[i] >= 0 and b.wall[i] > 0.0:
-                    mark(b.tau[i], -b.w[i], b.epsilon[i], footprints[b.who[i]])
+                    mark(b.tau[i], -b.w[i], top_speed(b.epsilon[i], b.unit[i]), footprints[b.who[i]])
 
 
 @for_type(point_of, Cells)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattle.attractors.classify import Classifier
+from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractors
 from rattle.continuation.arclength import Problem
 from rattle.continuation.diagram import Diagram, diagram_of, require_end
@@ -36,7 +37,7 @@ class ImpactingMotions:
         delta, epsilon = np.ascontiguousarray(self.segment.at(position).T)
         return delta, epsilon, np.full_like(delta, self.beta)
 
-    def sampled(self, steps: tuple[Array, ...], count: int, v_max: float, seed: int) -> Attractors:
+    def sampled(self, steps: tuple[Array, ...], count: int, v_max: SpeedLimit, seed: int) -> Attractors:
         """See `Motions`."""
         delta, epsilon, beta = steps
         return attractors_of(delta, epsilon, beta, count, v_max, seed)
@@ -117,7 +118,7 @@ def diagram(
     beta: float = 0.6,
     steps: int = 400,
     count: int = 64,
-    v_max: float = 7.0,
+    v_max: SpeedLimit = None,
     impacts: int = 8,
     most: int = 100,
     seed: int = 0,

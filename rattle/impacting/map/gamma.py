@@ -78,7 +78,7 @@ def before_touch(touch, delta, epsilon, beta, tau, v):
         versine, sine, _defect = versines(touch[i])
         if not contact_force(sine, 1.0 - versine, delta, epsilon, DRIFT) > 0.0:
             continue
-        status, time, wall, speed, _l, _s0, _c0, _s1, _c1 = first_impact(
+        status, time, wall, speed, _l, _flight, _s1, _c1 = first_impact(
             SIGMA_MINUS, folded(-touch[i]), 0.0, -delta, epsilon, beta, -DRIFT
         )
         if status == OK and wall > 0:

@@ -22,7 +22,7 @@ def impact(tau, v, delta, epsilon, beta, drift):
     while True:
         if rests(wall, w, tau, delta, epsilon, drift):
             return STUCK, tau, abs(w), elapsed, n_minus
-        status, s, wall, w1, _d, _s0, _c0, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)
+        status, s, wall, w1, _d, _flight, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)
         if status != OK:
             return status, tau, abs(w), elapsed, n_minus
         elapsed += s
@@ -48,10 +48,10 @@ def impact_tangent(tau, v, delta, epsilon, beta, drift, energy):
         if rests(wall, w, tau, delta, epsilon, drift):
             return STUCK, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
         w0 = w
-        status, s, wall, w1, lost, s0, c0, s1, c1 = first_impact(wall, tau, w0, delta, epsilon, beta, drift)
+        status, s, wall, w1, lost, flight, s1, c1 = first_impact(wall, tau, w0, delta, epsilon, beta, drift)
         if status != OK:
             return status, tau, abs(w), elapsed, n_minus, j00, j01, j10, j11, log_det
-        k00, k01, k10, k11 = flight_tangent(w0, w1, lost, s0, c0, s1, c1, delta, epsilon, drift)
+        k00, k01, k10, k11 = flight_tangent(w1, lost, s1, c1, flight)
         w = -w1
         if energy:  # e = w²/2: de = w dw
             k01, k10, k11 = k01 / w0, k10 * w, k11 * w / w0
@@ -108,7 +108,7 @@ def _bounce(wall, tau, w, point):
     captured = wall > 0 and abs(w * w * w) <= point.quiet_invariant * force
     if captured or rests(wall, w, tau, point.delta, point.epsilon, DRIFT):
         return STUCK, 0.0, wall, abs(w), 0.0, 0.0, abs(w)
-    status, s, wall, w1, _d, _s0, _c0, _s1, _c1 = first_impact(
+    status, s, wall, w1, _d, _flight, _s1, _c1 = first_impact(
         wall, tau, w, point.delta, point.epsilon, point.beta, DRIFT
     )
     return status, s, wall, abs(w1), 0.0, 2.0 * abs(w1), abs(w1)

@@ -4,7 +4,7 @@ import math
 from typing import Any
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
-from rattle.flight.law import DRIFT, TWO_PI, evaluate, folded
+from rattle.flight.law import DRIFT, evaluate, folded
 from rattle.flight.tangent import rests
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS, Trajectory, sampled_motion
@@ -24,12 +24,11 @@ def sampled(tau, v, delta, epsilon, beta, slowest, time, phi, velocity, impact_t
         if (wall > 0 and abs(w) < slowest) or rests(wall, w, phase, delta, epsilon, DRIFT):
             phi[i:], velocity[i:] = wall * beta, 0.0
             return OK, impacts, now
-        status, s, target, w1, _l, sin0, cos0, _s1, _c1 = first_impact(wall, phase, w, delta, epsilon, beta, DRIFT)
+        status, s, target, w1, _l, flight, _s1, _c1 = first_impact(wall, phase, w, delta, epsilon, beta, DRIFT)
         if status != OK:
             return status, impacts, math.inf
-        a = DRIFT - TWO_PI * epsilon * sin0 - w
         while i < time.size and time[i] < now + s:
-            f0, f1, _f2, _lost, _sin, _cos = evaluate(time[i] - now, w, a, sin0, cos0, delta, epsilon)
+            f0, f1, _f2, _lost, _sin, _cos = evaluate(time[i] - now, flight)
             phi[i], velocity[i] = wall * beta + f0, f1
             i += 1
         if i == time.size:

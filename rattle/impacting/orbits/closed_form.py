@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
-from rattle.flight.law import DRIFT, TWO_PI, folded, versines
+from rattle.flight.law import DRIFT, TWO_PI, Flight, folded, versines
 from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import kernel
 from rattle.numerics.secant import narrowed
@@ -148,7 +148,7 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
         return False, 0.0, v, 0.0
     x = cosine * math.sqrt((epsilon - offset) * (epsilon + offset))
     tau = folded(math.atan2(offset, x) / TWO_PI)
-    status, time, wall, _w, _d, _s, _c, _t, _k = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
+    status, time, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     admissible = status == 0 and wall == 1 and abs(time - 1.0) < SAME_TIME
     return admissible, tau, v, trace_of_one_flight(delta, x)
 
@@ -161,21 +161,23 @@ def double_impact_orbit(s, delta, epsilon, beta):
     tau = folded(math.atan2(y, x) / TWO_PI)
     if not (v > 0.0 and u > 0.0):
         return False, tau, v, 0.0
-    status, t1, wall, _w, _d, _s, _c, _t, _k = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
+    status, t1, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     touches = wall == -1 and abs(t1 - s) < SAME_TIME
     grazes = u < GRAZING_SPEED and wall == 1 and abs(t1 - 1.0) < 1e-3  # a depth of u² is lost in rounding
     if status != 0 or not (touches or grazes):
         return False, tau, v, 0.0
     middle = folded(tau + s)
-    status, t2, wall, _w, _d, _s, _c, _t, _k = first_impact(SIGMA_MINUS, middle, u, delta, epsilon, beta, DRIFT)
+    status, t2, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_MINUS, middle, u, delta, epsilon, beta, DRIFT)
     if status != 0 or wall != 1 or abs(s + t2 - 1.0) > SAME_TIME:
         return False, tau, v, 0.0
     sin0, cos0 = y / epsilon, x / epsilon
     omc, siny, _defect = versines(s)
     sin1, cos1 = sin0 + cos0 * siny - sin0 * omc, cos0 - cos0 * omc - sin0 * siny
     d1, d2 = -math.expm1(-delta * s), -math.expm1(-delta * (1.0 - s))
-    a00, a01, a10, a11 = flight_tangent(-v, -u, d1, sin0, cos0, sin1, cos1, delta, epsilon, DRIFT)
-    b00, b01, b10, b11 = flight_tangent(u, v, d2, sin1, cos1, sin0, cos0, delta, epsilon, DRIFT)
+    down = Flight(-v, DRIFT - TWO_PI * epsilon * sin0 + v, sin0, cos0, delta, epsilon)
+    up = Flight(u, DRIFT - TWO_PI * epsilon * sin1 - u, sin1, cos1, delta, epsilon)
+    a00, a01, a10, a11 = flight_tangent(-u, d1, sin1, cos1, down)
+    b00, b01, b10, b11 = flight_tangent(v, d2, sin0, cos0, up)
     return True, tau, v, b00 * a00 + b01 * a10 + b10 * a01 + b11 * a11
 
 
@@ -237,9 +239,9 @@ def grazing_point(s, delta, beta):
     x, y = x / determinant, y / determinant
     epsilon, tau = math.hypot(x, y), folded(math.atan2(y, x) / TWO_PI)
     w = -TWO_PI * delta
-    status, t1, wall, w1, _d, _s, _c, _t, _k = first_impact(SIGMA_PLUS, tau, w, delta, epsilon, beta, DRIFT)
+    status, t1, wall, w1, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, w, delta, epsilon, beta, DRIFT)
     if status == 0 and wall == -1 and abs(t1 - s) < 1e-4 and abs(w1) < 1e-4:
-        status, t2, wall, _w, _d, _s, _c, _t, _k = first_impact(
+        status, t2, wall, _w, _d, _f, _s, _c = first_impact(
             SIGMA_MINUS, folded(tau + s), GRAZING_SPEED, delta, epsilon, beta, DRIFT
         )
         t1 = s + t2

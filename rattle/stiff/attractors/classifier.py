@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.classify import Classifier, Seen
+from rattle.attractors.classify import BUDGET, Classifier, Seen
 from rattle.attractors.samples import Samples
+from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractors, of_samples
 from rattle.errors import parameters
 from rattle.stiff.attractors.settle import StiffCells, measure, settle
@@ -22,11 +23,13 @@ class StiffClassifier(Classifier):
     def enter_known_orbits(self) -> None:
         """No motion is known beforehand."""
 
-    def advance(self, which: NDArray[np.int64], samples: Samples) -> None:
-        """Follow these samples to their ends or limits."""
+    def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:  # noqa: ARG002
+        """Follow these samples to their ends or limits: every return is looked at, early or not."""
         settle(which, self.cells, samples, self.balls)
 
-    def watch(self, which: NDArray[np.int64], least: int, periods: float, seen: Seen) -> None:
+    def watch(
+        self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen
+    ) -> None:
         """Follow these of the survey's samples with a tangent vector."""
         measure(which, least, periods, self.cells, self.samples, self.balls, *seen)
 
@@ -38,10 +41,11 @@ def classify(
     kappa: NDArray[np.float64],
     tau: NDArray[np.float64],
     v: NDArray[np.float64],
+    budget: int = BUDGET,
 ) -> StiffClassifier:
-    """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end."""
+    """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end or its budget."""
     rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
-    found = StiffClassifier(StiffCells(delta, epsilon, beta, rests, kappa), tau, v)
+    found = StiffClassifier(StiffCells(delta, epsilon, beta, rests, kappa), tau, v, budget)
     found.run()
     return found
 
@@ -52,10 +56,11 @@ def attractors_of(
     beta: ArrayLike,
     kappa: ArrayLike,
     count: int = 256,
-    v_max: float = 7.0,
+    v_max: SpeedLimit = None,
     seed: int = 0,
+    budget: int = BUDGET,
 ) -> Attractors:
     """The attractors of all cells at once, as `rattle.attractors_of`: the parameters broadcast, the samples are the
     same. A cell's are those of `StiffGear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
     """
-    return of_samples(classify, parameters(delta, epsilon, beta, kappa=kappa), count, v_max, seed)
+    return of_samples(classify, parameters(delta, epsilon, beta, kappa=kappa), count, v_max, seed, budget)

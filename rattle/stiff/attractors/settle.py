@@ -18,9 +18,10 @@ from rattle.attractors.samples import (
     RECURRENT,
     capturing_orbit,
     mark,
+    top_speed,
 )
 from rattle.flight.first_impact import OK
-from rattle.flight.law import wrapped
+from rattle.flight.law import speed_unit, wrapped
 from rattle.numerics.compile import for_type, inline, kernel
 from rattle.orbits.return_map import point_of, step
 from rattle.stiff.map import flow
@@ -58,12 +59,12 @@ def begun(tau, v):
 
 
 @inline
-def looked(tau, v, n, k, reference, samples, balls):
+def looked(tau, v, n, k, reference, samples, balls, unit):
     """What has become of sample k after n returns: (status, orbit, reference)."""
     orbit = capturing_orbit(tau, v, samples.cell[k], balls)
     if orbit >= 0:
         return ORBIT, orbit, reference
-    near = abs(v - reference.v) < RECURRENCE and abs(wrapped(tau - reference.tau)) < RECURRENCE
+    near = abs(v - reference.v) < RECURRENCE * unit and abs(wrapped(tau - reference.tau)) < RECURRENCE
     if near and n > reference.n and samples.impacts[k] + n >= samples.pause[k]:
         samples.gap[k] = n - reference.n
         return RECURRENT, -1, reference
@@ -73,10 +74,11 @@ def looked(tau, v, n, k, reference, samples, balls):
 
 
 @inline
-def finish(tau, v, n, k, status, orbit, samples):
-    """Write the end of a stretch of n returns to sample k."""
+def finish(tau, v, n, total, k, status, orbit, samples):
+    """Write the end of a stretch of n returns in a total time to sample k."""
     samples.tau[k], samples.v[k], samples.status[k], samples.orbit[k] = tau, v, status, orbit
     samples.impacts[k] += n
+    samples.time[k] += total
 
 
 @inline
@@ -91,22 +93,23 @@ def settle(which, cells, samples, balls):
     for j in range(which.size):
         k = which[j]
         point = point_of(samples.cell[k], cells)
-        tau, v, n = samples.tau[k], samples.v[k], 0
+        tau, v, n, total = samples.tau[k], samples.v[k], 0, 0.0
+        unit = speed_unit(point.delta, point.epsilon, point.beta)
         reference = begun(tau, v)
-        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls)
+        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
         while status == LEFT and samples.impacts[k] + n < samples.limit[k]:
-            code, tau, v, _time, _below = step(tau, v, point)
+            code, tau, v, time, _below = step(tau, v, point)
             if code != OK:
                 status = told(code)
                 break
-            n += 1
-            status, orbit, reference = looked(tau, v, n, k, reference, samples, balls)
-        finish(tau, v, n, k, status, orbit, samples)
+            n, total = n + 1, total + time
+            status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
+        finish(tau, v, n, total, k, status, orbit, samples)
 
 
 @kernel
 def measure(which, least, periods, cells, samples, balls, sums, footprints):
-    """As `settle`, with a tangent vector, for at least so many returns and so many forcing periods, or to the limit.
+    """As `settle`, with a tangent vector, for at least so many returns and forcing periods (k,), or to the limit.
 
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT returns,
     footprints[j] the boxes that it visits.
@@ -115,11 +118,12 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
         k = which[j]
         point = point_of(samples.cell[k], cells)
         tau, v, n, x, y, total = samples.tau[k], samples.v[k], 0, 1.0, 0.0, 0.0
+        unit = speed_unit(point.delta, point.epsilon, point.beta)
         most = float(samples.limit[k] - samples.impacts[k])
         reference = begun(tau, v)
-        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls)
+        status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
         while status == LEFT:
-            share = min((n - ALIGNMENT) / (least - ALIGNMENT), total / periods)
+            share = min((n - ALIGNMENT) / (least[j] - ALIGNMENT), total / periods[j])
             share = max(share, n / most)
             if share >= 1.0:
                 break
@@ -138,6 +142,6 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
                 row[0] += time
                 row[1] += math.log(size)
                 row[2] += math.log(abs(j00 * j11 - j01 * j10))
-            mark(tau, v, point.epsilon, footprints[j])
-            status, orbit, reference = looked(tau, v, n, k, reference, samples, balls)
-        finish(tau, v, n, k, status, orbit, samples)
+            mark(tau, v, top_speed(point.epsilon, unit), footprints[j])
+            status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
+        finish(tau, v, n, total, k, status, orbit, samples)

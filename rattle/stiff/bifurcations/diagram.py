@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractors
 from rattle.continuation.arclength import Problem
 from rattle.continuation.conditions import Kind
@@ -38,7 +39,7 @@ class StiffMotions:
         delta, epsilon, p = np.ascontiguousarray(self.segment.at(position).T)
         return delta, epsilon, np.full_like(delta, self.beta), 0.5 / p**2
 
-    def sampled(self, steps: tuple[Array, ...], count: int, v_max: float, seed: int) -> Attractors:
+    def sampled(self, steps: tuple[Array, ...], count: int, v_max: SpeedLimit, seed: int) -> Attractors:
         """See `Motions`."""
         delta, epsilon, beta, kappa = steps
         return attractors_of(delta, epsilon, beta, kappa, count, v_max, seed)
@@ -117,7 +118,7 @@ def diagram(
     kappa: float | tuple[float, float] = 1e4,
     steps: int = 400,
     count: int = 64,
-    v_max: float = 7.0,
+    v_max: SpeedLimit = None,
     impacts: int = 8,
     most: int = 100,
     seed: int = 0,

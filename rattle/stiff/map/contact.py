@@ -172,7 +172,7 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     """
     omc, sin0, _defect = versines(tau)
     mean, a, b = forcing(wall, sin0, 1.0 - omc, delta, epsilon)
-    arc, leave, length, _entry, _exit = negative_arc(delta, epsilon)
+    arc = negative_arc(delta, epsilon)
     square = 0.25 * delta * delta - 2.0 * kappa
     rate = math.sqrt(abs(square))
     longest = PIECE if square >= 0.0 else min(PIECE, 0.75 * math.pi / rate)
@@ -196,7 +196,7 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
             s = min(s + ahead, horizon)
             x, v, _h, _s, _l = depth(s, x0, w0, mean, a, b, delta, kappa)
             continue
-        end = min(end_of_piece(s, longest, tau, arc, leave, length), horizon)
+        end = min(end_of_piece(s, longest, tau, arc), horizon)
         x1, v1, _h, _s, _l = depth(end, x0, w0, mean, a, b, delta, kappa)
         middle = 0.5 * (s + end)
         q0 = v - x * log_rate(s - middle, delta, square, rate)

@@ -9,7 +9,7 @@ contact the wall and the depth beyond it outwards, in the gap wall 0 and Φ. A t
 import math
 
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
-from rattle.flight.law import DRIFT, TWO_PI, contact_force, evaluate, folded, versines
+from rattle.flight.law import DRIFT, contact_force, evaluate, folded, leaving, versines
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end, forcing
 
@@ -45,23 +45,21 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
 
     It starts in the gap, or on a wall (given, with velocity into the gap).
     """
-    omc, sin0, _defect = versines(tau)
     drift = math.copysign(DRIFT, delta)
-    cos0, a = 1.0 - omc, drift - TWO_PI * epsilon * sin0 - w
+    flight = leaving(tau, w, delta, epsilon, drift)
     if wall != GAP:
         position = wall * beta
-        status, s, target, w1, lost, _s0, _c0, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)
+        status, s, target, w1, lost, _flight, _s1, _c1 = first_impact(wall, tau, w, delta, epsilon, beta, drift)
     else:
-        status, target, s = searched_crossing(
-            tau, w, a, sin0, cos0, delta, epsilon, min(-beta - position, 0.0), max(beta - position, 0.0)
-        )
-        _f0, w1, _f2, lost, _s1, _c1 = evaluate(s, w, a, sin0, cos0, delta, epsilon)
+        lower, upper = min(-beta - position, 0.0), max(beta - position, 0.0)
+        status, target, s = searched_crossing(tau, flight, lower, upper)
+        _f0, w1, _f2, lost, _s1, _c1 = evaluate(s, flight)
         w1 = target * max(target * w1, 0.0)
     if status == OK and s <= horizon:
         return OK, s, SIGMA_PLUS if target > 0 else SIGMA_MINUS, 0.0, w1, lost
     if horizon == math.inf:
         return STUCK, 0.0, GAP, position, w, 0.0
-    f0, w1, _f2, lost, _s1, _c1 = evaluate(horizon, w, a, sin0, cos0, delta, epsilon)
+    f0, w1, _f2, lost, _s1, _c1 = evaluate(horizon, flight)
     return OK, horizon, GAP, position + f0, w1, lost
 
 

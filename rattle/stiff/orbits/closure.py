@@ -149,7 +149,7 @@ def first_failure(y, cycle):
         u, lasts = target * w1, p * y[c + after]
         if not (wall * w0 < 0.0 < u):
             return i, False, 0, t0
-        status, s, met, _w, _d, _s, _c, _t, _k = first_impact(wall, folded(t0), w0, delta, epsilon, beta, DRIFT)
+        status, s, met, _w, _d, _f, _s, _c = first_impact(wall, folded(t0), w0, delta, epsilon, beta, DRIFT)
         if status != OK:
             return i, False, 0, t0
         missed = met != target or abs(s - (t1 - t0)) > SAME_TIME
@@ -174,7 +174,7 @@ def struck(y, cycle):
     w0, _w1, _by_t0, _by_t1, _by_e = flight(t0, t1, gap, cycle.delta, y[2])
     if not w0 < 0.0:
         return math.nan
-    status, s, met, _w, _d, _s, _c, _t, _k = first_impact(
+    status, s, met, _w, _d, _f, _s, _c = first_impact(
         cycle.walls[0], folded(t0), w0, cycle.delta, y[2], cycle.beta, DRIFT
     )
     return t0 + s if status == OK and met < 0 else math.nan

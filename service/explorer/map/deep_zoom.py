@@ -38,7 +38,7 @@ async def refine(
         ClusterLostError: the workers went away.
         UnavailableError: they are not there, or too many windows wait already.
     """
-    map_quantity(variable, index, request.model)
+    map_quantity(variable, index, request)
     survey = await asyncio.to_thread(window_survey, request, window, pixels)
     while front.manager.cluster_state == STARTING:  # once it has started, whether it lives is told below
         await asyncio.sleep(LOOK_SECONDS)

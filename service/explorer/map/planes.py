@@ -197,10 +197,10 @@ class Atlas:
 
 def maps_of(request: SurveyRequest) -> dict[str, Any]:
     """The variables of a survey that are maps, in the order of the store; each with the names of its several maps."""
-    from workers.survey.quantities import COORDINATES, stored
+    from workers.survey.quantities import labels_of, stored
 
     return {
-        quantity.name: COORDINATES[quantity.dims[0]].values if len(quantity.dims) > 2 else ()
+        quantity.name: labels_of(quantity.dims[0], request.n_slots) if len(quantity.dims) > 2 else ()
         for quantity in stored(request.quantities, request.model)
         if quantity.per_cell
     }

@@ -11,6 +11,8 @@ import panel as pn
 from pydantic import ValidationError
 
 from rattle import RattleError
+from rattle.attractors.classify import BUDGET
+from rattle.attractors.speeds import read_speed
 from rattle.models import AnyModel, Model
 from service.database.tables import Scope
 from service.explorer.common.address import Pair
@@ -55,7 +57,10 @@ class Form:
             inline=True, margin=(0, 4), stylesheets=[sheet],
         )  # fmt: skip
         self.count = pn.widgets.IntInput(label="Initial conditions", value=64, start=1, step=64, **number)
-        self.v_max = pn.widgets.FloatInput(label="Highest speed", value=7.0, step=1.0, **number)
+        self.v_max = pn.widgets.TextInput(
+            label="Highest speed", placeholder="7 in the paper's plane, or natural", **number
+        )
+        self.budget = pn.widgets.IntInput(label="Impacts of a sample", value=BUDGET, start=1, step=BUDGET, **number)
         self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, **number)
         self.submit = pn.widgets.Button(
             label="Submit", button_type="primary", css_classes=["submit"], margin=(8, 4), stylesheets=[sheet]
@@ -73,6 +78,7 @@ class Form:
             pn.Row(self.model, self.kappa, sizing_mode="stretch_width"),
             pn.Row(self.beta, self.v_max, sizing_mode="stretch_width"),
             pn.Row(self.count, self.seed, sizing_mode="stretch_width"),
+            pn.Row(self.budget, sizing_mode="stretch_width"),
             pn.pane.HTML("<span id=quantities>Quantities</span>", margin=(6, 4, 0, 4)),
             self.quantities,
             self.cost,
@@ -85,7 +91,7 @@ class Form:
     def _widgets(self) -> list[Any]:
         return [
             self.name, self.model, self.kappa, self.beta, *(widget for three in self.axes.values() for widget in three),
-            self.quantities, self.count, self.v_max, self.seed,
+            self.quantities, self.count, self.v_max, self.budget, self.seed,
         ]  # fmt: skip
 
     def fill(self, request: SurveyRequest) -> None:
@@ -112,7 +118,9 @@ class Form:
     def fill_sample(self, request: SurveyRequest) -> None:
         """Take over what a survey computes in a cell."""
         self.quantities.value = [str(group) for group in request.quantities]
-        self.count.value, self.v_max.value = request.initial_conditions.count, request.initial_conditions.v_max
+        sample = request.initial_conditions
+        self.count.value, self.budget.value = sample.count, sample.budget
+        self.v_max.value = "" if sample.v_max is None else str(sample.v_max)
         self.seed.value = request.seed
 
     def fields(self) -> dict[str, Any]:
@@ -128,7 +136,11 @@ class Form:
             "beta": self.beta.value,
             **axes,
             "quantities": self.quantities.value,
-            "initial_conditions": {"count": self.count.value, "v_max": self.v_max.value},
+            "initial_conditions": {
+                "count": self.count.value,
+                "v_max": read_speed(self.v_max.value),
+                "budget": self.budget.value,
+            },
             "seed": self.seed.value,
         }
 

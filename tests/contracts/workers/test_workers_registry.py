@@ -24,14 +24,18 @@ SCHEMA = {
     "orbit_velocity": (ORBIT, "float64"),
     "orbit_multiplier": (("orbit", "multiplier", *CELL), "complex128"),
     "attractor_kind": (SLOT, "int8"),
-    "attractor_m": (SLOT, "int16"),
-    "attractor_n_plus": (SLOT, "int16"),
-    "attractor_n_minus": (SLOT, "int16"),
+    "attractor_m": (SLOT, "int32"),
+    "attractor_n_plus": (SLOT, "int32"),
+    "attractor_n_minus": (SLOT, "int32"),
     "attractor_fraction": (SLOT, "float32"),
+    "attractor_fraction_upper": (SLOT, "float32"),
     "attractor_lyapunov": (("attractor", "exponent", *CELL), "float64"),
     "attractor_phase": (SLOT, "float64"),
     "attractor_velocity": (SLOT, "float64"),
     "n_attractors": (CELL, "int16"),
+    "unlisted_fraction": (CELL, "float32"),
+    "watched_periods": (CELL, "float32"),
+    "sampled_speed": (CELL, "float64"),
     "quiet_fraction": (CELL, "float32"),
     "periodic_fraction": (CELL, "float32"),
     "chaotic_fraction": (CELL, "float32"),
@@ -111,7 +115,8 @@ def test_variable_of_a_filled_store(survey: xr.Dataset, quantity: Quantity) -> N
         assert len(values.attrs["flag_meanings"].split()) == len(values.attrs["flag_values"])
         assert set(np.unique(values)) <= set(values.attrs["flag_values"])
     # each of these happens somewhere on this grid, so that nothing stays at its fill value
-    assert np.unique(values).size > (1 if quantity.name not in {"status", "undecided_fraction"} else 0)
+    same = {"status", "undecided_fraction", "unlisted_fraction", "sampled_speed"}
+    assert np.unique(values).size > (1 if quantity.name not in same else 0)
 
 
 @pytest.mark.parametrize("name", COORDINATES)

@@ -21,9 +21,44 @@ def survey(**fields: object) -> SurveyRequest:
 def test_defaults() -> None:
     request = survey()
     assert (request.beta, request.seed, request.name) == (0.6, 0, "")
-    assert (request.initial_conditions.count, request.initial_conditions.v_max) == (64, 7.0)
+    assert (request.initial_conditions.count, request.initial_conditions.v_max) == (64, None)
+    assert (request.v_max, request.n_slots, request.initial_conditions.budget) == (7.0, 8, 1_000_000)
     assert request.quantities == ("region", "orbits", "attractors", "lyapunov", "grazing")  # what is cheap
     assert (request.n_cells, request.tile_shape, request.n_tiles) == (3660, (7, 7), 81)
+
+
+SMALL = {"delta": {"start": 0.001, "stop": 0.01, "num": 20}, "epsilon": {"start": 0.0001, "stop": 0.003, "num": 20}}
+
+
+@pytest.mark.parametrize(
+    "outside",
+    [
+        {"beta": 0.1},
+        {"beta": 1.3},
+        {"delta": AXES["delta"] | {"start": 0.29}},
+        {"epsilon": AXES["epsilon"] | {"stop": 0.6}},
+    ],
+)
+def test_speeds_are_natural_by_default_outside_the_papers_plane(outside) -> None:
+    assert survey(**outside).v_max == "natural"
+    assert survey(**outside, initial_conditions={"v_max": 7.0}).v_max == 7.0
+    assert survey(initial_conditions={"v_max": "natural"}).v_max == "natural"
+
+
+def test_more_slots_by_default_where_there_are_more_attractors() -> None:
+    assert survey(**SMALL, beta=0.002).n_slots == 24
+    assert survey(**SMALL, beta=0.002, slots=3).n_slots == 3
+
+
+def test_a_default_is_the_same_survey_as_its_value_written_out() -> None:
+    assert survey().content_hash() == survey(slots=8, initial_conditions={"v_max": 7.0}).content_hash()
+    assert survey().content_hash() != survey(slots=9).content_hash()
+    assert survey().content_hash() != survey(initial_conditions={"budget": 999_999}).content_hash()
+    assert survey().content_hash() != survey(initial_conditions={"v_max": "natural"}).content_hash()
+
+
+def test_a_default_tile_is_smaller_where_samples_are_watched_for_longer() -> None:
+    assert survey(**SMALL, beta=0.002).tile_shape == (4, 4)
 
 
 def test_a_default_tile_shrinks_to_the_grid_and_a_given_one_does_not() -> None:

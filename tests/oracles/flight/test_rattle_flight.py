@@ -45,9 +45,8 @@ def test_the_proof_and_the_panels_agree():
         delta, epsilon, beta = rng.uniform(0.2, 1.5), rng.uniform(0, 0.4), rng.uniform(0.2, 1.2)
         wall, tau, w = int(rng.choice([1, -1])), rng.random(), 10 ** rng.uniform(-6, 1.17)
         w *= -wall
-        sin0, cos0 = np.sin(2 * np.pi * tau), np.cos(2 * np.pi * tau)
-        a = law.DRIFT - 2 * np.pi * epsilon * sin0 - w
-        ok, target, s, w1, *_ = first_impact.proven_impact(wall, tau, w, a, sin0, cos0, delta, epsilon, beta)
+        flight = law.leaving(tau, w, delta, epsilon, law.DRIFT)
+        ok, target, s, w1, *_ = first_impact.proven_impact(wall, tau, flight, beta)
         if ok:
             proved += 1
             march_status, march_target, march_s = panel_march.march(wall, tau, w, delta, epsilon, beta, law.DRIFT)

@@ -14,9 +14,19 @@ from depth import either
 import rattle
 from rattle.flight import coefficients, generate_coefficients
 from rattle.flight.first_impact import safe_impact
-from rattle.flight.guess import ERROR, depth, first_guess, height_scale, local_root, refined, speed_scale, taylor
-from rattle.flight.law import DRIFT, TWO_PI, evaluate, evaluate32, evaluate_short, negative_arc, versines
-from rattle.flight.proof import lowest_point, single_turn
+from rattle.flight.guess import (
+    ERROR,
+    depth,
+    first_guess,
+    height_scale,
+    in_single,
+    local_root,
+    refined,
+    speed_scale,
+    taylor,
+)
+from rattle.flight.law import DRIFT, TWO_PI, evaluate, evaluate32, evaluate_short, leaving, negative_arc
+from rattle.flight.proof import arc_in_single, lowest_point, single_turn
 from rattle.impacting.map import impact_map
 
 F32 = np.float32
@@ -76,8 +86,7 @@ def test_a_flight_that_turns_after_the_end_is_not_proved_clear():
 def test_the_search_finds_a_minimum_at_huge_damping(flight):
     """Newton's steps to it are 1/δ there: the search once ran out of them and passed Σ⁻."""
     tau, w, delta, epsilon, beta = flight
-    sin0, cos0 = math.sin(TWO_PI * tau), math.cos(TWO_PI * tau)
-    status, s, wall, *_ = safe_impact(1, tau, w, sin0, cos0, delta, epsilon, beta, DRIFT)
+    status, s, wall, *_ = safe_impact(1, tau, leaving(tau, w, delta, epsilon, DRIFT), beta)
     march_status, march_wall, march_s = panel_march.march(1, tau, w, delta, epsilon, beta, DRIFT)
     assert (status, wall) == (march_status, march_wall) == (0, -1)
     assert s == pytest.approx(march_s, rel=1e-11)
@@ -98,16 +107,14 @@ def _retraced(n, seed, regime):
     lost, worst = 0, 0.0
     for _ in range(n):
         wall, tau, w, delta, epsilon, beta = flights.random_flight(regime, False)
-        versine, sin0, _ = versines(tau)
-        found = safe_impact(wall, tau, w, sin0, 1.0 - versine, delta, epsilon, beta, DRIFT)
+        found = safe_impact(wall, tau, leaving(tau, w, delta, epsilon, DRIFT), beta)
         s, target, w1, lost_decay = found[1], found[2], found[3], found[4]
         # backwards, an error of s grows as e^(δs), and speeds below 1e-3 make a graze at either end
         if min(abs(w), abs(w1)) < 1e-3 or lost_decay > 1.0 - 1e-3:
             continue
         later = -(tau + s)
         later -= math.floor(later)
-        versine, sin1, _ = versines(later)
-        back = safe_impact(target, later, -w1, sin1, 1.0 - versine, -delta, epsilon, beta, -DRIFT)
+        back = safe_impact(target, later, leaving(later, -w1, -delta, epsilon, -DRIFT), beta)
         if back[0] != 0 or back[2] != wall:
             lost += 1
             continue
@@ -155,15 +162,12 @@ def _single_precision(n, seed):
         _wall, tau, w, delta, epsilon, _beta = flights.random_flight(regime, False)
         longest = min(2.0 / delta, 8.0)
         s = F32(np.random.uniform(0.0, longest) if k % 3 else flights.log_uniform(1e-7, longest))
-        versine, sin0, _ = versines(tau)
-        cos0 = 1.0 - versine
-        a = DRIFT - TWO_PI * epsilon * sin0 - w
-        w_, sin_, cos_, delta_, epsilon_ = F32(w), F32(sin0), F32(cos0), F32(delta), F32(epsilon)
-        a_ = F32(DRIFT) - F32(TWO_PI) * epsilon_ * sin_ - w_
-        found = evaluate32(s, w_, a_, sin_, cos_, delta_, epsilon_)
-        true = evaluate(float(s), w, a, sin0, cos0, delta, epsilon)
-        worst0 = max(worst0, abs(found[0] - true[0]) / height_scale(s, w_, a_, delta_, epsilon_))
-        worst1 = max(worst1, abs(found[1] - true[1]) / speed_scale(w_, a_, epsilon_))
+        flight = leaving(tau, w, delta, epsilon, DRIFT)
+        short = in_single(flight)
+        found = evaluate32(s, short)
+        true = evaluate(float(s), flight)
+        worst0 = max(worst0, abs(found[0] - true[0]) / height_scale(s, short))
+        worst1 = max(worst1, abs(found[1] - true[1]) / speed_scale(short))
     return worst0 / ERROR, worst1 / ERROR
 
 
@@ -205,37 +209,18 @@ def _depths(n, seed, regime):
         wall, tau, w, delta, epsilon, beta = flights.random_flight(regime, np.random.random() < 0.3)
         if wall < 0:
             continue
-        versine, sin0, _ = versines(tau)
-        w_, sin_, cos_, delta_, epsilon_ = F32(w), F32(sin0), F32(1.0 - versine), F32(delta), F32(epsilon)
-        gap, up = F32(2.0 * beta), F32(1.0)
-        a_ = F32(DRIFT) - F32(TWO_PI) * epsilon_ * sin_ - w_
-        s = first_guess(up, w_, sin_, cos_, delta_, F32(1.0 / delta), epsilon_, gap)
-        c0, c1, c2, c3, c4, c5 = taylor(s, w_, a_, sin_, cos_, delta_, epsilon_)
-        _height, bound, tilt, turn = depth(s, c0, c1, c2, c3, c4, c5, w_, a_, delta_, epsilon_)
-        s += local_root(True, c0, c1, c2, c3, c4, c5)
-        s, _u, _speed = refined(s, F32(0.0), w_, a_, sin_, cos_, delta_, epsilon_)
-        arc, leave, length, sin_entry, sin_exit = negative_arc(delta, epsilon)
-        certain = single_turn(
-            up,
-            True,
-            F32(tau),
-            s,
-            turn,
-            w_,
-            a_,
-            sin_,
-            delta_,
-            epsilon_,
-            F32(leave),
-            F32(length),
-            F32(sin_entry),
-            F32(sin_exit),
-            not arc,
-        )
-        a = DRIFT - TWO_PI * epsilon * sin0 - w
-        bound = lowest_point(s, bound, tilt, delta_)
-        if bound > -1e29 and certain and s > 0.0 and turn < s and delta * s < 2.0:
-            if not evaluate_short(float(s), w, a, sin0, 1.0 - versine, delta, epsilon)[1] > 0.0:
+        flight = leaving(tau, w, delta, epsilon, DRIFT)
+        short, gap, up = in_single(flight), F32(2.0 * beta), F32(1.0)
+        s = first_guess(up, gap, F32(1.0 / delta), short)
+        series = taylor(s, short)
+        _height, minimum = depth(s, series, short)
+        s += local_root(True, F32(0.0), series)
+        s, _u, _speed = refined(s, F32(0.0), short)
+        arc = arc_in_single(negative_arc(delta, epsilon))
+        certain = single_turn(up, True, F32(tau), s, minimum.time, short, arc)
+        bound = lowest_point(s, minimum, short.delta)
+        if bound > -1e29 and certain and s > 0.0 and minimum.time < s and delta * s < 2.0:
+            if not evaluate_short(float(s), flight)[1] > 0.0:
                 continue
             given += 1
             true = _lowest(tau, w, delta, epsilon, float(s))
@@ -294,8 +279,7 @@ def test_a_graze_goes_on_and_a_pressed_ball_rests():
     assert not impact_map.rests(-1, 0.0, 0.5, delta, epsilon, DRIFT)
     assert not impact_map.rests(1, -1e-3, 0.5, delta, epsilon, DRIFT)
     for wall, tau in ((1, 0.0), (-1, 0.5)):  # speed 0, and yet a flight
-        versine, sin0, _ = versines(tau)
-        status, s, target, w1, *_ = safe_impact(wall, tau, 0.0, sin0, 1.0 - versine, delta, epsilon, beta, DRIFT)
+        status, s, target, w1, *_ = safe_impact(wall, tau, leaving(tau, 0.0, delta, epsilon, DRIFT), beta)
         assert (status, s > 0, target * w1 > 0) == (0, True, True)
 
 
