@@ -9,7 +9,7 @@ contact the wall and the depth beyond it outwards, in the gap wall 0 and Φ. A t
 import math
 
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
-from rattle.flight.law import DRIFT, contact_force, evaluate, folded, leaving, versines
+from rattle.flight.law import DRIFT, TWO_PI, contact_force, evaluate, folded, leaving, versines
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end, forcing
 
