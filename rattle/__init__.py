@@ -3,7 +3,8 @@
 `Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and
 `quiet_limit` work on whole arrays. `periodic_orbit` solves for any periodic motion; `branch`, `doubled`, `beyond` and
 `cascade` follow it in one parameter, and `diagram` follows everything along a segment; `curves` has the bifurcation
-curves of the (δ, ε) plane; `rattle.stiff` is the gear with stiff contact, of which this is the limit.
+curves of the (δ, ε) plane; `rattle.stiff` is the gear with stiff contact, of which this is the limit. `Machine` is a
+pair of gears in SI units; `rattle.comparison` sets measured impacts beside the model's.
 """
 
 from rattle import curves

@@ -51,10 +51,11 @@ def fits(measured: Measured, gear: AnyGear, unit: float, dwell: float) -> list[F
     tried = np.arange(PHASES) / PHASES
     costs = cost(tried)
     lowest = tried[(costs <= np.roll(costs, 1)) & (costs <= np.roll(costs, -1))]
-    found = [fit(measured, gear, unit, dwell, _refined(cost, float(offset))) for offset in lowest]
+    found = [fit(few, gear, unit, dwell, _refined(cost, float(offset))) for offset in lowest]
     found.sort(key=lambda each: each.misfit)
     times, more = AS_GOOD
-    return [each for each in found if each.misfit <= times * found[0].misfit + more]
+    good = [each.offset for each in found if each.misfit <= times * found[0].misfit + more]
+    return [fit(measured, gear, unit, dwell, offset) for offset in good]
 
 
 def _refined(cost: Callable[[Array], Array], offset: float) -> float:

@@ -21,6 +21,7 @@ LARGEST_RADIUS = 5.0  # m
 WIDEST = 0.1  # of the base radius: backlash and eccentricity
 STEEL, HEAVIEST = 7850.0, 1e4  # kg/m³; inertia over that of a steel disc as wide as its radius
 FASTEST = 100.0  # m/s at the base circle, from which on a number in rad/s is doubted: turbines' gears reach 200
+IMPOSSIBLE = 1000.0
 
 
 def in_si(name: str, value: Any) -> float:
@@ -54,19 +55,22 @@ def require_plausible(inertia: float, backlash: float, eccentricity: float, radi
             f"{name} must be in metres along the line of action: {length:g} m is {length / radius:.2g} times the base "
             f"radius of {radius:g} m; for {length:g} mm give {1e-3 * length:g}, for {length:g} µm {1e-6 * length:g}",
         )
-    heavier = inertia / (0.25 * TWO_PI * STEEL * radius**5)
+    disc = 0.25 * TWO_PI * STEEL * radius**5
     require(
-        heavier <= HEAVIEST,
-        f"inertia must be in kg m²: {inertia:g} is {heavier:.1g} times that of a steel disc of radius {radius:g} m; "
-        f"for {inertia:g} kg mm² give {1e-6 * inertia:g}, for {inertia:g} kg cm² {1e-4 * inertia:g}",
+        inertia <= HEAVIEST * disc,
+        f"inertia must be in kg m²: {inertia:g} is over {HEAVIEST:g} times the {disc:.2g} of a steel disc of radius "
+        f"{radius:g} m; for {inertia:g} kg mm² give {1e-6 * inertia:g}, for {inertia:g} kg cm² {1e-4 * inertia:g}",
     )
 
 
-def require_slow(speed: float, radius: float) -> None:
-    """Raise ParameterError on a speed in rad/s that seems to be one in rpm."""
-    rpm = speed / RPM
+def require_slow(speed: float, radius: float, sure: bool) -> None:
+    """Raise ParameterError on a speed in rad/s at which nothing turns, or unless sure of the unit one that seems to be
+    in rpm.
+    """
+    rpm, velocity = speed / RPM, speed * radius
+    require(velocity <= IMPOSSIBLE, f"nothing turns at {rpm:.6g} rpm with a base radius of {radius:g} m: check both")
     require(
-        speed * radius <= FASTEST,
-        f"speed is in rad/s: {speed:g} rad/s are {rpm:.6g} rpm, {speed * radius:.3g} m/s at the base circle; for "
+        sure or velocity <= FASTEST,
+        f"speed is in rad/s: {speed:g} rad/s are {rpm:.6g} rpm, {velocity:.3g} m/s at the base circle; for "
         f"{speed:g} rpm give rpm={speed:g}, and if it is meant rpm={rpm:.6g}",
     )

@@ -14,6 +14,7 @@ Drive "speed" imposes θ₁ = Ωt, so I φ'' + c φ' = cΩ − F r, with half th
 those above, and κ is half. docs/decisions/0025-machine.md has every step.
 """
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -112,8 +113,7 @@ class Machine:
         object.__setattr__(self, "drive", drive)
         object.__setattr__(self, "stiffness", None if stiffness is None else in_si("stiffness", stiffness))
         require_plausible(self.inertia, self.backlash, self.eccentricity, self.radius)
-        if rpm is None and not is_quantity(speed):
-            require_slow(self.speed, self.radius)
+        require_slow(self.speed, self.radius, sure=rpm is not None or is_quantity(speed))
 
     @property
     def rpm(self) -> float:
@@ -169,13 +169,14 @@ class Machine:
     def in_si(self, found: Intensity) -> MachineIntensity:
         """An intensity of its gear in SI units."""
         units = self.units
+        power = found.energy * units.power
         return MachineIntensity(
             impacts=found.impacts * units.frequency,
             mean_velocity=found.mean_speed * units.velocity,
             largest_velocity=found.largest_speed * units.velocity,
             energy=found.energy * units.energy,
-            power=found.energy * units.power,
+            power=power,
             power_error=found.errors.energy * units.power,
-            level=found.level(PICOWATT / units.power),
+            level=-math.inf if power == 0.0 else 10.0 * math.log10(power / PICOWATT),
             contact=found.contact,
         )

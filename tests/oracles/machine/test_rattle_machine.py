@@ -193,7 +193,9 @@ def test_quantities_with_units() -> None:
         ({"backlash": 100}, "for 100 µm 0.0001"),
         ({"eccentricity": 0.015}, "for 0.015 mm give 1.5e-05"),
         ({"inertia": 3000}, "for 3000 kg mm² give 0.003"),
+        ({"inertia": 1e-40, "backlash": 1e-74, "eccentricity": 0, "radius": 1e-70}, "inertia must be in kg m²"),
         ({"rpm": None, "speed": 3000.0}, "give rpm=3000"),
+        ({"rpm": 1e308}, "nothing turns at"),
         ({"speed": 314.0}, "give the mean speed once"),
         ({"rpm": None}, "give the mean speed once"),
         ({"rpm": 0}, "rpm must be greater than 0"),
@@ -209,6 +211,11 @@ def test_quantities_with_units() -> None:
 def test_what_cannot_be_meant_is_refused(wrong: dict[str, object], said: str) -> None:
     with pytest.raises(rattle.ParameterError, match=said):
         rattle.Machine(**(DRAWING | {"rpm": 3000} | wrong))
+
+
+def test_a_machine_that_hardly_turns_hands_over_hardly_anything() -> None:
+    given = rattle.Machine(**(DRAWING | {"drag": 1e-150}), rpm=1e-150)
+    assert given.in_si(rattle.Intensity(1.0, 0.0, 1.0, 1.0, 0.5, 0.0, 1.0)).level == -math.inf
 
 
 def test_a_gear_without_eccentricity_is_one() -> None:
