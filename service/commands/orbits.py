@@ -9,7 +9,6 @@ import typer
 from service.commands.options import Beta, Kappa
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
-REGIONS = ("none of I to V", "I", "II", "III", "IV", "V")
 
 
 def orbits(
@@ -23,6 +22,7 @@ def orbits(
     from rich.table import Table
 
     from rattle.models import model_of
+    from rattle.orbits.period_one import in_words
 
     model = model_of(beta, kappa)
     gear = model.gear(delta, epsilon)
@@ -30,7 +30,7 @@ def orbits(
     parameters = f"beta = {beta}" + ("" if kappa is None else f", kappa = {kappa}")
     console = Console(highlight=False, width=WIDTH)
     console.print(
-        f"delta = {gear.delta}, epsilon = {gear.epsilon}, {parameters}: region {REGIONS[gear.region()]}\n"
+        f"delta = {gear.delta}, epsilon = {gear.epsilon}, {parameters}: {in_words(gear.region())}\n"
         + ", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits if value is not None)
     )
     table = Table("orbit", "P(m, n+, n-)", "phase", "speed", "multipliers", "stable", box=None)

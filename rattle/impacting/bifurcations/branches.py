@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, newton, tangent_at
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, newton, plane_scale, tangent_at
 from rattle.continuation.conditions import Kind
 from rattle.continuation.line import (
     FIRST_OF_DOUBLED,
@@ -34,7 +34,7 @@ LONGEST = 0.05  # of a step, in the unknowns
 FEW_POINTS = 6  # between neighbouring cells
 SHORTEST_FLIGHT = 1e-6
 TWICE = 1e-5  # nearer to its flip, rounding decides which way a doubled branch turns
-SAME_PLACE = 1e-9  # in the plane
+SAME_PLACE = 1e-9  # in the plane, of its scale
 
 
 @dataclass(frozen=True)
@@ -114,10 +114,10 @@ def branch(
 ) -> Branch:
     """The branch of a periodic motion in one parameter, both ways from it.
 
-    parameter: "epsilon" or "delta", and span its (low, high), by default 0.02 either way; or a direction (dδ, dε), and
-    span the multiples of it that may be added, by default −1 to 1. resolution: points over the span, at least. The
-    branch goes on beyond grazes, where the motion does not happen. Raises ParameterError, and RattleError if the orbit
-    is no solution.
+    parameter: "epsilon" or "delta", and span its (low, high), by default 0.02 either way, below δ = 0.25 in proportion
+    less; or a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1. resolution:
+    points over the span, at least. The branch goes on beyond grazes, where the motion does not happen. Raises
+    ParameterError, and RattleError if the orbit is no solution.
     """
     require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
     line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
@@ -231,7 +231,9 @@ def _end(itinerary: Itinerary, path: Path) -> str:
 
 def _same_place(one: Event, other: Event) -> bool:
     apart = max(abs(one.delta - other.delta), abs(one.epsilon - other.epsilon))
-    return one.kind is other.kind and one.itinerary.m == other.itinerary.m and apart < SAME_PLACE
+    return (
+        one.kind is other.kind and one.itinerary.m == other.itinerary.m and apart < SAME_PLACE * plane_scale(one.delta)
+    )
 
 
 def _built(
