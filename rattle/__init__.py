@@ -35,13 +35,14 @@ from rattle.machine import Machine
 from rattle.numerics.compile import source_hash
 from rattle.numerics.sampling import wilson_interval
 from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
-from rattle.orbits.period_one import Orbit, PeriodOne
+from rattle.orbits.period_one import REGIONS, Orbit, PeriodOne
 from rattle.orbits.period_one import classify as classify_regions
 from rattle.warm import warm_up
 
 __all__ = [
     "CRISIS_SIDES",
     "KINDS",
+    "REGIONS",
     "Attractor",
     "Attractors",
     "BasinEntropy",

@@ -33,6 +33,10 @@ MOST_IMPACTS = 1000
 class Plane(Protocol):
     """The states (τ, v) on Σ⁺ of one model at one parameter point; arrays (k,)."""
 
+    @property
+    def unit(self) -> float:
+        """What speeds are measured in (`rattle.flight.law.speed_unit`)."""
+
     def classify(self, tau: Array, v: Array) -> Classifier:
         """The states as samples of one cell, each followed to its end."""
 
@@ -53,6 +57,7 @@ class Basins:
     tau, v (n,): centres of the cells (phase in forcing periods, dimensionless speed). labels (n, n), row by row of v:
     index into attractors, which are sorted by falling fraction of the cells. steps (n, n): impacts on Σ⁺ until the
     trajectory was certain to converge, in whole steps of the cell map where one was used; −1 if chaotic or undecided.
+    v_max: the end of the plane.
     """
 
     tau: NDArray[np.float64]
@@ -61,6 +66,7 @@ class Basins:
     attractors: tuple[Attractor, ...]
     steps: NDArray[np.int64]
     method: str
+    v_max: float
 
 
 def classified(plane: Plane, tau: Array, v: Array) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
@@ -128,7 +134,8 @@ class States:
     def _known(self, table: Attractors, reached: NDArray[np.int64]) -> NDArray[np.int64]:
         """Row here of each row of another table, −1 if it is new; reached: rows there of the states kept here."""
         here, there = self.table, Attractors._make(x[:, None] for x in table)
-        same = (np.abs(wrapped(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < SAME_POINT)
+        near = SAME_POINT * self.plane.unit
+        same = (np.abs(wrapped(there.tau - here.tau)) < SAME_POINT) & (np.abs(there.v - here.v) < near)
         same[reached, np.arange(reached.size)] = True
         same |= (here.kind == QUIET) | (here.kind == UNDECIDED)
         for x, y in zip(there[1:5], here[1:5], strict=True):  # kind, m, n₊, n₋
@@ -192,4 +199,4 @@ def basins(plane: Plane, resolution: int, v_max: float, method: str, impacts: in
     label = np.zeros(count.size, np.int64)
     label[order] = np.arange(order.size)
     found = listed(Attractors._make(x[order] for x in table), count[order])
-    return Basins(centres, v_max * centres, label[rows].reshape(n, n), found, steps.reshape(n, n), method)
+    return Basins(centres, v_max * centres, label[rows].reshape(n, n), found, steps.reshape(n, n), method, v_max)

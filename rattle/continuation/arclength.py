@@ -12,7 +12,7 @@ import numpy as np
 from rattle.numerics.complex_step import Array, Function, derivatives
 
 MOST_CORRECTIONS = 8
-SMALLEST_CORRECTION = 1e-13  # relative to the unknowns, which are of order one
+SMALLEST_CORRECTION = 1e-13  # relative to the unknowns and their scale
 QUADRATIC_CORRECTION = 1e-8  # from here one more would be below rounding, if the last one was much larger
 ACCEPTED_CORRECTION = 1e-11  # what rounding may leave where the equations are nearly singular
 SHORTEST_STEP = 1e-10
@@ -22,14 +22,32 @@ MOST_BISECTIONS = 200
 SAME_POINT = 1e-12
 SAME_SOLUTION = 1e-8
 CLOSED = "closed: it comes back to its start"
+SMALL_DAMPING = 0.25  # below it δ and ε are solved for relative to it, above absolutely
+
+
+def plane_scale(delta: float) -> float:
+    """What differences of δ and ε near this damping are measured by: where it is small motions change with their ratios
+    to it.
+    """
+    return float(np.clip(abs(delta) / SMALL_DAMPING, 1e-300, 1.0))
 
 
 @dataclass(frozen=True)
 class Problem:
-    """What is followed: the equations (…, N + 1) → (…, N), and a preparation that may rescale them at a point."""
+    """What is followed: the equations (…, N + 1) → (…, N), a preparation that may rescale them at a point, and the
+    sizes of the unknowns there that count as small, 1 or (N + 1,).
+    """
 
     equations: Function
     prepare: Callable[[Array], None] = lambda _: None
+    scale: Callable[[Array], Array | float] = lambda _: 1.0
+
+
+def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
+    """The scale of unknowns (N,) of which the last is p, in origin + p direction; these begin with δ and ε."""
+    length = float(np.hypot(*direction[:2]))
+    last = min(1.0, plane_scale(origin[0]) / length) if length else 1.0
+    return lambda y: np.append(np.ones(y.size - 1), last)
 
 
 @dataclass(frozen=True)
@@ -46,7 +64,7 @@ class Path:
 
 def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] | None:
     """Solve the equations in the hyperplane through x across `constraint` (N + 1,): (solution, corrections) or None."""
-    x = x.copy()
+    x, scale = x.copy(), problem.scale(x)
     size = np.inf
     for i in range(MOST_CORRECTIONS):
         problem.prepare(x)
@@ -58,7 +76,7 @@ def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] |
             step = np.linalg.solve(matrix, np.append(-value, 0.0))
         except np.linalg.LinAlgError:
             return None
-        last, size = size, float(np.max(np.abs(step) / (1.0 + np.abs(x))))
+        last, size = size, float(np.max(np.abs(step) / (scale + np.abs(x))))
         if size > 0.3 or (i > 2 and size > last and last > ACCEPTED_CORRECTION):
             return None
         x += step

@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import Problem, plane_scale
 from rattle.errors import RattleError
 from rattle.numerics.complex_step import Array, bordered
 from rattle.orbits.periodic import Equations
@@ -24,6 +24,11 @@ class Kind(StrEnum):
 MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
 
 
+def scale_at(x: Array) -> Array:
+    """The scale of unknowns (N,) of which δ and ε are the last."""
+    return np.append(np.ones(x.size - 2), np.full(2, plane_scale(x[-2])))
+
+
 def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Problem:
     """The equations (…, n + 2) → (…, n + 1) of a bifurcation in two parameters: times, δ and ε unknown.
 
@@ -32,7 +37,9 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Pr
     if kind is Kind.GRAZING:
         if impact is None:
             raise RattleError("a graze needs the number of the impact that grazes")
-        return Problem(lambda x: np.append(itinerary.residual(x), itinerary.graze(x, impact)[..., None], -1))
+        return Problem(
+            lambda x: np.append(itinerary.residual(x), itinerary.graze(x, impact)[..., None], -1), scale=scale_at
+        )
     multiplier = MULTIPLIER[kind]
     borders: list[Array] = []
 
@@ -45,4 +52,4 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Pr
         singular = bordered(itinerary.jacobian(x, multiplier), *borders)
         return np.append(itinerary.residual(x), singular[..., None], -1)
 
-    return Problem(equations, prepare)
+    return Problem(equations, prepare, scale_at)

@@ -10,7 +10,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, root_between, tangent_at, with_value
+from rattle.continuation.arclength import (
+    CLOSED,
+    Bound,
+    Follower,
+    Path,
+    Problem,
+    plane_scale,
+    root_between,
+    tangent_at,
+    with_value,
+)
 from rattle.errors import require, require_number, require_pair
 from rattle.numerics.complex_step import Array
 
@@ -97,7 +107,10 @@ def crossings(problem: Problem, points: Array, index: int, value: float) -> list
         rise = d[i + 1] - d[i]
         share = -d[i] / rise if rise else 0.0
         x = with_value(problem, points[i] + share * (points[i + 1] - points[i]), index, value)
-        if x is not None and not any(np.max(np.abs((x - other)[-2:])) < SAME_POINT for other in found):
+        if x is None:
+            continue
+        near = SAME_POINT * plane_scale(x[-2])
+        if not any(np.max(np.abs((x - other)[-2:])) < near for other in found):
             found.append(x)
     return found
 
@@ -183,7 +196,10 @@ def pieces(
         x = with_value(problem, guess, guess.size - 2, guess[-2])
         if x is None or not follower.inside(x) or any(_on(problem, piece, x, times) for piece in found):
             continue
-        found.append(_both_ways(follower, x, lambda y: window.left(y) or left(y)))
+        new = _both_ways(follower, x, lambda y: window.left(y) or left(y))
+        # rounding may have ended one a little before its end, and this start have been beyond
+        found = [piece for piece in found if not _on(problem, new, piece.points[len(piece.points) // 2], times)]
+        found.append(new)
     return sorted(found, key=lambda piece: (piece.points[0, -2], piece.points[0, -1]))
 
 

@@ -16,20 +16,21 @@ from typing import Any, Generic, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.speeds import SpeedLimit
+from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit, sampled_speeds
 from rattle.attractors.table import PERIODIC, Attractors
+from rattle.continuation.arclength import plane_scale
 from rattle.continuation.motions import Motion, Motions, Segment, runs
 from rattle.continuation.search import Search
 from rattle.continuation.sweeps import Known, Points, Sweeps
 from rattle.errors import require, require_integer, require_number, require_pair
 from rattle.flight.law import wrapped
 
-LEAST_LENGTH = 1e-6
+LEAST_LENGTH = 1e-6  # of the scale of the plane
 MOST_STEPS = 20_000
 LARGEST_PERIOD, MOST_BRANCHES = 64, 1000
 CHAOTIC_POINTS = 200
 CHECKED = 10  # one in so many steps of an attractor that seems to stay on its branch
-JUMP = 0.05  # in phase or speed between steps
+JUMP = 0.05  # in phase, or speed in its unit, between steps
 SAME_ORBIT = 1e-6
 ROUNDS = 3  # of branches that lead to attractors and back
 Array = NDArray[np.float64]
@@ -118,12 +119,14 @@ def diagram_of(
     """The diagram of a model along its segment; the other arguments as those of `diagram`."""
     segment = model.segment
     length = float(np.linalg.norm(segment.direction))
-    require(length > LEAST_LENGTH, f"start and end must be further apart than {LEAST_LENGTH:g}, they are {length:g}")
+    least = LEAST_LENGTH * plane_scale(segment.start[0])
+    require(length > least, f"start and end must be further apart than {least:g}, they are {length:g}")
     steps = require_integer("steps", steps, 1, MOST_STEPS)
     impacts = require_integer("impacts", impacts, 1, LARGEST_PERIOD)
     most = require_integer("most", most, 1, MOST_BRANCHES)
     position = np.linspace(0.0, 1.0, steps + 1)
     parameters = model.steps(position)
+    unit = float(sampled_speeds(None, *parameters[:3]).max()) / PAPER_SPEED
     sampled = model.sampled(parameters, count, v_max, seed)
     sweeps, search = Sweeps(model, parameters, sampled), Search(model, impacts, most)
     for motion in model.period_one(parameters):
@@ -131,9 +134,9 @@ def diagram_of(
     small: list[Piece] = []
     for _ in range(ROUNDS):
         sweeps.run()
-        for motion in _seen(sweeps, parameters, search):
+        for motion in _seen(sweeps, parameters, search, unit):
             search.add(motion)
-        small, new = _unseen(sweeps, search, position)
+        small, new = _unseen(sweeps, search, position, unit)
         if not new:
             break
     branches = [found for found in search.branches if found.admissible.any()]
@@ -161,7 +164,7 @@ def require_end(name: str, value: ArrayLike) -> Array:
     return np.array([require_number(f"δ of {name}", delta, positive=True), require_number(f"ε of {name}", epsilon)])
 
 
-def _seen(sweeps: Sweeps, parameters: tuple[Array, ...], search: Search) -> Iterator[Motion]:
+def _seen(sweeps: Sweeps, parameters: tuple[Array, ...], search: Search, unit: float) -> Iterator[Motion]:
     """Periodic attractors of the sweeps: all that are short enough, some where they go on from step to step."""
     last: dict[tuple[int, int, int], list[tuple[int, Known]]] = {}
     for step, here in enumerate(sweeps.known):
@@ -173,7 +176,7 @@ def _seen(sweeps: Sweeps, parameters: tuple[Array, ...], search: Search) -> Iter
             if n_plus + n_minus > search.impacts:
                 search.left_out.add((m, n_plus, n_minus))
                 continue
-            near = [age for age, before in last.get(known.label, []) if _close(known, before)]
+            near = [age for age, before in last.get(known.label, []) if _close(known, before, unit)]
             age = near[0] + 1 if near else 0
             now.setdefault(known.label, []).append((age, known))
             if age % CHECKED == 0:
@@ -184,11 +187,11 @@ def _seen(sweeps: Sweeps, parameters: tuple[Array, ...], search: Search) -> Iter
         last = now
 
 
-def _close(one: Known, other: Known) -> bool:
-    return abs(wrapped(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP
+def _close(one: Known, other: Known, unit: float) -> bool:
+    return abs(wrapped(one.tau - other.tau)) < JUMP and abs(one.v - other.v) < JUMP * unit
 
 
-def _unseen(sweeps: Sweeps, search: Search, position: Array) -> tuple[list[Piece], bool]:
+def _unseen(sweeps: Sweeps, search: Search, position: Array, unit: float) -> tuple[list[Piece], bool]:
     """The stable parts of branches that no sample found, and whether the sweeps missed one of their motions at a step;
     they know it from here on.
     """
@@ -197,13 +200,14 @@ def _unseen(sweeps: Sweeps, search: Search, position: Array) -> tuple[list[Piece
         sampled = False
         for step, phases, speeds in zip(inside, tau, v, strict=True):
             label = search.branches[piece.branch].label
-            match = _nearest(sweeps.known[step], label, phases, speeds, JUMP)
+            match = _nearest(sweeps.known[step], label, phases, speeds, JUMP, unit)
             if match is None:
                 orbit = search.stable_orbit(piece.branch, float(position[step]))
                 if orbit is None:
                     continue
                 upper = np.array(orbit.walls) > 0
-                match = _nearest(sweeps.known[step], label, orbit.departures[upper], orbit.speeds[upper], SAME_ORBIT)
+                there = orbit.departures[upper], orbit.speeds[upper]
+                match = _nearest(sweeps.known[step], label, *there, SAME_ORBIT, unit)
                 if match is None:
                     sweeps.known[step].append(Known(PERIODIC, label, orbit.tau, orbit.v, sampled=False))
                     new = True
@@ -229,10 +233,12 @@ def _stable_pieces(search: Search, position: Array) -> Iterator[tuple[Piece, NDA
             yield Piece(i, float(low), float(high)), inside, tau, v
 
 
-def _nearest(known: list[Known], label: tuple[int, int, int], tau: Array, v: Array, within: float) -> Known | None:
-    """The attractor with this label that has a state so near to one of the impacts (n_plus,)."""
+def _nearest(
+    known: list[Known], label: tuple[int, int, int], tau: Array, v: Array, within: float, unit: float
+) -> Known | None:
+    """The attractor with this label that has a state so near to one of the impacts (n_plus,), speeds in their unit."""
     for each in known:
-        near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v)
+        near = np.abs(wrapped(tau - each.tau)) + np.abs(v - each.v) / unit
         if each.kind == PERIODIC and each.label == label and near.min() < within:
             return each
     return None

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rattle.continuation.arclength import plane_scale
 from rattle.errors import require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
 
@@ -12,7 +13,7 @@ FIRST_OF_DOUBLED = 1e-4  # its size grows as the root of the distance from the f
 MOST_POINTS = 1000
 HALF_PERIOD = "the period halves: a flip"
 LEAST_DAMPING = 1e-3  # of the orbit's, to which a line may go
-NEAR = 0.02  # span by default, either way
+NEAR = 0.02  # span by default, either way, of the scale of the plane
 DIRECTIONS = {"delta": (1.0, 0.0), "epsilon": (0.0, 1.0)}
 Parameter = str | tuple[float, float]
 Span = tuple[float, float] | None
@@ -45,7 +46,11 @@ def line_through(
     if isinstance(parameter, str):
         require(parameter in DIRECTIONS, f"parameter must be delta, epsilon or a direction, got {parameter!r}")
         direction = np.array(DIRECTIONS[parameter])
-        ends = np.array([-NEAR, NEAR]) if span is None else require_pair("span", span) - origin @ direction
+        ends = (
+            np.array([-NEAR, NEAR]) * plane_scale(delta)
+            if span is None
+            else require_pair("span", span) - origin @ direction
+        )
     else:
         direction = np.array(require_pair("parameter, if not delta or epsilon,", parameter))
         require(bool(direction.any()), "a direction is a pair (dδ, dε) other than (0, 0)")

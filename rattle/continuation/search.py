@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from rattle.continuation.arclength import LARGEST_TURN, between
+from rattle.continuation.arclength import LARGEST_TURN, between, plane_scale
 from rattle.continuation.conditions import Kind
 from rattle.continuation.motions import Motion, Motions
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Equations, Periodic, begun_at
 
 SAME_MOTION = 1e-7  # in the unknowns
-SAME_PLACE = 1e-8  # of a segment
+SAME_PLACE = 1e-8  # of a segment, of the scale of the plane
 
 
 def turned(motion: Motion, first: int) -> Motion:
@@ -32,7 +32,8 @@ def turned(motion: Motion, first: int) -> Motion:
 def same_motion(one: Motion, other: Motion) -> bool:
     """Whether two solutions are one motion at one point, whichever impacts they begin at."""
     (a, x), (b, y) = one, other
-    if (a.m, sorted(a.walls)) != (b.m, sorted(b.walls)) or np.max(np.abs(x[a.n :] - y[b.n :])) > SAME_PLACE:
+    apart = np.max(np.abs(x[a.n :] - y[b.n :]))
+    if (a.m, sorted(a.walls)) != (b.m, sorted(b.walls)) or apart > SAME_PLACE * plane_scale(x[a.n]):
         return False
     return any(np.max(np.abs(twin[: a.n] - x[: a.n])) < SAME_MOTION for twin in _twins(other, a, x[0]))
 

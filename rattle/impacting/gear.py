@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from rattle.attractors.basins import Basins, basins
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.measures import Uncertainty, uncertainty
-from rattle.attractors.speeds import SpeedLimit, sampled_speed
+from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit, sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import first_impact, law
@@ -155,7 +155,7 @@ class Gear(Rattling):
         return period_one_saddle(orbit.name, self.delta, self.epsilon, self.beta)
 
     def region(self) -> int:
-        """Region 1…5 (I…V) of the paper's Figure 7; 0 for another combination of orbits."""
+        """Region 1…5 (I…V) of the paper's Figure 7; another set of orbits by its number in `rattle.REGIONS`."""
         return int(regions(self.delta, self.epsilon, self.beta))
 
     def attractors(
@@ -184,7 +184,8 @@ class Gear(Rattling):
         (Hsu 1987) of Π^impacts; a state that is certain to become quiet goes to a sink, one above v_max is followed
         until it returns or settles. "refined": cells, then directly every eighth cell along τ and v and wherever basins
         meet, until nothing changes. Only "direct" is sure to see a basin that is thin on the scale of a cell, and
-        "refined" one of eight cells across (docs/decisions/0009-basins.md). Raises ParameterError.
+        "refined" one of eight cells across (docs/decisions/0009-basins.md). v_max: a number, "natural" for 1.5 √(16πδβ)
+        + 2πε, or None, which is 7 in the paper's plane and natural elsewhere. Raises ParameterError.
         """
         return basins(self._plane, resolution, self._speed(v_max), method, impacts)
 
@@ -192,9 +193,10 @@ class Gear(Rattling):
         """The least speed v < v_max, over all phases τ, of an impact that takes quiet motion to another attractor.
 
         (v, tau, undecided): the speed, inf if no state is found that does not become quiet again, 0 from the quiet
-        limit on, NaN if only undecided states are found or rest takes more than 2048 impacts, within a few per cent of
-        that limit; the phase; the least speed of a sampled state that no attractor could be told for, inf if there is
-        none: such states do not count as another basin.
+        limit on, NaN if only undecided states are found or rest takes more than 2048 impacts, below δ = 0.3 in
+        proportion more, within a few per cent of that limit (docs/weak-damping.md); the phase; the least speed of a
+        sampled state that no attractor could be told for, inf if there is none: such states do not count as another
+        basin.
 
         An upper bound: what is given is a speed that does lose quiet motion. At a smooth boundary it is exact to 1e-5.
         Where basins are thin or fractal it was never above the least of a grid of 1000 phases and 15 speeds an octave
@@ -208,8 +210,8 @@ class Gear(Rattling):
         """The uncertainty exponent of the basin boundary in [0, 1) × (0, v_max), whose dimension is 2 less it.
 
         From exact trajectories: so many pairs of states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³.
-        Deterministic in all arguments. Raises ParameterError. Source: Grebogi, McDonald, Ott and Yorke, Physics Letters
-        A 99 (1983) 415–418.
+        v_max as in `basins`. Deterministic in all arguments. Raises ParameterError. Source: Grebogi, McDonald, Ott and
+        Yorke, Physics Letters A 99 (1983) 415–418.
         """
         return uncertainty(self._plane, pairs, self._speed(v_max), seed)
 
@@ -227,9 +229,10 @@ class Gear(Rattling):
 
     def gamma(self, spacing: float = 0.02) -> tuple[GammaPiece, ...]:
         """The grazing curve Γ: all (τ, v) whose flight touches Σ⁻ with speed 0, to 1e-10, in pieces whose neighbouring
-        points are no further apart in (τ, v) than spacing (at least 1e-4). Raises ParameterError.
+        points are no further apart in (τ, v) than spacing (at least 1e-4). Where speeds are not those of the paper's
+        plane, v counts in sevenths of the natural one (`basins`). Raises ParameterError.
         """
-        return gamma(self.delta, self.epsilon, self.beta, spacing)
+        return gamma(self.delta, self.epsilon, self.beta, spacing, self._speed(None) / PAPER_SPEED)
 
 
 def _phase(phase: float) -> float:

@@ -87,7 +87,7 @@ class _Level:
         """Insert points until neighbours on a piece are closer than spacing, and turn by less than angle (radians)."""
         for _ in range(MOST_ROUNDS):
             cornered = self._corners()
-            step = np.diff(self.x, axis=1)
+            step = _steps(self.x, self.local.unit)
             size, same = np.hypot(*step), ~self.split
             turn = np.abs(np.angle(np.exp(1j * np.diff(np.arctan2(step[1], step[0])))))
             sharp, rough = (turn > angle) & same[1:] & same[:-1], np.zeros(size.size, np.bool_)
@@ -105,34 +105,48 @@ class _Level:
 
 
 def manifold(
-    orbit: Periodic, kind: str, side: int, arclength: float, spacing: float = 0.02, angle: float = 0.2
+    orbit: Periodic,
+    kind: str,
+    side: int,
+    arclength: float,
+    spacing: float = 0.02,
+    angle: float = 0.2,
+    unit: float = 1.0,
 ) -> Manifold:
     """One side of the "stable" or "unstable" manifold of a saddle, up to this arclength in (τ, v) (dimensionless).
 
     side: +1 leaves the saddle towards rising v (rising τ where v does not change), −1 the other way. spacing: largest
-    distance of neighbours; angle: largest turn, radians. It ends earlier in a stable motion or at rest. A tongue that
-    crosses Γ and returns within one spacing can be missed. Raises ParameterError if the orbit is no saddle, and
-    RattleError if it is too close to grazing or needs too many points.
+    distance of neighbours; angle: largest turn, radians. unit: the speed that is as far as a forcing period, for all
+    three: where speeds are far from 1, a seventh of the largest that is looked at. It ends earlier in a stable motion
+    or at rest. A tongue that crosses Γ and returns within one spacing can be missed. Raises ParameterError if the orbit
+    is no saddle, and RattleError if it is too close to grazing or needs too many points.
     """
     require(kind in ("stable", "unstable"), f"kind must be stable or unstable, got {kind!r}")
     require(side in (1, -1), f"side must be +1 or -1, got {side!r}")
     arclength = require_number("arclength", arclength, positive=True)
     spacing, angle = require_number("spacing", spacing, positive=True), require_number("angle", angle, positive=True)
-    local = local_manifold(orbit, kind == "stable")
+    unit = require_number("unit", unit, positive=True)
+    local = local_manifold(orbit, kind == "stable", unit)
     t = side * local.size * local.multiplier ** np.linspace(-1.0, 0.0, FIRST)
-    first = np.linspace(0.0, t[0], 2 + int(abs(t[0]) / spacing))[:-1]  # from the saddle to the fundamental domain
+    reach = float(abs(t[0]) * np.hypot(*(local.powers[1] / [1.0, unit])) / np.hypot(*local.powers[1]))
+    first = np.linspace(0.0, t[0], 2 + int(reach / spacing))[:-1]  # from the saddle to the fundamental domain
     zero = np.zeros(first.size)
-    rows, length = [np.stack([*local.at(first), first, zero, zero, zero])], float(abs(t[0]))
+    rows, length = [np.stack([*local.at(first), first, zero, zero, zero])], reach
     for j in range(MOST_IMAGES):
         level = _Level(local, j, t)
         level.refine(spacing, angle)
         t, end = level.t, int(np.argmin(np.append(level.ok, False)))
         rows.append(_rows(level, end))
-        more = float(np.hypot(*np.diff(level.x[:, :end], axis=1)).sum())
+        more = float(np.hypot(*_steps(level.x[:, :end], unit)).sum())
         length += more
         if length > arclength or end < t.size or more < ENDED:
             break
-    return _assembled(orbit, kind, side, np.concatenate(rows, axis=1), arclength, JOINED * spacing)
+    return _assembled(orbit, kind, side, np.concatenate(rows, axis=1), arclength, JOINED * spacing, unit)
+
+
+def _steps(x: Array, unit: float) -> Array:
+    """From each state (2, n) to the next, v in units of this speed."""
+    return np.asarray(np.diff(x, axis=1) / [[1.0], [unit]], np.float64)
 
 
 def _rows(level: _Level, end: int) -> Array:
@@ -142,16 +156,18 @@ def _rows(level: _Level, end: int) -> Array:
     return np.asarray(rows[:, (1 if level.j else 0) : end], np.float64)
 
 
-def _assembled(orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, joined: float) -> Manifold:
+def _assembled(
+    orbit: Periodic, kind: str, side: int, rows: Array, arclength: float, joined: float, unit: float
+) -> Manifold:
     """Cut to length, and every corner given to both its pieces, from the side that misses Σ⁻, where it is exact."""
-    walked = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(rows[:2], axis=1)))])
+    walked = np.concatenate([[0.0], np.cumsum(np.hypot(*_steps(rows[:2], unit)))])
     rows = rows[:, : int(np.searchsorted(walked, arclength, side="right"))]
     starts = np.flatnonzero(rows[4])
-    gap = np.hypot(*(rows[:2, starts] - rows[:2, starts - 1]))
+    gap = np.hypot(*((rows[:2, starts] - rows[:2, starts - 1]) / [[1.0], [unit]]))
     near = starts[gap < joined]
     exact = np.where(rows[5, near] < rows[5, near - 1], near, near - 1)
     rows[:, np.where(exact == near, near - 1, near)] = rows[:, exact]  # the other side of it has the root of rounding
     pieces = np.concatenate([[0], starts, [rows.shape[1]]]).astype(np.int64)
-    length = float(np.hypot(*np.diff(rows[:2], axis=1)).sum())
+    length = float(np.hypot(*_steps(rows[:2], unit)).sum())
     tau, v, t, j = rows[:4]
     return Manifold(orbit, kind, side, tau, v, t, j.astype(np.int64), pieces, np.where(gap < joined, 0.0, gap), length)

@@ -1,5 +1,6 @@
 """The period-one motions A to D as any gear has them, and the regions of the plane that they make."""
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -46,20 +47,30 @@ def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.compl
     return np.stack([large, small])
 
 
-OTHER, REGION_I, REGION_II, REGION_III, REGION_IV, REGION_V = range(6)
+PAPER_REGIONS = ("I", "II", "III", "IV", "V")
+_OF_THE_PAPER = {"": "I", "AC": "II", "ABCD": "III", "AD": "V"}  # III is IV where D is unstable
+_SETS = ["".join(x for x, there in zip(NAMES, each[::-1], strict=True) if there) for each in product((0, 1), repeat=4)]
+#: By code: 0 is no region, 1 to 5 are those of the paper, and all other sets of orbits that exist are their own names.
+REGIONS = ("", *PAPER_REGIONS, *(each for each in _SETS if each not in _OF_THE_PAPER))
+_CODES = np.array([REGIONS.index(_OF_THE_PAPER.get(each, each)) for each in _SETS], np.int8)  # by the set's bits
 
 
 def classify(orbits: PeriodOne) -> NDArray[np.int8]:
-    """Region of each parameter point from its period-one orbits; 0 where the combination is none of the five.
+    """Region of each parameter point, as its number in REGIONS, from its period-one orbits.
 
-    I: none of A–D. II: A and C. III: all four, D stable. IV: all four, D unstable. V: A and D.
+    I: none of A–D. II: A and C. III: all four, D stable. IV: all four, D unstable. V: A and D. Any other set of orbits
+    is a region of its own, named by it: ABD.
     """
-    a, b, c, d = orbits.exists
-    stable = orbits.stable[3]
-    region = np.full(a.shape, OTHER, np.int8)
-    region[~(a | b | c | d)] = REGION_I
-    region[a & c & ~b & ~d] = REGION_II
-    region[a & b & c & d & stable] = REGION_III
-    region[a & b & c & d & ~stable] = REGION_IV
-    region[a & d & ~b & ~c] = REGION_V
+    region = np.asarray(_CODES[np.tensordot(1 << np.arange(len(NAMES)), orbits.exists, 1)])
+    region[orbits.exists.all(axis=0) & ~orbits.stable[3]] = REGIONS.index("IV")
     return region
+
+
+def in_words(region: int) -> str:
+    """A region in a sentence: region III; or orbits A, B and D, no region of the paper."""
+    name = REGIONS[region]
+    if name in PAPER_REGIONS:
+        return f"region {name}"
+    if len(name) == 1:
+        return f"orbit {name}, no region of the paper"
+    return f"orbits {', '.join(name[:-1])} and {name[-1]}, no region of the paper"

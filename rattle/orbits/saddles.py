@@ -39,6 +39,7 @@ class Local:
     steps: int
     turns: int
     residual: float = np.inf
+    unit: float = 1.0  # of speeds, in residuals
 
     def at(self, s: Array) -> Array:
         """States (2, n) (τ not folded, v) at |s| ≤ size (n,)."""
@@ -77,8 +78,9 @@ def eigenvectors(orbit: Periodic) -> tuple[Array, Array]:
     return unstable, stable
 
 
-def local_manifold(orbit: Periodic, stable: bool) -> Local:
-    """The local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-12 of its size.
+def local_manifold(orbit: Periodic, stable: bool, unit: float = 1.0) -> Local:
+    """The local manifold of a saddle, as far from it as a series of degree 10 has a residual of 1e-12 of its size,
+    v counted in units of this speed.
 
     Raises ParameterError if the orbit is no saddle, RattleError if it is too close to grazing.
     """
@@ -92,9 +94,10 @@ def local_manifold(orbit: Periodic, stable: bool) -> Local:
     powers[0], powers[1] = (orbit.tau, orbit.v), eigenvectors(orbit)[1 if stable else 0]
     size = LARGEST
     derivative = np.linalg.matrix_power(tangent(orbit), -twice if stable else twice)
-    rounding = ROUNDING[stable] * max(1.0, orbit.v) * max(1.0, float(np.linalg.norm(derivative)))
+    scaled = derivative * [[1.0, unit], [1.0 / unit, 1.0]]
+    rounding = ROUNDING[stable] * max(1.0, orbit.v / unit) * max(1.0, float(np.linalg.norm(scaled)))
     while size > SMALLEST:
-        start = Local(orbit, stable, powers, 1.0, multiplier, twice * orbit.label[1], twice * orbit.m)
+        start = Local(orbit, stable, powers, 1.0, multiplier, twice * orbit.label[1], twice * orbit.m, unit=unit)
         found = _solved(start, size, np.asarray(derivative, np.float64))
         if found is not None and found.residual < max(rounding, RESIDUAL * size * max(1.0, multiplier / 10.0)):
             return found
@@ -121,11 +124,13 @@ def _solved(start: Local, size: float, derivative: Array) -> Local | None:
         if not (ok.all() and (word == word[0]).all()):
             return None
         off = states - local.at(size * x)
-        local = replace(local, residual=float(np.abs(off).max()))
+        local = replace(local, residual=float((np.abs(off) / [[1.0], [local.unit]]).max()))
         new = local.powers.copy()  # off is of F(W(s/λ)) − W(s), so its power k is that of F(W(s)) − W(λs) over λ^k
         new[2:] += np.einsum("kij,kj->ki", inverse * rates[:, None, None], solve @ off.T)
-        change = float(np.abs(new - local.powers).max())
-        if change < 1e-16 or (local.residual < ROUNDING[start.backwards] * start.orbit.v and change >= last):
+        change = float((np.abs(new - local.powers) / [1.0, local.unit]).max())
+        if change < 1e-16 or (
+            local.residual < ROUNDING[start.backwards] * start.orbit.v / start.unit and change >= last
+        ):
             break
         if not change < 1.0:
             return None

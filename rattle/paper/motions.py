@@ -21,7 +21,6 @@ from rattle.paper.plane import Array, C, D
 from rattle.paper.records import Evidence, Finding
 
 FAR_BELOW, JUST_BELOW = 0.0912, 0.096  # ε at which the attractors are shown, δ = 0.6
-ROMAN = ("none", "I", "II", "III", "IV", "V")
 SEEN = 0.005  # a basin with less of the sample than this is not counted
 
 
@@ -233,7 +232,7 @@ def region_one() -> Finding:
         "damping too, and at δ = 0.6 inside Figure 5's range of ε, below its axis of speeds.",
         (
             Evidence(
-                f"δ = 1, ε = 0.23, region {ROMAN[here.region()]}: {fractions(seen)}",
+                f"δ = 1, ε = 0.23, region {rattle.REGIONS[here.region()]}: {fractions(seen)}",
                 here.region() == 1 and share(seen, "P(1,2,0)") > 0.01,
             ),
             Evidence(

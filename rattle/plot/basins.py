@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from rattle.attractors.basins import Basins
+from rattle.attractors.speeds import PAPER_SPEED, sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require
 from rattle.flight.law import wrapped
@@ -20,16 +21,16 @@ from rattle.impacting.gear import Gear
 from rattle.models import AnyGear, model_of
 from rattle.orbits.manifolds import manifold
 from rattle.orbits.period_one import Orbit
-from rattle.plot.colours import colour, name_of, order
+from rattle.plot.colours import Palette, name_of, order
 from rattle.plot.drawing import Drawing, new_figure, outlined
 from rattle.plot.labels import ROOM, Labels
 from rattle.plot.paper_ranges import BETA
 
 Array = NDArray[np.float64]
 
-V_MAX = 7.0
 RESOLUTION = 1000  # cells a side, as in the paper
 MOST_PANELS = 9
+MOST_NAMED = 24  # types of motion in a legend
 SPACING = 0.005  # of points of Γ and of manifolds
 ARCLENGTH = 200.0  # of each side of a manifold: at the paper's ε = 0.1 no edge of a basin is without one then
 MANIFOLDS = {"A": "#ff4df0", "B": "#12c040"}  # magenta and green
@@ -39,7 +40,12 @@ SAME_ORBIT = 1e-6
 DIM = "0.25"  # edge of what is white
 
 
-def folded(tau: Array, v: Array, v_max: float = V_MAX) -> Array:
+def highest(gear: AnyGear) -> float:
+    """The largest speed of a picture of states: the paper's in its plane, the natural one elsewhere."""
+    return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
+
+
+def folded(tau: Array, v: Array, v_max: float) -> Array:
     """A line of the (τ, v) plane (k, 2) with its phases folded into [0, 1], NaN where it leaves a side, and without
     what is beyond v_max. It ends on the very side that it leaves.
     """
@@ -60,20 +66,20 @@ def folded(tau: Array, v: Array, v_max: float = V_MAX) -> Array:
     return np.asarray(line[~doubled], np.float64)
 
 
-def draw_basins(axes: Axes, basins: Basins, v_max: float = V_MAX) -> None:
+def draw_basins(axes: Axes, basins: Basins, palette: Palette) -> None:
     """Draw basins as pixels, one a cell."""
-    colours = np.array([to_rgb(colour(each)) for each in basins.attractors])
+    colours = np.array([to_rgb(palette.colour(each)) for each in basins.attractors])
     pixels = np.round(255 * colours).astype(np.uint8)[basins.labels]
-    axes.imshow(pixels, extent=(0.0, 1.0, v_max, 0.0), aspect="auto", interpolation="none", origin="upper")
-    axes.set(xlim=(0.0, 1.0), ylim=(v_max, 0.0))
+    axes.imshow(pixels, extent=(0.0, 1.0, basins.v_max, 0.0), aspect="auto", interpolation="none", origin="upper")
+    axes.set(xlim=(0.0, 1.0), ylim=(basins.v_max, 0.0))
 
 
-def gamma_line(gear: Any, v_max: float = V_MAX, spacing: float = SPACING) -> Array:
+def gamma_line(gear: Any, v_max: float, spacing: float = SPACING) -> Array:
     """Γ of a gear whose model has it, folded (k, 2), empty if there is none."""
     return _joined([folded(piece.tau, piece.v, v_max) for piece in gear.gamma(spacing)])
 
 
-def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float = V_MAX) -> Array:
+def draw_gamma(axes: Axes, gear: Any, width: float, v_max: float) -> Array:
     """Draw Γ in white; returns the line (k, 2), empty if there is none."""
     line = gamma_line(gear, v_max)
     if len(line):
@@ -86,13 +92,21 @@ def _joined(lines: Sequence[Array]) -> Array:
     return np.concatenate([np.empty((0, 2)), *(part for line in lines for part in (line, gap))])
 
 
-def _legend(figure: Figure, attractors: Iterable[Attractor], lines: Sequence[Line2D], columns: int) -> None:
-    """Name each type of motion once, and the lines."""
-    types = {name_of(each): each for each in attractors}
+def _legend(
+    figure: Figure, attractors: Iterable[Attractor], palette: Palette, lines: Sequence[Line2D], columns: int
+) -> None:
+    """Name each type of motion once, of many those with the largest basins, and the lines."""
+    largest: dict[str, Attractor] = {}
+    for each in attractors:
+        if name_of(each) not in largest or each.fraction > largest[name_of(each)].fraction:
+            largest[name_of(each)] = each
+    shown = sorted(largest, key=lambda label: -largest[label].fraction)[:MOST_NAMED]
     patches = [
-        Patch(facecolor=colour(each), edgecolor="0.3", linewidth=0.5, label=label)
-        for label, each in sorted(types.items(), key=lambda item: order(item[1]))
+        Patch(facecolor=palette.colour(largest[label]), edgecolor="0.3", linewidth=0.5, label=label)
+        for label in sorted(shown, key=lambda label: order(largest[label]))
     ]
+    if len(shown) < len(largest):
+        patches.append(Patch(facecolor="none", label=f"and {len(largest) - len(shown)} more"))
     figure.legend(
         handles=[*patches, *lines],
         loc="outside lower center",
@@ -127,26 +141,28 @@ def panels(
     rows = -(-len(gears) // columns)
     figure = new_figure(0.6 + 2.25 * columns, 1.0 + 2.3 * rows)
     found: list[Attractor] = []
+    palette = Palette()
+    v_max = max(map(highest, gears))
     for i, gear in enumerate(gears):
         axes = figure.add_subplot(rows, columns, i + 1)
-        basins = gear.basins(resolution, V_MAX, "direct")
+        basins = gear.basins(resolution, v_max, "direct")
         found += basins.attractors
-        draw_basins(axes, basins)
+        draw_basins(axes, basins, palette)
         if model.has_gamma:
-            draw_gamma(axes, gear, 0.7)
+            draw_gamma(axes, gear, 0.7, v_max)
         axes.set_title(f"({'abcdefghi'[i]}) ε = {gear.epsilon:g}", fontsize=9, pad=4)
-        _few_ticks(axes, first=i % columns == 0, last=i >= len(gears) - columns)
+        _few_ticks(axes, v_max, first=i % columns == 0, last=i >= len(gears) - columns)
     if beta != BETA or kappa is not None:
         figure.suptitle(str(model), fontsize=10)
-    _legend(figure, found, [_white_line(1.2)] if kappa is None else [], 5)
+    _legend(figure, found, palette, [_white_line(1.2)] if kappa is None else [], 5)
     return Drawing(figure)
 
 
-def _few_ticks(axes: Axes, first: bool, last: bool) -> None:
+def _few_ticks(axes: Axes, v_max: float, first: bool, last: bool) -> None:
     """Numbers and names at the first panel of a row and the last of a column only."""
     axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"] if last else [""] * 3)
-    axes.set_yticks([0, V_MAX], ["0", f"{V_MAX:g}"] if first else ["", ""])
-    axes.set_yticks(range(1, int(V_MAX)), minor=True)
+    axes.set_yticks([0, v_max], ["0", f"{v_max:.3g}"] if first else ["", ""])
+    axes.set_yticks(np.arange(1.0, v_max), minor=True)
     axes.tick_params(labelsize=8)
     axes.set_xlabel("τ" if last else "", fontsize=10, labelpad=0)
     axes.set_ylabel("v" if first else "", fontsize=10, labelpad=0, rotation=0)
@@ -158,11 +174,13 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     What does not exist there is left out, which a note says. resolution: cells a side. Raises ParameterError.
     """
     gear = Gear(delta, epsilon, beta)
-    basins = gear.basins(resolution, V_MAX, "direct")
+    v_max = highest(gear)
+    basins = gear.basins(resolution, v_max, "direct")
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
     figure = new_figure(6.4, 6.2)
     axes = figure.add_subplot()
-    draw_basins(axes, basins)
+    palette = Palette()
+    draw_basins(axes, basins, palette)
     notes, drawn = [], {}
     for name in MANIFOLDS:
         line, why = manifold_line(gear, orbits.get(name), name)
@@ -171,25 +189,26 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
         if len(line):
             drawn[name] = line
             axes.plot(*line.T, color=MANIFOLDS[name], linewidth=1.1, zorder=1.5)
-    gamma = draw_gamma(axes, gear, 1.6)
+    gamma = draw_gamma(axes, gear, 1.6, v_max)
     if not len(gamma):
-        notes.append(f"Γ is left out: no flight with v below {V_MAX:g} grazes Σ⁻")
-    shown = {name: orbit for name, orbit in orbits.items() if orbit.v < V_MAX}
+        notes.append(f"Γ is left out: no flight with v below {v_max:.3g} grazes Σ⁻")
+    shown = {name: orbit for name, orbit in orbits.items() if orbit.v < v_max}
     missing = [name for name in CROSSES if name not in shown]
     if missing:
-        notes.append(f"left out, as there is no such orbit with v below {V_MAX:g} there: {', '.join(missing)}")
+        notes.append(f"left out, as there is no such orbit with v below {v_max:.3g} there: {', '.join(missing)}")
     for name, orbit in shown.items():
         (mark,) = axes.plot(orbit.tau, orbit.v, CROSSES[name], color="white", markersize=9, zorder=4)
         mark.set_markeredgewidth(1.6)
         outlined(mark, "black", 0.9)
     axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "0.25", "0.5", "0.75", "1"])
-    axes.set_yticks(range(8))
+    if v_max == PAPER_SPEED:
+        axes.set_yticks(range(8))
     axes.set_xlabel("impact phase τ", fontsize=11)
     axes.set_ylabel("initial velocity v", fontsize=11)
     title = f"δ = {gear.delta:g}, ε = {gear.epsilon:g}" + ("" if beta == BETA else f", β = {beta:g}")
     axes.set_title(title, fontsize=10)
     lines = [Line2D([], [], color=MANIFOLDS[name], label=_stable(name)) for name in drawn]
-    _legend(figure, basins.attractors, [*lines, *([_white_line(1.6)] if len(gamma) else [])], 6)
+    _legend(figure, basins.attractors, palette, [*lines, *([_white_line(1.6)] if len(gamma) else [])], 6)
     _write_labels(axes, basins, shown, drawn, gamma)
     figure.set_layout_engine("none")  # labels lie where they were put
     return Drawing(figure, tuple(notes))
@@ -208,15 +227,15 @@ def manifold_line(
         return np.empty((0, 2)), None  # what orbits are missing is said anyway
     if orbit.stable:
         return np.empty((0, 2)), f"{name} is stable there: it has no {kind} manifold to draw"
-    sides, why = [], None
+    sides, why, v_max = [], None, highest(gear)
     for side in (1, -1):
         try:
-            grown = manifold(gear.saddle(orbit), kind, side, arclength, spacing)
+            grown = manifold(gear.saddle(orbit), kind, side, arclength, spacing, unit=v_max / PAPER_SPEED)
         except RattleError as error:
             why = f"a side of the {kind} manifold of {name} is left out: {error}"
             continue
         for start, end in _connected(grown.pieces, grown.gap):
-            sides.append(folded(grown.tau[start:end], grown.v[start:end]))
+            sides.append(folded(grown.tau[start:end], grown.v[start:end], v_max))
     return _joined(sides), why
 
 
@@ -234,7 +253,8 @@ def _write_labels(
     axes: Axes, basins: Basins, orbits: dict[str, Orbit], manifolds: dict[str, Array], gamma: Array
 ) -> None:
     """Name the orbits, the basins where they are thick, and the lines."""
-    marks = [np.array([orbit.tau, orbit.v]) + AROUND for orbit in orbits.values()]
+    around = AROUND * [1.0, basins.v_max / PAPER_SPEED]
+    marks = [np.array([orbit.tau, orbit.v]) + around for orbit in orbits.values()]
     labels = Labels(axes, [*manifolds.values(), gamma, *marks])
     for name, orbit in orbits.items():
         labels.add(name, (orbit.tau, orbit.v), size=12, edged=True)
@@ -245,7 +265,7 @@ def _write_labels(
             if room > 2.0:
                 labels.add(symbol, place, size=13, edged=True)
     for name, line in (*((_stable(name), line) for name, line in manifolds.items()), ("Γ", gamma)):
-        inside = line[~np.isnan(line[:, 0]) & (line[:, 1] < V_MAX)]
+        inside = line[~np.isnan(line[:, 0]) & (line[:, 1] < basins.v_max)]
         if len(inside):
             chosen = inside[:: max(1, len(inside) // 60)]
             labels.add(name, *((float(tau), float(v)) for tau, v in chosen), size=12, room=3 * ROOM, edged=True)

@@ -1,10 +1,16 @@
 """A colour for each type of motion, the same in every picture.
 
 Types are those of the paper's itineraries, P(m, n₊, n₋). Its words for Figures 4 to 6 are followed where they tell
-types apart: it calls both P(2,2,2) and P(8,8,6) dark orange, and here the second is the darker one.
+types apart: it calls both P(2,2,2) and P(8,8,6) dark orange, and here the second is the darker one. Where a picture has
+so many types that two would look alike, as at weak damping, the later one gets another colour there (`Palette`).
 """
 
 import colorsys
+from functools import cache
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
 
 from rattle.attractors.table import KINDS, Attractor
 from rattle.errors import require, require_integer
@@ -26,6 +32,13 @@ SATURATION, LIGHTNESS = 0.65, (0.25, 0.75)
 # of a picture farthest apart, found by trial on Figure 4 and on 500 random points of the plane.
 HUE_STEPS, LIGHTNESS_STEPS = (0.753, 0.439, 0.588), (0.127, 0.726, 0.28)
 MOST = 10**9
+ALIKE = 15.0  # distance in CIELAB below which two colours of a picture are not told apart
+#: What a picture has for types that look like others: hue, lightness, saturation.
+SPARE = tuple(product(np.arange(0.0, 360.0, 12.0), (0.28, 0.42, 0.56, 0.7, 0.82), (0.35, 0.6, 0.9)))
+
+XYZ = np.array(  # of linear sRGB
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
 
 Motion = Attractor | Label | str
 
@@ -73,6 +86,43 @@ def colour(motion: Motion) -> str:
     return NAMED.get(label) or _by_rule(label)
 
 
+class Palette:
+    """Colours of the motions of one picture: each has its own, unless that looks like the one of a motion that came
+    before it, or of quiet, chaotic or undecided; then it has the spare one that is farthest from all of them.
+    """
+
+    def __init__(self) -> None:
+        self._taken: dict[str | Label, str] = {}
+        self._taken.update(KIND_COLOURS)
+
+    def colour(self, motion: Motion) -> str:
+        """The colour (#rrggbb) of a type of motion here. Raises ParameterError."""
+        label = _label(motion)
+        if label not in self._taken:
+            taken = np.array([_lab(each) for each in self._taken.values()])
+            own = colour(motion)
+            if np.hypot.reduce(taken - _lab(own), axis=1).min() < ALIKE:
+                away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare()]
+                own = _spare()[int(np.argmax(away))][0]
+            self._taken[label] = own
+        return self._taken[label]
+
+
+@cache
+def _spare() -> tuple[tuple[str, NDArray[np.float64]], ...]:
+    found = (_hex(hue, lightness, saturation) for hue, lightness, saturation in SPARE)
+    return tuple((each, _lab(each)) for each in found)
+
+
+def _lab(shade: str) -> NDArray[np.float64]:
+    """CIELAB coordinates (3,) of an sRGB colour: equal distances look about equally large (CIE 1976, white D65)."""
+    rgb = np.array([int(shade[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    xyz = XYZ @ linear / XYZ.sum(axis=1)
+    f = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
 def _by_rule(label: Label) -> str:
     hue = _turned(label, HUE_STEPS) * sum(high - low for low, high in HUES)
     for low, high in HUES:
@@ -80,7 +130,11 @@ def _by_rule(label: Label) -> str:
             break
         hue -= high - low
     dark, light = LIGHTNESS
-    rgb = colorsys.hls_to_rgb((low + hue) / 360, dark + _turned(label, LIGHTNESS_STEPS) * (light - dark), SATURATION)
+    return _hex(low + hue, dark + _turned(label, LIGHTNESS_STEPS) * (light - dark), SATURATION)
+
+
+def _hex(hue: float, lightness: float, saturation: float) -> str:
+    rgb = colorsys.hls_to_rgb(hue / 360, lightness, saturation)
     return "#" + "".join(f"{round(255 * part):02x}" for part in rgb)
 
 

@@ -11,6 +11,7 @@ from matplotlib.text import Text
 from rattle.curves import NAMES, CodimensionTwo, Curve, codimension_two, trace
 from rattle.errors import ParameterError, RattleError
 from rattle.impacting.orbits.period_one import regions
+from rattle.orbits.period_one import REGIONS
 from rattle.plot.drawing import HALO, Drawing, new_figure
 from rattle.plot.labels import Array, Labels
 from rattle.plot.paper_ranges import BETA, FIGURE_5, FIGURE_8, FIGURE_9
@@ -30,7 +31,6 @@ STYLES = {
 }
 MARKERS = {"COD20": "o", "COD21": "s", "COD22": "D", "COD23": "^"}
 IN_PAPER = ("SN1", "SN2", "PD1", "G1", "G2")
-REGIONS = ("", "I", "II", "III", "IV", "V")
 
 THICK, THIN = 1.5, 0.8
 CELLS = 240  # a side, of the grid on which regions are found
@@ -134,7 +134,7 @@ def _paper_marks(axes: Axes) -> dict[str, Array]:
 
 
 def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float) -> None:
-    """Write a region's number into each part of it that has room for it, and beside the largest if none has."""
+    """Write a region's name into each part of it that has room for it, and beside the largest if none has."""
     from scipy.ndimage import label
 
     x, y = (low + (high - low) * (np.arange(CELLS) + 0.5) / CELLS for low, high in (delta, epsilon))

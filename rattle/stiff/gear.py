@@ -135,7 +135,7 @@ class StiffGear(Rattling):
         return self.orbit(orbit.tau, orbit.v)
 
     def region(self) -> int:
-        """Region 1…5 (I…V) by the counterparts of A–D; 0 for another combination."""
+        """Region 1…5 (I…V) by the counterparts of A–D; another set by its number in `rattle.REGIONS`."""
         return int(period_one.regions(*self._point))
 
     def attractors(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from service.commands.at_point import Point, at_point
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
-REGIONS = ("none of I to V", "I", "II", "III", "IV", "V")
 
 
 @at_point()
@@ -15,6 +14,7 @@ def orbits(point: Point) -> None:
     from rich.table import Table
 
     from rattle.models import model_at
+    from rattle.orbits.period_one import in_words
 
     gear, machine = point.gear, point.machine
     names = ("SN1", "flip", "quiet limit")
@@ -22,7 +22,7 @@ def orbits(point: Point) -> None:
         (name, value) for name, value in zip(names, model_at(gear).limits(gear.delta), strict=True) if value is not None
     ]
     console = Console(highlight=False, width=WIDTH)
-    console.print(f"{point.words}: region {REGIONS[gear.region()]}")
+    console.print(f"{point.words}: {in_words(gear.region())}")
     console.print(", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits))
     if machine is not None:
         length = machine.units.length

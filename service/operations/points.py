@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rattle import ParameterError, RattleError
+from rattle import REGIONS, ParameterError, RattleError
 from rattle.curves import Curve
 from rattle.models import AnyGear, AnyModel, model_at
 
@@ -62,6 +62,7 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
         region, orbits = gear.region(), gear.orbits()
     return {
         "region": region,
+        "region_name": REGIONS[region],
         **{name: None if value is None else number(value) for name, value in limits.items()},
         "orbits": [
             {

@@ -74,7 +74,8 @@ class OrbitDocument(BaseModel):
 class Orbits(Point):
     """Period-one orbits and analytic limits of one parameter point."""
 
-    region: int = Field(ge=0, le=5, description="1…5 = I…V, 0 none of them")
+    region: int = Field(ge=1, lt=len(rattle.REGIONS), description="1…5 = I…V, more for another set of orbits")
+    region_name: str = Field(description="I…V, or the orbits that exist where they are another set, such as ABD")
     sn1: float | None = Field(description="epsilon above which A and C exist; null where they are not born so")
     flip: float | None = Field(description="epsilon above which C is unstable; null for the stiff model")
     quiet_limit: float | None = Field(description="epsilon above which nothing is quiet")

@@ -55,6 +55,7 @@ ORBITS: dict[str, Any] = {
     "beta": 0.6,
     "kappa": None,
     "region": 4,
+    "region_name": "IV",
     "sn1": 0.05964305819304494,
     "flip": 0.20552585488857852,
     "quiet_limit": 0.19012105088161357,

@@ -14,7 +14,7 @@ from waiting import HANG, wait_until
 
 import rattle
 from rattle.curves import codimension_two
-from rattle.plot.plane import REGIONS
+from rattle.orbits.period_one import REGIONS
 
 DEFAULT_LINES = {"SN1", "SN2", "PD1", "PDC", "PD2", "G1", "G2", "quiet_limit", "points"}
 

@@ -10,7 +10,7 @@ from service_processes import get
 from waiting import wait_until
 
 import rattle
-from rattle.plot.plane import REGIONS
+from rattle.orbits.period_one import REGIONS
 
 DELTA, EPSILON, KAPPA = 0.6, 0.1, 2e4
 

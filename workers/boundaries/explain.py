@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from rattle import RattleError, curves, period_one, quiet_limit
+from rattle import REGIONS, RattleError, curves, period_one, quiet_limit
 from rattle.curves import Curve
 from rattle.impacting.bifurcations.branches import fate
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.models import Model
-from workers.boundaries.pairs import KINDS, ROMAN, Attractor, Grid, Label, Pairs, crossed, name_of
+from workers.boundaries.pairs import KINDS, Attractor, Grid, Label, Pairs, crossed, name_of
 from workers.errors import SurveyError
 
 QUIET, PERIODIC, CHAOTIC = (KINDS.index(kind) for kind in ("quiet", "periodic", "chaotic"))
@@ -255,7 +255,7 @@ def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractor
     pairs, grid = search.pairs, search.grid
     for n in map(int, np.flatnonzero((pairs.region & ~region) | (pairs.attractors & ~attractors))):
         if pairs.region[n] and not region[n]:
-            change = "region " + " | ".join(ROMAN[grid.region[i, j]] for i, j in (pairs.first[n], pairs.second[n]))
+            change = "region " + " | ".join(REGIONS[grid.region[i, j]] for i, j in (pairs.first[n], pairs.second[n]))
         else:
             change = " and ".join(name_of(label) for label in search.uncovered(n))
         groups.setdefault((change, why.get(n, "")), []).append(n)

@@ -10,7 +10,6 @@ from rattle.curves import Curve
 from workers.errors import SurveyError
 from workers.survey.evaluate import FAILED, KINDS
 
-ROMAN = ("none", "I", "II", "III", "IV", "V")
 UNDECIDED = KINDS.index("undecided")
 
 

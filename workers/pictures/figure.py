@@ -5,8 +5,8 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rattle import REGIONS
 from rattle.plot.drawing import HALO, new_figure
-from rattle.plot.plane import REGIONS
 from workers.errors import SurveyError
 from workers.pictures.maps import draw_legend, draw_map
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points, surveyed_model
@@ -44,14 +44,14 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
 
 
 def _name_regions(axes: Axes, dataset: xr.Dataset) -> None:
-    """Write each region's number where the region is widest."""
+    """Write each region's name where the region is widest."""
     places = region_places(*(np.asarray(dataset[name]) for name in ("region", "delta", "epsilon")))
     for name, where in places.items():
         axes.text(*where, name, ha="center", va="center", fontsize=13, weight="bold", path_effects=HALO, zorder=5)
 
 
 def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) -> dict[str, tuple[float, float]]:
-    """Return the numbers of the regions of a map (epsilon, delta), each with the (δ, ε) where it is widest."""
+    """Return the names of the regions of a map (epsilon, delta), each with the (δ, ε) where it is widest."""
     from scipy.ndimage import distance_transform_edt  # a fifth of a second to load, in every worker
 
     places = {}

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from io import BytesIO
+from itertools import pairwise
 
 import numpy as np
 import xarray as xr
@@ -10,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 
+from rattle.orbits.period_one import PAPER_REGIONS
 from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
@@ -24,7 +26,11 @@ WITHOUT_VALUE = {
     "boundary_distance": "undecided",
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
-REGION_COLOURS = ("#e8e8e8", "#f4efe3", "#bfdcec", "#8fc79a", "#f2c879", "#dd8f7d")
+#: Of `rattle.REGIONS`; those of other sets than the paper's are as far from one another as light colours can be.
+REGION_COLOURS = (
+    "#e8e8e8", "#f4efe3", "#bfdcec", "#8fc79a", "#f2c879", "#dd8f7d", "#5999d9", "#bf73a6", "#59e5e5", "#998c59",
+    "#599999", "#d9b2f2", "#59ccf2", "#bfcc7f", "#8c8c7f", "#f28ca6", "#7f8ca6", "#669959",
+)  # fmt: skip
 FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
@@ -163,15 +169,21 @@ def _extend(norm: Normalize, values: np.ndarray) -> str:
     return {(True, True): "both", (True, False): "min", (False, True): "max"}.get((low, high), "neither")
 
 
+def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
+    """Whether a key has a code: of the regions beside the paper's, those that are there."""
+    return plane.name != "region" or code <= len(PAPER_REGIONS) or bool((values == code).any())
+
+
 def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:
     """Return colour map, norm, ticks and tick labels that suit a variable."""
     if "flag_meanings" in plane.attrs:
         meanings = plane.attrs["flag_meanings"].replace("not_computed", "none").split()
         colours = REGION_COLOURS if plane.name == "region" else CODE_COLOURS
         first = 0 if (values == 0).any() else 1
-        codes = list(range(first, len(meanings)))
+        codes = [code for code in range(first, len(meanings)) if _is_listed(plane, code, values)]
         cmap = ListedColormap([colours[code] for code in codes])
-        norm = BoundaryNorm([code - 0.5 for code in (*codes, len(meanings))], cmap.N)
+        between = [(low + high) / 2 for low, high in pairwise(codes)]
+        norm = BoundaryNorm([codes[0] - 0.5, *between, codes[-1] + 0.5], cmap.N)
         return cmap, norm, codes, [meanings[code].replace("_", " ") for code in codes]
     if plane.dtype == bool:
         return (

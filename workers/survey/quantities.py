@@ -52,7 +52,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         "region of the plane, by the period-one orbits that exist",
         _PLANE,
         lambda cells: cells.region,
-        ("not_computed", "I", "II", "III", "IV", "V"),
+        ("not_computed", *rattle.REGIONS[1:]),
     ),
     Quantity(
         "orbit_exists", Group.ORBITS, _ORBIT, "bool", "whether the orbit exists", _ORBITS, evaluate.orbits("exists")

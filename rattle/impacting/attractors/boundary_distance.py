@@ -19,7 +19,7 @@ from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.classifier import classify
 from rattle.impacting.map.impact_map import inverse_impact
-from rattle.impacting.map.quiet import capture_speeds, rests_late
+from rattle.impacting.map.quiet import LONGEST_REST, capture_speeds, longest_rest, rests_late
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import sobol
@@ -27,7 +27,7 @@ from rattle.orbits.iterates import fold
 
 SAMPLED, ROUNDS = 1024, 8  # states of the strip and of the plane; of the strip again below the least so far, so often
 EDGES, FEWEST_EDGES, MOST_EDGES = 512, 8, 64  # states of all balls of capture of a cell, and of each ball
-PREIMAGES, CEILING = 64, 25.0  # steps back from a state, and the speed from which none comes down again
+PREIMAGES, CEILING = 64, 25.0 / 7.0  # steps back from a state, and of the usual speed, from which none comes down again
 STATES, COPIES, NEAR = 1024, 3, 1.0 / 64.0  # of a cell to look back from; more near each if they are few, so near
 TRIED = 64  # lowest preimages of a cell that are followed to see whether they count
 STARTS, APART = 4, 1.0 / 32.0  # pattern searches, and the phase between their first states
@@ -35,10 +35,10 @@ SIDEWAYS, DOWN = 8.0 ** -np.arange(3), 8.0 ** -np.arange(5)  # of one pattern: n
 FIRST_SCALE, LAST_SCALE = 2.0**-4, 2.0**-20  # of v, relative, and of τ in forcing periods
 SHRINK, HOPE = 1.0 / 16.0, 8.0  # of a pattern that found nothing; a start is given up that is so many scales too high
 MOST_PATTERNS = 60
-LEAST_IMPACTS, MOST_IMPACTS = 512, 4096  # of a state after the first step, and
+LEAST_IMPACTS, MOST_IMPACTS = 512, 4096  # of a state after the first step where damping is strong, and
 PATIENCE = 2  # so many times what the sample needed to get to its orbits, and to rest too if there is chaos
 LASTING = 8  # times as long is followed at last what seems to be chaos
-LOWEST = 1e-6  # speed from which the strip is searched where capture is not certain any higher
+LOWEST = 1e-6 / 7.0  # of the usual speed, from which the strip is searched where capture is not certain any higher
 
 Array = NDArray[np.float64]
 
@@ -47,8 +47,9 @@ class BoundaryDistance(NamedTuple):
     """The least impact speed after which quiet motion is lost: arrays of the broadcast shape, or floats of one gear.
 
     v: the speed; inf if no state up to v_max goes to another attractor, 0 where there is no quiet motion to lose, NaN
-    if undecided states only are left of those that do not go to rest, or (undecided is 0 then) if rest takes more than
-    2048 impacts: within a few per cent of the quiet limit no sample tells it from chaos. tau: the phase of the impact,
+    if undecided states only are left of those that do not go to rest, or (undecided is 0 then) if rest takes more
+    impacts than are waited for: within a few per cent of the quiet limit, more at weak damping, no sample tells it from
+    chaos. tau: the phase of the impact,
     NaN unless v is positive and finite. undecided: the least speed of a sampled state that no attractor could be told
     for, inf if there is none; below v, it says that the true distance may be smaller.
     """
@@ -67,8 +68,12 @@ class _Cells:
 
     def __init__(self, delta: Array, epsilon: Array, beta: Array, v_max: Array) -> None:
         n = delta.size
-        self.floor = np.clip(capture_speeds(delta, epsilon, beta), LOWEST, 0.5 * v_max)  # all below become quiet
-        self.v_max = v_max
+        usual = sampled_speeds(None, delta, epsilon, beta)
+        self.floor = np.clip(
+            capture_speeds(delta, epsilon, beta), LOWEST * usual, 0.5 * v_max
+        )  # all below become quiet
+        self.v_max, self.ceiling = v_max, CEILING * usual
+        self.longer = longest_rest(delta) / LONGEST_REST  # than where damping is strong
         self.tau, self.v = np.full((n, STARTS), np.nan), np.full((n, STARTS), np.inf)
         self.balls = np.zeros(n, np.int64)  # of capture, whose preimages have been looked at
         self.sampled = self.strip_and_plane(n)
@@ -77,9 +82,11 @@ class _Cells:
         status, impacts = self.classifier.status, self.classifier.impacts
         self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
         settled = np.where((status == ORBIT) | (status == QUIET), impacts, 0).max(axis=1)
-        self.chaos &= PATIENCE * settled <= MOST_IMPACTS  # else what is left may be on its way to rest
+        most = MOST_IMPACTS * self.longer
+        self.chaos &= PATIENCE * settled <= most  # else what is left may be on its way to rest
         captured = np.where(status == ORBIT, impacts, 0).max(axis=1)
-        self.most = np.clip(PATIENCE * np.where(self.chaos, settled, captured), LEAST_IMPACTS, MOST_IMPACTS)
+        self.most = np.clip(PATIENCE * np.where(self.chaos, settled, captured), LEAST_IMPACTS * self.longer, most)
+        self.most = self.most.astype(np.int64)
         self.undecided = np.full(n, np.inf)
 
     def strip_and_plane(self, n: int) -> tuple[Array, Array]:
@@ -141,7 +148,8 @@ class _Cells:
         states = np.tile(some // v.shape[1], 1 + COPIES), near_tau.ravel(), near_v.ravel()
         cell, tau, v = (np.append(x, y) for x, y in zip(states, self.edges(), strict=True))
         delta, epsilon, beta, _capture = (x[cell] for x in self.classifier.cells)
-        tau, v = lowest_preimages(tau, v, PREIMAGES, CEILING, delta, epsilon, beta)
+        steps, ceiling = (PREIMAGES * self.longer[cell]).astype(np.int64), self.ceiling[cell]
+        tau, v = lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta)
         order = np.lexsort((tau, v, cell))
         rank = np.arange(cell.size) - np.searchsorted(cell[order], cell[order])
         order, rank = order[rank < TRIED], rank[rank < TRIED]
@@ -206,6 +214,7 @@ def boundary_distances(
     broadcast = parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
     require(d.size * STATES * (1 + COPIES) <= 64 * MOST_SAMPLES, f"{d.size} cells are too many at once: use tiles")
+    highest = sampled_speeds(v_max, d, e, b)
     found = BoundaryDistance(np.zeros(d.size), np.full(d.size, np.nan), np.full(d.size, np.inf))
     below = e < quiet_limit(d)
     late = below & rests_late(d, e, b)
@@ -229,14 +238,14 @@ def boundary_distances(
 @kernel
 def lowest_preimages(tau, v, steps, ceiling, delta, epsilon, beta):
     """Of the preimages Π⁻ᵏ, k from 0 to steps, of each of flat arrays of states the slowest: (τ, v). Each is followed
-    no further than its first preimage above `ceiling`; parameters are arrays too.
+    no further than its first preimage above `ceiling`; these and the parameters are arrays too.
     """
     out_tau, out_v = tau.copy(), v.copy()
     for i in range(tau.size):
         t, w = tau[i], v[i]
-        for _ in range(steps):
+        for _ in range(steps[i]):
             status, t, w, _, _ = inverse_impact(t, w, delta[i], epsilon[i], beta[i])
-            if status != OK or w > ceiling:
+            if status != OK or w > ceiling[i]:
                 break
             if w < out_v[i]:
                 out_tau[i], out_v[i] = t, w

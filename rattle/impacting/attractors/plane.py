@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from rattle.attractors.basins import Array
 from rattle.attractors.cell_map import cell_of
 from rattle.attractors.classify import Classifier
+from rattle.flight.law import speed_unit
 from rattle.impacting.attractors.classifier import classify
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.map.quiet import capture_invariant
@@ -25,6 +26,11 @@ class ImpactingPlane(NamedTuple):
     def arrays(self) -> tuple[Array, Array, Array]:
         """δ, ε, β (1,)."""
         return np.array([self.delta]), np.array([self.epsilon]), np.array([self.beta])
+
+    @property
+    def unit(self) -> float:
+        """See `Plane`."""
+        return float(speed_unit(self.delta, self.epsilon, self.beta))
 
     def classify(self, tau: Array, v: Array) -> Classifier:
         """See `Plane`."""

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, newton, tangent_at
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, newton, plane_scale, tangent_at
 from rattle.continuation.conditions import Kind
 from rattle.continuation.line import (
     FIRST_OF_DOUBLED,
@@ -34,7 +34,8 @@ LONGEST = 0.05  # of a step, in the unknowns
 FEW_POINTS = 6  # between neighbouring cells
 SHORTEST_FLIGHT = 1e-6
 TWICE = 1e-5  # nearer to its flip, rounding decides which way a doubled branch turns
-SAME_PLACE = 1e-9  # in the plane
+SAME_PLACE = 1e-9  # in the plane, of its scale
+SAME_MOTION = 1e-6  # in times
 
 
 @dataclass(frozen=True)
@@ -114,10 +115,10 @@ def branch(
 ) -> Branch:
     """The branch of a periodic motion in one parameter, both ways from it.
 
-    parameter: "epsilon" or "delta", and span its (low, high), by default 0.02 either way; or a direction (dδ, dε), and
-    span the multiples of it that may be added, by default −1 to 1. resolution: points over the span, at least. The
-    branch goes on beyond grazes, where the motion does not happen. Raises ParameterError, and RattleError if the orbit
-    is no solution.
+    parameter: "epsilon" or "delta", and span its (low, high), by default 0.02 either way, below δ = 0.25 in proportion
+    less; or a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1. resolution:
+    points over the span, at least. The branch goes on beyond grazes, where the motion does not happen. Raises
+    ParameterError, and RattleError if the orbit is no solution.
     """
     require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
     line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
@@ -172,7 +173,8 @@ def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | 
     """What becomes of a motion on the straight way to other parameters: itself there, or the first event at which it
     ceases to happen or its stability changes; None if neither can be found.
 
-    Where Newton's method finds the motion there at once, close by and as stable, nothing is looked for on the way.
+    Where Newton's method finds the motion there at once, close by and as stable, and from it this one here, nothing is
+    looked for on the way.
     Raises ParameterError, and RattleError if the orbit is no solution.
     """
     require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
@@ -180,7 +182,7 @@ def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | 
     there = at_parameters(orbit.itinerary, np.append(orbit.times, [delta, epsilon]))
     if there is not None and np.max(np.abs(there[:-2] - orbit.times)) < LONGEST:
         found = orbit_of(orbit.itinerary, there)
-        if found.admissible and found.stable == orbit.stable:
+        if found.admissible and found.stable == orbit.stable and _leads_back(found, orbit):
             return found
     here = branch(orbit, (delta - orbit.delta, epsilon - orbit.epsilon), (0.0, 1.0), FEW_POINTS)
     for event in here.events:
@@ -190,6 +192,12 @@ def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | 
             return event
     arrived = np.allclose([here.delta[-1], here.epsilon[-1]], [delta, epsilon], rtol=1e-12, atol=0)
     return here.orbit(-1) if arrived else None
+
+
+def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
+    """Whether Newton's method leads from one motion to the other: next to a fold it may find a neighbour of it."""
+    back = at_parameters(orbit.itinerary, np.append(found.times, [orbit.delta, orbit.epsilon]))
+    return back is not None and bool(np.max(np.abs(back[:-2] - orbit.times)) < SAME_MOTION)
 
 
 def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
@@ -231,7 +239,9 @@ def _end(itinerary: Itinerary, path: Path) -> str:
 
 def _same_place(one: Event, other: Event) -> bool:
     apart = max(abs(one.delta - other.delta), abs(one.epsilon - other.epsilon))
-    return one.kind is other.kind and one.itinerary.m == other.itinerary.m and apart < SAME_PLACE
+    return (
+        one.kind is other.kind and one.itinerary.m == other.itinerary.m and apart < SAME_PLACE * plane_scale(one.delta)
+    )
 
 
 def _built(

@@ -19,7 +19,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rattle.continuation.arclength import Problem, tangent_at, with_value
+from rattle.continuation.arclength import Problem, plane_scale, tangent_at, with_value
 from rattle.continuation.conditions import condition
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.registry import CURVES
@@ -27,8 +27,8 @@ from rattle.impacting.bifurcations.starts import members
 from rattle.impacting.orbits import closed_form
 from rattle.numerics.complex_step import Array
 
-#: Below, damping at these points is so small that their residuals cancel to a few digits, or to none.
-LEAST_BACKLASH = 1e-5
+#: Below, the points at 4β/π are closer together than rounding lets them be told apart.
+LEAST_BACKLASH = 1e-6
 Residual = Callable[[float, float], float]
 
 
@@ -53,10 +53,10 @@ def _two_thirds(delta: float, beta: float) -> float:
 
 def _no_square_root(delta: float, beta: float) -> float:
     """−M: the square root drops out of the trace."""
-    s = closed_form.next_grazing(0.5 + closed_form.EDGE, delta, beta)
-    if not s < 1.0:
+    sigma = closed_form.next_grazing(closed_form.EDGE, delta, beta)
+    if not sigma < 0.5:
         return math.nan
-    at = members(np.array([s]), delta, beta)
+    at = members(np.array([sigma]), delta, beta)
     return -float(at.saddle_node[0] + at.flip[0]) / 2
 
 
@@ -105,7 +105,7 @@ class CodimensionTwo:
 
 def codimension_two(beta: float = 0.6) -> tuple[CodimensionTwo, ...]:
     """COD20, COD21, COD23, COD22, by rising δ at β = 0.6, for half-backlash beta; points that it does not have are left
-    out, and below β = 1e-5 all.
+    out, and below β = 1e-6 all.
 
     Positions to about 1e-12, orders by a fit over three decades of distance. Raises ParameterError. COD21 and COD22 are
     the paper's (section 5.2); COD20 and COD23 are not in it.
@@ -140,13 +140,16 @@ def _on_grazing(name: str, residual: Residual, beta: float) -> tuple[float, floa
     if not falls.size:
         raise RattleError(f"there is no {name} for beta = {beta}")
     lo, hi = scan[falls[0]], scan[falls[0] + 1]
-    delta = float(brentq(residual, lo, hi, args=(beta,), xtol=1e-15, rtol=4 * np.finfo(float).eps))
+    delta = float(brentq(residual, lo, hi, args=(beta,), xtol=1e-15 * beta, rtol=4 * np.finfo(float).eps))
     return delta, float(closed_form.grazing_cosine(delta, beta)[1])
 
 
 def _tangency(curves: dict[str, int], delta: float, epsilon: float, beta: float) -> dict[tuple[str, str], float]:
-    """The measured order at which each pair of curves touches; a curve that ends there is continued virtually."""
-    distances = np.geomspace(1e-5, 1e-2, 13) * delta
+    """The measured order at which each pair of curves touches; a curve that ends there is continued virtually.
+
+    Farther away than a share of δ of the point's own damping, curves that touch are as straight as those that cross.
+    """
+    distances = np.geomspace(1e-5, 1e-2, 13) * delta * plane_scale(delta)
     orders = {}
     for one, other in combinations(curves, 2):
         if {one, other} == {"G1", "G2"}:

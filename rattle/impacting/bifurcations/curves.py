@@ -3,7 +3,7 @@
 import numpy as np
 
 from rattle.continuation.arclength import Problem
-from rattle.continuation.conditions import condition
+from rattle.continuation.conditions import condition, scale_at
 from rattle.continuation.curves import (
     POINTS_ACROSS,
     QUIET_LIMIT,
@@ -28,8 +28,8 @@ from rattle.numerics.complex_step import Array
 MOST_ACROSS = 1000  # points
 BESIDE = 1e-7  # of a damping
 REACH = 8.0  # half-backlashes of damping: COD22 is near 4/π of them, and every curve passes below
-LEAST_DELTA = 1e-4
-SAME_POINT = 1e-6
+LEAST_DELTA = 1e-6
+SAME_POINT = 1e-6  # of a damping
 ALL_EPSILON = (0.0, 1.0)
 
 
@@ -67,7 +67,7 @@ def _traced(name: str, beta: float, window: Window, dampings: Array) -> Curve:
         window,
         lambda x: _left(definition, itinerary, x),
         lambda x: describe_motion(itinerary, x, definition.impact),
-        lambda x, reason: _named(x, reason, beta),
+        lambda x, reason: _named(name, x, reason, beta),
     )
 
 
@@ -133,12 +133,15 @@ def describe_motion(itinerary: Itinerary, x: Array, grazed: int | None = None) -
     return Described(tau, float(-itinerary.flights(x).w0[0]), smooth_multipliers(itinerary, x, grazed))
 
 
-def _named(x: Array, reason: str, beta: float) -> str:
-    """A codimension-two point's name before the reason why a curve ends in it."""
-    for point in codimension_two(beta):
-        if abs(x[-2] - point.delta) < SAME_POINT and abs(x[-1] - point.epsilon) < SAME_POINT:
-            return f"{point.name}: {reason}"
-    return reason
+def _named(name: str, x: Array, reason: str, beta: float) -> str:
+    """Before the reason why a curve ends, the nearest of the codimension-two points on it, if it ends there."""
+    off = {
+        point.name: max(abs(x[-2] / point.delta - 1.0), abs(x[-1] / point.epsilon - 1.0))
+        for point in codimension_two(beta)
+        if name in point.curves
+    }
+    nearest = min(off, key=lambda point: off[point], default="")
+    return f"{nearest}: {reason}" if nearest and off[nearest] < SAME_POINT else reason
 
 
 def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
@@ -151,4 +154,4 @@ def _quiet_limit(beta: float, window: Window, dampings: Array) -> Curve:
         return np.stack([force, TWO_PI * sine - delta * cosine], axis=-1)
 
     guesses = (np.array([np.arctan2(d, TWO_PI) / TWO_PI, d, float(quiet_limit(d))]) for d in dampings)
-    return limit_of_contact(beta, Problem(equations), guesses, window)
+    return limit_of_contact(beta, Problem(equations, scale=scale_at), guesses, window)

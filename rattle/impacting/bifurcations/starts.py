@@ -12,49 +12,57 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.limits import flip, sine_offset, sn1
 from rattle.numerics.complex_step import Array
 
-FINER = 33  # members between two neighbours of the family, one of which is near a zero
+FINER, FINEST = 33, 12  # members between two neighbours of the family, one of which is near a zero; so often
+CLOSE = 0.02  # of ε, and in times: neighbours no farther apart are near it
 
 
 class Family(NamedTuple):
-    """The P(1,1,1) motions at one damping for rising times s ∈ (1/2, 1) from Σ⁺ to Σ⁻: unknowns (k, 4), speed at
+    """The P(1,1,1) motions at one damping for rising times 1/2 + σ from Σ⁺ to Σ⁻, σ > 0: unknowns (k, 4), speed at
     Σ⁻, det J(1) and det J(−1), which vanish at a saddle-node and a flip; the first is positive on D, the second
     negative where D is stable.
     """
 
+    sigma: Array
     x: Array
     u: Array
     saddle_node: Array
     flip: Array
 
 
-def members(s: Array, delta: float, beta: float) -> Family:
-    """The members of the family with these rising times."""
-    closed = np.array([closed_form.closure(time, delta, beta) for time in s]).reshape(-1, 5)
+def members(sigma: Array, delta: float, beta: float) -> Family:
+    """The members of the family with these rising σ."""
+    closed = np.array([closed_form.closure(each, delta, beta) for each in sigma]).reshape(-1, 5)
     x, y = closed[:, 0] / closed[:, 4], closed[:, 1] / closed[:, 4]
     tau = np.arctan2(y, x) / (2 * np.pi)
-    unknowns = np.column_stack([tau, tau + s, np.full_like(s, delta), np.hypot(x, y)])
+    unknowns = np.column_stack([tau, tau + 0.5 + sigma, np.full_like(sigma, delta), np.hypot(x, y)])
     itinerary = Itinerary((1, -1), 1, beta)
     at_one, at_minus_one = (np.linalg.det(itinerary.jacobian(unknowns, multiplier)) for multiplier in (1.0, -1.0))
-    return Family(unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
+    return Family(sigma, unknowns, closed[:, 3] / closed[:, 4], at_one, at_minus_one)
 
 
 @lru_cache(maxsize=256)
 def two_impacts(delta: float, beta: float) -> Family:
-    """The family of B and D beyond its pole at s = 1/2, as fine as it is followed elsewhere."""
-    s, epsilon = closed_form.nodes(delta, beta)
-    return members(s[(s > 0.5) & np.isfinite(epsilon)], delta, beta)
+    """The family of B and D beyond its pole at σ = 0, as fine as it is followed elsewhere."""
+    sigma, epsilon = closed_form.nodes(delta, beta)
+    return members(sigma[(sigma > 0.0) & np.isfinite(epsilon)], delta, beta)
 
 
 def zeros(values: Callable[[Family], Array], delta: float, beta: float) -> list[Array]:
-    """Unknowns at the sign changes of a function of the family, in the order of s, to a fraction of its spacing."""
+    """Unknowns at the sign changes of a function of the family, in the order of σ, near enough to solve from."""
     coarse = two_impacts(delta, beta)
     at, found = values(coarse), []
     for i in np.flatnonzero(at[:-1] * at[1:] < 0):
-        low, high = (float(coarse.x[j, 1] - coarse.x[j, 0]) for j in (i, i + 1))
-        fine = members(np.linspace(low, high, FINER), delta, beta)
-        at_fine = values(fine)
-        changes = np.flatnonzero(at_fine[:-1] * at_fine[1:] <= 0)
-        found.append(fine.x[changes[0] if changes.size else FINER // 2])
+        low, high = coarse.sigma[i], coarse.sigma[i + 1]
+        for _ in range(FINEST):
+            fine = members(np.linspace(low, high, FINER), delta, beta)
+            at_fine = values(fine)
+            changes = np.flatnonzero(at_fine[:-1] * at_fine[1:] <= 0)
+            k = int(changes[0]) if changes.size else FINER // 2
+            apart = np.abs(fine.x[k + 1] - fine.x[k])
+            if not changes.size or (apart[:2].max() < CLOSE and apart[3] < CLOSE * fine.x[k, 3]):
+                break
+            low, high = fine.sigma[k], fine.sigma[k + 1]
+        found.append(fine.x[k])
     return found
 
 
@@ -75,9 +83,9 @@ def flips(delta: float, beta: float) -> tuple[Array, ...]:
 
 
 def loses_stability(x: Array, beta: float) -> bool:
-    """Whether a multiplier at a flip of the family leaves the unit circle there as s grows (on D, as ε grows)."""
+    """Whether a multiplier at a flip of the family leaves the unit circle there as σ grows (on D, as ε grows)."""
     at = two_impacts(float(x[-2]), beta)
-    return bool(at.flip[np.searchsorted(at.x[:, 1] - at.x[:, 0], x[1] - x[0]) - 1] < 0)
+    return bool(at.flip[np.searchsorted(at.sigma, x[1] - x[0] - 0.5) - 1] < 0)
 
 
 def one_impact(kind: Kind, delta: float) -> list[Array]:

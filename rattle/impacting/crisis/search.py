@@ -14,7 +14,8 @@ from rattle.orbits.saddles import Array
 
 STEP = 0.04  # of ε − SN1, between two that are tried
 LOWEST, SMALLEST = 0.5, 2e-5  # where they begin, relative to the square of the distance from COD22, and to SN1
-HIGHEST = 2.0  # where they end, relative to SN1
+HIGHEST = 2.0  # where they end, relative to SN1; at weaker damping, where SN1 is far below, at the quiet limit
+WEAK, WEAKEST = 0.3, 0.1  # damping below which that is so, and below which nothing is waited for to come to rest
 HALVINGS = 6
 DENSE, CHECKED = 2000, 40000  # samples per unit of ln s on W^u(A), for the bracket, and once more below the crisis
 MARGIN = 1e-4  # how far below the crisis, relative to ε − SN1, no other piece may touch
@@ -36,7 +37,9 @@ def _gaps(delta: float, beta: float) -> Array:
     """ε − SN1 that are tried: those at which A exists, up to the quiet limit."""
     floor, top = float(sn1(delta)), float(quiet_limit(delta))
     first = LOWEST * floor * min(0.02, max(SMALLEST, (1.0 - delta / end_of_curve(beta)) ** 2))
-    last = min(HIGHEST * floor, top * (1.0 - 1e-9) - floor)
+    last = top * (1.0 - 1e-9) - floor
+    if delta >= WEAK:
+        last = min(last, HIGHEST * floor)
     if last <= first:
         raise RattleError(
             f"at delta = {delta} there is no rest to escape to where A is born: SN1 is at the quiet limit"
@@ -146,13 +149,19 @@ def first_contact(delta: float, beta: float, low: float, high: float) -> Crisis:
 def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     """The last contact, by rising ε, in which a chaotic attractor ends, to 1e-10.
 
-    W^u(A) is looked at in steps of 4 % of ε − SN1, up to 3 SN1 or the quiet limit, beyond which nothing rests; the
-    piece is the first among those that 40000 points per unit of its ln s show. Raises ParameterError, and RattleError
-    where no chaotic attractor is seen to end in a contact with A, saying why. Source: docs/crisis.md; the paper leaves
-    it open.
+    W^u(A) is looked at in steps of 4 % of ε − SN1, up to 3 SN1 (from δ = 0.3 on) or the quiet limit, beyond which
+    nothing rests; the piece is the first among those that 40000 points per unit of its ln s show. Raises
+    ParameterError, and RattleError where no chaotic attractor is seen to end in a contact with A, saying why, and below
+    δ = 0.1. Source: docs/crisis.md; the paper leaves it open.
     """
     delta = require_number("delta", delta, positive=True)
     beta = require_number("beta", beta, positive=True)
+    if delta < WEAKEST:
+        raise RattleError(
+            f"damping is too weak at delta = {delta:g} for boundary crises: below {WEAKEST:g} motions take thousands "
+            "of impacts to come to rest, and what W^u(A) goes to is hardly ever chaotic; rattle.crisis_side tells "
+            "whether it goes to rest"
+        )
     gaps = _gaps(delta, beta)
     if gaps.size < 2:
         raise RattleError(f"there is no A below the quiet limit at delta = {delta}, beta = {beta}")

@@ -14,7 +14,7 @@ from rattle.flight.law import DRIFT
 from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.attractors.settle import Cells
 from rattle.impacting.map.impact_map import impact_tangent
-from rattle.impacting.map.quiet import capture_invariants, impacts_to_rest
+from rattle.impacting.map.quiet import LONGEST_REST, capture_invariants, impacts_to_rest, longest_rest
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.iterates import fold
@@ -23,8 +23,8 @@ CRISIS_SIDES = ("not_computed", "no_saddle", "inside", "escapes", "undecided")
 NO_SADDLE, INSIDE, ESCAPES, UNSURE = range(1, 5)
 NEAREST = 1e-7  # distance from A in (τ, v) at which the samples begin
 SAMPLES = 512
-RETURNING = 256  # impacts on Σ⁺ after W^u(A) has left A, besides those of coming to rest
-MOST_IMPACTS = 8192
+RETURNING = 256  # impacts on Σ⁺ after W^u(A) has left A, besides those of coming to rest, where damping is strong, and
+MOST_IMPACTS = 8192  # at most; elsewhere as many more as `longest_rest` is longer
 
 
 def _direction(
@@ -42,10 +42,10 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     """Indices of CRISIS_SIDES, of the broadcast shape of delta, epsilon and beta (dimensionless).
 
     no_saddle: A does not exist. inside: no sample of W^u(A), on the side of rising v, goes to rest. escapes: some do.
-    undecided: there is no rest to go to, from the quiet limit on, or telling takes more than 8192 impacts, just below
-    that and where A is born. A part of W^u(A) shorter than 1/512 of a fundamental domain that escapes is not seen: at
-    δ from 0.6 to 0.768 and β = 0.6 the side is right from 1e-5 of the crisis on. A cell's side does not depend on the
-    other cells. Raises ParameterError. Source: docs/crisis.md.
+    undecided: there is no rest to go to, from the quiet limit on, or telling takes more than 8192 impacts, below δ =
+    0.3 in proportion more: just below that and where A is born. A part of W^u(A) shorter than 1/512 of a fundamental
+    domain that escapes is not seen: at δ from 0.6 to 0.768 and β = 0.6 the side is right from 1e-5 of the crisis on. A
+    cell's side does not depend on the other cells. Raises ParameterError. Source: docs/crisis.md.
     """
     broadcast = parameters(delta, epsilon, beta)
     d, e, b = (np.array(x, order="C").ravel() for x in broadcast)
@@ -54,8 +54,9 @@ def crisis_side(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> 
     side = np.where(orbits.exists[0], UNSURE, NO_SADDLE).astype(np.int8)
     with np.errstate(divide="ignore", invalid="ignore"):
         climb = np.log(1.0 / NEAREST) / np.log(multiplier)
-        most = climb + RETURNING + 2.0 * impacts_to_rest(d, e, b)
-    told = np.flatnonzero(orbits.exists[0] & (multiplier > 1.0) & (e < quiet_limit(d)) & (most < MOST_IMPACTS))
+        longer = longest_rest(d) / LONGEST_REST
+        most = climb + RETURNING * longer + 2.0 * impacts_to_rest(d, e, b)
+    told = np.flatnonzero(orbits.exists[0] & (multiplier > 1.0) & (e < quiet_limit(d)) & (most < MOST_IMPACTS * longer))
     if told.size:
         rows = [x[told] for x in (d, e, b, tau, v, multiplier)]
         along = np.array([_direction(*row) for row in zip(*rows, strict=True)])

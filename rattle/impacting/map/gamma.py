@@ -32,8 +32,8 @@ class GammaPiece(NamedTuple):
     closed: bool
 
 
-def gamma(delta: float, epsilon: float, beta: float, spacing: float) -> tuple[GammaPiece, ...]:
-    """See `rattle.Gear.gamma`."""
+def gamma(delta: float, epsilon: float, beta: float, spacing: float, unit: float) -> tuple[GammaPiece, ...]:
+    """See `rattle.Gear.gamma`; unit: the speed that is as far as a forcing period."""
     spacing = require_number("spacing", spacing, positive=True)
     require(spacing >= FINEST, f"spacing must be at least {FINEST:g}, got {spacing:g}")
 
@@ -47,7 +47,7 @@ def gamma(delta: float, epsilon: float, beta: float, spacing: float) -> tuple[Ga
         last = points[:, :1] + np.array([[1.0], [1.0], [0.0]])  # the period closes
         touch, tau, v = np.concatenate([points, last], axis=1)
         exists = v >= 0
-        near = np.hypot(np.diff(tau), np.diff(v)) <= spacing
+        near = np.hypot(np.diff(tau), np.diff(v) / unit) <= spacing
         joined = exists[:-1] & exists[1:] & near
         open_ = ~joined & (exists[:-1] | exists[1:]) & (np.diff(touch) > CLOSEST)
         if not open_.any():

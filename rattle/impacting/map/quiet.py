@@ -25,7 +25,7 @@ PHASES = 2048
 COSINES, SINES = np.cos(2 * np.pi * np.arange(PHASES) / PHASES), np.sin(2 * np.pi * np.arange(PHASES) / PHASES)
 LARGEST_ETA = 0.5
 KICK, DECAY_RATE = 10.0, 1.9
-LONGEST_REST = 2048.0
+LONGEST_REST, STRONG, MOST_REST = 2048.0, 0.3, 2.0**18  # impacts; more below this damping, but no more than that
 
 
 @kernel
@@ -81,7 +81,14 @@ def impacts_to_rest(delta: Array, epsilon: Array, beta: Array) -> Array:
         return 6.0 * np.pi / capture_speeds(delta, epsilon, beta)
 
 
+def longest_rest(delta: Array) -> Array:
+    """Impacts of a motion that is still waited for to become quiet, for flat arrays: as all that takes relaxation times
+    1/δ, more where damping is weak, within what a few milliseconds allow.
+    """
+    return np.asarray(np.minimum(LONGEST_REST * np.maximum(1.0, STRONG / delta), MOST_REST), np.float64)
+
+
 def rests_late(delta: Array, epsilon: Array, beta: Array) -> NDArray[np.bool_]:
-    """Whether there is quiet motion, but takes more than LONGEST_REST impacts: no sample tells it from chaos then."""
+    """Whether there is quiet motion, but takes more than `longest_rest` impacts: no sample tells it from chaos then."""
     needed = impacts_to_rest(delta, epsilon, beta)
-    return np.isfinite(needed) & (needed > LONGEST_REST)
+    return np.isfinite(needed) & (needed > longest_rest(delta))

@@ -1,12 +1,15 @@
 """The period-one motions in closed form (compiled): A and C (P(1,1,0)), B and D (P(1,1,1)).
 
-With X = ε cos 2πτ, Y = ε sin 2πτ and the time s from Σ⁺ to Σ⁻, closure of P(1,1,1) is linear in X and Y. Let p and q
-be the decaying parts of the velocity after Σ⁺ and after Σ⁻, Y' = ε sin 2π(τ + s), E = e^(−δ), Es = e^(−δs), Er =
-e^(−δ(1−s)). The velocities close if
+With X = ε cos 2πτ, Y = ε sin 2πτ and the time s = 1/2 + σ from Σ⁺ to Σ⁻, closure of P(1,1,1) is linear in X and Y. Let
+p and q be the decaying parts of the velocity after Σ⁺ and after Σ⁻, Y' = ε sin 2π(τ + s), E = e^(−δ), Es = e^(−δs),
+Er = e^(−δ(1−s)). The velocities close if
 
     p + Er q = 8π − 4πY,    Es p + q = 8π − 4πY',
 
 and the displacements if p(1 − Es) + q(1 − Er) = 4πδ and p(1 − Es)/δ = 2β + 4πs − X(1 − cos 2πs) − Y sin 2πs.
+
+At small damping and backlash p, q and s differ from 4π, 4π and 1/2 by as little as these are. So the family's
+parameter is σ, and p − 4π is computed, not p: no digits cancel, however small they are.
 """
 
 import math
@@ -16,54 +19,66 @@ import numpy as np
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.law import DRIFT, TWO_PI, Flight, folded, versines
 from rattle.flight.tangent import flight_tangent
-from rattle.numerics.compile import kernel
+from rattle.impacting.orbits.limits import SMALL, sine_offset_series
+from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrowed
 
 A, B, C, D = np.arange(4)  # of a type that makes no variants of kernels, as the walls
 FOUR_PI = 4.0 * math.pi
 SAME_TIME = 1e-6  # a recomputed flight time this close to the family's is the same impact
-GRAZING_SPEED = 1e-6
-EDGE = 1e-9  # nodes start this close to s = 1/2, where the closure is singular
+GRAZING_SPEED = 2.5e-7  # at Σ⁻, of that at Σ⁺: a graze, in depth of its square, as far as rounding tells
+SLOW, NEAR = 2.5e-5, 1e-4  # the speed, as a share of that at Σ⁺, and the time by which a graze may be off
+EDGE = 1e-9  # nodes start this close to σ = 0, where the closure is singular
 NODES_PER_SIDE = 160
 
 
+@inline
+def sine_offset(delta):
+    """As `limits.sine_offset`."""
+    return sine_offset_series(delta * delta) if delta < SMALL else 2.0 - delta / math.tanh(0.5 * delta)
+
+
 @kernel
-def closure(s, delta, beta):
-    """Numerators of X, Y, v, u (speed at Σ⁻) and their common denominator, at time s from Σ⁺ to Σ⁻."""
-    omc, siny, _defect = versines(s)
-    cosy = 1.0 - omc
-    r = 1.0 - s
-    ls, lr = -math.expm1(-delta * s), -math.expm1(-delta * r)
+def closure(sigma, delta, beta):
+    """Numerators of X, Y, v, u (speed at Σ⁻) and their common denominator, at time 1/2 + σ from Σ⁺ to Σ⁻."""
+    omc, siny, _defect = versines(sigma)
+    cosy = 1.0 - omc  # minus those of 2πs
+    ls, lr = -math.expm1(-delta * (0.5 + sigma)), -math.expm1(-delta * (0.5 - sigma))
     es, er = 1.0 - ls, 1.0 - lr
-    le = ls + lr - ls * lr
-    k_s, k_r = 2.0 * ls - le, 2.0 * lr - le
-    a11, a12, b1 = k_r * siny, k_s + k_r * cosy, 4.0 * ls * lr - delta * le
+    le, both = ls + lr - ls * lr, ls * lr
+    h = abs(sigma)
+    slow = max(es, er)
+    apart = math.copysign(-slow * math.expm1(-2.0 * delta * h), sigma)  # Er − Es
+    k_r = both - apart
+    root = math.expm1(-delta * h)
+    b1 = 2.0 * le * math.tanh(0.25 * delta) * sine_offset(0.5 * delta) - 4.0 * slow * root * root
+    a11, a12 = -k_r * siny, 2.0 * apart + k_r * omc
     f = ls / (delta * le)
-    a21 = f * FOUR_PI * er * siny + omc
-    a22 = f * FOUR_PI * (er * cosy - 1.0) + siny
-    b2 = 2.0 * beta + FOUR_PI * s - f * 2.0 * FOUR_PI * lr
+    a21 = 2.0 - omc - f * FOUR_PI * er * siny
+    a22 = -f * FOUR_PI * (1.0 + er * cosy) - siny
+    b2 = 2.0 * beta + FOUR_PI * sigma - TWO_PI * b1 / (delta * le)
     determinant = a11 * a22 - a12 * a21
     x, y = b1 * a22 - a12 * b2, a11 * b2 - a21 * b1
-    y_s = y * cosy + x * siny
-    p = (2.0 * FOUR_PI * lr * determinant - FOUR_PI * y + FOUR_PI * er * y_s) / le
-    v = p - FOUR_PI * determinant + TWO_PI * y
-    u = p * es - FOUR_PI * determinant + TWO_PI * y_s
+    y_s = -(y * cosy + x * siny)
+    p = FOUR_PI * (k_r * determinant + er * y_s - y) / le  # less 4π
+    v = p + TWO_PI * y
+    u = p * es - FOUR_PI * ls * determinant + TWO_PI * y_s
     return x, y, v, u, determinant
 
 
 @kernel
-def amplitude(s, delta, beta):
-    """ε(s) on the family: infinite at its pole."""
-    x, y, _v, _u, determinant = closure(s, delta, beta)
+def amplitude(sigma, delta, beta):
+    """ε(σ) on the family: infinite at its pole."""
+    x, y, _v, _u, determinant = closure(sigma, delta, beta)
     return math.hypot(x, y) / abs(determinant)
 
 
 @kernel
-def residual(kind, level, s, delta, beta):
-    """0: ε(s) − level;  1: speed at Σ⁻ times the closure's denominator (no pole)."""
+def residual(kind, level, sigma, delta, beta):
+    """0: ε(σ) − level;  1: speed at Σ⁻ times the closure's denominator (no pole)."""
     if kind == 0:
-        return amplitude(s, delta, beta) - level
-    return closure(s, delta, beta)[3]
+        return amplitude(sigma, delta, beta) - level
+    return closure(sigma, delta, beta)[3]
 
 
 @kernel
@@ -74,24 +89,24 @@ def solve(kind, level, lo, hi, delta, beta):
     f_lo, f_hi = residual(kind, level, lo, delta, beta), residual(kind, level, hi, delta, beta)
     side, last = 0, math.nan
     for _ in range(200):
-        s = (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
-        if not (min(lo, hi) < s < max(lo, hi)):
-            s = 0.5 * (lo + hi)
-        f = residual(kind, level, s, delta, beta)
-        if f == 0.0 or abs(s - last) <= 1e-16:
-            return s
-        last = s
-        lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, s, f)
+        sigma = (lo * f_hi - hi * f_lo) / (f_hi - f_lo)
+        if not (min(lo, hi) < sigma < max(lo, hi)):
+            sigma = 0.5 * (lo + hi)
+        f = residual(kind, level, sigma, delta, beta)
+        if f == 0.0 or abs(sigma - last) <= 1e-16 * abs(sigma):
+            return sigma
+        last = sigma
+        lo, f_lo, hi, f_hi, side = narrowed(lo, f_lo, hi, f_hi, side, sigma, f)
     return 0.5 * (lo + hi)
 
 
 @kernel
 def turning_point(lo, hi, sign, delta, beta):
-    """Minimum (sign = 1) or maximum (−1) of ε(s) inside (lo, hi) by golden section."""
+    """Minimum (sign = 1) or maximum (−1) of ε(σ) inside (lo, hi) by golden section."""
     ratio = 0.5 * (math.sqrt(5.0) - 1.0)
     x1, x2 = hi - ratio * (hi - lo), lo + ratio * (hi - lo)
     f1, f2 = sign * amplitude(x1, delta, beta), sign * amplitude(x2, delta, beta)
-    while hi - lo > 1e-9 * abs(0.5 * (lo + hi) - 0.5) + 1e-13:
+    while hi - lo > 1e-9 * abs(0.5 * (lo + hi)):
         if f1 < f2:
             hi, x2, f2 = x2, x1, f1
             x1 = hi - ratio * (hi - lo)
@@ -105,33 +120,33 @@ def turning_point(lo, hi, sign, delta, beta):
 
 @kernel
 def nodes(delta, beta):
-    """Increasing s and ε(s), between which ε is monotone: a scan that is geometric about the pole, with the turning
+    """Increasing σ and ε(σ), between which ε is monotone: a scan that is geometric about the pole, with the turning
     points added.
     """
     n = NODES_PER_SIDE
-    s = np.empty(2 * n + 24)
+    sigma = np.empty(2 * n + 24)
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
-        s[n - 1 - i], s[n + i] = 0.5 - gap, 0.5 + gap
+        sigma[n - 1 - i], sigma[n + i] = -gap, gap
     size = 2 * n
-    e = np.empty(s.size)
+    e = np.empty(sigma.size)
     for i in range(size):
-        e[i] = amplitude(s[i], delta, beta)
+        e[i] = amplitude(sigma[i], delta, beta)
     for i in range(1, 2 * n - 1):
         below = e[i] < e[i - 1] and e[i] < e[i + 1]
         above = e[i] > e[i - 1] and e[i] > e[i + 1]
         pole = i == n - 1 or i == n
-        if (below or above) and not pole and size < s.size:
-            s[size] = turning_point(s[i - 1], s[i + 1], 1.0 if below else -1.0, delta, beta)
-            e[size] = amplitude(s[size], delta, beta)
+        if (below or above) and not pole and size < sigma.size:
+            sigma[size] = turning_point(sigma[i - 1], sigma[i + 1], 1.0 if below else -1.0, delta, beta)
+            e[size] = amplitude(sigma[size], delta, beta)
             size += 1
     for i in range(2 * n, size):  # a few turning points among nodes in order: insertion
-        new_s, new_e, j = s[i], e[i], i
-        while s[j - 1] > new_s:
-            s[j], e[j] = s[j - 1], e[j - 1]
+        new, new_e, j = sigma[i], e[i], i
+        while sigma[j - 1] > new:
+            sigma[j], e[j] = sigma[j - 1], e[j - 1]
             j -= 1
-        s[j], e[j] = new_s, new_e
-    return s[:size], e[:size]
+        sigma[j], e[j] = new, new_e
+    return sigma[:size], e[:size]
 
 
 @kernel
@@ -154,26 +169,26 @@ def single_impact_orbit(cosine, delta, epsilon, beta, offset):
 
 
 @kernel
-def double_impact_orbit(s, delta, epsilon, beta):
+def double_impact_orbit(sigma, delta, epsilon, beta):
     """The P(1,1,1) orbit of this family member: (admissible, τ, v, trace)."""
-    x, y, v, u, determinant = closure(s, delta, beta)
+    x, y, v, u, determinant = closure(sigma, delta, beta)
     x, y, v, u = x / determinant, y / determinant, v / determinant, u / determinant
-    tau = folded(math.atan2(y, x) / TWO_PI)
+    tau, s, r = folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma, 0.5 - sigma
     if not (v > 0.0 and u > 0.0):
         return False, tau, v, 0.0
     status, t1, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
     touches = wall == -1 and abs(t1 - s) < SAME_TIME
-    grazes = u < GRAZING_SPEED and wall == 1 and abs(t1 - 1.0) < 1e-3  # a depth of u² is lost in rounding
+    grazes = u < GRAZING_SPEED * v and wall == 1 and abs(t1 - 1.0) < 1e-3
     if status != 0 or not (touches or grazes):
         return False, tau, v, 0.0
     middle = folded(tau + s)
     status, t2, wall, _w, _d, _f, _s, _c = first_impact(SIGMA_MINUS, middle, u, delta, epsilon, beta, DRIFT)
-    if status != 0 or wall != 1 or abs(s + t2 - 1.0) > SAME_TIME:
+    if status != 0 or wall != 1 or abs(t2 - r) > SAME_TIME:
         return False, tau, v, 0.0
     sin0, cos0 = y / epsilon, x / epsilon
-    omc, siny, _defect = versines(s)
-    sin1, cos1 = sin0 + cos0 * siny - sin0 * omc, cos0 - cos0 * omc - sin0 * siny
-    d1, d2 = -math.expm1(-delta * s), -math.expm1(-delta * (1.0 - s))
+    omc, siny, _defect = versines(sigma)
+    sin1, cos1 = sin0 * omc - sin0 - cos0 * siny, cos0 * omc - cos0 + sin0 * siny  # half a turn from those of σ
+    d1, d2 = -math.expm1(-delta * s), -math.expm1(-delta * r)
     down = Flight(-v, DRIFT - TWO_PI * epsilon * sin0 + v, sin0, cos0, delta, epsilon)
     up = Flight(u, DRIFT - TWO_PI * epsilon * sin1 - u, sin1, cos1, delta, epsilon)
     a00, a01, a10, a11 = flight_tangent(-u, d1, sin1, cos1, down)
@@ -183,7 +198,7 @@ def double_impact_orbit(s, delta, epsilon, beta):
 
 @kernel
 def record(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
-    """Keep the first admissible orbit of a kind: with s from 1 down, the branch that SN2 creates comes first."""
+    """Keep the first admissible orbit of a kind: with σ from 1/2 down, the branch that SN2 creates comes first."""
     if admissible and not exists[orbit, i]:
         exists[orbit, i] = True
         phase[orbit, i], speed[orbit, i], traces[orbit, i] = tau, v, trace
@@ -198,7 +213,7 @@ def period_one_cells(order, delta, epsilon, beta, offset):
     exists = np.zeros((4, n), np.bool_)
     phase, speed, traces = np.full((4, n), np.nan), np.full((4, n), np.nan), np.full((4, n), np.nan)
     last = -1
-    s, e = np.empty(0), np.empty(0)
+    sigma, e = np.empty(0), np.empty(0)
     for i in order:
         d, eps, b = delta[i], epsilon[i], beta[i]
         ok, tau, v, trace = single_impact_orbit(-1.0, d, eps, b, offset[i])
@@ -206,23 +221,23 @@ def period_one_cells(order, delta, epsilon, beta, offset):
         ok, tau, v, trace = single_impact_orbit(1.0, d, eps, b, offset[i])
         record(C, ok, tau, v, trace, exists, phase, speed, traces, i)
         if last < 0 or d != delta[last] or b != beta[last]:
-            s, e = nodes(d, b)
+            sigma, e = nodes(d, b)
         last = i
-        for j in range(s.size - 2, -1, -1):
-            if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not s[j] < 0.5 < s[j + 1]:
-                root = solve(0, eps, s[j], s[j + 1], d, b)
+        for j in range(sigma.size - 2, -1, -1):
+            if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
+                root = solve(0, eps, sigma[j], sigma[j + 1], d, b)
                 ok, tau, v, trace = double_impact_orbit(root, d, eps, b)
                 record(D if e[j + 1] > e[j] else B, ok, tau, v, trace, exists, phase, speed, traces, i)
     return exists, phase, speed, traces
 
 
 @kernel
-def next_grazing(s, delta, beta):
-    """The first time in (s, 1) at which the family's speed at Σ⁻ vanishes, NaN if there is none."""
-    lo, f_lo = s, closure(s, delta, beta)[3]
+def next_grazing(sigma, delta, beta):
+    """The first σ beyond this one at which the family's speed at Σ⁻ vanishes, NaN if there is none."""
+    lo, f_lo = sigma, closure(sigma, delta, beta)[3]
     ratio = (0.5 / EDGE) ** (1.0 / (2.0 * NODES_PER_SIDE))
-    while lo < 1.0:
-        hi = min(0.5 + (lo - 0.5) * ratio, 1.0)
+    while lo < 0.5:
+        hi = min(lo * ratio, 0.5)
         f_hi = closure(hi, delta, beta)[3]
         if (f_lo > 0.0) != (f_hi > 0.0):
             return solve(1, 0.0, lo, hi, delta, beta)
@@ -231,21 +246,21 @@ def next_grazing(s, delta, beta):
 
 
 @kernel
-def grazing_point(s, delta, beta):
-    """The grazing orbit of that time: (admissible, ε, τ, ε cos 2πτ). Its minimum is on Σ⁻, and nothing else is
+def grazing_point(sigma, delta, beta):
+    """The grazing orbit of that σ: (admissible, ε, τ, ε cos 2πτ). Its minimum is on Σ⁻, and nothing else is
     touched.
     """
-    x, y, _v, _u, determinant = closure(s, delta, beta)
+    x, y, _v, _u, determinant = closure(sigma, delta, beta)
     x, y = x / determinant, y / determinant
-    epsilon, tau = math.hypot(x, y), folded(math.atan2(y, x) / TWO_PI)
-    w = -TWO_PI * delta
-    status, t1, wall, w1, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, w, delta, epsilon, beta, DRIFT)
-    if status == 0 and wall == -1 and abs(t1 - s) < 1e-4 and abs(w1) < 1e-4:
+    epsilon, tau, s = math.hypot(x, y), folded(math.atan2(y, x) / TWO_PI), 0.5 + sigma
+    v = TWO_PI * delta
+    status, t1, wall, w1, _d, _f, _s, _c = first_impact(SIGMA_PLUS, tau, -v, delta, epsilon, beta, DRIFT)
+    if status == 0 and wall == -1 and abs(t1 - s) < NEAR and abs(w1) < SLOW * v:
         status, t2, wall, _w, _d, _f, _s, _c = first_impact(
-            SIGMA_MINUS, folded(tau + s), GRAZING_SPEED, delta, epsilon, beta, DRIFT
+            SIGMA_MINUS, folded(tau + s), GRAZING_SPEED * v, delta, epsilon, beta, DRIFT
         )
         t1 = s + t2
-    return status == 0 and wall == 1 and abs(t1 - 1.0) < 1e-4, epsilon, tau, x
+    return status == 0 and wall == 1 and abs(t1 - 1.0) < NEAR, epsilon, tau, x
 
 
 @kernel
@@ -253,19 +268,19 @@ def grazing_cells(curve, delta, beta):
     """G1 (curve 0: C grazes) or G2 (1: A grazes) of flat arrays: (ε, τ, trace), NaN where absent."""
     epsilon, phase, trace = np.full(delta.size, np.nan), np.full(delta.size, np.nan), np.full(delta.size, np.nan)
     for i in range(delta.size):
-        s = next_grazing(0.5 + EDGE, delta[i], beta[i])
-        while s < 1.0:
-            admissible, eps, tau, x = grazing_point(s, delta[i], beta[i])
+        sigma = next_grazing(EDGE, delta[i], beta[i])
+        while sigma < 0.5:
+            admissible, eps, tau, x = grazing_point(sigma, delta[i], beta[i])
             if admissible and (x >= 0.0) == (curve == 0):
                 epsilon[i], phase[i], trace[i] = eps, tau, trace_of_one_flight(delta[i], x)
                 break
-            s = next_grazing(s + 1e-12, delta[i], beta[i])
+            sigma = next_grazing(sigma * (1.0 + 1e-11), delta[i], beta[i])
     return epsilon, phase, trace
 
 
 @kernel
 def grazing_cosine(delta, beta):
-    """ε cos 2πτ and ε where the family first grazes beyond s = 1/2, whichever orbit that is; NaN if nowhere."""
-    s = next_grazing(0.5 + EDGE, delta, beta)
-    x, y, _v, _u, determinant = closure(s, delta, beta)
+    """ε cos 2πτ and ε where the family first grazes beyond σ = 0, whichever orbit that is; NaN if nowhere."""
+    sigma = next_grazing(EDGE, delta, beta)
+    x, y, _v, _u, determinant = closure(sigma, delta, beta)
     return x / determinant, math.hypot(x, y) / abs(determinant)

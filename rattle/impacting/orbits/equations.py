@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem
+from rattle.continuation.arclength import Problem, line_scale
 from rattle.flight.between import TWO_PI, Flights, flights_between
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import multipliers_of
@@ -135,7 +135,7 @@ def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
         n = itinerary.n
         return itinerary.residual(np.concatenate([y[..., :n], origin + y[..., n:] * direction], axis=-1))
 
-    return Problem(equations)
+    return Problem(equations, scale=line_scale(origin, direction))
 
 
 def smooth_multipliers(itinerary: Itinerary, x: Array, grazed: int | None = None) -> NDArray[np.complex128]:

@@ -3,11 +3,15 @@
 All take damping δ > 0 (scalar or array, dimensionless) and return ε of the same shape.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import real_array, require
+from rattle.numerics.compile import inline
 
+SMALL = 0.05  # damping below which the series of `sine_offset` is exact to rounding
 FloatArray = NDArray[np.float64]
 
 
@@ -17,14 +21,18 @@ def _damping(delta: ArrayLike) -> FloatArray:
     return value
 
 
+@inline
+def sine_offset_series(q: Any) -> Any:
+    """2 − δ coth(δ/2) from q = δ²."""
+    return -q / 6 * (1 - q / 60 * (1 - q / 42 * (1 - q / 40)))
+
+
 def sine_offset(delta: ArrayLike) -> FloatArray:
     """ε sin 2πτ of A and C: 2 − δ coth(δ/2) ≤ 0, by its series where the difference would cancel."""
     d = np.asarray(delta, dtype=np.float64)
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # of the one that is not taken
-        q = d * d
-        series = -q / 6 * (1 - q / 60 * (1 - q / 42 * (1 - q / 40)))
-        exact = 2.0 - d / np.tanh(d / 2)
-    return np.where(d < 0.05, series, exact)
+        series, exact = sine_offset_series(d * d), 2.0 - d / np.tanh(d / 2)
+    return np.where(d < SMALL, series, exact)
 
 
 def sn1(delta: ArrayLike) -> FloatArray:

@@ -91,7 +91,8 @@ def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDArray[np.int8]:
-    """Region 1…5 (I…V) of every element of the broadcast parameters, int8; 0: another combination of orbits.
+    """Region 1…5 (I…V) of every element of the broadcast parameters, int8; another set of orbits, as it is beside the
+    paper's plane, by its number in `rattle.REGIONS`.
 
     δ > 0, ε ≥ 0, β > 0, dimensionless. Raises ParameterError. Source: paper, section 5.2 and Figure 7.
     """

@@ -17,8 +17,8 @@ from rattle.orbits.period_one import multipliers_of
 from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters
 
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight
-GRAZING_SPEED = 1e-6  # at a graze: what rounding makes of speed 0, in a depth of its square
-GRAZING_TIME = 1e-4  # and what that speed does to the time
+GRAZING_SPEED = 1e-6  # at a graze: what rounding makes of speed 0, in a depth of its square; of `speed_unit`
+GRAZING_TIME = 1e-4  # and what that speed does to the time, and to the speed of arrival
 
 
 @dataclass(frozen=True)
@@ -95,11 +95,11 @@ def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
     """
     n, walls = itinerary.n, itinerary.walls
     delta, epsilon = float(x[n]), float(x[n + 1])
-    w0 = itinerary.flights(x).w0
+    w0, unit = itinerary.flights(x).w0, law.speed_unit(delta, epsilon, itinerary.beta)
     ends = np.append(x[:n], x[0] + itinerary.m)
     for i in range(n):
         if i == grazed:
-            w = -walls[i] * GRAZING_SPEED
+            w = -walls[i] * GRAZING_SPEED * unit
         else:
             w = float(w0[i])
             if not -walls[i] * w > 0.0:
@@ -109,7 +109,8 @@ def first_failure(itinerary: Itinerary, x: Array, grazed: int | None = None) -> 
         if status != first_impact.OK:
             return i, 0, float(ends[i])
         if to == grazed:
-            missed = wall != walls[to] or abs(s - (ends[i + 1] - ends[i])) > GRAZING_TIME or abs(w1) > GRAZING_TIME
+            late = abs(s - (ends[i + 1] - ends[i])) > GRAZING_TIME
+            missed = wall != walls[to] or late or abs(w1) > GRAZING_TIME * unit
             if missed and not _passes(itinerary, ends, i, s, wall):
                 return i, int(wall), float(ends[i] + s)
             continue

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.cell_map import cell_of
+from rattle.flight.law import speed_unit
 from rattle.numerics.complex_step import Array
 from rattle.numerics.sampling import initial_conditions
 from rattle.stiff.attractors.classifier import StiffClassifier, classify
@@ -21,6 +22,11 @@ class StiffPlane(NamedTuple):
     epsilon: float
     beta: float
     kappa: float
+
+    @property
+    def unit(self) -> float:
+        """See `Plane`."""
+        return float(speed_unit(self.delta, self.epsilon, self.beta))
 
     def classify(self, tau: Array, v: Array) -> StiffClassifier:
         """See `rattle.attractors.basins.Plane`."""

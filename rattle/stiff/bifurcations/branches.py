@@ -36,9 +36,9 @@ def stiff_branch(
 ) -> StiffBranch:
     """The branch of a periodic motion in "epsilon", "delta" or "kappa", both ways from it, while it happens.
 
-    span: (low, high) of the parameter around the orbit, by default 0.02 either way, or κ/10 to 10κ. parameter may be a
-    direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1. resolution: points over the
-    span, at least. Raises ParameterError, and RattleError if the orbit is no solution.
+    span: (low, high) of the parameter around the orbit, by default as in `rattle.branch`, or κ/10 to 10κ. parameter may
+    be a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1. resolution: points over
+    the span, at least. Raises ParameterError, and RattleError if the orbit is no solution.
     """
     require(isinstance(orbit, StiffOrbit), f"orbit must be a StiffOrbit, got {type(orbit).__name__}")
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from rattle.continuation.arclength import Problem
-from rattle.continuation.conditions import Kind, condition
+from rattle.continuation.conditions import Kind, condition, scale_at
 from rattle.continuation.curves import Curve, Described, Window, limit_of_contact, spread_between, traced, window_range
 from rattle.errors import RattleError, require, require_number
 from rattle.flight.between import TWO_PI
@@ -192,4 +192,4 @@ def _quiet_limit(beta: float, kappa: float, window: Window, dampings: Array) -> 
         phase = np.arctan2(2 * TWO_PI * delta * kappa, TWO_PI**2 * (a - delta**2)) / TWO_PI
         return np.array([phase, delta, float(quiet_limit(delta, kappa))])
 
-    return limit_of_contact(beta, Problem(equations), (guess(float(d)) for d in dampings), window)
+    return limit_of_contact(beta, Problem(equations, scale=scale_at), (guess(float(d)) for d in dampings), window)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Problem, root_between, with_value
+from rattle.continuation.arclength import Problem, line_scale, root_between, with_value
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import at_parameters, twins
 from rattle.stiff.orbits.equations import StiffItinerary
@@ -49,7 +49,7 @@ class MotionsOnLine:
             ):  # at a flight of length 0, which Newton's method refuses
                 return any_softness.residual_at(x[..., :-1], x[..., -1:])
 
-        return Problem(equations)
+        return Problem(equations, scale=line_scale(self.origin, self.direction))
 
     def happens(self, y: Array) -> bool:
         """Whether the motion of a solution does."""

@@ -67,8 +67,8 @@ def period_one(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: Arr
 
 
 def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike, kappa: ArrayLike) -> NDArray[np.int8]:
-    """Region 1…5 (I…V) of every element of the broadcast parameters, int8, by the counterparts of A–D; 0 for another
-    combination. Raises ParameterError and RattleError, as `period_one`.
+    """Region 1…5 (I…V) of every element of the broadcast parameters, int8, by the counterparts of A–D; another set of
+    them by its number in `rattle.REGIONS`. Raises ParameterError and RattleError, as `period_one`.
     """
     return classify(period_one(delta, epsilon, beta, kappa))
 

@@ -77,14 +77,14 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> C
     reason_colours = tuple(to_hex(colour) for _, colour in layers.values())
     shades = tuple(Shade(each.label, to_hex(each.colour), each.share) for each in shades)
     if codes is not None and labels:
-        palette = [to_hex(cmap(norm(code))) for code in codes]
+        colours = [to_hex(cmap(norm(code))) for code in range(int(codes[0]), int(codes[-1]) + 1)]
         named = tuple(
-            Shade(label, colour, float((shown == code).sum() / max(computed, 1)))
-            for code, label, colour in zip(codes, labels, palette, strict=True)
+            Shade(label, colours[int(code - codes[0])], float((shown == code).sum() / max(computed, 1)))
+            for code, label in zip(codes, labels, strict=True)
         )
         low, high = codes[0] - 0.5, codes[-1] + 0.5
         return Colouring(
-            title_of(plane.plane), palette, low, high, False, True, named + shades, reasons, reason_colours,
+            title_of(plane.plane), colours, low, high, False, True, named + shades, reasons, reason_colours,
             names=region_places(values, block.delta, block.epsilon) if variable == "region" else {},
         )  # fmt: skip
     low, high, note = _limits(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)

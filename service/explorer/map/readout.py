@@ -12,7 +12,6 @@ import xarray as xr
 import rattle
 from rattle.models import AnyModel
 from rattle.plot import name_of
-from rattle.plot.plane import REGIONS
 from service.explorer.common.address import Pair
 from service.explorer.map.axes import written
 from service.explorer.map.planes import Plane
@@ -29,7 +28,7 @@ def readout(cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyMod
     rows: list[Row] = [("δ", written(delta, window[0])), ("ε", written(epsilon, window[1]))]
     if delta > 0 and epsilon >= 0:
         region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
-        rows.append(("region here", REGIONS[region] or "none"))
+        rows.append(("region here", rattle.REGIONS[region]))
     tables = [_table(rows)]
     if cell is None:
         return "".join(tables) + "<p>Outside of the survey.</p>"

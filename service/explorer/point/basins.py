@@ -10,12 +10,14 @@ from bokeh.events import Tap
 from bokeh.models import ColumnDataSource, CustomJSHover, HoverTool, LinearColorMapper
 
 import rattle
+from rattle.attractors.speeds import PAPER_SPEED
 from rattle.plot.basins import MANIFOLDS
-from rattle.plot.colours import colour, name_of
+from rattle.plot.colours import Palette, name_of
 from service.explorer.common.glyphs import empty
 from service.explorer.point.figures import new_figure
-from service.explorer.point.parts import V_MAX, PlaneLine
+from service.explorer.point.parts import PlaneLine
 
+MOST_NAMED = 24  # basins in the legend
 GAMMA = "Γ"
 #: Colour and dashes of each line; the unstable manifold has the colour of its saddle's stable one.
 STYLES = {
@@ -34,23 +36,26 @@ class BasinsPicture:
     def __init__(self, theme: str, on_tap: Callable[[float, float], None]) -> None:
         self._on_tap = on_tap
         names = "phase τ of the impact", "speed v after it"
-        self.figure = new_figure("basins", theme, *names, 520, (0.0, 1.0), (V_MAX, 0.0))
+        self.figure = new_figure("basins", theme, *names, 520, (0.0, 1.0), (PAPER_SPEED, 0.0))
+        self._v_max = PAPER_SPEED
         self.figure.grid.visible = False
         self._names = ColumnDataSource({"name": []})
         self._cells = ColumnDataSource({"label": [], "steps": []})
         self._mapper = LinearColorMapper(palette=["#9a9a9a"], low=-0.5, high=0.5)
-        image = self.figure.image(
-            "label", x=0, y=0, dw=1, dh=V_MAX, source=self._cells, color_mapper=self._mapper, level="image"
+        self._image = self.figure.image(
+            "label", x=0, y=0, dw=1, dh=self._v_max, source=self._cells, color_mapper=self._mapper, level="image"
         )
         named = CustomJSHover(args={"names": self._names}, code=NAME_OF_LABEL)
         tooltips = [
             ("ends as", "@label{custom}"),
             ("impacts until certain", "@steps{custom}"),
-            ("(τ, v)", "$x{0.0000}, $y{0.000}"),
+            ("(τ, v)", "$x{%.4f}, $y{%.4g}"),
         ]
         steps = CustomJSHover(code=STEPS)
-        formatters: dict[str, Any] = {"@label": named, "@steps": steps}
-        self.figure.add_tools(HoverTool(renderers=[image], tooltips=tooltips, formatters=formatters, name="cells"))
+        formatters: dict[str, Any] = {"@label": named, "@steps": steps, "$x": "printf", "$y": "printf"}
+        self.figure.add_tools(
+            HoverTool(renderers=[self._image], tooltips=tooltips, formatters=formatters, name="cells")
+        )
         self._lines: dict[str, ColumnDataSource] = {}
         for name, (shade, dash) in STYLES.items():
             width = 1.5 if dash == "solid" else 0.9
@@ -85,13 +90,19 @@ class BasinsPicture:
         self.figure.on_event(Tap, self._tapped)
 
     def _tapped(self, event: Any) -> None:
-        if event.x is not None and event.y is not None and 0 < event.y < V_MAX:
+        if event.x is not None and event.y is not None and 0 < event.y < self._v_max:
             self._on_tap(float(event.x % 1.0), float(event.y))
 
-    def show_cells(self, basins: rattle.Basins) -> None:
+    def show_cells(self, basins: rattle.Basins, palette: Palette) -> None:
         """Show basins, one colour for each type of motion as in every picture."""
+        if basins.v_max != self._v_max:
+            self._v_max = basins.v_max
+            self.figure.y_range.update(start=self._v_max, end=0.0)
+            self._image.glyph.dh = self._v_max
         self._names.data = {"name": [name_of(each) for each in basins.attractors]}
-        self._mapper.update(palette=[colour(each) for each in basins.attractors], high=len(basins.attractors) - 0.5)
+        self._mapper.update(
+            palette=[palette.colour(each) for each in basins.attractors], high=len(basins.attractors) - 0.5
+        )
         most = np.iinfo(np.int32).max
         self._cells.data = {
             "label": [basins.labels.astype(np.uint8)],
@@ -100,7 +111,7 @@ class BasinsPicture:
 
     def show_orbits(self, orbits: tuple[rattle.Orbit, ...]) -> None:
         """Mark those of A to D that the picture has room for."""
-        shown = [orbit for orbit in orbits if orbit.v < V_MAX]
+        shown = [orbit for orbit in orbits if orbit.v < self._v_max]
         self._orbits.data = {
             "tau": [orbit.tau for orbit in shown],
             "v": [orbit.v for orbit in shown],
@@ -120,16 +131,18 @@ class BasinsPicture:
 
     def show_chosen(self, tau: float, v: float) -> None:
         """Ring the state that the motion shown begins with."""
-        self._chosen.data = {"tau": [tau], "v": [v]} if v < V_MAX else {"tau": [], "v": []}
+        self._chosen.data = {"tau": [tau], "v": [v]} if v < self._v_max else {"tau": [], "v": []}
 
 
-def legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...]) -> str:
-    """Names of the colours and lines, in HTML, with the share of each basin."""
+def legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
+    """Names of the colours and lines, in HTML, with the share of each basin; of many the largest."""
     parts = []
-    for i, each in enumerate(basins.attractors):
-        share = 100 * float((basins.labels == i).mean())
-        swatch = f'<span class="swatch" style="background:{colour(each)}"></span>'
+    shares = 100 * np.bincount(basins.labels.ravel(), minlength=len(basins.attractors)) / basins.labels.size
+    for each, share in zip(basins.attractors[:MOST_NAMED], shares, strict=False):
+        swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
         parts.append(f"<li>{swatch}{name_of(each)} {share:.3g} %</li>")
+    if len(shares) > MOST_NAMED:
+        parts.append(f"<li>and {len(shares) - MOST_NAMED} more, {shares[MOST_NAMED:].sum():.3g} % in all</li>")
     for line in lines:
         shade, dash = STYLES[line.name]
         parts.append(f'<li><span class="stroke" style="border-top:3px {dash} {shade}"></span>{line.name}</li>')

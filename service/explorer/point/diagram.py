@@ -41,10 +41,12 @@ class DiagramPicture:
             drawn_marks = self.figure.scatter(
                 "x", "v", source=self._marks[kind], marker=marker, size="size", line_color=ink, fill_color="#e8862e"
             )
-            tooltips = [("event", "@what"), ("at", "@x{0.000000}"), ("v", "@v{0.0000}"), ("τ", "@tau{0.0000}")]
-            self.figure.add_tools(HoverTool(renderers=[drawn_marks], tooltips=tooltips))
-        tooltips = [("motion", "@motion"), ("", "@stable"), ("at", "$x{0.00000}"), ("v", "$y{0.000}")]
-        self.figure.add_tools(HoverTool(renderers=drawn, tooltips=tooltips))
+            tooltips = [("event", "@what"), ("at", "@x{%.7g}"), ("v", "@v{%.5g}"), ("τ", "@tau{%.4f}")]
+            formatters: Any = {"@x": "printf", "@v": "printf", "@tau": "printf"}
+            self.figure.add_tools(HoverTool(renderers=[drawn_marks], tooltips=tooltips, formatters=formatters))
+        tooltips = [("motion", "@motion"), ("", "@stable"), ("at", "$x{%.6g}"), ("v", "$y{%.4g}")]
+        formatters = {"$x": "printf", "$y": "printf"}
+        self.figure.add_tools(HoverTool(renderers=drawn, tooltips=tooltips, formatters=formatters))
         self._here = Span(location=0.0, dimension="height", line_color="#d7191c", line_width=1.5, line_alpha=0.8)
         self.figure.add_layout(self._here)
 

@@ -38,8 +38,9 @@ class MotionPictures:
             self.portrait.line("phi", "velocity", source=self._samples, line_width=1.2),
         ]
         impacts = self.trace.scatter("t", "phi", source=self._impacts, size=4, color=ink, alpha=0.8)
-        tooltips = [("impact at", "@t{0.0000} periods"), ("speed", "@speed{0.0000}")]
-        self.trace.add_tools(HoverTool(renderers=[impacts], tooltips=tooltips))
+        tooltips = [("impact at", "@t{%.4f} periods"), ("speed", "@speed{%.4g}")]
+        formatters: Any = {"@t": "printf", "@speed": "printf"}
+        self.trace.add_tools(HoverTool(renderers=[impacts], tooltips=tooltips, formatters=formatters))
 
     def clear(self) -> None:
         """Show nothing."""
@@ -54,7 +55,7 @@ class MotionPictures:
         for across in (self.trace.y_range, self.portrait.x_range):
             across.update(start=-ROOM * beta, end=ROOM * beta)
         self.trace.x_range.update(start=0.0, end=float(found.time[-1]))
-        fastest = ROOM * max(float(np.abs(found.velocity).max()), 1e-3)
+        fastest = ROOM * max(float(np.abs(found.velocity).max()), 1e-3 * beta)
         self.portrait.y_range.update(start=-fastest, end=fastest)
         self._samples.data = {"t": found.time, "phi": found.phi, "velocity": found.velocity}
         shown = slice(0, 2000)

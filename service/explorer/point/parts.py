@@ -10,19 +10,25 @@ from numpy.typing import NDArray
 
 import rattle
 from rattle.attractors.basins import classified
+from rattle.attractors.speeds import sampled_speed
 from rattle.attractors.table import listed
+from rattle.continuation.arclength import plane_scale
 from rattle.continuation.diagram import Diagram
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.plane import ImpactingPlane
 from rattle.models import AnyGear, model_at
 
-V_MAX = 7.0
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
-SPANS = {"epsilon": 0.02, "delta": 0.05}  # of the diagram, either way
+SPANS = {"epsilon": 0.02, "delta": 0.05}  # of the diagram, either way, of the scale of the plane
 STEPS, COUNT = 160, 32  # of the diagram
 MOST_POINTS = 8000  # of it that are drawn
 SAME_ORBIT = 1e-6
 Array = NDArray[np.float64]
+
+
+def highest_speed(delta: float, epsilon: float, beta: float) -> float:
+    """The largest speed of states that a view shows: the paper's in its plane, the natural one elsewhere."""
+    return sampled_speed(None, delta, epsilon, beta)
 
 
 class Chances(NamedTuple):
@@ -35,19 +41,22 @@ class Chances(NamedTuple):
 
 
 class PeriodOne(NamedTuple):
-    """The number of the region, 1 to 5 or 0, and the motions A to D that happen."""
+    """The number of the region in `rattle.REGIONS`, and the motions A to D that happen."""
 
     region: int
     orbits: tuple[rattle.Orbit, ...]
 
 
 class Margin(NamedTuple):
-    """The least impact that loses quiet motion, as `Gear.boundary_distance`, and what that impact leads to."""
+    """The least impact that loses quiet motion, as `Gear.boundary_distance`, what that impact leads to, and up to which
+    speed one was looked for.
+    """
 
     v: float
     tau: float
     undecided: float
     leads_to: rattle.Attractor | None
+    v_max: float
 
 
 class PlaneLine(NamedTuple):
@@ -130,13 +139,13 @@ def _letter(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
 
 def margin(gear: Any) -> Margin:
     """How hard an impact loses quiet motion, of a gear whose model has a margin."""
-    v, tau, undecided = gear.boundary_distance(V_MAX)
+    v, tau, undecided = gear.boundary_distance()
     leads_to = None
     if 0 < v < np.inf:
         plane = ImpactingPlane(gear.delta, gear.epsilon, gear.beta)
         table, _, _ = classified(plane, np.array([tau]), np.array([v]))
         (leads_to,) = listed(table, table.samples)
-    return Margin(v, tau, undecided, leads_to)
+    return Margin(v, tau, undecided, leads_to, highest_speed(gear.delta, gear.epsilon, gear.beta))
 
 
 def lines(gear: AnyGear) -> Lines:
@@ -144,7 +153,11 @@ def lines(gear: AnyGear) -> Lines:
     from rattle.plot.basins import gamma_line, manifold_line
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
-    found = [PlaneLine("Γ", gamma_line(gear, V_MAX, SPACING))] if model_at(gear).has_gamma else []
+    found = (
+        [PlaneLine("Γ", gamma_line(gear, highest_speed(gear.delta, gear.epsilon, gear.beta), SPACING))]
+        if model_at(gear).has_gamma
+        else []
+    )
     missing = []
     for name, kind in (("A", "stable"), ("B", "stable"), ("A", "unstable")):
         line, why = manifold_line(gear, orbits.get(name), name, kind, ARCLENGTH, SPACING)
@@ -156,9 +169,10 @@ def lines(gear: AnyGear) -> Lines:
 
 def diagram_span(gear: AnyGear, direction: str) -> tuple[float, float]:
     """The values of δ or ε about the point that are inside the plane."""
+    span = SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
-        return max(gear.epsilon - SPANS["epsilon"], 0.0), gear.epsilon + SPANS["epsilon"]
-    return max(gear.delta - SPANS["delta"], gear.delta / 2), gear.delta + SPANS["delta"]
+        return max(gear.epsilon - span, 0.0), gear.epsilon + span
+    return max(gear.delta - span, gear.delta / 2), gear.delta + span
 
 
 def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUNT) -> DiagramLines:
@@ -193,7 +207,7 @@ def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUN
 
 def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
     """Basins on side × side cells."""
-    return gear.basins(side, V_MAX, method)
+    return gear.basins(side, None, method)
 
 
 def motion(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from service.explorer.point.parts import SPANS, V_MAX
+from service.explorer.point.parts import SPANS
 
 MOST_ATTRACTORS = 1000
 
@@ -20,12 +20,12 @@ class PointState:
     direction: str = "epsilon"
 
     @classmethod
-    def read(cls, text: Mapping[str, object]) -> PointState:
-        """The state that these texts describe; what cannot be read is as by default."""
+    def read(cls, text: Mapping[str, object], v_max: float) -> PointState:
+        """The state that these texts describe; what cannot be read, or is beyond v_max, is as by default."""
         direction = str(text.get("direction", ""))
         return cls(
             _attractor(text.get("attractor")),
-            _start(text.get("tau"), text.get("v")),
+            _start(text.get("tau"), text.get("v"), v_max),
             direction if direction in SPANS else "epsilon",
         )
 
@@ -45,11 +45,11 @@ def _attractor(given: object) -> int | None:
     return number if 0 <= number < MOST_ATTRACTORS else None
 
 
-def _start(tau: object, v: object) -> tuple[float, float] | None:
+def _start(tau: object, v: object, v_max: float) -> tuple[float, float] | None:
     try:
         start = float(str(tau)), float(str(v))
     except ValueError:
         return None
-    if math.isfinite(start[0]) and 0 <= start[0] < 1 and 0 < start[1] <= V_MAX:
+    if math.isfinite(start[0]) and 0 <= start[0] < 1 and 0 < start[1] <= v_max:
         return start
     return None

@@ -13,7 +13,7 @@ import param
 
 import rattle
 from rattle.models import AnyGear, AnyModel
-from rattle.plot.colours import colour, name_of
+from rattle.plot.colours import Palette, name_of
 from service.explorer.common.text import Text
 from service.explorer.point import basins, diagram, motion, parts, words
 from service.explorer.point.panel import PointPanel
@@ -44,7 +44,8 @@ class PointView(param.Parameterized):
     def __init__(
         self, panel: PointPanel, front: Front, delta: float, epsilon: float, model: AnyModel, **state: str
     ) -> None:
-        self._chosen = PointState.read(state)
+        possible = delta > 0 and epsilon >= 0  # else there is no gear, which is told below
+        self._chosen = PointState.read(state, parts.highest_speed(delta, epsilon, model.beta) if possible else 0.0)
         super().__init__(state=self._chosen.text())
         self.panel, self._model = panel, model
         self._front, self._work = front, Work(front, pn.state.curdoc, model.name)
@@ -54,6 +55,7 @@ class PointView(param.Parameterized):
         self._orbits: tuple[rattle.Orbit, ...] = ()
         self._lines: Lines | None = None
         self._basins: rattle.Basins | None = None
+        self._palette = Palette()  # one for all pictures and tables of the point
         self._quiet = False  # a widget that changes says what is shown, not what to show
         panel.on_tap, panel.on_choice, panel.on_direction = self._on_tap, self._on_choice, self._on_direction
         panel.clear()
@@ -110,7 +112,7 @@ class PointView(param.Parameterized):
         def show() -> None:
             self._found = found
             self.panel.likely.html = f"<p><strong>{escape(words.how_likely(self._gear, found))}</strong></p>"
-            self.panel.table.html = words.attractors_table(found)
+            self.panel.table.html = words.attractors_table(found, self._palette)
             self._offer_motions()
             self._set(self.panel.direction, value=self._chosen.direction)
 
@@ -144,7 +146,7 @@ class PointView(param.Parameterized):
 
         def show() -> None:
             self._basins = found
-            self.panel.picture.show_cells(found)
+            self.panel.picture.show_cells(found, self._palette)
             self.panel.picture.show_orbits(self._orbits)
             self._show_legend()
 
@@ -167,7 +169,7 @@ class PointView(param.Parameterized):
             lines = self._lines.lines if self._lines is not None else ()
             side = self._basins.tau.size
             how = f'<p class="faint">{side} × {side} cells. Click one to see its motion.</p>'
-            self.panel.under_basins.html = basins.legend(self._basins, lines) + how
+            self.panel.under_basins.html = basins.legend(self._basins, lines, self._palette) + how
 
     # The motion
 
@@ -177,7 +179,7 @@ class PointView(param.Parameterized):
         options = {name: i for i, name in enumerate(names)}
         if self._chosen.start is not None:
             tau, v = self._chosen.start
-            options[f"from τ = {tau:.4f}, v = {v:.4f}"] = CLICKED
+            options[f"from τ = {tau:.4f}, v = {v:.4g}"] = CLICKED
         value = CLICKED if self._chosen.start is not None else self._attractor if names else None
         self._set(self.panel.choice, options=options, value=value)
 
@@ -205,7 +207,7 @@ class PointView(param.Parameterized):
             raise rattle.RattleError("There is no attractor to show: click in the basins for a motion.")
         else:
             attractor = self._found.attractors[self._attractor]
-            tau, v, shade, what = attractor.tau, attractor.v, colour(attractor), name_of(attractor)
+            tau, v, shade, what = attractor.tau, attractor.v, self._palette.colour(attractor), name_of(attractor)
             periods = float(min(max(periods, 3 * attractor.m), 60)) if attractor.kind != "chaotic" else 30.0
         found = await self._work.compute(parts.motion, self._gear, tau, v, periods, POINTS, what="The motion")
 

@@ -8,10 +8,10 @@ from html import escape
 
 import rattle
 from rattle.models import AnyGear, model_at
-from rattle.plot.colours import colour, name_of
+from rattle.orbits.period_one import in_words
+from rattle.plot.colours import Palette, name_of
 from service.explorer.point.parts import Chances, Margin, PeriodOne
 
-REGIONS = ("no region of the paper", "region I", "region II", "region III", "region IV", "region V")
 MINUS = "\N{MINUS SIGN}"
 NO_MARGIN = "How hard an impact ends quiet running is known of the impacting model only."
 ENOUGH = 5e-4  # a share below it is not said to be 0
@@ -71,7 +71,7 @@ def where(gear: AnyGear) -> str:
     model = model_at(gear)
     if model.stiffness is not None:
         backlash += f", walls of stiffness κ = {number(model.stiffness, 6)}"
-    backlash += f": {REGIONS[gear.region()]}." if model.in_closed_form else "."
+    backlash += f": {in_words(gear.region())}." if model.in_closed_form else "."
     if gear.epsilon >= gear.quiet_limit:
         quiet = (
             f" The gear cannot run quietly here: the eccentricity is above {number(gear.quiet_limit)}, "
@@ -117,7 +117,7 @@ def how_safe(gear: AnyGear, found: Margin) -> str:
     if math.isnan(found.v):
         return "So near the quiet limit it cannot be told which impacts end quiet running."
     if math.isinf(found.v):
-        return "No impact slower than 7 was found that ends quiet running."
+        return f"No impact slower than {number(found.v_max)} was found that ends quiet running."
     leads = motion(found.leads_to) if found.leads_to is not None else "rattle"
     sentence = (
         f"The margin of quiet running is an impact of speed {number(found.v)}: weaker ones die out, and such a one at "
@@ -155,17 +155,17 @@ def orbits_table(found: PeriodOne) -> str:
         for orbit in found.orbits
     )
     return table(
-        f"Period-one orbits: {REGIONS[found.region]}",
+        f"Period-one orbits: {in_words(found.region)}",
         ("Orbit", "Type", "Stability", "Phase τ", "Speed v", "Multipliers"),
         rows,
     )
 
 
-def attractors_table(found: Chances) -> str:
+def attractors_table(found: Chances, palette: Palette) -> str:
     """The attractors, with fractions, exponents and multipliers."""
     rows = []
     for each, letter, multipliers in zip(found.attractors, found.letters, found.multipliers, strict=True):
-        swatch = f'<span class="swatch" style="background:{colour(each)}"></span>'
+        swatch = f'<span class="swatch" style="background:{palette.colour(each)}"></span>'
         low, high = each.fraction_interval
         error = f" ± {number(each.lyapunov_error, 2)}" if each.lyapunov_error > 0 else ""
         rows.append(

@@ -10,7 +10,7 @@ from bokeh.document import Document
 from fastapi.testclient import TestClient
 from service_support import BODY, front_end, front_of
 
-from rattle.plot.plane import REGIONS
+from rattle.orbits.period_one import REGIONS
 from service.database import DoneTile
 from service.database.tables import State
 from service.explorer.common.glyphs import style_of

@@ -142,7 +142,7 @@ def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyP
     "state", [{}, {"attractor": "0"}, {"attractor": "3"}, {"tau": "0.25", "v": "4.5"}, {"direction": "delta"}]
 )
 def test_a_state_is_kept(state: dict[str, str]) -> None:
-    assert PointState.read(state).text() == state
+    assert PointState.read(state, 7.0).text() == state
 
 
 @pytest.mark.parametrize(
@@ -154,7 +154,7 @@ def test_a_state_is_kept(state: dict[str, str]) -> None:
     ],
 )  # fmt: skip
 def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) -> None:
-    assert PointState.read(state) == PointState()
+    assert PointState.read(state, 7.0) == PointState()
 
 
 # The view

@@ -21,9 +21,10 @@ from rattle import Gear, ParameterError, attractors_of
 from rattle.attractors.basins import Basins, boundary
 from rattle.curves import trace
 from rattle.impacting.orbits.period_one import regions as region_of
+from rattle.orbits.period_one import PAPER_REGIONS, REGIONS
 from rattle.plot import FIGURES, basins, colour, draw, name_of, plane, save
 from rattle.plot.paper_figures import Range, Takes, parse, request
-from rattle.plot.plane import IN_PAPER, REGIONS
+from rattle.plot.plane import IN_PAPER
 from service.cli import app, main
 
 CELLS = 120
@@ -248,7 +249,7 @@ def test_figure_7_is_labelled(figure_7: Figure) -> None:
     (axes,) = figure_7.axes
     figure_7.canvas.draw()
     written = texts(axes)
-    assert set(written) >= {*IN_PAPER, "COD21", "COD22", "COD20", "COD23", "PDC", "PD2", "quiet limit", *REGIONS[1:]}
+    assert set(written) >= {*IN_PAPER, "COD21", "COD22", "COD20", "COD23", "PDC", "PD2", "quiet limit", *PAPER_REGIONS}
     check_boxes(axes)
     for text in axes.texts:
         if text.get_text() in REGIONS:
@@ -269,7 +270,7 @@ def test_labels_lie_at_their_curves(figure_7: Figure, figure_8: Figure) -> None:
 def test_figure_8_is_labelled(figure_8: Figure) -> None:
     (axes,) = figure_8.axes
     figure_8.canvas.draw()
-    assert set(texts(axes)) >= {*IN_PAPER, "COD21", "COD22", "COD23", *REGIONS[1:]}
+    assert set(texts(axes)) >= {*IN_PAPER, "COD21", "COD22", "COD23", *PAPER_REGIONS}
     check_boxes(axes)
     dashed = texts(axes)["Figure 9"]
     assert dashed is not None

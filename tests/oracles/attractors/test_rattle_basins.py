@@ -181,7 +181,7 @@ def painted(labels):
     one = rattle.Gear(0.6, 0.056).attractors(count=8)[0]
     n = len(labels)
     centres = (np.arange(n) + 0.5) / n
-    return Basins(centres, 7 * centres, labels, (one,) * (labels.max() + 1), np.zeros_like(labels), "direct")
+    return Basins(centres, 7 * centres, labels, (one,) * (labels.max() + 1), np.zeros_like(labels), "direct", 7.0)
 
 
 def test_entropy_of_painted_basins():

@@ -296,7 +296,7 @@ def test_regions_beside_a_curve(name, rng):
         assert both[0] != both[1], place
         for side, (region, letters, stable) in zip((-1e-6, 1e-6), both, strict=True):
             gear = rattle.Gear(delta, epsilon + side, beta)
-            assert gear.region() == region, place
+            assert gear.region() == (region or rattle.REGIONS.index(letters)), place
             orbits = gear.orbits()
             assert "".join(orbit.name for orbit in orbits) == letters, place
             assert any(orbit.name == "D" and orbit.stable for orbit in orbits) == stable, place

