@@ -3,8 +3,8 @@
 `Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and
 `quiet_limit` work on whole arrays. `periodic_orbit` solves for any periodic motion; `branch`, `doubled`, `beyond` and
 `cascade` follow it in one parameter, and `diagram` follows everything along a segment; `curves` has the bifurcation
-curves of the (δ, ε) plane; `rattle.stiff` is the gear with stiff contact, of which this is the limit. `certify` proves a
-periodic motion of either.
+curves of the (δ, ε) plane; `rattle.stiff` is the gear with stiff contact, of which this is the limit; `certify` proves
+periodic motions of both.
 """
 
 from rattle import curves
@@ -13,7 +13,7 @@ from rattle.attractors.basins import Basins
 from rattle.attractors.measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
 from rattle.attractors.table import KINDS, Attractor, Attractors
 from rattle.continuation.diagram import Diagram
-from rattle.errors import NotProvedError, ParameterError, RattleError
+from rattle.errors import MissingExtraError, NotProvedError, ParameterError, RattleError
 from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.impacting.bifurcations.branches import Branch, beyond, branch, doubled, fate
@@ -55,6 +55,7 @@ __all__ = [
     "Grazing",
     "Impact",
     "Iterates",
+    "MissingExtraError",
     "NotProvedError",
     "Orbit",
     "ParameterError",

@@ -13,6 +13,7 @@ import typer
 
 from service.commands import key
 from service.commands.bench import bench
+from service.commands.certify import certify
 from service.commands.curves import curves
 from service.commands.explain import explain
 from service.commands.figure import figure
@@ -40,6 +41,7 @@ app.command("list")(list_)
 app.command()(watch)
 app.command("open")(open_)
 app.command()(verify)
+app.command()(certify)
 app.command()(figure)
 app.command()(explain)
 app.command()(orbits)

@@ -3,7 +3,9 @@
 A comparison of balls is true if it holds for all of their numbers, so what cannot be told is refused: `not (x > 0)`.
 """
 
-from contextlib import AbstractContextManager
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from fractions import Fraction
 
 from rattle.errors import MissingExtraError
@@ -15,11 +17,14 @@ except ImportError as error:
 
 BITS = 128
 PI = arb.pi
+_PRECISION = threading.RLock()
 
 
-def precision() -> AbstractContextManager[object]:
-    """Within it, balls have 128 bits."""
-    return ctx.workprec(BITS)
+@contextmanager
+def precision() -> Iterator[None]:
+    """Within it, balls have 128 bits; their precision is one of the whole process, so threads wait for each other."""
+    with _PRECISION, ctx.workprec(BITS):
+        yield
 
 
 def ball(number: Fraction) -> arb:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
 
-import numpy as np
-
-from rattle.errors import ParameterError
+from rattle.errors import ParameterError, require_finite
 
 FORMAT = 1
 #: A decimal, or a ratio of integers; short enough for its powers of ten to be written out.
@@ -94,11 +91,13 @@ class Certificate:
 
 def exact(name: str, value: Exact) -> Fraction:
     """A decimal or a ratio as text, or a double, as the number that it is. Raises ParameterError."""
-    if isinstance(value, str) and NUMBER.fullmatch(value):
-        return Fraction(value)
-    real = isinstance(value, Fraction | int | float | np.floating | np.integer) and not isinstance(value, bool)
-    if real and math.isfinite(value):
-        return Fraction(value) if isinstance(value, Fraction | int) else Fraction(float(value))
+    if isinstance(value, str):
+        if NUMBER.fullmatch(value):
+            return Fraction(value)
+    elif isinstance(value, Fraction):
+        return value
+    else:
+        return Fraction(require_finite(name, value))
     raise ParameterError(f"{name} must be a number, or text such as '0.6' or '3/5' for that very number, got {value!r}")
 
 

@@ -183,16 +183,17 @@ class Piece:
             free = (1 - self.wall) * self.beta - y, (1 + self.wall) * self.beta + y
             return positive(self.wall * y) if self.k != 0 else positive(*free)
 
-        parts, start, end = [(ZERO, self.duration.b)], ZERO, self.duration.b
-        for _ in range(MOST_PARTS):  # on each, y' has one sign and y is clear at both ends, or the mean value theorem
+        parts = [(ZERO, self.duration.b)]
+        for _ in range(MOST_PARTS):  # y is clear, or on its wall, at the ends of each; between them if y' has one sign
             low, high = parts.pop()
             part, middle = IV.mpf([low, high]), (low + high).mid / 2
             slope = self.after(part)[1]
-            if positive(slope) or positive(-slope):
-                proved = all(at == edge or clear(self.after(at)[0]) for at, edge in ((low, start), (high, end)))
-            else:
-                proved = clear(self.after(middle)[0] + slope * (part - middle))
-            parts += [] if proved else [(low, middle), (middle, high)]
+            if not (positive(slope) or positive(-slope)):
+                y = self.after(middle)[0]
+                if not clear(y):
+                    return False
+                if not clear(y + slope * (part - middle)):  # by the mean value theorem
+                    parts += [(low, middle), (middle, high)]
             if not parts:
                 return True
         return False

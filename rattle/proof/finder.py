@@ -138,7 +138,7 @@ def multipliers(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
 def published(x: arb) -> Ends:
     """Ends of an enclosure in few digits, wider than the ball."""
     if not x.is_finite():
-        raise NotProvedError("a number is not enclosed: the motion grazes")
+        raise NotProvedError("its multipliers are not enclosed: its derivatives grow too fast on the way")
     low, high = ends(x)
     least, unit = max(ROOM * (high - low), FINEST * abs(high)), FINEST
     while unit < least:
