@@ -89,11 +89,11 @@ class Motion:
         return values, rows
 
     def enclosed(self) -> list[Interval]:
-        """Intervals that hold the one motion of the box, by Krawczyk's operator, twice."""
+        """Intervals that hold the one motion of the box, by Krawczyk's operator."""
         x, n, spread = self.centre, len(self.centre), [radius * UNIT for radius in self.radii]
         values, rows = self.equations(x)
         about = (fp.matrix([[row.get(j, ZERO).mid for j in range(n)] for row in rows]) ** -1).tolist()
-        for _ in range(2):
+        for _ in range(4):  # once proves it, and again gives less each time
             _, rows = self.equations([a + b for a, b in zip(x, spread, strict=True)])
             moved = []
             for i, line in enumerate(about):

@@ -130,7 +130,7 @@ def multipliers(trace: arb, determinant: arb) -> tuple[Ends, Ends, Ends, Ends]:
     if square < 0:
         root = (-square).sqrt()
         return published(half), published(root), published(half), published(-root)
-    spread = arb(0, 1) * abs(square).sqrt()  # equal, or almost
+    spread = arb(0, 1) * square.abs_upper().sqrt()  # equal, or almost
     both = published(half + spread), published(spread)
     return both + both
 

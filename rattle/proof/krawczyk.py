@@ -16,6 +16,7 @@ from rattle.proof.balls import arb, arb_mat, around, ball, nearest
 #: Half-widths of boxes, tried in this order: the largest says most.
 RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
 PLACES = 28  # to which centres are rounded
+TIGHT, MOST_REPEATED = 1e-26, 6  # the operator is applied to what it gave until that is so small
 MOST_MOVED = 1e-9  # what rounding may have left of a computed motion
 
 
@@ -56,7 +57,10 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
         limit = ball(radius)
         moved = _moved(equations, x, step, about, [around(Fraction(0), radius)] * len(x))
         if all(abs(each) < limit for each in moved):
-            moved = _moved(equations, x, step, about, moved)  # smaller still
+            for _ in range(MOST_REPEATED):
+                if all(each.rad() < TIGHT for each in moved):
+                    break
+                moved = _moved(equations, x, step, about, moved)  # which holds the zero as well, and is smaller
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
     raise NotProvedError("no box about the motion is mapped into itself: it is too close to a bifurcation")
 
