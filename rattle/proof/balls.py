@@ -11,20 +11,26 @@ from fractions import Fraction
 from rattle.errors import MissingExtraError
 
 try:
-    from flint import arb, arb_mat, ctx, fmpq
+    import flint
+    from flint import arb, arb_mat, arb_series, ctx, fmpq
 except ImportError as error:
     raise MissingExtraError("proofs need python-flint: pip install 'gear-rattle[proof]'") from error
 
 BITS = 128
 PI = arb.pi
+VERSIONS = {"python-flint": flint.__version__, "flint": flint.__FLINT_VERSION__, "bits": str(BITS)}
 _PRECISION = threading.RLock()
 
 
 @contextmanager
 def precision() -> Iterator[None]:
-    """Within it, balls have 128 bits; their precision is one of the whole process, so threads wait for each other."""
+    """Within it, balls have 128 bits and series first order: both are of the whole process, so threads take turns."""
     with _PRECISION, ctx.workprec(BITS):
-        yield
+        before, ctx.cap = ctx.cap, 2
+        try:
+            yield
+        finally:
+            ctx.cap = before
 
 
 def ball(number: Fraction) -> arb:
@@ -55,4 +61,17 @@ def nearest(x: arb, places: int) -> Fraction:
     return Fraction(whole << exponent if exponent >= 0 else whole >> -exponent, 10**places)
 
 
-__all__ = ["BITS", "PI", "arb", "arb_mat", "around", "ball", "ends", "exactly", "nearest", "precision"]
+__all__ = [
+    "BITS",
+    "PI",
+    "VERSIONS",
+    "arb",
+    "arb_mat",
+    "arb_series",
+    "around",
+    "ball",
+    "ends",
+    "exactly",
+    "nearest",
+    "precision",
+]

@@ -18,12 +18,11 @@ from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
-from flint import arb_series, ctx
 from scipy.optimize import brentq
 
 from rattle.errors import NotProvedError
 from rattle.impacting.bifurcations.codimension_two import codimension_two
-from rattle.proof.balls import PI, arb, arb_mat, ball, ends, precision
+from rattle.proof.balls import PI, arb, arb_mat, arb_series, ball, ends, precision
 from rattle.proof.certificate import Ends, Exact, exact
 from rattle.proof.flights import UP, Plane, extrema, flight
 from rattle.proof.krawczyk import enclosed
@@ -115,11 +114,7 @@ def prove_codimension_two(beta: Exact = "0.6") -> tuple[CodimensionTwoProof, ...
     found = []
     for point in codimension_two(float(number)):
         with precision():
-            before, ctx.cap = ctx.cap, 2
-            try:
-                found.append(_proved(point.name, number, point.delta, point.epsilon))
-            finally:
-                ctx.cap = before
+            found.append(_proved(point.name, number, point.delta, point.epsilon))
     return tuple(found)
 
 

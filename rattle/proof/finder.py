@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 from fractions import Fraction
 from typing import Protocol
 
-import flint
 import numpy as np
 from numpy.typing import NDArray
 
 from rattle._version import __version__
 from rattle.errors import NotProvedError
 from rattle.orbits.periodic import Periodic
-from rattle.proof.balls import BITS, arb, around, ball, ends, nearest, precision
+from rattle.proof.balls import VERSIONS, arb, around, ball, ends, nearest, precision
 from rattle.proof.certificate import Certificate, Ends, Verdict
 from rattle.proof.flights import Plane
 from rattle.proof.impacting import Impacting
@@ -66,12 +65,7 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
             determinant=published(determinant),
             multipliers=multipliers(trace, determinant),
             verdict=verdict_of(trace, determinant),
-            versions={
-                "gear-rattle": __version__,
-                "python-flint": flint.__version__,
-                "flint": flint.__FLINT_VERSION__,
-                "bits": str(BITS),
-            },
+            versions={"gear-rattle": __version__, **VERSIONS},
         )
 
 

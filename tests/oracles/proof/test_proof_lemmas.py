@@ -14,7 +14,7 @@ from mpmath import mp, mpf
 from scipy.optimize import brentq
 
 import rattle
-from rattle.proof import check, finder, flights, impacting, krawczyk, stiff
+from rattle.proof import check, codimension_two, finder, flights, impacting, krawczyk, stiff
 from rattle.proof.balls import around, ball, ends, precision
 from rattle.stiff.map.contact import ENDS, contact_end
 
@@ -172,6 +172,22 @@ def test_a_place_where_the_force_vanishes_within_rounding_of_an_end_is_no_hole()
                     flight = flights.flight(here, t0, t1, *turns, arb(0))
                     truth = happens(0.5, 0.3, 0.6, 1, 1, float(t0), float(t1), float(flight.w0))
                     assert truth is None or proved(flight, 1, 1) == truth
+
+
+def test_a_graze_is_refused():
+    """At COD20 C's flight touches Σ⁻: as a flight of a period, as one that ends there, and as one that begins there."""
+    point = codimension_two.prove_codimension_two()[0]
+    with precision():
+        delta, epsilon, tau, s = (
+            arb(0.5) * ball(sum(ends)) for ends in (point.delta, point.epsilon, point.phase, point.time)
+        )
+        here = flights.Plane(delta, epsilon, ball(point.beta))
+        for t0, t1, wall, target in ((tau, tau + 1, 1, 1), (tau, tau + s, 1, -1), (tau + s, tau + 1, -1, 1)):
+            t0, t1 = (t + arb(0, 1e-25) for t in (t0, t1))
+            turns = (2 * t0).sin_cos_pi(), (2 * t1).sin_cos_pi()
+            flight = flights.flight(here, t0, t1, *turns, here.beta * (target - wall))
+            with pytest.raises(rattle.NotProvedError, match=r"touch|graze"):
+                flights.require_first(flight, wall, target, "the flight")
 
 
 def test_verdicts_are_those_of_the_multipliers():
