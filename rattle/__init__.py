@@ -3,8 +3,9 @@
 `Gear(delta, epsilon, beta)` is one parameter point; `regions`, `period_one`, `grazing`, `sn1`, `flip` and
 `quiet_limit` work on whole arrays. `periodic_orbit` solves for any periodic motion; `branch`, `doubled`, `beyond` and
 `cascade` follow it in one parameter, and `diagram` follows everything along a segment; `curves` has the bifurcation
-curves of the (δ, ε) plane; `rattle.stiff` is the gear with stiff contact, of which this is the limit. `Machine` is a
-pair of gears in SI units; `rattle.comparison` sets measured impacts beside the model's.
+curves of the (δ, ε) plane; `rattle.stiff` is the gear with stiff contact, of which this is the limit; `certify` proves
+periodic motions of both. `Machine` is a pair of gears in SI units; `rattle.comparison` sets measured impacts beside the
+model's.
 """
 
 from rattle import curves
@@ -13,7 +14,7 @@ from rattle.attractors.basins import Basins
 from rattle.attractors.measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
 from rattle.attractors.table import KINDS, Attractor, Attractors
 from rattle.continuation.diagram import Diagram
-from rattle.errors import ParameterError, RattleError
+from rattle.errors import MissingExtraError, NotProvedError, ParameterError, RattleError
 from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.impacting.attractors.classifier import attractors_of
 from rattle.impacting.bifurcations.branches import Branch, beyond, branch, doubled, fate
@@ -37,6 +38,8 @@ from rattle.numerics.sampling import wilson_interval
 from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
 from rattle.orbits.period_one import REGIONS, Orbit, PeriodOne
 from rattle.orbits.period_one import classify as classify_regions
+from rattle.proof.certificate import Certificate
+from rattle.proof.certify import certify
 from rattle.warm import warm_up
 
 __all__ = [
@@ -49,6 +52,7 @@ __all__ = [
     "Basins",
     "BoundaryDistance",
     "Branch",
+    "Certificate",
     "Density",
     "Diagram",
     "Event",
@@ -62,6 +66,8 @@ __all__ = [
     "Iterates",
     "Lines",
     "Machine",
+    "MissingExtraError",
+    "NotProvedError",
     "Orbit",
     "ParameterError",
     "PeriodOne",
@@ -77,6 +83,7 @@ __all__ = [
     "boundary_distances",
     "branch",
     "cascade",
+    "certify",
     "classify_regions",
     "crisis_side",
     "curves",

@@ -15,6 +15,10 @@ class ParameterError(RattleError, ValueError):
     """A parameter or an initial condition outside the model's domain; the message says which and why."""
 
 
+class NotProvedError(RattleError):
+    """A claim that could not be proved, which may still be true; the message says at what it failed."""
+
+
 class MissingExtraError(RattleError, ImportError):
     """An optional dependency that is not installed; the message names the extra that brings it."""
 

@@ -14,6 +14,7 @@ import typer
 from service.commands import key
 from service.commands.attractors import attractors
 from service.commands.bench import bench
+from service.commands.certify import certify
 from service.commands.compare import compare
 from service.commands.curves import curves
 from service.commands.explain import explain
@@ -43,6 +44,7 @@ app.command("list")(list_)
 app.command()(watch)
 app.command("open")(open_)
 app.command()(verify)
+app.command()(certify)
 app.command()(figure)
 app.command()(explain)
 app.command()(orbits)

@@ -38,7 +38,7 @@ log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
 LOCK_POLL_SECONDS, TOLD_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 600.0
 OBJECTS = 50_000  # that are made between two collections of garbage; Python's own default is 700
 
-DRAWN_OR_TOLD = {"plot", "paper"}  # folders that compute nothing that is kept
+DRAWN_OR_TOLD = {"plot", "paper", "proof"}  # folders that compute nothing that a survey holds
 
 
 @cache

@@ -71,6 +71,7 @@ class Periodic(ABC):
 
     m: int
     walls: tuple[int, ...]
+    times: NDArray[np.float64]
     speeds: NDArray[np.float64]
     multipliers: tuple[complex, complex]
     admissible: bool

@@ -50,27 +50,31 @@ def compiling_told() -> Iterator[None]:
         log.setLevel(level)
 
 
-def reporter(cells: int, cells_done: int = 0) -> Reporter:
+def reporter(cells: int, cells_done: int = 0, what: str = "cells") -> Reporter:
     """A progress bar if stderr is a terminal, otherwise a line now and then."""
     console = Console(stderr=True)
-    return _Bar(console, cells, cells_done) if console.is_terminal else _Lines(console, cells, cells_done)
+    return (_Bar if console.is_terminal else _Lines)(console, cells, cells_done, what)
 
 
 class _Speed(ProgressColumn):
     """Cells per second."""
 
+    def __init__(self, what: str) -> None:
+        super().__init__()
+        self._what = what
+
     def render(self, task: Task) -> Text:
         speed = task.finished_speed or task.speed
-        return Text("" if speed is None else f"{speed:.0f} cells/s", style="progress.data.speed")
+        return Text("" if speed is None else f"{speed:.0f} {self._what}/s", style="progress.data.speed")
 
 
 class _Bar:
-    def __init__(self, console: Console, cells: int, cells_done: int) -> None:
+    def __init__(self, console: Console, cells: int, cells_done: int, what: str) -> None:
         self._progress = Progress(
-            TextColumn("{task.completed:.0f} of {task.total:.0f} cells"),
+            TextColumn(f"{{task.completed:.0f}} of {{task.total:.0f}} {what}"),
             BarColumn(),
             TaskProgressColumn(),
-            _Speed(),
+            _Speed(what),
             TimeRemainingColumn(),
             console=console,
             speed_estimate_period=60.0,
@@ -91,9 +95,10 @@ class _Bar:
 
 
 class _Lines:
-    def __init__(self, console: Console, cells: int, cells_done: int) -> None:
+    def __init__(self, console: Console, cells: int, cells_done: int, what: str) -> None:
         self._console = console
         self._cells = cells
+        self._what = what
         self._start = cells_done
         self._began = self._shown = time.monotonic()
 
@@ -113,5 +118,6 @@ class _Lines:
         speed = (cells_done - self._start) / max(now - self._began, 1e-9)
         left = (self._cells - cells_done) / speed if speed else float("inf")
         self._console.print(
-            f"{cells_done} of {self._cells} cells, {speed:.0f} cells/s, {left:.0f} s left", highlight=False
+            f"{cells_done} of {self._cells} {self._what}, {speed:.0f} {self._what}/s, {left:.0f} s left",
+            highlight=False,
         )

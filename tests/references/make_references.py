@@ -10,7 +10,14 @@ import sys
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
-ASKING = ("rattle_branches", "rattle_curves", "rattle_flight", "rattle_trajectory", "workers_deep_zoom")
+ASKING = (
+    "proof_motions",
+    "rattle_branches",
+    "rattle_curves",
+    "rattle_flight",
+    "rattle_trajectory",
+    "workers_deep_zoom",
+)
 
 if __name__ == "__main__":
     sys.path[:0] = [str(TESTS.parent), str(TESTS / "references")]

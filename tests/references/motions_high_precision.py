@@ -74,3 +74,23 @@ def known_event(times, walls, m, delta, epsilon, beta, multiplier=None, grazed=N
     short = [round(float(t), 6) for t in times]
     epsilon = float(f"{float(epsilon):.6g}")
     return event_values(short, list(walls), m, delta, epsilon, beta, multiplier, grazed)
+
+
+@stored
+def motion_values(times, walls, m, delta, epsilon, beta):
+    n = len(walls)
+    rough = Motion([mpf(t) for t in times], [mpf(0)] * n, walls, m, mpf(delta), mpf(epsilon), mpf(beta))
+
+    def motion(x):
+        return Motion(x[:n], x[n:], walls, m, rough.delta, rough.epsilon, rough.beta)
+
+    found = motion(exact.newton(lambda *x: motion(x).closure(), [*times, *velocities(rough)], 7))
+    return [found.times, found.velocities, list(found.multipliers())]
+
+
+def known_motion(orbit):
+    """Times, velocities after impacts and multipliers of a motion at these very doubles, near times of seven digits,
+    kept in tests/reference.
+    """
+    times = [round(float(t), 7) for t in orbit.times]
+    return motion_values(times, list(orbit.walls), orbit.m, orbit.delta, orbit.epsilon, orbit.beta)

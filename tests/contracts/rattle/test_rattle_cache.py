@@ -139,7 +139,7 @@ def test_only_modules_that_compute_decide_which_version_it_is(tmp_path: Path) ->
         return subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stdout
 
     before = version()
-    for folder in ("plot", "paper"):
+    for folder in ("plot", "paper", "proof"):
         (package / folder / "new.py").write_text("changed = True\n")
     assert version() == before
     (package / "orbits" / "new.py").write_text("changed = True\n")

@@ -1,0 +1,77 @@
+"""Ball arithmetic: every operation encloses what it stands for (python-flint, which the extra `proof` installs).
+
+A comparison of balls is true if it holds for all of their numbers, so what cannot be told is refused: `not (x > 0)`.
+"""
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from fractions import Fraction
+
+from rattle.errors import MissingExtraError
+
+try:
+    import flint
+    from flint import arb, arb_mat, arb_series, ctx, fmpq
+except ImportError as error:
+    raise MissingExtraError("proofs need python-flint: pip install 'gear-rattle[proof]'") from error
+
+BITS = 128
+PI = arb.pi
+VERSIONS = {"python-flint": flint.__version__, "flint": flint.__FLINT_VERSION__, "bits": str(BITS)}
+_PRECISION = threading.RLock()
+
+
+@contextmanager
+def precision() -> Iterator[None]:
+    """Within it, balls have 128 bits and series first order: both are of the whole process, so threads take turns."""
+    with _PRECISION, ctx.workprec(BITS):
+        before, ctx.cap = ctx.cap, 2
+        try:
+            yield
+        finally:
+            ctx.cap = before
+
+
+def ball(number: Fraction) -> arb:
+    """The smallest ball that holds an exact number."""
+    return arb(fmpq(number.numerator, number.denominator))
+
+
+def around(centre: Fraction, radius: Fraction) -> arb:
+    """A ball that holds centre ± radius."""
+    return ball(centre) + arb(0, 1) * ball(radius)
+
+
+def ends(x: arb) -> tuple[Fraction, Fraction]:
+    """Both ends of a ball, exactly or wider."""
+    return exactly(x.lower()), exactly(x.upper())
+
+
+def exactly(x: arb) -> Fraction:
+    """The midpoint of a ball."""
+    mantissa, exponent = (int(each) for each in x.mid().man_exp())
+    return Fraction(mantissa << exponent) if exponent >= 0 else Fraction(mantissa, 1 << -exponent)
+
+
+def nearest(x: arb, places: int) -> Fraction:
+    """A decimal of so many places beside the midpoint of a ball."""
+    mantissa, exponent = (int(each) for each in x.mid().man_exp())
+    whole = mantissa * 10**places
+    return Fraction(whole << exponent if exponent >= 0 else whole >> -exponent, 10**places)
+
+
+__all__ = [
+    "BITS",
+    "PI",
+    "VERSIONS",
+    "arb",
+    "arb_mat",
+    "arb_series",
+    "around",
+    "ball",
+    "ends",
+    "exactly",
+    "nearest",
+    "precision",
+]

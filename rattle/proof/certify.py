@@ -1,0 +1,38 @@
+"""Proofs as the library offers them."""
+
+from __future__ import annotations
+
+from rattle.errors import ParameterError, require
+from rattle.orbits.periodic import Periodic
+from rattle.proof.certificate import Certificate, Exact, exact
+
+NAMES = ("delta", "epsilon", "beta", "kappa")
+SAME = 1e-14  # relative difference that rounding may leave
+
+
+def certify(
+    orbit: Periodic,
+    delta: Exact | None = None,
+    epsilon: Exact | None = None,
+    beta: Exact | None = None,
+    kappa: Exact | None = None,
+) -> Certificate:
+    """Prove that a computed periodic motion exists, alone near by, with its label, and enclose its multipliers.
+
+    Its parameters are the doubles that they are, or exact numbers given here that differ by rounding alone: text such
+    as "0.6" or "3/5", or a Fraction. Needs the extra `proof`. Raises ParameterError, and NotProvedError where no proof
+    was found, which says why; then the motion may still be there. Source: docs/proofs.md.
+    """
+    require(isinstance(orbit, Periodic), f"orbit must be a periodic motion, got {type(orbit).__name__}")
+    parameters = {}
+    for name, given in zip(NAMES, (delta, epsilon, beta, kappa), strict=True):
+        has = getattr(orbit, name, None)
+        if has is None:
+            require(given is None, f"this gear has no {name}: leave it out")
+            continue
+        parameters[name] = exact(name, has if given is None else given)
+        if abs(float(parameters[name]) - has) > SAME * abs(has):
+            raise ParameterError(f"{name} of the motion is {has!r}: it was not computed at {given}")
+    from rattle.proof.finder import certified  # with python-flint, which only proofs need
+
+    return certified(orbit, parameters)

@@ -1,0 +1,249 @@
+"""Check certificates of periodic motions of the gear, trusting nobody: `python check.py FILE`.
+
+Of this project it needs this file alone, and besides Python only mpmath, of whose intervals it takes + − × ÷ and roots
+as they are; pi, exp, sin and cos are widened by 2⁻¹⁰⁰. All is proved anew, otherwise than it was found: a piece of a
+motion solves y'' + δy' + ky = g(t) from an event to the next, with k = 0 in a flight and 2κ in a contact; unknown are
+the times t and the velocities w after all events, x = (t, w, t, w, …). docs/proofs.md has the lemmas.
+"""
+
+import json
+import re
+import sys
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import Any
+
+from mpmath import fp
+from mpmath.ctx_iv import MPIntervalContext
+
+Interval = Any
+IV = MPIntervalContext()
+IV.prec = 128
+ZERO, UNIT, SLACK = IV.mpf(0), IV.mpf([-1, 1]), IV.mpf([-(2.0**-100), 2.0**-100])
+TWO_PI = 2 * (IV.pi + SLACK)
+MOST_PARTS, MOST_EVENTS = 4000, 1024  # of a piece, of a motion
+NUMBER = re.compile(r"-?\d{1,400}(\.\d{1,1100}|/\d{1,1100})?")
+
+
+class Refused(Exception):  # noqa: N818 - it is an answer, no fault
+    """Why a certificate is not proved."""
+
+
+def require(ok: bool, why: str) -> None:
+    if not ok:
+        raise Refused(why)
+
+
+def exact(text: str) -> Interval:
+    """An interval about the very number that a decimal or a ratio is."""
+    require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is no exact number")
+    number = Fraction(text)
+    return IV.mpf(number.numerator) / IV.mpf(number.denominator)
+
+
+def positive(*intervals: Interval) -> bool:
+    """Whether all numbers of all intervals are > 0; what is not a number is not."""
+    return all(bool(x.a > 0) and bool(x.b > 0) for x in intervals)
+
+
+def turned(x: Interval) -> tuple[Interval, Interval]:
+    """Sine and cosine of 2πx."""
+    return IV.sin(TWO_PI * x) + SLACK, IV.cos(TWO_PI * x) + SLACK
+
+
+class Motion:
+    """What a certificate says of a motion: its events are impacts, or begins and ends of contacts."""
+
+    def __init__(self, document: Any) -> None:
+        names = ["delta", "epsilon", "beta", *{"impacting": [], "stiff": ["kappa"]}[document["model"]]]
+        require({*document["parameters"]} == {*names}, f"its parameters are not {', '.join(names)}")
+        self.delta, self.epsilon, self.beta, *kappa = (exact(document["parameters"][name]) for name in names)
+        self.word, (self.m, *counts) = document["walls"], document["label"]
+        whole = all(type(x) is int for x in [self.m, *self.word]) and self.m > 0 and {*self.word} <= {1, -1}
+        require(whole, "its walls are not 1 and -1, or its forcing periods not 1, 2, …")
+        require(counts == [self.word.count(1), self.word.count(-1)], "its label does not count its walls")
+        self.k, self.turns = ([2 * kappa[0], ZERO], 1) if kappa else ([ZERO], -1)  # what an event makes of a velocity
+        self.walls = [wall for wall in self.word for _ in self.k]
+        times, speeds = document["times"], document["speeds"]
+        require(len(times) == len(speeds) == len(self.walls) <= MOST_EVENTS, "it has other times than events")
+        signs = [-wall * (-1 if kappa and i % 2 == 0 else 1) for i, wall in enumerate(self.walls)]
+        self.centre = [x for t, v, sign in zip(times, speeds, signs, strict=True) for x in (exact(t), sign * exact(v))]
+        self.radii = [exact(document[name]) for name in ("time_radius", "speed_radius")] * len(self.walls)
+        require(positive(self.delta, self.beta, *kappa, *self.radii), "a parameter or a radius is not positive")
+
+    def pieces(self, x: Sequence[Interval]) -> "list[Piece]":
+        return [Piece(self, i, x) for i in range(len(self.walls))]
+
+    def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[dict[int, Interval]]]:
+        """What y and the velocity lack at the end of each piece, all 0 for a motion; rows {unknown: derivative}."""
+        values, rows = [], []
+        for p in self.pieces(x):
+            (y, v), (c, s, c1, s1) = p.after(p.duration), p.tangent(p.duration)
+            start, end = p.force(ZERO) - self.delta * p.w, p.force(p.duration) - self.delta * v - p.k * y
+            values += [y - (p.target - p.wall) * self.beta, self.turns * v - p.next]
+            by_y, by_v = (-c * p.w - s * start, s, v, ZERO), (-c1 * p.w - s1 * start, s1, end, ZERO - self.turns)
+            for sign, derivatives in ((1, by_y), (self.turns, by_v)):
+                rows.append(dict.fromkeys(p.unknowns, ZERO))
+                for unknown, value in zip(p.unknowns, derivatives, strict=True):
+                    rows[-1][unknown] += sign * value
+        return values, rows
+
+    def enclosed(self) -> list[Interval]:
+        """Intervals that hold the one motion of the box, by Krawczyk's operator."""
+        x, n, spread = self.centre, len(self.centre), [radius * UNIT for radius in self.radii]
+        values, rows = self.equations(x)
+        about = (fp.matrix([[row.get(j, ZERO).mid for j in range(n)] for row in rows]) ** -1).tolist()
+        for _ in range(4):  # once proves it, and again gives less each time
+            _, rows = self.equations([a + b for a, b in zip(x, spread, strict=True)])
+            moved = []
+            for i, line in enumerate(about):
+                less = [
+                    sum((line[k] * rows[k][j] for k in range(n) if j in rows[k]), ZERO - (i == j)) for j in range(n)
+                ]
+                moved.append(-sum(a * b + c * d for a, b, c, d in zip(line, values, less, spread, strict=True)))
+            inside = (positive(radius - dx, radius + dx) for radius, dx in zip(self.radii, moved, strict=True))
+            require(all(inside), "its box is not mapped into itself")
+            spread = moved
+        return [a + b for a, b in zip(x, spread, strict=True)]
+
+    def require_happens(self, x: Sequence[Interval]) -> None:
+        """Each piece begins and ends at its walls with speeds that are not 0, and meets or leaves none on its way."""
+        for i, p in enumerate(self.pieces(x), 1):
+            side = p.wall if p.k != 0 else -p.wall  # a contact is beyond its wall
+            speeds = side * p.w, (-p.wall if p.k != 0 else p.target) * self.turns * p.next
+            require(positive(p.duration, *speeds), f"piece {i} takes no time, or grazes, or comes from behind a wall")
+            require(p.stays(), f"piece {i} may meet a wall, or leave it, on its way")
+
+    def require_least_period(self, x: Sequence[Interval]) -> None:
+        """No part of the m forcing periods is a period."""
+        n, times = len(self.word), [*x[::2], *(t + self.m for t in x[::2])]
+        for parts in range(2, n + 1):
+            shift = n // parts
+            if self.m % parts == n % parts == 0 and [*self.word[shift:], *self.word[:shift]] == self.word:
+                gaps = [b - a - self.m // parts for a, b in zip(times, times[shift * len(self.k) :], strict=False)]
+                require(any(positive(gap) or positive(-gap) for gap in gaps), f"it may repeat {parts} times")
+
+    def trace(self, x: Sequence[Interval]) -> Interval:
+        """Of the tangent map over the period; that of an impact is [[−1, 0], [2g/v, −1]], v the velocity before."""
+        a, b, c, d = ZERO + 1, ZERO, ZERO, ZERO + 1
+        for p in self.pieces(x):
+            e, f, g, h = p.tangent(p.duration)
+            a, b, c, d = e * a + f * c, e * b + f * d, g * a + h * c, g * b + h * d
+            if self.turns < 0:
+                kick = -2 * p.force(p.duration) / p.next
+                a, b, c, d = -a, -b, kick * a - c, kick * b - d
+        return a + d
+
+
+class Piece:
+    """y'' + δy' + ky = g(t) from event i to the next, where y is Φ less what it is at the event."""
+
+    def __init__(self, motion: Motion, i: int, x: Sequence[Interval]) -> None:
+        j = (i + 1) % len(motion.walls)
+        self.unknowns, self.wall, self.target = (2 * i, 2 * i + 1, 2 * j, 2 * j + 1), motion.walls[i], motion.walls[j]
+        self.t, self.w, t1, self.next = (x[unknown] for unknown in self.unknowns)
+        self.duration, self.k = t1 + (0 if j else motion.m) - self.t, motion.k[i % len(motion.k)]
+        self.delta, self.epsilon, self.beta = motion.delta, motion.epsilon, motion.beta
+        stiff, loss = self.k - TWO_PI**2, TWO_PI * self.delta
+        a, b, size = -(TWO_PI**2) * self.epsilon, -loss * self.epsilon, stiff**2 + loss**2
+        self.cosine, self.sine = (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
+        self.y0, self.v0 = self.driven(ZERO)
+
+    def force(self, u: Interval) -> Interval:
+        """g(t + u), g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
+        sine, cosine = turned(self.t + u)
+        return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
+
+    def driven(self, u: Interval) -> tuple[Interval, Interval]:
+        """One solution of the equation, and its derivative, after u."""
+        sine, cosine = turned(self.t + u)
+        y, v = self.cosine * cosine + self.sine * sine, TWO_PI * (self.sine * cosine - self.cosine * sine)
+        flies = self.k == 0
+        return y + 2 * TWO_PI * (u if flies else self.delta / self.k), v + (2 * TWO_PI if flies else 0)
+
+    def tangent(self, u: Interval) -> tuple[Interval, Interval, Interval, Interval]:
+        """[[C, S], [−kS, C − δS]], the map of (y, y') over the time u where nothing drives."""
+        c, kept = ZERO + 1, IV.exp(-self.delta * u / 2) * (1 + SLACK)
+        s = (1 - kept**2) / self.delta
+        if self.k != 0:
+            rate = IV.sqrt(self.k - self.delta**2 / 4)  # raises ValueError if contacts are overdamped
+            sine, cosine = turned(rate * u / TWO_PI)
+            c, s = kept * (cosine + self.delta * sine / (2 * rate)), kept * sine / rate
+        return c, s, -self.k * s, c - self.delta * s
+
+    def after(self, u: Interval) -> tuple[Interval, Interval]:
+        """y and y' after u."""
+        (c, s, c1, s1), (y, v), pushed = self.tangent(u), self.driven(u), self.w - self.v0
+        return y - c * self.y0 + s * pushed, v - c1 * self.y0 + s1 * pushed
+
+    def stays(self) -> bool:
+        """Whether y is clear of the walls, or in contact beyond its wall, at all times but both ends of the piece."""
+
+        def clear(y: Interval) -> bool:
+            free = (1 - self.wall) * self.beta - y, (1 + self.wall) * self.beta + y
+            return positive(self.wall * y) if self.k != 0 else positive(*free)
+
+        parts = [(ZERO, self.duration.b)]
+        for _ in range(MOST_PARTS):  # y is clear, or on its wall, at the ends of each; between them if y' has one sign
+            low, high = parts.pop()
+            part, middle = IV.mpf([low, high]), (low + high).mid / 2
+            slope = self.after(part)[1]
+            if not (positive(slope) or positive(-slope)):
+                y = self.after(middle)[0]
+                if not clear(y):
+                    return False
+                if not clear(y + slope * (part - middle)):  # by the mean value theorem
+                    parts += [(low, middle), (middle, high)]
+            if not parts:
+                return True
+        return False
+
+
+def roots(trace: Interval, determinant: Interval) -> list[Interval]:
+    """Real and imaginary parts, in turn, of both roots of λ² − trace λ + determinant."""
+    half, square = trace / 2, trace**2 / 4 - determinant
+    root = IV.sqrt(abs(square))
+    if positive(square):
+        return [half + root, ZERO, half - root, ZERO]
+    return [half, root, half, -root] if positive(-square) else [half + root * UNIT, root * UNIT] * 2
+
+
+def check(text: str) -> str:
+    """Prove what a certificate claims, and return that in words. Raises Refused."""
+    try:
+        document = json.loads(text)
+        require(document["format"] == 1, "its format is not known")
+        motion = Motion(document)
+        x = motion.enclosed()
+        motion.require_happens(x)
+        motion.require_least_period(x)
+        trace, determinant = motion.trace(x), IV.exp(-motion.delta * motion.m) * (1 + SLACK)
+        claims = [document["trace"], document["determinant"], *document["multipliers"]]
+        for x, ends in zip([trace, determinant, *roots(trace, determinant)], claims, strict=True):
+            low, high = (exact(end) for end in ends)
+            ok = positive(x - low, high - x) or x == low == high == ZERO
+            require(ok, f"a number is not proved to be between {' and '.join(ends)}")
+        room = 1 + determinant - trace, 1 + determinant + trace
+        outside, verdict = positive(-room[0]) or positive(-room[1]), document["verdict"]
+        require({"attracting": positive(*room), "saddle": outside}.get(verdict, verdict == "undecided"), "its verdict")
+        where = ", ".join(f"{name} = {value}" for name, value in document["parameters"].items())
+        return f"P({', '.join(map(str, document['label']))}), {verdict}, at {where}"
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
+        raise Refused(f"it cannot be read: {error}") from error
+
+
+def main(path: str) -> int:
+    """Print what is proved of the certificate on each line of a file. Returns 1 if one is refused, else 0."""
+    status = 0
+    with open(path, encoding="utf-8") as file:
+        for number, line in enumerate(file, 1):
+            try:
+                print(f"proved: {check(line)}")
+            except Refused as why:
+                print(f"NOT PROVED, line {number}: {why}")
+                status = 1
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

@@ -1,0 +1,176 @@
+"""Flights in balls: their velocities from their times, and the proof that they meet no wall on their way.
+
+Between walls Φ'' + δΦ' = g(t) = 4πδ − 2πε (2π cos 2πt + δ sin 2πt), so M = e^(δt) Φ' has M' = e^(δt) g: where g keeps
+its sign M is monotone, and Φ has one extremum at most (docs/kernel.md; lemmas 2 and 3 of docs/proofs.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+from scipy.optimize import brentq
+
+from rattle.errors import NotProvedError
+from rattle.proof.balls import PI, arb
+
+UP, DOWN = 1, -1
+
+
+@dataclass(frozen=True)
+class Plane:
+    """δ, ε and β in balls, and what follows from them alone."""
+
+    delta: arb
+    epsilon: arb
+    beta: arb
+
+    @cached_property
+    def drift(self) -> arb:
+        """4π."""
+        return 4 * PI()
+
+    @cached_property
+    def swing(self) -> arb:
+        """2πε."""
+        return 2 * PI() * self.epsilon
+
+    @cached_property
+    def forcing(self) -> arb:
+        """4π²ε."""
+        return 2 * PI() * self.swing
+
+    def force(self, sine: arb, cosine: arb) -> arb:
+        """g where the forcing has this sine and cosine."""
+        return self.delta * self.drift - self.forcing * cosine - self.delta * self.swing * sine
+
+    @cached_property
+    def edges(self) -> tuple[arb, ...]:
+        """The phases where g vanishes, none below the quiet limit."""
+        share = 2 * self.delta / (self.epsilon * (4 * PI() ** 2 + self.delta**2).sqrt())
+        if share > 1:
+            return ()
+        half, middle = share.acos() / (2 * PI()), (self.delta / (2 * PI())).atan() / (2 * PI())
+        if not half > 0:
+            raise NotProvedError("it is not told whether the contact force changes sign: take ε off the quiet limit")
+        return middle - half, middle + half
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flight from time t0 over a distance to time t1, with velocities w0 and w1; derivatives as w0_t0 = ∂w0/∂t0."""
+
+    plane: Plane
+    t0: arb
+    t1: arb
+    rest: arb  # C, the part of −Φ' that decays, at t0
+    cos0: arb
+    w0: arb
+    w1: arb
+    decay: arb  # e^(−δ(t1 − t0))
+    w0_t0: arb
+    w0_t1: arb
+    w1_t0: arb
+    w1_t1: arb
+
+    def at(self, t: arb) -> tuple[arb, arb]:
+        """Φ(t) − Φ(t0) and Φ'(t)."""
+        plane, sine, cosine = self.plane, *(2 * t).sin_cos_pi()
+        kept = (-plane.delta * (t - self.t0)).exp()
+        height = self.rest * (kept - 1) / plane.delta + plane.epsilon * (cosine - self.cos0)
+        return height + plane.drift * (t - self.t0), plane.drift - plane.swing * sine - self.rest * kept
+
+
+def flight(plane: Plane, t0: arb, t1: arb, turn0: tuple[arb, arb], turn1: tuple[arb, arb], distance: arb) -> Flight:
+    """The flight between two times, whose sines and cosines turn0 and turn1 are (paper 3.1, 3.2)."""
+    (sin0, cos0), (sin1, cos1), delta = turn0, turn1, plane.delta
+    lost = -(-delta * (t1 - t0)).expm1()
+    decay, pull = 1 - lost, delta / lost
+    rest = (plane.drift * (t1 - t0) + plane.epsilon * (cos1 - cos0) - distance) * pull
+    w0, w1 = plane.drift - plane.swing * sin0 - rest, plane.drift - plane.swing * sin1 - rest * decay
+    return Flight(
+        plane, t0, t1, rest, cos0, w0, w1, decay,
+        w0_t0=w0 * pull + delta * rest - plane.forcing * cos0,
+        w0_t1=-pull * w1,
+        w1_t0=decay * pull * w0,
+        w1_t1=(delta * rest - w1 * pull) * decay - plane.forcing * cos1,
+    )  # fmt: skip
+
+
+def sign(x: arb) -> int:
+    """The sign that all numbers of a ball have, 0 if they have not one."""
+    return UP if x > 0 else DOWN if x < 0 else 0
+
+
+def require_first(flight: Flight, wall: int, target: int, name: str) -> None:
+    """Raise NotProvedError unless the flight leaves `wall` and reaches `target` with speeds that are not 0 and has all
+    its extrema between the walls: then it meets none on its way.
+    """
+    if not flight.t1 > flight.t0:
+        raise NotProvedError(f"{name} would take no time")
+    if sign(flight.w0) != -wall or sign(flight.w1) != target:
+        raise NotProvedError(f"{name} would come from behind a wall or graze it")
+    above, below = flight.plane.beta * (1 - wall), -flight.plane.beta * (1 + wall)  # the walls, from the departure
+    for turn, height in extrema(flight, name):
+        if not (height > below if turn == UP else height < above):
+            raise NotProvedError(f"{name} may touch Σ{'⁻' if turn == UP else '⁺'} on its way")
+
+
+def extrema(flight: Flight, name: str) -> Iterator[tuple[int, arb]]:
+    """(UP for a minimum, DOWN for a maximum; a ball that holds Φ − Φ(t0) there) of all extrema of a flight.
+
+    Between two zeros of g M is monotone, and at them the sign of Φ' is told: each change of sign is an extremum.
+    """
+    places = [flight.t0]
+    for time in [*cuts(flight), flight.t1]:
+        if places[-1] < time:
+            places.append(time)
+        else:  # within rounding of each other: one place, around which Φ' has one sign
+            places[-1] = places[-1].union(time)
+    signs = [sign(flight.at(place)[1]) for place in places]
+    if not all(signs):
+        raise NotProvedError(f"{name} turns where the contact force vanishes, within rounding")
+    for (start, end), (before, after) in zip(pairwise(places), pairwise(signs), strict=True):
+        if after != before:
+            yield after, extremum(flight, start, end, name)
+
+
+def cuts(flight: Flight) -> list[arb]:
+    """The times in a flight, or within rounding of its ends, at which g vanishes, in order."""
+    found = []
+    for edge in flight.plane.edges:
+        number = math.floor(float((flight.t0 - edge).mid())) - 1
+        while not edge + number > flight.t1:
+            if not edge + number < flight.t0:
+                found.append(edge + number)
+            number += 1
+    return sorted(found, key=lambda time: float(time.mid()))
+
+
+def extremum(flight: Flight, start: arb, end: arb, name: str) -> arb:
+    """A ball that holds Φ − Φ(t0) at the one zero t* of Φ' between start and end, where M is monotone.
+
+    At any e there |M| ≤ |M(e)| from e to t*, so |Φ(t*) − Φ(e)| ≤ L e^(δL) |Φ'(e)| with L = end − start.
+    """
+    turn = arb(_turn(flight, float(start.mid()), float(end.mid())))
+    if not (turn > start and turn < end):
+        raise NotProvedError(f"{name} turns too close to a wall to be told")
+    height, slope = flight.at(turn)
+    length = end - start
+    return height + arb(0, 1) * length * (flight.plane.delta * length).exp() * slope
+
+
+def _turn(flight: Flight, start: float, end: float) -> float:
+    """About where Φ' changes sign, in doubles: whatever it is, the bound about it holds."""
+    delta, epsilon = float(flight.plane.delta), float(flight.plane.epsilon)
+    t0, rest = float(flight.t0), float(flight.rest)
+
+    def slope(t: float) -> float:
+        return 4 * math.pi - 2 * math.pi * epsilon * math.sin(2 * math.pi * t) - rest * math.exp(-delta * (t - t0))
+
+    if not slope(start) * slope(end) < 0:
+        return 0.5 * (start + end)
+    return float(brentq(slope, start, end, xtol=1e-15))

@@ -1,0 +1,82 @@
+"""A periodic motion of the impacting gear as the times of its impacts, in balls.
+
+The equations are those of `rattle.impacting.orbits.equations`: given its times a flight has its velocities, and every
+impact turns the velocity of arrival into minus that of departure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rattle.proof.balls import arb, arb_mat
+from rattle.proof.flights import Flight, Plane, flight, require_first
+
+
+@dataclass(frozen=True)
+class Impacts:
+    """Flights (n,) in turn, each from the impact of its number; unknowns: the times (n,) of the impacts."""
+
+    walls: tuple[int, ...]
+    flights: list[Flight]
+
+    @property
+    def residual(self) -> list[arb]:
+        """R (n,): velocity of departure plus that of arrival."""
+        return [here.w0 + self.flights[i - 1].w1 for i, here in enumerate(self.flights)]
+
+    @property
+    def jacobian(self) -> arb_mat:
+        """∂R/∂t (n, n)."""
+        n = len(self.flights)
+        matrix = [[arb(0)] * n for _ in range(n)]
+        for i, here in enumerate(self.flights):
+            after = (i + 1) % n
+            matrix[i][i] += here.w0_t0
+            matrix[i][after] += here.w0_t1
+            matrix[after][i] += here.w1_t0
+            matrix[after][after] += here.w1_t1
+        return arb_mat(matrix)
+
+    @property
+    def speeds(self) -> list[arb]:
+        """Speeds (n,) after the impacts."""
+        return [-wall * each.w0 for wall, each in zip(self.walls, self.flights, strict=True)]
+
+    @property
+    def trace(self) -> arb:
+        """The trace of the product of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs)."""
+        product = arb_mat([[1, 0], [0, 1]])
+        for each in self.flights:
+            # dw0 = w0_t0 dt0 + w0_t1 dt1 gives dt1; then dw1 = w1_t0 dt0 + w1_t1 dt1
+            t_t, t_w = -each.w0_t0 / each.w0_t1, 1 / each.w0_t1
+            w_t, w_w = each.w1_t0 + each.w1_t1 * t_t, each.w1_t1 * t_w
+            product = arb_mat([[t_t, t_w / each.w0], [w_t * each.w1, w_w * each.w1 / each.w0]]) * product
+        return product.trace()
+
+    def require_happens(self) -> None:
+        """Raise NotProvedError unless every flight ends at its first impact."""
+        for i, each in enumerate(self.flights):
+            target = self.walls[(i + 1) % len(self.walls)]
+            require_first(each, self.walls[i], target, f"the flight after impact {i + 1}")
+
+
+@dataclass(frozen=True)
+class Impacting:
+    """The motions that meet these walls (n,) in m forcing periods, by the times (n,) of their impacts."""
+
+    plane: Plane
+    walls: tuple[int, ...]
+    m: int
+
+    def __call__(self, times: Sequence[arb]) -> Impacts:
+        """The motion of these times; where R is not 0 its impacts are not elastic."""
+        n, turns = len(times), [(2 * time).sin_cos_pi() for time in times]
+        flights = [
+            flight(
+                self.plane, times[i], times[i + 1] if i + 1 < n else times[0] + self.m, turns[i], turns[(i + 1) % n],
+                self.plane.beta * (self.walls[(i + 1) % n] - self.walls[i]),
+            )
+            for i in range(n)
+        ]  # fmt: skip
+        return Impacts(self.walls, flights)

@@ -1,0 +1,204 @@
+"""A periodic motion of the stiff gear as the times at which its contacts begin and end, in balls.
+
+Beyond Σ± y = Φ ∓ β obeys y'' + δy' + 2κy = g(t). A contact is entered with the velocity of the flight before it; at its
+end y = 0 again, with the velocity of the flight after it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from rattle.errors import NotProvedError
+from rattle.proof.balls import PI, arb, arb_mat
+from rattle.proof.flights import Flight, Plane, flight, require_first
+
+MOST_PARTS = 2000  # of a contact, in the proof that it lasts
+
+
+@dataclass(frozen=True)
+class Walls:
+    """The plane, and the stiffness κ of its walls."""
+
+    plane: Plane
+    kappa: arb
+
+    @cached_property
+    def response(self) -> tuple[arb, arb]:
+        """The amplitudes of the steady motion, of cos 2πt and of sin 2πt."""
+        stiff, loss = 2 * self.kappa - 4 * PI() ** 2, 2 * PI() * self.plane.delta
+        a, b, size = -self.plane.forcing, -self.plane.delta * self.plane.swing, stiff * stiff + loss * loss
+        return (a * stiff - b * loss) / size, (b * stiff + a * loss) / size
+
+    @cached_property
+    def mean(self) -> arb:
+        """The mean of the steady motion."""
+        return self.plane.delta * self.plane.drift / (2 * self.kappa)
+
+    @cached_property
+    def rate(self) -> arb:
+        """√(2κ − δ²/4), the frequency of free motions in contact."""
+        square = 2 * self.kappa - self.plane.delta**2 / 4
+        if not square > 0:
+            raise NotProvedError("contacts are overdamped, of which no proof is known here: kappa must exceed delta²/8")
+        return square.sqrt()
+
+    def steady(self, t: arb) -> tuple[arb, arb]:
+        """y and y' of the steady motion: permanent contact."""
+        (a, b), (sine, cosine) = self.response, (2 * t).sin_cos_pi()
+        return self.mean + a * cosine + b * sine, 2 * PI() * (b * cosine - a * sine)
+
+    def tangent(self, u: arb) -> tuple[arb, arb, arb, arb]:
+        """The tangent map (C, S, −2κS, C − δS) of (y, y') over the time u of contact."""
+        delta = self.plane.delta
+        sine, cosine = (self.rate * u).sin_cos()
+        kept = (-delta * u / 2).exp()
+        s = kept * sine / self.rate
+        c = kept * cosine + delta * s / 2
+        return c, s, -2 * self.kappa * s, c - delta * s
+
+    def force(self, time: arb) -> arb:
+        """g."""
+        return self.plane.force(*(2 * time).sin_cos_pi())
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A contact from time t0, with velocity w, to time t1."""
+
+    walls: Walls
+    t0: arb
+    t1: arb
+    w: arb
+
+    @cached_property
+    def start(self) -> tuple[arb, arb]:
+        """What y and y' lack of the steady motion at first."""
+        y, v = self.walls.steady(self.t0)
+        return -y, self.w - v
+
+    @cached_property
+    def tangent(self) -> tuple[arb, arb, arb, arb]:
+        """Over all of it."""
+        return self.walls.tangent(self.t1 - self.t0)
+
+    @cached_property
+    def end(self) -> tuple[arb, arb]:
+        """y and y' at t1."""
+        return self._moved(self.t1, self.tangent)
+
+    def at(self, t: arb) -> tuple[arb, arb]:
+        """y and y'."""
+        return self._moved(t, self.walls.tangent(t - self.t0))
+
+    def _moved(self, t: arb, tangent: tuple[arb, arb, arb, arb]) -> tuple[arb, arb]:
+        (moved, pushed), (y, v), (c, s, c1, s1) = self.start, self.walls.steady(t), tangent
+        return y + c * moved + s * pushed, v + c1 * moved + s1 * pushed
+
+
+@dataclass(frozen=True)
+class Contacts:
+    """Contacts (c,) and flights (c,) in turn; unknowns (2c,): when each contact begins and ends."""
+
+    walls: Walls
+    word: tuple[int, ...]
+    contacts: list[Contact]
+    flights: list[Flight]
+
+    @property
+    def residual(self) -> list[arb]:
+        """R (2c,): of each contact its y at the end, and its velocity there less that of the flight."""
+        pairs = zip(self.contacts, self.flights, strict=True)
+        return [each for contact, after in pairs for each in (contact.end[0], contact.end[1] - after.w0)]
+
+    @property
+    def jacobian(self) -> arb_mat:
+        """∂R/∂t (2c, 2c)."""
+        n, delta = 2 * len(self.word), self.walls.plane.delta
+        matrix = [[arb(0)] * n for _ in range(n)]
+        for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
+            before, begin, end = self.flights[i - 1], 2 * i, 2 * i + 1
+            (c, s, c1, s1), (y, v) = contact.tangent, contact.end
+            pull = self.walls.force(contact.t0) - delta * contact.w
+            push = self.walls.force(contact.t1) - delta * v - 2 * self.walls.kappa * y
+            for row, by_y, by_v, by_end in ((begin, c, s, v), (end, c1, s1, push)):
+                matrix[row][begin - 1] += by_v * before.w1_t0
+                matrix[row][begin] += by_v * before.w1_t1 - by_y * contact.w - by_v * pull
+                matrix[row][end] += by_end
+            matrix[end][end] -= after.w0_t0
+            matrix[end][(end + 1) % n] -= after.w0_t1
+        return arb_mat(matrix)
+
+    @property
+    def speeds(self) -> list[arb]:
+        """Speeds (2c,): with which each contact begins and ends."""
+        each = zip(self.word, self.contacts, self.flights, strict=True)
+        return [speed for wall, contact, after in each for speed in (wall * contact.w, -wall * after.w0)]
+
+    @property
+    def trace(self) -> arb:
+        """The trace of the product of the tangent maps of (Φ, Φ') of all pieces, each of determinant e^(−δs)."""
+        product, delta = arb_mat([[1, 0], [0, 1]]), self.walls.plane.delta
+        for contact, after in zip(self.contacts, self.flights, strict=True):
+            c, s, c1, s1 = contact.tangent
+            product = (
+                arb_mat([[1, (1 - after.decay) / delta], [0, after.decay]]) * arb_mat([[c, s], [c1, s1]]) * product
+            )
+        return product.trace()
+
+    def require_happens(self) -> None:
+        """Raise NotProvedError unless each contact and each flight ends where it first can."""
+        for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
+            wall, target = self.word[i], self.word[(i + 1) % len(self.word)]
+            require_lasts(contact, wall, f"contact {i + 1}")
+            require_first(after, wall, target, f"the flight after contact {i + 1}")
+
+
+@dataclass(frozen=True)
+class Stiff:
+    """The motions that meet these walls (c,) in m forcing periods, by the times (2c,) of their contacts."""
+
+    walls: Walls
+    word: tuple[int, ...]
+    m: int
+
+    def __call__(self, times: Sequence[arb]) -> Contacts:
+        """The motion of these times; where R is not 0 its contacts do not fit between its flights."""
+        c, n, plane = len(self.word), len(times), self.walls.plane
+        turns = [(2 * time).sin_cos_pi() for time in times]
+        flights = [
+            flight(
+                plane, times[i], times[i + 1] if i + 1 < n else times[0] + self.m, turns[i], turns[(i + 1) % n],
+                plane.beta * (self.word[(i // 2 + 1) % c] - self.word[i // 2]),
+            )
+            for i in range(1, n, 2)
+        ]  # fmt: skip
+        contacts = [Contact(self.walls, times[2 * i], times[2 * i + 1], flights[i - 1].w1) for i in range(c)]
+        return Contacts(self.walls, self.word, contacts, flights)
+
+
+def require_lasts(contact: Contact, wall: int, name: str) -> None:
+    """Raise NotProvedError unless ±y > 0 all through the contact, by bisection of its time.
+
+    At the ends of each part ±y > 0 or, at those of the contact, y = 0; where y' has one sign that is so between them,
+    and elsewhere the mean value theorem bounds y.
+    """
+    if not contact.t1 > contact.t0:
+        raise NotProvedError(f"{name} would take no time")
+    if not wall * contact.w > 0:
+        raise NotProvedError(f"{name} would begin from behind the wall, or graze it")
+    parts = [(contact.t0.lower(), contact.t1.upper())]
+    for _ in range(MOST_PARTS):
+        start, end = parts.pop()
+        part = start.union(end)
+        middle, slope = part.mid(), contact.at(part)[1]
+        if not (slope > 0 or slope < 0):
+            y = wall * contact.at(middle)[0]
+            if not y > 0:
+                break
+            if not y + wall * slope * (part - middle) > 0:
+                parts += [(start, middle), (middle, end)]
+        if not parts:
+            return
+    raise NotProvedError(f"{name} may be over before")

@@ -1,0 +1,100 @@
+"""``rattle certify``: periodic motions as theorems, and the check of what others proved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+NOT_PROVED, INTERRUPTED = 1, 130
+SUFFIX = ".certificates.zarr"
+
+
+def certify(
+    store: Annotated[str | None, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="PATH", help="The store of certificates.", show_default=f"beside STORE, *{SUFFIX}"),
+    ] = None,
+    processes: Annotated[int, typer.Option(min=1, help="Processes that prove.")] = 1,
+    point: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            metavar="DELTA EPSILON", help="Prove the periodic motions of one point, taken as these very numbers."
+        ),
+    ] = None,
+    beta: Annotated[str, typer.Option(help="Half-backlash, for --point.")] = "0.6",
+    kappa: Annotated[
+        str | None, typer.Option(help="Stiffness, for --point.", show_default="none: the impacting model")
+    ] = None,
+    check: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Check certificates, one a line, with none of the prover's code."),
+    ] = None,
+) -> None:
+    """Prove that periodic motions exist, alone near by, with their labels, and whether they attract.
+
+    Of a survey: all periodic attractors, into a store beside it; the same command resumes. Of a point: one certificate
+    a line. Exit status 1 if something is not proved; that does not mean that it is false.
+    """
+    if [store, point, check].count(None) != 2:
+        raise typer.BadParameter("name the STORE of a survey, or --point DELTA EPSILON, or --check FILE")
+    if check is not None:
+        _check(check)
+    elif point is not None:
+        _prove_point(*point, beta, kappa)
+    elif store is not None:
+        _prove_survey(store, out or Path(store.rstrip("/").removesuffix(".zarr") + SUFFIX), processes)
+
+
+def _check(path: Path) -> None:
+    from rattle.proof import check
+    from workers.certificates import CERTIFICATES
+
+    file = path / CERTIFICATES if path.is_dir() else path
+    if not file.is_file():
+        raise typer.BadParameter(f"there is no file {file}")
+    if check.main(str(file)):
+        raise typer.Exit(NOT_PROVED)
+
+
+def _prove_point(delta: str, epsilon: str, beta: str, kappa: str | None) -> None:
+    import rattle
+    from rattle.models import model_of
+    from rattle.proof.certificate import exact
+
+    given = {"delta": delta, "epsilon": epsilon, "beta": beta, **({} if kappa is None else {"kappa": kappa})}
+    numbers = {name: float(exact(name, text)) for name, text in given.items()}
+    gear = model_of(numbers["beta"], numbers.get("kappa")).gear(numbers["delta"], numbers["epsilon"])
+    starts = [(orbit.tau, orbit.v, orbit.n_plus) for orbit in gear.orbits()]
+    starts += [(each.tau, each.v, each.n_plus) for each in gear.attractors() if each.m > 1 or each.n_plus > 1]
+    refused = False
+    for start in starts:
+        try:
+            typer.echo(rattle.certify(gear.orbit(*start), **given).json())
+        except rattle.NotProvedError as why:
+            refused = True
+            typer.echo(f"not proved: the motion at tau = {start[0]:.6f}, v = {start[1]:.6f}: {why}", err=True)
+    if refused:
+        raise typer.Exit(NOT_PROVED)
+
+
+def _prove_survey(store: str, out: Path, processes: int) -> None:
+    from service.commands.progress import reporter
+    from service.commands.signals import stop_requested
+    from service.results import open_results
+    from workers.certificates import CERTIFICATES, REFUSED, certify_survey, claims_of
+
+    with open_results(store) as survey, stop_requested() as stop:
+        number = len(claims_of(survey))
+        with reporter(number, what="motions") as progress:
+            found = certify_survey(survey, out, processes, progress.show, stop.is_set)
+    proved = int((found["attractor_certificate"] != 0).sum())
+    typer.echo(f"{proved} of {number} periodic attractors are proved: {out / CERTIFICATES}")
+    if stop.is_set():
+        typer.echo("Stopped. The same command resumes it.", err=True)
+        raise typer.Exit(INTERRUPTED)
+    if proved < number:
+        typer.echo(f"{number - proved} are not proved, which does not mean that they are false: {out / REFUSED}")
+        raise typer.Exit(NOT_PROVED)

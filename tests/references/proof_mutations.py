@@ -1,0 +1,138 @@
+"""Mutations of the finder's signs and bounds, and which test catches each.
+
+    python tests/references/proof_mutations.py
+
+runs the tests of proofs with each of them in place, and writes the first that fails to
+tests/reference/proof_mutations.json; a mutation that none catches is written as null. As a plugin of pytest it puts the
+mutation in place that the environment names: the library's other modules, and their compiled kernels, stay as they are.
+"""
+
+import importlib.abc
+import importlib.util
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+RESULT = ROOT / "tests" / "reference" / "proof_mutations.json"
+TESTS = ("lemmas", "motions", "false_claims")
+NAMED = "PROOF_MUTATION"
+
+#: What is wrong: (file of rattle/proof, what stands there once, what the mutation puts there).
+MUTATIONS = {
+    "a box of half its radius": ("balls", "arb(0, 1) * ball(radius)", "arb(0, 1) * ball(radius) / 2"),
+    "the operator with the wrong sign of R": ("krawczyk", "column(box) - step", "column(box) + step"),
+    "no limit to how far Newton moves": ("krawczyk", "if not moved < MOST_MOVED", "if not moved < 1.0"),
+    "a box that may be mapped beyond itself": (
+        "krawczyk",
+        "if all(abs(each) < limit",
+        "if all(abs(each) < 10**6 * limit",
+    ),
+    "the velocity of a flight with a wrong sign": (
+        "flights",
+        "plane.drift - plane.swing * sine - ",
+        "plane.drift + plane.swing * sine - ",
+    ),
+    "the height of a flight with a wrong sign": ("flights", "(kept - 1) / plane.delta", "(1 - kept) / plane.delta"),
+    "the force never changes sign": ("flights", "if share > 1:", "if share > 0:"),
+    "the arc begins where it ends": (
+        "flights",
+        "return middle - half, middle + half",
+        "return middle + half, middle + half",
+    ),
+    "the arc is not looked at": ("flights", "if not edge + number < flight.t0:", "if edge + number < flight.t0:"),
+    "minima are compared with the upper wall": (
+        "flights",
+        "height > below if turn == UP else height < above",
+        "height < above if turn == UP else height > below",
+    ),
+    "maxima are not compared": (
+        "flights",
+        "height > below if turn == UP else height < above",
+        "height > below if turn == UP else True",
+    ),
+    "the gap is on the other side": ("flights", "-flight.plane.beta * (1 + wall)", "-flight.plane.beta * (3 + wall)"),
+    "flights from behind a wall": (
+        "flights",
+        "if sign(flight.w0) != -wall or sign(flight.w1) != target:",
+        "if sign(flight.w0) != -wall and sign(flight.w1) != target:",
+    ),
+    "an extremum without its bound": ("flights", "height + arb(0, 1) * length * ", "height + arb(0) * length * "),
+    "a bound of an extremum without damping": ("flights", " * (flight.plane.delta * length).exp() * slope", " * slope"),
+    "a turn taken for none": ("flights", "        if after != before:", "        if after < before:"),
+    "derivatives of a flight with a wrong sign": ("flights", "w0_t1=-pull * w1", "w0_t1=pull * w1"),
+    "a tangent map that forgets its end": ("impacting", "each.w1_t0 + each.w1_t1 * t_t", "each.w1_t0"),
+    "a flip taken for stability": ("finder", "if abs(trace) < 1 + determinant:", "if trace < 1 + determinant:"),
+    "saddles within the unit circle": ("finder", "if abs(trace) > 1 + determinant", "if abs(trace) > determinant"),
+    "half a motion's period": ("finder", "abs(b - a - m // parts) > 0", "abs(b - a) > 0"),
+    "enclosures rounded inwards": ("finder", "(low // unit - 1) * unit", "(low // unit + 2) * unit"),
+    "speeds that nobody compares": (
+        "finder",
+        "if not moved < MOST_MOVED * max(1.0, *departures):",
+        "if not moved < 1.0:",
+    ),
+    "a steady motion with a wrong sign": (
+        "stiff",
+        "self.mean + a * cosine + b * sine",
+        "self.mean + a * cosine - b * sine",
+    ),
+    "a contact that turns unseen": ("stiff", "if not (slope > 0 or slope < 0):", "if slope > 0 and slope < 0:"),
+    "a contact without its mean value bound": (
+        "stiff",
+        "if not y + wall * slope * (part - middle) > 0:",
+        "if not y > 0:",
+    ),
+    "a condition with a wrong sign": ("codimension_two", "- impacts) - 4 * PI() * x", "- impacts) + 4 * PI() * x"),
+}
+
+
+class Mutant(importlib.abc.SourceLoader, importlib.abc.MetaPathFinder):
+    """Loads one module of rattle.proof with a mutation in it."""
+
+    def __init__(self, file: str, old: str, new: str) -> None:
+        self.name, self.path = f"rattle.proof.{file}", str(ROOT / "rattle" / "proof" / f"{file}.py")
+        text = Path(self.path).read_text()
+        assert text.count(old) == 1, f"{old!r} is in {file}.py {text.count(old)} times"
+        self.text = text.replace(old, new)
+
+    def find_spec(self, name, path, target=None):  # noqa: ARG002
+        return importlib.util.spec_from_loader(name, self) if name == self.name else None
+
+    def get_filename(self, _name):
+        return self.path
+
+    def get_data(self, _path):
+        return self.text.encode()
+
+
+def caught_by(name: str) -> str | None:
+    """The first test that fails with a mutation."""
+    tests = [f"tests/oracles/proof/test_proof_{each}.py" for each in TESTS]
+    command = [sys.executable, "-m", "pytest", "-p", "proof_mutations", "-x", "-q", "-n0", "-p", "no:cacheprovider"]
+    environment = os.environ | {NAMED: name, "PYTHONPATH": str(Path(__file__).parent), "PYTHONDONTWRITEBYTECODE": "1"}
+    said = subprocess.run([*command, *tests], cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    if said.returncode == 0:
+        return None
+    failed = re.search(r"^(?:FAILED|ERROR) \S*test_proof_(\S+)", said.stdout, re.MULTILINE)
+    if not failed:
+        raise SystemExit(said.stdout[-3000:] + said.stderr[-3000:])
+    return failed[1]
+
+
+def main() -> None:
+    """Try all, and write who catches them."""
+    found = {}
+    for name in MUTATIONS:
+        found[name] = caught_by(name)
+        print(f"{name}: {found[name]}", flush=True)
+    RESULT.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if NAMED in os.environ:
+    sys.meta_path.insert(0, Mutant(*MUTATIONS[os.environ[NAMED]]))
+
+if __name__ == "__main__":
+    main()
