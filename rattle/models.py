@@ -15,17 +15,16 @@ from rattle.attractors.table import Attractors
 from rattle.continuation.diagram import Diagram
 from rattle.curves import CodimensionTwo, Curve
 from rattle.errors import RattleError, parameters, require_number
-from rattle.impacting.attractors.classifier import attractors_of
-from rattle.impacting.attractors.settle import Cells
+from rattle.impacting.attractors.classifier import attractors_of, cells_of
 from rattle.impacting.bifurcations.branches import Branch
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.gear import Gear
-from rattle.impacting.map.quiet import capture_invariants, rests_late
+from rattle.impacting.map.quiet import rests_late
 from rattle.impacting.orbits.period_one import period_one
 from rattle.intensity.balance import impulse_balance_errors
 from rattle.orbits.period_one import PeriodOne
-from rattle.stiff.attractors.classifier import cells_of
+from rattle.stiff.attractors.classifier import cells_of as stiff_cells_of
 
 Range = tuple[float, float]
 
@@ -88,7 +87,7 @@ class Impacting:
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> NDArray[np.float64]:
         """|(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones."""
         d, e, b = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon, self.beta))
-        return impulse_balance_errors(table, Cells(d, e, b, capture_invariants(d, e, b)))
+        return impulse_balance_errors(table, cells_of(d, e, b))
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
         """Whether quiet motion takes too many impacts to be told from chaos."""
@@ -169,7 +168,7 @@ class Stiff:
         """The same of contacts, whose impulses are those of the springs."""
         found = parameters(delta, epsilon, self.beta, kappa=self.kappa)
         d, e, b, k = (np.array(x, order="C").ravel() for x in found)
-        return impulse_balance_errors(table, cells_of(d, e, b, k))
+        return impulse_balance_errors(table, stiff_cells_of(d, e, b, k))
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
         """Never: contact that does not end is seen when it begins."""

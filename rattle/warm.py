@@ -1,8 +1,15 @@
 """Load or compile kernels now, so that later calls do not pay for it."""
 
+import numpy as np
+
+from rattle.impacting.attractors.classifier import attractors_of, cells_of
 from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
 from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.period_one import grazing
+from rattle.intensity.balance import impulse_balance_errors
+
+POINT = 0.6, 0.1, 0.6
+COLUMNS = tuple(np.array([x]) for x in POINT)
 
 
 def warm_up(kappa: float | None = None) -> None:
@@ -18,16 +25,16 @@ def warm_up(kappa: float | None = None) -> None:
 
 
 def _impacting() -> None:
-    gear = Gear(0.6, 0.1)
-    gear.orbits()
-    gear.attractors(count=16)
+    Gear(*POINT).orbits()
+    impulse_balance_errors(attractors_of(*POINT, count=16), cells_of(*COLUMNS))
     grazing("G1", 0.6)
     robust_chaos_interval()
 
 
 def _stiff(kappa: float) -> None:
-    from rattle.stiff import StiffGear  # not for who has no use for it
+    from rattle import stiff  # not for who has no use for it
+    from rattle.stiff.attractors import classifier
 
-    gear = StiffGear(0.6, 0.1, kappa=kappa)
-    gear.orbits()
-    gear.attractors(count=16)
+    stiff.StiffGear(*POINT, kappa).orbits()
+    cells = classifier.cells_of(*COLUMNS, np.array([kappa]))
+    impulse_balance_errors(stiff.attractors_of(*POINT, kappa, count=16), cells)

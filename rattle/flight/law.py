@@ -72,7 +72,7 @@ def natural_speed(delta, epsilon, beta):
     drift, 2πε is the largest speed of the forcing.
     """
     across = 6.0 * math.sqrt(math.pi) * np.sqrt(delta) * np.sqrt(beta)  # the product of both may be beyond all numbers
-    return np.minimum(across + TWO_PI * epsilon, FASTEST)
+    return np.minimum(across + TWO_PI * np.minimum(epsilon, FASTEST), FASTEST)
 
 
 @inline

@@ -29,6 +29,7 @@ from rattle.plot.paper_ranges import BETA
 Array = NDArray[np.float64]
 
 RESOLUTION = 1000  # cells a side, as in the paper
+MOST_TICKS = 20.0  # speed up to which every whole one has a tick
 MOST_PANELS = 9
 MOST_NAMED = 24  # types of motion in a legend
 SPACING = 0.005  # of points of Γ and of manifolds
@@ -162,7 +163,8 @@ def _few_ticks(axes: Axes, v_max: float, first: bool, last: bool) -> None:
     """Numbers and names at the first panel of a row and the last of a column only."""
     axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"] if last else [""] * 3)
     axes.set_yticks([0, v_max], ["0", f"{v_max:.3g}"] if first else ["", ""])
-    axes.set_yticks(np.arange(1.0, v_max), minor=True)
+    if v_max <= MOST_TICKS:
+        axes.set_yticks(np.arange(1.0, v_max), minor=True)
     axes.tick_params(labelsize=8)
     axes.set_xlabel("τ" if last else "", fontsize=10, labelpad=0)
     axes.set_ylabel("v" if first else "", fontsize=10, labelpad=0, rotation=0)

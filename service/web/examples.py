@@ -36,7 +36,13 @@ SURVEY: dict[str, Any] = {
 }
 DETAIL: dict[str, Any] = SURVEY | {
     "request": REQUEST
-    | {"model": "impacting", "kappa": None, "quantities": ["region", "orbits", "attractors", "lyapunov", "grazing"]},
+    | {
+        "model": "impacting",
+        "kappa": None,
+        "quantities": ["region", "orbits", "attractors", "lyapunov", "grazing"],
+        "initial_conditions": REQUEST["initial_conditions"] | {"budget": 1_000_000},
+        "slots": None,
+    },
     "failures": [],
 }
 LIST: dict[str, Any] = {"surveys": [SURVEY], "count": 1, "next": None}

@@ -51,6 +51,11 @@ class ImpactingClassifier(Classifier):
         measure(self._block, which, least, periods, self.cells, self.samples, self.balls, *seen, self.paths)
 
 
+def cells_of(delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64]) -> Cells:
+    """Cells with these parameters (n,), as kernels take them."""
+    return Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
+
+
 def classify(
     delta: NDArray[np.float64],
     epsilon: NDArray[np.float64],
@@ -60,8 +65,7 @@ def classify(
     budget: int = BUDGET,
 ) -> ImpactingClassifier:
     """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end or its budget."""
-    cells = Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
-    found = ImpactingClassifier(cells, tau, v, budget)
+    found = ImpactingClassifier(cells_of(delta, epsilon, beta), tau, v, budget)
     found.run()
     return found
 

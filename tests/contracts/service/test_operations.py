@@ -58,7 +58,7 @@ def test_the_large_survey() -> None:
     assert f"{large.n_tiles:_}".replace("_", " ") in TEXT
     assert f"{SurveyRequest(**axes).n_tiles:_}".replace("_", " ") in TEXT
     assert f"{per_cell} per tile" in TEXT
-    assert large.n_tiles * per_cell == pytest.approx(5.6e6, rel=0.01)
+    assert large.n_tiles * per_cell == pytest.approx(6.9e6, rel=0.01)
     limits = {name.lower(): int(value) for name, value in re.findall(r"RATTLE_(MAX_[A-Z]+)=(\d+)", TEXT)}
     assert limits["max_cells"] >= large.n_cells
     assert limits["max_tiles"] >= large.n_tiles

@@ -101,7 +101,7 @@ BAD = [
     ({"quantities": ["regions"]}, "region"),
     ({"initial_conditions": {"count": 0}}, "greater than or equal to 1"),
     ({"initial_conditions": {"count": 65_537}}, "less than or equal to 65536"),
-    ({"initial_conditions": {"v_max": 0.0}}, "greater than 0"),
+    ({"initial_conditions": {"v_max": 0.0}}, "a speed above 0"),
     ({"tile": {"delta": 0}}, "greater than or equal to 1"),
     ({"tile": {"epsilon": 61}}, "exceeds the axis"),
     ({"tile": {"delta": 16.0}}, "integer"),
