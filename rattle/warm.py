@@ -9,7 +9,7 @@ from rattle.impacting.orbits.period_one import grazing
 from rattle.intensity.balance import impulse_balance_errors
 
 POINT = 0.6, 0.1, 0.6
-COLUMNS = tuple(np.array([x]) for x in POINT)
+COLUMNS = np.array([POINT[0]]), np.array([POINT[1]]), np.array([POINT[2]])
 
 
 def warm_up(kappa: float | None = None) -> None:
