@@ -13,13 +13,14 @@ S3_INSTALLED := $(S3)/.installed
 UV := $(shell uv --version > /dev/null 2>&1 && command -v uv)
 ifdef UV
 environment = test -x $(1)/bin/python || $(UV) venv --quiet --no-project --python $(PYTHON) $(1)
-install = $(UV) pip install --quiet --python $(1)/bin/python
+# Like pip, it then keeps bytecode where Python may not write it later.
+install = $(UV) pip install --quiet $(if $(PYTHONDONTWRITEBYTECODE),--compile-bytecode) --python $(1)/bin/python
 else
 environment = $(PYTHON) -m venv $(1)
 install = $(1)/bin/python -m pip install --quiet --disable-pip-version-check
 endif
 
-.PHONY: survey figures map test test-deep test-install test-under-load kernels impacting-kernels stiff-kernels lint bench \
+.PHONY: survey figures map test test-deep test-install test-under-load bytecode kernels impacting-kernels stiff-kernels lint bench \
 	constraints clean
 
 survey: $(SURVEY)
@@ -28,20 +29,24 @@ survey: $(SURVEY)
 figures: $(SURVEY)
 	$(BIN)/rattle figure all --out figures
 
-test: kernels $(S3_INSTALLED)
+test: bytecode kernels $(S3_INSTALLED)
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 # Everything that tests can look at: more examples, finer grids, references computed anew. Before a release.
-test-deep: kernels $(S3_INSTALLED)
+test-deep: bytecode kernels $(S3_INSTALLED)
 	TEST_DEPTH=deep $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 # No verdict depends on speed: three times beside busy programs, once on one core.
-test-under-load: kernels $(S3_INSTALLED)
+test-under-load: bytecode kernels $(S3_INSTALLED)
 	$(BIN)/python tests/under_load.py
 
 # The wheel in clean environments, on every Python that is there, with the newest and the lowest releases it allows.
 test-install: $(INSTALLED)
 	$(BIN)/python tests/install/check.py
+
+# The tests start hundreds of processes: where Python may not keep bytecode, each would compile every module again.
+bytecode: $(INSTALLED)
+	$(BIN)/python -m compileall -q rattle workers service
 
 # Compiled once and before, so that the tests find them: either model's beside the other's.
 kernels: impacting-kernels stiff-kernels
