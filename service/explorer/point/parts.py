@@ -148,8 +148,8 @@ def margin(gear: Any) -> Margin:
     return Margin(v, tau, undecided, leads_to, highest_speed(gear.delta, gear.epsilon, gear.beta))
 
 
-def lines(gear: AnyGear) -> Lines:
-    """Γ where there is one, W^s of A and B, and W^u of A, as far as a screen shows them."""
+def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> Lines:
+    """Γ where there is one, W^s of A and B, and W^u of A, by default as far as a screen shows them."""
     from rattle.plot.basins import gamma_line, manifold_line
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
@@ -160,27 +160,29 @@ def lines(gear: AnyGear) -> Lines:
     )
     missing = []
     for name, kind in (("A", "stable"), ("B", "stable"), ("A", "unstable")):
-        line, why = manifold_line(gear, orbits.get(name), name, kind, ARCLENGTH, SPACING)
+        line, why = manifold_line(gear, orbits.get(name), name, kind, arclength, SPACING)
         found.append(PlaneLine(f"W{'ˢ' if kind == 'stable' else 'ᵘ'}({name})", line))
         if why:
             missing.append(why)
     return Lines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
-def diagram_span(gear: AnyGear, direction: str) -> tuple[float, float]:
-    """The values of δ or ε about the point that are inside the plane."""
-    span = SPANS[direction] * plane_scale(gear.delta)
+def diagram_span(gear: AnyGear, direction: str, share: float = 1.0) -> tuple[float, float]:
+    """The values of δ or ε about the point that are inside the plane, or those of this share that are nearest."""
+    either_way = share * SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
-        return max(gear.epsilon - span, 0.0), gear.epsilon + span
-    return max(gear.delta - span, gear.delta / 2), gear.delta + span
+        return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
+    return max(gear.delta - either_way, gear.delta / 2), gear.delta + either_way
 
 
-def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUNT) -> DiagramLines:
-    """The one-parameter diagram through the point, along "epsilon" or "delta"."""
+def diagram(
+    gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUNT, share: float = 1.0
+) -> DiagramLines:
+    """The one-parameter diagram through the point, along "epsilon" or "delta", of this share of its span."""
     from rattle.plot.colours import name_of as name_of_type
     from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
 
-    span = diagram_span(gear, direction)
+    span = diagram_span(gear, direction, share)
     start, end = ((gear.delta, value) if direction == "epsilon" else (value, gear.epsilon) for value in span)
     found: Diagram[Any, Any] = model_at(gear).diagram(start, end, steps, count)
     _, scale, offset = parameter_axis(found)
@@ -221,8 +223,7 @@ def warm_up(gear: AnyGear) -> None:
     for method in ("cells", "refined", "direct"):
         basins(gear, 20, method)
     motion(gear, 0.3, 4.0, 1.0, 2)
-    lines(gear)
+    lines(gear, arclength=1.0)
     if model_at(gear).has_margin:
         margin(gear)
-    for direction in SPANS:
-        diagram(gear, direction, steps=4, count=4)
+    diagram(gear, "epsilon", steps=4, count=4, share=0.25)

@@ -1,8 +1,6 @@
 """Kernels that are not there yet: requests wait for them or are told so, and nobody's time is counted meanwhile."""
 
 import asyncio
-import os
-import signal
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -10,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from dying import die
 from service_support import assert_problem, front_end, front_of, idle_cluster, local_client
 from waiting import HANG, wait_until
 
@@ -114,7 +113,7 @@ def test_a_service_ends_while_it_compiles(tmp_path: Path) -> None:
 def test_a_process_that_dies_of_compiling_is_no_hang(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, note: Path
 ) -> None:
-    monkeypatch.setattr("service.compilation.WORK", dict.fromkeys(Part, _die))
+    monkeypatch.setattr("service.compilation.WORK", dict.fromkeys(Part, die))
     with front_end(tmp_path, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
         task = front_of(client).kernels._tasks[Model.IMPACTING]
@@ -133,10 +132,6 @@ def test_what_another_process_has_compiled_is_not_waited_for(
         client.portal.call(partial(front_of(client).kernels.begin, load=True))  # as a service does at its start
         wait_until(lambda: compiling)
         assert not front_of(client).kernels.at_work  # it loads, which nobody has to wait for
-
-
-def _die(_model: object) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 EVERYTHING = """
@@ -172,8 +167,15 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if kappa els
     model = model_of(beta, kappa)
     gear = model.gear(delta, epsilon)
     orbits_document(gear)
-    gear.attractors(8)
-    point_parts.warm_up(gear)
+    point_parts.chances(gear, 16)
+    for method in ("cells", "refined", "direct"):
+        point_parts.basins(gear, 20, method)
+    point_parts.motion(gear, 0.3, 4.0, 1.0, 2)
+    point_parts.lines(gear)
+    if model.has_margin:
+        point_parts.margin(gear)
+    for direction in point_parts.SPANS:
+        point_parts.diagram(gear, direction, steps=4, count=4)
     _draw(gear, 10)
     curves_document(model, (0.98 * delta, delta), (0.0, 0.3))
 fields = {"model": name} | ({"kappa": kappa} if kappa else {})
