@@ -27,12 +27,11 @@ import numba
 import numpy as np
 from llvmlite import binding
 from llvmlite.binding import Linkage
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.extending import overload
 
-config: Any = numba.config  # its options are made at run time
 log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
 
 LOCK_POLL_SECONDS, TOLD_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 600.0
@@ -185,8 +184,41 @@ def _locked(file: int) -> bool:
     return True
 
 
+class _OfTheseSources:
+    """Where the files of a kernel are: the directory is named by all sources, wherever they are, and says all of them.
+
+    Numba's own locators add the path of the file, and read and hash it, for each kernel of each process.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._path = os.path.join(_cache_directory(), function.__module__)
+        self._line = function.__code__.co_firstlineno
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> "_OfTheseSources":  # noqa: ARG003 - numba's
+        return cls(function)
+
+    def get_cache_path(self) -> str:
+        return self._path
+
+    def ensure_cache_path(self) -> None:
+        os.makedirs(self._path, exist_ok=True)
+
+    def get_source_stamp(self) -> str:
+        return ""
+
+    def get_disambiguator(self) -> str:
+        return str(self._line)
+
+
+class _Files(CompileResultCacheImpl):
+    _locator_classes = [_OfTheseSources]  # noqa: RUF012 - numba's
+
+
 class _SharedCache(FunctionCache):
     """Files of one kernel; says when there is none to load."""
+
+    _impl_class = _Files
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = super().load_overload(sig, target_context)
@@ -235,13 +267,8 @@ class Kernel(Inline):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function, forced=False)
-        before = config.CACHE_DIR
-        config.CACHE_DIR = _cache_directory()
-        try:
-            self._entry = numba.njit(nogil=True, forceinline=False, pipeline_class=_EntryCompiler, **_OPTIONS)(function)
-            _share(self._entry)
-        finally:
-            config.CACHE_DIR = before
+        self._entry = numba.njit(nogil=True, forceinline=False, pipeline_class=_EntryCompiler, **_OPTIONS)(function)
+        _share(self._entry)
         self._run = self._first
 
     def _first(self, *arguments: Any) -> Any:

@@ -14,16 +14,22 @@ import rattle
 from rattle.impacting.map.quiet import capture_invariant
 
 
-def warm_up() -> str:
-    """What numba says of its cache while every kernel is run."""
-    command = [sys.executable, "-c", "import rattle; rattle.warm_up(); rattle.warm_up(kappa=1e4)"]
+PACKAGE = Path(rattle.__file__).parent
+
+
+def warm_up(root: Path) -> str:
+    """What numba says of its cache while every kernel is run, of the package in this directory, which it says last."""
+    code = "import rattle; rattle.warm_up(); rattle.warm_up(kappa=1e4); print(rattle.__file__)"
     environment = os.environ | {"NUMBA_DEBUG_CACHE": "1"}
-    return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, check=True, capture_output=True, text=True, env=environment, cwd=root).stdout
 
 
-def test_a_second_process_compiles_nothing() -> None:
-    warm_up()
-    said = warm_up()
+def test_a_second_process_compiles_nothing_wherever_its_sources_are(tmp_path: Path) -> None:
+    warm_up(PACKAGE.parent)
+    shutil.copytree(PACKAGE, tmp_path / "rattle", shutil.ignore_patterns("__pycache__"), shutil.copyfile)
+    said = warm_up(tmp_path)
+    assert said.splitlines()[-1] == str(tmp_path / "rattle" / "__init__.py")
     assert "data loaded from" in said
     assert "saved to" not in said
 
@@ -95,7 +101,7 @@ def test_a_kernel_whose_process_is_killed_is_compiled_by_who_waits(at_work: Proc
 
 def test_without_a_cache_every_process_compiles_and_says_how_to_have_one(tmp_path: Path) -> None:
     package = tmp_path / "rattle"
-    shutil.copytree(Path(rattle.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
     code = "from rattle.impacting.map.quiet import capture_invariant; print(capture_invariant(0.6, 0.1, 0.6))"
     environment = os.environ | {"RATTLE_CACHE_DIR": "/proc/nowhere", "PYTHONPATH": str(tmp_path)}
     command = [sys.executable, "-c", code]
@@ -132,7 +138,7 @@ def test_the_process_that_compiles_computes_the_same_bits_as_the_next(tmp_path: 
 
 def test_only_modules_that_compute_decide_which_version_it_is(tmp_path: Path) -> None:
     package = tmp_path / "rattle"
-    shutil.copytree(Path(rattle.__file__).parent, package)
+    shutil.copytree(PACKAGE, package)
 
     def version() -> str:
         command = [sys.executable, "-c", "from rattle.numerics.compile import source_hash; print(source_hash())"]
