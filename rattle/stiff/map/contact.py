@@ -7,6 +7,7 @@ search for the end cannot skip one. With −δ for δ and −τ for τ the same 
 """
 
 import math
+from typing import NamedTuple
 
 from rattle.flight.first_impact import BISECTED, MOST_STEPS, PIECE, end_of_piece
 from rattle.flight.law import DRIFT, TWO_PI, negative_arc, versines
@@ -18,6 +19,18 @@ DECAYS = 100.0
 SHORT = 0.5  # (δ + √(2κ)) s below which S is a Taylor series
 TERMS = 16
 SAFE = 0.999  # of a time in which contact is certain
+
+
+class Contact(NamedTuple):
+    """What x of one contact is made of."""
+
+    x0: float  # depth and outward velocity at its beginning
+    w0: float
+    mean: float  # of h = mean + a cos 2πs + b sin 2πs
+    a: float
+    b: float
+    delta: float
+    kappa: float
 
 
 @inline
@@ -81,8 +94,9 @@ def driven(s, delta, kappa):
 
 
 @inline
-def depth(s, x0, w0, mean, a, b, delta, kappa):
+def depth(s, contact):
     """x, x' and h after s, with S, 1 − C there."""
+    x0, w0, mean, a, b, delta, kappa = contact
     sine, lost, x_c, x_s, v_c, v_s, omc, siny = driven(s, delta, kappa)
     stiffness = 2.0 * kappa
     x = x0 * (1.0 - lost) + w0 * sine + mean * lost / stiffness + (a * x_c + b * x_s)
@@ -91,8 +105,9 @@ def depth(s, x0, w0, mean, a, b, delta, kappa):
 
 
 @inline
-def steady(s, mean, a, b, delta, kappa):
+def steady(s, contact):
     """x and x' of permanent contact after s: the periodic solution."""
+    _x0, _w0, mean, a, b, delta, kappa = contact
     omc, sine, _defect = versines(s)
     cosine = 1.0 - omc
     in_phase, behind, _size = compliance(delta, kappa)
@@ -109,18 +124,19 @@ def log_rate(s, delta, square, rate):
 
 
 @kernel
-def turn_in(lo, hi, middle, x0, w0, mean, a, b, delta, kappa):
+def turn_in(lo, hi, middle, contact):
     """The zero in (lo, hi) of q = x' − x u'/u, which has one sign on each side: an extremum of x/u.
 
     q' = h − (δ + u'/u) q.
     """
-    square = 0.25 * delta * delta - 2.0 * kappa
+    delta = contact.delta
+    square = 0.25 * delta * delta - 2.0 * contact.kappa
     rate = math.sqrt(abs(square))
-    x, v, _h, _s, _l = depth(hi, x0, w0, mean, a, b, delta, kappa)
+    x, v, _h, _s, _l = depth(hi, contact)
     rising = v - x * log_rate(hi - middle, delta, square, rate) > 0.0
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        x, v, h, _s, _l = depth(s, x0, w0, mean, a, b, delta, kappa)
+        x, v, h, _s, _l = depth(s, contact)
         r = log_rate(s - middle, delta, square, rate)
         q = v - x * r
         if (q > 0.0) == rising:
@@ -141,17 +157,17 @@ def turn_in(lo, hi, middle, x0, w0, mean, a, b, delta, kappa):
 
 
 @kernel
-def fall_in(lo, hi, x0, w0, mean, a, b, delta, kappa):
+def fall_in(lo, hi, contact):
     """The zero of x in (lo, hi), the only one there, where x falls: Newton steps inside a shrinking bracket."""
     s = 0.5 * (lo + hi)
     for k in range(1, MOST_STEPS + 1):
-        x, v, h, _s, _l = depth(s, x0, w0, mean, a, b, delta, kappa)
+        x, v, h, _s, _l = depth(s, contact)
         if x > 0.0:
             lo = s
         else:
             hi = s
         step = -x / v
-        step /= 1.0 + 0.5 * step * (h - delta * v - 2.0 * kappa * x) / v
+        step /= 1.0 + 0.5 * step * (h - contact.delta * v - 2.0 * contact.kappa * x) / v
         new = s + step
         inside = lo <= new <= hi
         if inside and abs(step) <= 1e-15 * s:
@@ -172,6 +188,7 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     """
     omc, sin0, _defect = versines(tau)
     mean, a, b = forcing(wall, sin0, 1.0 - omc, delta, epsilon)
+    contact = Contact(x0, w0, mean, a, b, delta, kappa)
     arc = negative_arc(delta, epsilon)
     square = 0.25 * delta * delta - 2.0 * kappa
     rate = math.sqrt(abs(square))
@@ -182,7 +199,7 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
     least = mean / (2.0 * kappa) - swing
     s, x, v = 0.0, x0, w0
     while s < horizon:
-        rest, rest_v = steady(s, mean, a, b, delta, kappa)
+        rest, rest_v = steady(s, contact)
         reach = math.sqrt((x - rest) ** 2 + (v - rest_v) ** 2 / (2.0 * kappa))  # from here on |x − rest| is below it
         if delta < 0.0:  # backwards it grows without end
             reach = math.inf
@@ -194,25 +211,25 @@ def contact_end(wall, tau, x0, w0, delta, epsilon, kappa, horizon):
         ahead = math.inf if reach < SAFE * least else max(room, 0.0) / (TWO_PI * swing) if swing > 0.0 else 0.0
         if ahead > longest:
             s = min(s + ahead, horizon)
-            x, v, _h, _s, _l = depth(s, x0, w0, mean, a, b, delta, kappa)
+            x, v, _h, _s, _l = depth(s, contact)
             continue
         end = min(end_of_piece(s, longest, tau, arc), horizon)
-        x1, v1, _h, _s, _l = depth(end, x0, w0, mean, a, b, delta, kappa)
+        x1, v1, _h, _s, _l = depth(end, contact)
         middle = 0.5 * (s + end)
         q0 = v - x * log_rate(s - middle, delta, square, rate)
         q1 = v1 - x1 * log_rate(end - middle, delta, square, rate)
         lo, hi = s, end
         ends = not x1 > 0.0
         if q0 < 0.0 < q1 or q1 < 0.0 < q0:
-            turn = turn_in(s, end, middle, x0, w0, mean, a, b, delta, kappa)
+            turn = turn_in(s, end, middle, contact)
             if q0 > 0.0:
                 lo = turn
-            elif not depth(turn, x0, w0, mean, a, b, delta, kappa)[0] > 0.0:
+            elif not depth(turn, contact)[0] > 0.0:
                 hi, ends = turn, True
         if ends:
-            s = fall_in(lo, hi, x0, w0, mean, a, b, delta, kappa)
-            x, v, _h, sine, lost = depth(s, x0, w0, mean, a, b, delta, kappa)
+            s = fall_in(lo, hi, contact)
+            x, v, _h, sine, lost = depth(s, contact)
             return ENDS, s, 0.0, min(v, 0.0), sine, lost
         s, x, v = end, x1, v1
-    x, v, _h, sine, lost = depth(s, x0, w0, mean, a, b, delta, kappa)
+    x, v, _h, sine, lost = depth(s, contact)
     return (LASTS if s >= horizon else TOO_LONG), s, x, v, sine, lost

@@ -149,8 +149,7 @@ class StiffItinerary:
         duration = x[..., c : self.n]
         from_start = flights.decay * flights.pull * flights.w0  # ∂w₁/∂t₀
         to_end = -flights.pull * flights.w1  # ∂w₀/∂t₁
-        matrix = np.zeros((*duration.shape, self.n), np.result_type(x, contacts.x))
-        matrix = np.zeros((*x.shape[:-1], self.n, self.n), matrix.dtype)
+        matrix = np.zeros((*x.shape[:-1], self.n, self.n), np.result_type(x, contacts.x))
         depth = contacts.x / duration
         for i in range(c):
             before, after = (i - 1) % c, (i + 1) % c
