@@ -89,7 +89,7 @@ PROTECTIONS = (
         "a tile that kills workers is computed apart",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/cluster/submission.py",
-        "        if attempt.apart:\n",
+        "        if task.work.apart:\n",
         "        if True:\n",
     ),
     _one(
@@ -179,13 +179,13 @@ PROTECTIONS = (
         "tests/integration/test_workers_cluster.py::test_a_dead_scheduler_is_told_from_a_stop",
         (
             Edit(
-                "workers/cluster/submission.py",
-                "            raise _lost()\n        if future.status",
+                "workers/cluster/in_flight.py",
+                "            raise self.lost()\n        if future.status",
                 "            return None\n        if future.status",
             ),
             Edit(
-                "workers/cluster/submission.py",
-                "            raise _lost() from error\n        now",
+                "workers/cluster/in_flight.py",
+                "            raise self.lost() from error\n        now",
                 "            return 0\n        now",
             ),
         ),

@@ -2,14 +2,12 @@
 
 import time
 from collections.abc import Callable, Generator, Iterator
-from concurrent.futures import CancelledError
-from queue import Empty, SimpleQueue
-from uuid import uuid4
 
-from distributed import Client, Future, KilledWorker
+from distributed import Client, KilledWorker
 
+from workers.cluster.in_flight import InFlight, Task
 from workers.cluster.window import Frame, Grid, Part, PartValues, compute_part, map_quantity
-from workers.errors import ClusterLostError, SurveyError
+from workers.errors import SurveyError
 from workers.survey.request import SurveyRequest
 
 PRIORITY = 10  # of dask; tiles have 0
@@ -20,6 +18,7 @@ FRAME_SECONDS = 0.4  # between frames of one level
 POLL_SECONDS = 0.1
 WORKERLESS_SECONDS = 20.0
 AHEAD = 2  # parts of each thread: one at work, one that waits
+LOST = "the workers are gone, or being replaced: try again in a few seconds"
 
 
 def refined(
@@ -53,20 +52,17 @@ def refined(
                 return
             yield grid.frame(level)
     finally:
-        work.cancel()
+        work.drop(lambda _: True)
 
 
-class _Work:
+class _Work(InFlight[Part, PartValues]):
     """The parts of one window that are on the cluster."""
 
     def __init__(self, client: Client, survey: SurveyRequest, variable: str, index: int) -> None:
-        self._client, self._survey, self._variable, self._index = client, survey, variable, index
+        super().__init__(client, "window", LOST)
+        self._map = survey, variable, index
         self._delta, self._epsilon = survey.delta.values(), survey.epsilon.values()
-        self._run, self._submitted = uuid4().hex, 0
-        self._ended: SimpleQueue[Future] = SimpleQueue()
-        self._in_flight: dict[str, tuple[Future, Part]] = {}
         self._cells, self._seconds = 0, 0.0
-        self._workers_seen = time.monotonic()
 
     def parts(self, grid: Grid, level: int, first_cells: int) -> Iterator[Part]:
         """The parts of a level, of so many cells as take the time of a part by what was measured before it."""
@@ -78,78 +74,21 @@ class _Work:
         """Compute parts, each as soon as a thread is free for it, in any order."""
         left = next(parts, None)
         self._cells, self._seconds = 0, 0.0  # cells of a finer level are elsewhere, and may take longer
-        while (left or self._in_flight) and not should_stop():
-            room = self._room()
+        while (left or self.in_flight) and not should_stop():
+            room = AHEAD * self.threads(WORKERLESS_SECONDS) - len(self.in_flight)
             while left and room > 0:
-                self._submit(left)
+                axes = self._delta[left.delta], self._epsilon[left.epsilon]
+                self.put(left, compute_part, *self._map, *axes, priority=PRIORITY)
                 left, room = next(parts, None), room - 1
-            if ended := self._next_ended():
-                yield ended
+            if ended := self.next_ended(POLL_SECONDS, fetch_seconds=WORKERLESS_SECONDS):
+                task, values = ended
+                del self.in_flight[task.future.key]
+                self._cells += values.values.size
+                self._seconds += values.seconds
+                yield task.work, values
 
-    def _room(self) -> int:
-        try:
-            threads = sum(self._client.nthreads().values())
-        except Exception as error:  # whatever a client says that has been closed meanwhile
-            raise _lost() from error
-        if threads:
-            self._workers_seen = time.monotonic()
-        elif time.monotonic() - self._workers_seen > WORKERLESS_SECONDS:
-            raise ClusterLostError(f"the cluster has had no workers for {WORKERLESS_SECONDS:.0f} s: start some")
-        return AHEAD * threads - len(self._in_flight)
-
-    def _submit(self, part: Part) -> None:
-        self._submitted += 1
-        key = f"window-{self._run}-{self._submitted}"
-        delta, epsilon = self._delta[part.delta], self._epsilon[part.epsilon]
-        try:
-            future = self._client.submit(
-                compute_part,
-                self._survey,
-                self._variable,
-                self._index,
-                delta,
-                epsilon,
-                key=key,
-                pure=False,
-                priority=PRIORITY,
-            )
-        except Exception as error:
-            raise _lost() from error
-        self._in_flight[key] = future, part
-        future.add_done_callback(self._ended.put)
-
-    def _next_ended(self) -> tuple[Part, PartValues] | None:
-        try:
-            future = self._ended.get(timeout=POLL_SECONDS)
-        except Empty:
-            return None
-        if future.key not in self._in_flight:
-            return None
-        if future.status == "cancelled":  # nobody else cancels: the scheduler is gone
-            raise _lost()
-        if future.status == "error":
-            error = future.exception()
-            if isinstance(error, KilledWorker):
-                raise SurveyError("a part of this window kills its worker: choose another window") from error
-            raise SurveyError(f"a part of this window failed: {type(error).__name__}: {error}") from error
-        try:
-            values: PartValues = future.result(timeout=WORKERLESS_SECONDS)
-        except TimeoutError:  # its worker died holding the result, and dask computes the part again
-            future.add_done_callback(self._ended.put)
-            return None
-        except (CancelledError, OSError) as error:
-            raise _lost() from error
-        _, part = self._in_flight.pop(future.key)
-        self._cells += values.values.size
-        self._seconds += values.seconds
-        return part, values
-
-    def cancel(self) -> None:
-        """Give up what is in flight: nobody holds it, and the scheduler forgets what is not begun."""
-        for future, _ in self._in_flight.values():
-            future.release()
-        self._in_flight.clear()
-
-
-def _lost() -> ClusterLostError:
-    return ClusterLostError("the workers are gone, or being replaced: try again in a few seconds")
+    def after_error(self, _: Task[Part], error: BaseException) -> None:
+        """No part is tried again: what a window shows is wanted now."""
+        if isinstance(error, KilledWorker):
+            raise SurveyError("a part of this window kills its worker: choose another window") from error
+        raise SurveyError(f"a part of this window failed: {type(error).__name__}: {error}") from error

@@ -49,7 +49,7 @@ def test_endless_tiles_are_taken_one_at_a_time(monkeypatch: pytest.MonkeyPatch) 
     submission.submit(second)
 
     def apart() -> set[int]:
-        return {each.tile.index for each in submission.in_flight.values() if each.apart}
+        return {each.work.tile.index for each in submission.in_flight.values() if each.work.apart}
 
     for _ in range(3):
         submission.set_endless_tile_apart()
