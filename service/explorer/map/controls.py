@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import panel as pn
 
 from service.explorer.common.address import LIMITS, Limits, Pair
+from service.explorer.common.watch import Watch
 from service.explorer.map.colouring import Colouring
 
 LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
@@ -44,24 +44,16 @@ class Controls:
             label="Save window as survey", **{**styled, "margin": (2, 0, 2, 8)}, css_classes=["save"]
         )
         save.on_click(lambda _event: uses.save())
-        self._being_set = False
+        self._watch = Watch()
         for widget, used in (
             (self._variable, uses.variable), (self._index, uses.index), (self._rule, uses.limits),
             (self._low, uses.own), (self._high, uses.own), (self._log, uses.limits),
         ):  # fmt: skip
-            widget.param.watch(lambda _event, used=used: None if self._being_set else used(), "value")
+            self._watch.on(widget, used)
         self.panel = pn.FlexBox(
             self._variable, self._index, self._rule, self._low, self._high, self._log, save,
             margin=0, sizing_mode="stretch_width", align_items="flex-end",
         )  # fmt: skip
-
-    @contextmanager
-    def _set(self) -> Iterator[None]:
-        self._being_set = True
-        try:
-            yield
-        finally:
-            self._being_set = False
 
     @property
     def variable(self) -> str:
@@ -94,13 +86,13 @@ class Controls:
 
     def offer_variables(self, names: Iterable[str], chosen: str) -> None:
         """The variables that a survey has."""
-        with self._set():
+        with self._watch.paused():
             self._variable.options = {name.replace("_", " "): name for name in names}
             self._variable.value = chosen
 
     def offer_indices(self, names: Sequence[object], chosen: int) -> None:
         """The indices of a variable, none if it has no such dimension."""
-        with self._set():
+        with self._watch.paused():
             self._index.visible = bool(names)
             self._index.options = {str(name): number for number, name in enumerate(names)}
             if names:
@@ -109,7 +101,7 @@ class Controls:
     def show_limits(self, limits: Limits | Pair, colours: Colouring | None) -> None:
         """What colours span, where they are continuous."""
         continuous, own = colours is not None and not colours.categorical, isinstance(limits, tuple)
-        with self._set():
+        with self._watch.paused():
             self._rule.value = OWN if own else limits
             self._rule.visible = self._log.visible = continuous
             self._low.visible = self._high.visible = continuous and own

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
 import panel as pn
 
 from service.explorer.common.text import Text
+from service.explorer.common.watch import Watch
 from service.explorer.files import asset
 from service.explorer.point import basins, diagram, motion
 
@@ -20,14 +21,15 @@ DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 class PointPanel:
     """What a browser takes long to lay out, the pictures, is made when a point has something to show in it.
 
-    Whoever shows a point sets `on_tap`, `on_choice` and `on_direction`.
+    Whoever shows a point sets `on_tap`, `on_motion` and `on_direction`, called when a viewer clicks or chooses.
     """
 
     def __init__(self, theme: str) -> None:
         self._theme = theme
         self.on_tap: Callable[[float, float], None]
-        self.on_choice: Callable[[Any], None]
-        self.on_direction: Callable[[Any], None]
+        self.on_motion: Callable[[int | None], None]
+        self.on_direction: Callable[[str], None]
+        self._watch = Watch()
         self.where, self.likely, self.safe, self.table, self.orbits = (self._text() for _ in range(5))
         self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (self._text() for _ in range(4))
         self._basins, self._motion, self._diagram = (
@@ -76,8 +78,13 @@ class PointPanel:
         found = pn.widgets.Select(
             label="Motion shown (or click in the basins)", options={}, stylesheets=self._sheets, width=330
         )
-        found.param.watch(lambda event: self.on_choice(event), "value")
+        self._watch.on(found, lambda: self.on_motion(found.value))
         return found
+
+    def offer_motions(self, options: Mapping[str, int], chosen: int | None) -> None:
+        """The motions that there are to choose from."""
+        with self._watch.paused():
+            self.choice.param.update(options=dict(options), value=chosen)
 
     @cached_property
     def motions(self) -> motion.MotionPictures:
@@ -91,12 +98,17 @@ class PointPanel:
 
     @cached_property
     def direction(self) -> pn.widgets.RadioButtonGroup:
-        """Along which axis the diagram is."""
+        """The axes to choose from."""
         found = pn.widgets.RadioButtonGroup(
             label="Direction of the diagram", options=DIRECTIONS, stylesheets=self._sheets
         )
-        found.param.watch(lambda event: self.on_direction(event), "value")
+        self._watch.on(found, lambda: self.on_direction(found.value))
         return found
+
+    def show_direction(self, chosen: str) -> None:
+        """Along which axis the diagram is."""
+        with self._watch.paused():
+            self.direction.value = chosen
 
     @cached_property
     def diagram(self) -> diagram.DiagramPicture:

@@ -15,6 +15,7 @@ import anyio
 import rattle
 from rattle import RattleError
 from rattle.models import Model
+from service.explorer.common.text import Text
 from service.explorer.common.viewer import change_and_wait
 from service.explorer.point import parts
 from service.kernels import AT, Part
@@ -50,6 +51,11 @@ async def _prepare_one(front: Front) -> None:
         )
     except RattleError as error:  # the first click will do it
         log.info("no process is ready for points yet: %s", error)
+
+
+def waiting(what: str) -> str:
+    """HTML in the place of what is being computed."""
+    return f'<p class="faint" role="status">computing {escape(what)} …</p>'
 
 
 class Work:
@@ -113,18 +119,26 @@ class Work:
         if self.stopped:
             raise asyncio.CancelledError
 
-    async def part(self, tell: Callable[[str], object], work: Callable[[], Awaitable[None]]) -> None:
-        """Do one part of a view; why it cannot be shown is told as HTML, and the other parts go on."""
+    async def part(self, text: Text, work: Callable[[], Awaitable[None]]) -> None:
+        """Do one part of a view; why it cannot be shown is told in its text, and the other parts go on."""
         try:
             await work()
         except RattleError as error:
-            await self._say(tell, str(error))
+            await self._refuse(text, str(error))
         except Exception:
             log.exception("a part of the view of a point failed")
-            await self._say(tell, "This could not be shown: an error of the service, which has been logged.")
+            await self._refuse(text, "This could not be shown: an error of the service, which has been logged.")
 
-    async def _say(self, tell: Callable[[str], object], message: str) -> None:
-        await self.change(lambda: tell(f'<p class="wrong" role="alert">{escape(message)}</p>'))
+    async def _refuse(self, text: Text, message: str) -> None:
+        await self.tell(text, f'<p class="wrong" role="alert">{escape(message)}</p>')
+
+    async def tell(self, text: Text, html: str) -> None:
+        """Change a text."""
+
+        def change() -> None:
+            text.html = html
+
+        await self.change(change)
 
     async def change(self, what: Callable[[], object]) -> None:
         """Change the document when nothing else does, and wait until that is done; not if the view is put away."""
