@@ -13,7 +13,6 @@ from waiting import HANG
 import rattle
 from rattle.impacting.map.quiet import capture_invariant
 
-
 PACKAGE = Path(rattle.__file__).parent
 
 
