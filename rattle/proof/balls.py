@@ -18,19 +18,24 @@ except ImportError as error:
 
 BITS = 128
 PI = arb.pi
-VERSIONS = {"python-flint": flint.__version__, "flint": flint.__FLINT_VERSION__, "bits": str(BITS)}
+VERSIONS = {"python-flint": flint.__version__, "flint": flint.__FLINT_VERSION__}
 _PRECISION = threading.RLock()
 
 
 @contextmanager
-def precision() -> Iterator[None]:
-    """Within it, balls have 128 bits and series first order: both are of the whole process, so threads take turns."""
-    with _PRECISION, ctx.workprec(BITS):
+def precision(bits: int = BITS) -> Iterator[None]:
+    """Within it, balls have so many bits and series first order: both are of the whole process; threads take turns."""
+    with _PRECISION, ctx.workprec(bits):
         before, ctx.cap = ctx.cap, 2
         try:
             yield
         finally:
             ctx.cap = before
+
+
+def tight() -> float:
+    """A radius that leaves three tenths of the bits to what is computed from such a ball."""
+    return float(2.0 ** (-0.7 * ctx.prec))
 
 
 def ball(number: Fraction) -> arb:
@@ -74,4 +79,5 @@ __all__ = [
     "exactly",
     "nearest",
     "precision",
+    "tight",
 ]

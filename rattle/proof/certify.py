@@ -24,6 +24,10 @@ def certify(
     was found, which says why; then the motion may still be there. Source: docs/proofs.md.
     """
     require(isinstance(orbit, Periodic), f"orbit must be a periodic motion, got {type(orbit).__name__}")
+    events = len(orbit.walls)
+    require(
+        len(orbit.times) == len(orbit.speeds) == events > 0, "the motion must have a time and a speed for each wall"
+    )
     parameters = {}
     for name, given in zip(NAMES, (delta, epsilon, beta, kappa), strict=True):
         has = getattr(orbit, name, None)

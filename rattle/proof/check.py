@@ -1,7 +1,7 @@
 """Check certificates of periodic motions of the gear, trusting nobody: `python check.py FILE`.
 
 Of this project it needs this file alone, and besides Python only mpmath, of whose intervals it takes + − × ÷ and roots
-as they are; pi, exp, sin and cos are widened by 2⁻¹⁰⁰. All is proved anew, otherwise than it was found: a piece of a
+as they are; pi, exp, sin and cos are widened by 2⁻²⁸⁰. All is proved anew, otherwise than it was found: a piece of a
 motion solves y'' + δy' + ky = g(t) from an event to the next, with k = 0 in a flight and 2κ in a contact; unknown are
 the times t and the velocities w after all events, x = (t, w, t, w, …). docs/proofs.md has the lemmas.
 """
@@ -18,8 +18,8 @@ from mpmath.ctx_iv import MPIntervalContext
 
 Interval = Any
 IV = MPIntervalContext()
-IV.prec = 128
-ZERO, UNIT, SLACK = IV.mpf(0), IV.mpf([-1, 1]), IV.mpf([-(2.0**-100), 2.0**-100])
+IV.prec = 320
+ZERO, UNIT, SLACK = IV.mpf(0), IV.mpf([-1, 1]), IV.mpf([-(2.0**-280), 2.0**-280])
 TWO_PI = 2 * (IV.pi + SLACK)
 MOST_PARTS, MOST_EVENTS = 4000, 1024  # of a piece, of a motion
 NUMBER = re.compile(r"-?\d{1,400}(\.\d{1,1100}|/\d{1,1100})?")
@@ -93,7 +93,7 @@ class Motion:
         x, n, spread = self.centre, len(self.centre), [radius * UNIT for radius in self.radii]
         values, rows = self.equations(x)
         about = (fp.matrix([[row.get(j, ZERO).mid for j in range(n)] for row in rows]) ** -1).tolist()
-        for _ in range(4):  # once proves it, and again gives less each time
+        for _ in range(6):  # once proves it, and again gives less each time
             _, rows = self.equations([a + b for a, b in zip(x, spread, strict=True)])
             moved = []
             for i, line in enumerate(about):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction
+from functools import reduce
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from rattle._version import __version__
 from rattle.errors import NotProvedError
 from rattle.orbits.periodic import Periodic
-from rattle.proof.balls import VERSIONS, arb, around, ball, ends, nearest, precision
+from rattle.proof.balls import BITS, VERSIONS, arb, around, ball, ends, exactly, nearest, precision
 from rattle.proof.certificate import Certificate, Ends, Verdict
 from rattle.proof.flights import Plane
 from rattle.proof.impacting import Impacting
@@ -23,6 +24,7 @@ ROOM = 10**4  # times the width of a ball that a published enclosure is wider: o
 FINEST = Fraction(1, 10**12)  # unit of a published enclosure, of numbers of order 1
 PLACES = 25  # of speeds
 SAME_TRACE = 1e-6
+LONG = 16  # impacts; derivatives along more of them multiply to what 128 bits may not enclose
 
 
 class Motion(Evaluated, Protocol):
@@ -42,7 +44,7 @@ class Motion(Evaluated, Protocol):
 
 def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
     """The theorem about a computed motion at exact parameters. Raises NotProvedError."""
-    with precision():
+    with precision(BITS if len(orbit.walls) <= LONG else 2 * BITS):
         motions, start = motions_of(orbit, parameters)
         found = enclosed(motions, start)
         motion = motions(found.zero)
@@ -55,8 +57,8 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
         return Certificate(
             model="stiff" if "kappa" in parameters else "impacting",
             parameters=parameters,
-            m=orbit.m,
-            walls=orbit.walls,
+            m=int(orbit.m),
+            walls=tuple(int(wall) for wall in orbit.walls),
             times=tuple(found.centre),
             speeds=tuple(speeds),
             time_radius=found.radius,
@@ -142,7 +144,8 @@ def published(x: arb) -> Ends:
 
 def radius_of(box: Sequence[arb], centres: Sequence[Fraction]) -> Fraction:
     """What no speed of the box is farther from its centre than, in two digits."""
-    widest = max(max(abs(end - centre) for end in ends(each)) for each, centre in zip(box, centres, strict=True))
+    apart = (abs(each - ball(centre)) for each, centre in zip(box, centres, strict=True))
+    widest = exactly(reduce(arb.max, apart).upper())
     unit = Fraction(1, 10**30)
     while 100 * unit < widest:
         unit *= 10

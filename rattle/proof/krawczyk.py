@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.errors import NotProvedError
-from rattle.proof.balls import arb, arb_mat, around, ball, nearest
+from rattle.proof.balls import arb, arb_mat, around, ball, nearest, tight
 
 #: Half-widths of boxes, tried in this order: the largest says most.
 RADII = tuple(Fraction(1, 10**k) for k in (11, 13, 15, 17, 20))
 PLACES = 28  # to which centres are rounded
-TIGHT, MOST_REPEATED = 1e-26, 6  # the operator is applied to what it gave until that is so small
+MOST_REPEATED = 12  # times that the operator is applied to what it gave, which then is tight
 MOST_MOVED = 1e-9  # what rounding may have left of a computed motion
 
 
@@ -52,13 +52,13 @@ def enclosed(equations: Equations, start: NDArray[np.float64]) -> Enclosure:
     """
     about, centre = refined(equations, start)
     x = [ball(each) for each in centre]
-    step = about * column(equations(x).residual)
+    step, small = about * column(equations(x).residual), tight()
     for radius in RADII:
         limit = ball(radius)
         moved = _moved(equations, x, step, about, [around(Fraction(0), radius)] * len(x))
         if all(abs(each) < limit for each in moved):
             for _ in range(MOST_REPEATED):
-                if all(each.rad() < TIGHT for each in moved):
+                if all(each.rad() < small for each in moved):
                     break
                 moved = _moved(equations, x, step, about, moved)  # which holds the zero as well, and is smaller
             return Enclosure(centre, radius, [a + b for a, b in zip(x, moved, strict=True)])
