@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.cell_map import groups_of_map
-from rattle.attractors.classify import Classifier
+from rattle.attractors.classify import BUDGET, WEAK, Classifier
 from rattle.attractors.recurrence import SAME_POINT
 from rattle.attractors.table import CHAOTIC, QUIET, UNDECIDED, Attractor, Attractors, listed, tabulated
 from rattle.errors import require, require_integer, require_number
@@ -28,10 +28,20 @@ SAMPLE = 256  # initial conditions that look for the attractors besides the cell
 LATTICE = 8  # refined: every so many cells along τ and v one is followed whatever the map of cells says
 RETURNS = 8  # steps of the cell map that a state above v_max may take to come back before it is followed exactly
 MOST_IMPACTS = 1000
+MOST_IN_ALL, LEAST_BUDGET = 1 << 33, 1 << 13  # at weak damping: impacts of all states together, and of one
+
+
+def budget_of(delta: float, states: int) -> int:
+    """The most impacts of each of so many states: those of a survey, fewer of many at weak damping."""
+    return BUDGET if delta >= WEAK else int(np.clip(MOST_IN_ALL // max(states, 1), LEAST_BUDGET, BUDGET))
 
 
 class Plane(Protocol):
     """The states (τ, v) on Σ⁺ of one model at one parameter point; arrays (k,)."""
+
+    @property
+    def delta(self) -> float:
+        """Damping."""
 
     @property
     def unit(self) -> float:
@@ -152,6 +162,7 @@ def _by_cells(
     """As `classified` for the centres of all cells, by simple cell mapping; if refine, a lattice of cells by their own
     trajectories, and every cell with another label among its neighbours, until there is none left.
     """
+    impacts = round(impacts * max(1.0, WEAK / plane.delta))  # a step moves states nearer to attractors than a cell is
     image = _images(plane, tau, v, n, v_max, impacts)
     group, steps, members = groups_of_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]

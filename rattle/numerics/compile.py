@@ -212,7 +212,7 @@ class _OfTheseSources:
 
 
 class _Files(CompileResultCacheImpl):
-    _locator_classes = [_OfTheseSources]  # noqa: RUF012 - numba's
+    _locator_classes: Any = (_OfTheseSources,)
 
 
 class _SharedCache(FunctionCache):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.basins import Array
+from rattle.attractors.basins import Array, budget_of
 from rattle.attractors.cell_map import cell_of
 from rattle.attractors.classify import Classifier
 from rattle.flight.law import speed_unit
@@ -34,7 +34,7 @@ class ImpactingPlane(NamedTuple):
 
     def classify(self, tau: Array, v: Array) -> Classifier:
         """See `Plane`."""
-        return classify(*self.arrays, tau[None].copy(), v[None].copy())
+        return classify(*self.arrays, tau[None].copy(), v[None].copy(), budget_of(self.delta, tau.size))
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """See `Plane`; a trajectory that becomes quiet goes on bouncing, and is located there."""

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rattle.attractors.basins import budget_of
 from rattle.attractors.cell_map import cell_of
 from rattle.flight.law import speed_unit
 from rattle.numerics.complex_step import Array
@@ -31,7 +32,7 @@ class StiffPlane(NamedTuple):
     def classify(self, tau: Array, v: Array) -> StiffClassifier:
         """See `rattle.attractors.basins.Plane`."""
         delta, epsilon, beta, kappa = (np.array([x]) for x in self)
-        return classify(delta, epsilon, beta, kappa, tau[None].copy(), v[None].copy())
+        return classify(delta, epsilon, beta, kappa, tau[None].copy(), v[None].copy(), budget_of(self.delta, tau.size))
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """See `rattle.attractors.basins.Plane`."""

@@ -97,9 +97,8 @@ def _traced(name: str, beta: float, kappa: float, window: Window, dampings: Arra
 
 def _starts(name: str, beta: float, kappa: float, window: Window, dampings: Array) -> Iterator[Array]:
     """Guesses of the unknowns (2c + 2,) on a curve at these dampings."""
-    span = span_of(window.epsilon[1])
     for delta in dampings.tolist():
-        for family in families(delta, beta, kappa, span):
+        for family in families(delta, beta, kappa, span_of(delta, window.epsilon[1])):
             for y in _events(name, family):
                 yield np.insert(y, y.size - 1, delta)
 

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rattle.flight.first_impact import OK, first_impact
-from rattle.flight.law import DRIFT, TWO_PI, folded
+from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, decay64, folded, speed_unit
 from rattle.numerics.compile import inline, kernel
 from rattle.stiff.map.contact import ENDS, contact_end, driven, forcing, responses
 
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight, and likewise a contact
 LEAST_CONTACT = 1e-6  # σ; a shorter one is a graze, at σ = 0, where a branch has a turning point in σ²
-GRAZING = 1e-6  # with a lower speed, rounding decides whether a flight meets a wall
+GRAZING = 1e-6  # with a lower speed, in its unit, rounding decides whether a flight meets a wall
 SAME_END = 1e-9  # of a contact, besides: what the error of a solution makes of a grazing one
 
 
@@ -69,20 +69,26 @@ class Exit(NamedTuple):
 def flight(t0, t1, gap, delta, epsilon):
     """The ends of a flight over a distance (paper 3.1, 3.2)."""
     s = t1 - t0
-    decay, pull = math.exp(-delta * s), -delta / math.expm1(-delta * s)
+    x = delta * s
+    decay, pull = math.exp(-x), -delta / math.expm1(-x)
+    lag = 1.0 - s * pull  # the drift's part of w₀, over 4π
+    if x < LONGEST_DECAY:  # without cancellation
+        k = x * decay64(x)
+        lag = -k / (1.0 - k)
     sin0, cos0 = math.sin(TWO_PI * t0), math.cos(TWO_PI * t0)
     sin1, cos1 = math.sin(TWO_PI * t1), math.cos(TWO_PI * t1)
     swing = -2.0 * math.sin(math.pi * (t0 + t1)) * math.sin(math.pi * s) * pull
-    c, force = (DRIFT * s - gap) * pull + epsilon * swing, TWO_PI * TWO_PI * epsilon
-    w0, w1 = DRIFT - TWO_PI * epsilon * sin0 - c, DRIFT - TWO_PI * epsilon * sin1 - c * decay
+    apart, force = epsilon * swing - gap * pull, TWO_PI * TWO_PI * epsilon
+    w0, w1 = DRIFT * lag - TWO_PI * epsilon * sin0 - apart, DRIFT * (lag + x) - TWO_PI * epsilon * sin1 - apart * decay
+    slowing = delta * (DRIFT * (1.0 - lag) + apart)
     return Ends(
         w0=w0,
         w1=w1,
-        w0_t0=w0 * pull + delta * c - force * cos0,
+        w0_t0=w0 * pull + slowing - force * cos0,
         w0_t1=-pull * w1,
         w0_e=-TWO_PI * sin0 - swing,
         w1_t0=decay * pull * w0,
-        w1_t1=(delta * c - w1 * pull) * decay - force * cos1,
+        w1_t1=(slowing - w1 * pull) * decay - force * cos1,
         w1_e=-TWO_PI * sin1 - swing * decay,
     )
 
@@ -204,7 +210,7 @@ def first_failure(y, cycle):
         if status != OK:
             return i, False, 0, t0
         missed = met != target or abs(s - (t1 - t0)) > SAME_TIME
-        if missed and not (u < GRAZING and s > t1 - t0 - SAME_TIME):
+        if missed and not (u < GRAZING * speed_unit(delta, epsilon, beta) and s > t1 - t0 - SAME_TIME):
             return i, False, met, t0 + s
         status, s, _x, _v, _s, _l = contact_end(target, folded(t1), 0.0, u, delta, epsilon, kappa, math.inf)
         if status != ENDS or abs(s - lasts) > SAME_TIME * p * math.pi + SAME_END:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError
 from rattle.numerics.complex_step import Array
 from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, departure_of, happens, softness, struck, trace_of
@@ -37,7 +38,7 @@ SLOW = "P"  # a P(1,1,0) beside A and C: it has no counterpart in the impacting 
 PLUS, PLUS_MINUS = np.array([1]), np.array([1, -1])
 DURATIONS = 600  # of the contact, for P(1,1,0)
 TIMES = 40  # on either side of 1/2, the pole of the impacting family, from Σ⁺ to Σ⁻, for P(1,1,1)
-LEAST_SPAN = 1.0  # of ε
+LEAST_SPAN = 1.0  # of ε, of the scale of the plane
 SLIGHT = 10.0 * LEAST_CONTACT  # σ of a contact with which families begin at a graze
 BISECTIONS = 45
 
@@ -103,9 +104,10 @@ def lost(cycle: Cycle, epsilon: float) -> RattleError:
     )
 
 
-def span_of(epsilon: float) -> float:
+def span_of(delta: float, epsilon: float) -> float:
     """The largest ε to which families are followed for a point: it depends on the point alone."""
-    return max(LEAST_SPAN, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else LEAST_SPAN
+    least = LEAST_SPAN * plane_scale(delta)
+    return max(least, float(2.0 ** np.ceil(np.log2(1.5 * epsilon)))) if epsilon > 0.0 else least
 
 
 def through(y: Array, cycle: Cycle, span: float) -> Family:
@@ -275,6 +277,6 @@ def members(delta: float, epsilon: float, beta: float, kappa: float) -> list[Mem
     """The counterparts of A–D that happen at one point, and slow motions of their families: letter by letter, P(1,1,0)
     first, then by falling time from Σ⁺ to Σ⁻. Raises RattleError where a family is lost.
     """
-    span = span_of(epsilon)
+    span = span_of(delta, epsilon)
     found = [member for family in families(delta, beta, kappa, span) for member in family.at(epsilon)]
     return sorted(found, key=lambda member: (member.name, member.y.size, float(member.y[0] - member.y[1])))

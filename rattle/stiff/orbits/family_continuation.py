@@ -2,7 +2,7 @@
 
 As `rattle.continuation.arclength`, for the equations of `rattle.stiff.orbits.closure`, some hundred times as fast. A
 family is followed through stretches in which its motions do not happen, to where a contact is lost (σ = 0), ε leaves
-its span, or a flight vanishes.
+its span, or a flight vanishes. Where damping is weak ε counts relative to it, in lengths and angles too.
 """
 
 import math
@@ -16,6 +16,7 @@ from rattle.continuation.arclength import (
     QUADRATIC_CORRECTION,
     SAME_SOLUTION,
     SHORTEST_STEP,
+    SMALL_DAMPING,
     SMALLEST_CORRECTION,
 )
 from rattle.numerics.compile import inline, kernel
@@ -60,21 +61,37 @@ def eliminate(matrix, right):
     return sign
 
 
+@inline
+def small(cycle):
+    """What is small of ε: `plane_scale`."""
+    return min(1.0, cycle.delta / SMALL_DAMPING)
+
+
+@inline
+def inner(a, b, unit):
+    """Inner product of two vectors of unknowns, ε in its unit."""
+    n, found = a.size - 1, 0.0
+    for j in range(n):
+        found += a[j] * b[j]
+    return found + a[n] * b[n] / (unit * unit)
+
+
 @kernel
 def corrected(y, constraint, cycle):
     """Newton's method in the hyperplane through y across a constraint, in place: corrections made, 0 if it fails."""
     n = y.size - 1
     matrix, right = np.empty((n + 1, n + 1)), np.empty(n + 1)
-    size = math.inf
+    size, unit = math.inf, small(cycle)
     for i in range(MOST_CORRECTIONS):
         if not closure(y, cycle, right[:n], matrix[:n]):
             return 0
         matrix[n], right[n] = constraint, 0.0
+        matrix[n, n] /= unit * unit
         if eliminate(matrix, right) == 0.0:
             return 0
         last, size = size, 0.0
         for j in range(n + 1):
-            size = max(size, abs(right[j]) / (1.0 + abs(y[j])))
+            size = max(size, abs(right[j]) / ((1.0 if j < n else unit) + abs(y[j])))
         if not size <= 0.3 or (i > 2 and size > last and last > ACCEPTED_CORRECTION):
             return 0
         y -= right
@@ -91,9 +108,11 @@ def tangent_at(y, direction, cycle, tangent):
     matrix, right = np.empty((n + 1, n + 1)), np.zeros(n + 1)
     if not closure(y, cycle, right[:n], matrix[:n]):
         return 0.0
+    unit = small(cycle)
     matrix[n], right[:n], right[n] = direction, 0.0, 1.0
+    matrix[n, n] /= unit * unit
     sign = eliminate(matrix, right)
-    size = math.sqrt(np.sum(right * right))
+    size = math.sqrt(inner(right, right, unit))
     if sign == 0.0 or not size < math.inf:
         return 0.0
     tangent[:] = right / size
@@ -172,17 +191,20 @@ def passes(solution, a, b, cycle, y):
     later perhaps.
     """
     c, along, length, off, size = cycle.walls.size, 0.0, 0.0, 0.0, 0.0
+    unit, n = small(cycle), a.size - 1
     later = cycle.m * np.rint((b[0] - solution[0]) / cycle.m)
     for j in range(a.size):
         y[j] = solution[j] + (later if j < c else 0.0)
-        along += (y[j] - a[j]) * (b[j] - a[j])
-        length += (b[j] - a[j]) ** 2
+        of = 1.0 if j < n else unit
+        along += (y[j] - a[j]) * (b[j] - a[j]) / (of * of)
+        length += ((b[j] - a[j]) / of) ** 2
     share = along / length
     if not 0.0 <= share <= 1.0:
         return False
     for j in range(a.size):
-        off = max(off, abs(y[j] - a[j] - share * (b[j] - a[j])))
-        size = max(size, abs(b[j] - a[j]))
+        of = 1.0 if j < n else unit
+        off = max(off, abs(y[j] - a[j] - share * (b[j] - a[j])) / of)
+        size = max(size, abs(b[j] - a[j]) / of)
     if not off < LARGEST_TURN * size:
         return False
     twin = y.copy()
@@ -200,7 +222,7 @@ def follow(start, direction, cycle, largest, points):
     points[0], k, step = start, 1, FIRST
     if sign == 0.0:
         return k, BROKEN
-    c = cycle.walls.size
+    c, unit = cycle.walls.size, small(cycle)
     while k < len(points):
         x = points[k - 1]
         step = min(step, LONGEST, max(SHARE * x[c : 2 * c].min(), LEAST_CONTACT))
@@ -208,9 +230,9 @@ def follow(start, direction, cycle, largest, points):
             return k, BROKEN
         new[:] = x + step * tangent
         corrections = corrected(new, tangent, cycle)
-        far = math.sqrt(np.sum((new - x) ** 2)) > 2.0 * step
+        far = math.sqrt(inner(new - x, new - x, unit)) > 2.0 * step
         new_sign = tangent_at(new, tangent, cycle, new_tangent) if corrections > 0 and not far else 0.0
-        turn = math.acos(min(max(np.sum(tangent * new_tangent), -1.0), 1.0))
+        turn = math.acos(min(max(inner(tangent, new_tangent, unit), -1.0), 1.0))
         if new_sign != sign or turn > LARGEST_TURN:
             step *= 0.4
             continue

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError, parameters, require_number
 from rattle.orbits.period_one import NAMES, PeriodOne, classify, multipliers_of
 from rattle.stiff.orbits.closure import Cycle, departure_of, happens, softness, trace_of
@@ -13,7 +14,7 @@ from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import PLUS, SLOW, Member, members, slow, span_of, without_minus
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of
 
-LARGEST_SPAN = 64.0  # of ε, in which SN1 is looked for
+LARGEST_SPAN = 64.0  # of ε, in which SN1 is looked for, of the scale of the plane
 
 
 class Named(NamedTuple):
@@ -25,7 +26,7 @@ class Named(NamedTuple):
 
 def orbits_at(delta: float, epsilon: float, beta: float, kappa: float) -> tuple[Named, ...]:
     """All counterparts of A–D that happen at a point, and P(1,1,0) beside them as "P", sorted by letter."""
-    cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of(epsilon)
+    cycle, span = Cycle(PLUS, 1, delta, beta, kappa), span_of(delta, epsilon)
     others = (member for family in slow(cycle, span) for member in family.at(epsilon))
     found = [Named(member.name, _orbit(member)) for member in (*members(delta, epsilon, beta, kappa), *others)]
     return tuple(sorted(found, key=lambda named: (named.name, named.orbit.tau)))
@@ -80,7 +81,7 @@ def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     cycle = Cycle(PLUS, 1, delta, beta, require_number("kappa", kappa, positive=True))
-    for family in without_minus(cycle, LARGEST_SPAN):
+    for family in without_minus(cycle, LARGEST_SPAN * plane_scale(delta)):
         for fold, letters in zip(family.folds, pairwise(family.letters), strict=True):
             y = family.points[fold]
             if set(letters) == set("AC") and happens(y, cycle):

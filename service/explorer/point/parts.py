@@ -175,9 +175,7 @@ def diagram_span(gear: AnyGear, direction: str, share: float = 1.0) -> tuple[flo
     return max(gear.delta - either_way, gear.delta / 2), gear.delta + either_way
 
 
-def diagram(
-    gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUNT, share: float = 1.0
-) -> DiagramLines:
+def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUNT, share: float = 1.0) -> DiagramLines:
     """The one-parameter diagram through the point, along "epsilon" or "delta", of this share of its span."""
     from rattle.plot.colours import name_of as name_of_type
     from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes

@@ -4,6 +4,7 @@ import asyncio
 import os
 import re
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,12 @@ from waiting import HANG, eventually
 
 import rattle
 from rattle.models import Impacting, Stiff
+from rattle.plot.colours import Palette
 from rattle.stiff import StiffGear
 from service.app import create_app
 from service.errors import UnavailableError
 from service.explorer.point import parts, words, work
+from service.explorer.point.basins import MOST_NAMED, legend
 from service.explorer.point.panel import PointPanel
 from service.explorer.point.state import PointState
 from service.explorer.point.view import PointView
@@ -116,6 +119,40 @@ def test_a_diagram_stays_inside_the_plane(delta: float, epsilon: float) -> None:
     assert 0 < low < delta < high
     low, high = parts.diagram_span(gear, "epsilon")
     assert 0 <= low <= epsilon < high
+
+
+def test_a_view_where_real_gears_are_has_their_scales() -> None:
+    gear = rattle.Gear(0.003632, 5.8468e-4, 0.0047582)
+    highest = parts.highest_speed(gear.delta, gear.epsilon, gear.beta)
+    assert highest == pytest.approx(1.5 * np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon)
+    assert parts.basins(gear, 20, "cells").v_max == highest
+    for line in parts.lines(gear).lines:
+        steps = np.abs(np.diff(line.points, axis=0)) / [1.0, highest / 7]
+        assert np.nanmax(steps[:, 1]) < 0.05 + 1e-9, line.name
+    low, high = parts.diagram_span(gear, "epsilon")
+    assert high - low < gear.epsilon
+    assert parts.margin(gear).v_max == highest
+    assert PointState.read({"tau": "0.3", "v": "0.02"}, highest).start == (0.3, 0.02)
+    assert PointState.read({"tau": "0.3", "v": "4"}, highest).start is None
+
+
+def test_a_set_of_orbits_that_is_no_region_is_named() -> None:
+    gear = rattle.Gear(0.049079, 0.01905, 0.022042)
+    assert ": orbits A, B and D, no region of the paper." in words.where(gear)
+    assert "orbits A, B and D" in words.orbits_table(parts.period_one(gear))
+    assert ": region III." in words.where(rattle.Gear(0.6, 0.07))
+
+
+def test_a_legend_of_many_basins_names_the_largest() -> None:
+    found = rattle.Gear(0.6, 0.089).basins(40)
+    many = replace(
+        found,
+        attractors=tuple(replace(found.attractors[1], n_plus=k) for k in range(1, 41)),
+        labels=np.repeat(np.arange(40), 40).reshape(40, 40),
+    )
+    said = legend(many, (), Palette())
+    assert said.count("<li>") == MOST_NAMED + 1
+    assert f"and {40 - MOST_NAMED} more, {100 * (40 - MOST_NAMED) / 40:.3g} % in all" in said
 
 
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -17,12 +18,14 @@ from scipy.ndimage import distance_transform_edt
 from typer.testing import CliRunner
 from waiting import HANG
 
-from rattle import Gear, ParameterError, attractors_of
+from rattle import Attractor, Gear, ParameterError, attractors_of
 from rattle.attractors.basins import Basins, boundary
 from rattle.curves import trace
 from rattle.impacting.orbits.period_one import regions as region_of
 from rattle.orbits.period_one import PAPER_REGIONS, REGIONS
 from rattle.plot import FIGURES, basins, colour, draw, name_of, plane, save
+from rattle.plot.colours import Palette
+from rattle.plot.drawing import new_figure
 from rattle.plot.paper_figures import Range, Takes, parse, request
 from rattle.plot.plane import IN_PAPER
 from service.cli import app, main
@@ -106,6 +109,32 @@ def test_the_types_of_a_picture_are_told_apart() -> None:
         assert apart[~np.eye(len(shades), dtype=bool)].min() > 0.15, types
         several += len(types) > 1
     assert several > 0.13 * cells
+
+
+def test_many_types_of_one_picture_are_told_apart() -> None:
+    """As many as there are at weak damping; the paper's have their own colours, and what came first keeps it."""
+    rng = np.random.default_rng(3)
+    types = [tuple(map(int, each)) for each in np.column_stack([rng.integers(1, high, 30) for high in (12, 30, 10)])]
+    palette = Palette()
+    shades = {each: palette.colour(each) for each in ("quiet", (1, 1, 0), (4, 4, 2), (8, 8, 6), *types)}
+    assert all(shades[each] == colour(each) for each in ("quiet", (1, 1, 0), (4, 4, 2), (8, 8, 6)))
+    assert all(palette.colour(each) == shade for each, shade in shades.items())
+    assert sum(shades[each] != colour(each) for each in types) > 5
+    rgb = np.array([to_rgb(shade) for shade in shades.values()])
+    apart = np.abs(rgb[:, None] - rgb).max(axis=2) + np.eye(len(rgb))
+    assert apart.min() > 0.08
+
+
+def test_a_legend_names_the_largest_basins_of_many() -> None:
+    figure = new_figure(4, 4)
+    one = Attractor("periodic", 1, 1, 0, 0.5, (0.0, 1.0), 0.1, 1.0, (-1.0, -1.0), 0.0)
+    many = [replace(one, n_plus=k, fraction=1 / k) for k in range(1, basins.MOST_NAMED + 4)]
+    basins._legend(figure, many, Palette(), [], 5)
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names[0] == "P(1,1,0)"
+    assert names[-1] == "and 3 more"
+    assert f"P(1,{basins.MOST_NAMED},0)" in names
+    assert f"P(1,{basins.MOST_NAMED + 1},0)" not in names
 
 
 def test_a_type_has_one_colour_and_one_name(figure_4: Figure, figure_6: Figure) -> None:

@@ -11,8 +11,10 @@ import pytest
 import xarray as xr
 from depth import deep
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.text import Annotation, Text
 
+import rattle
 from workers import (
     QUANTITIES,
     Axis,
@@ -25,7 +27,7 @@ from workers import (
 )
 from workers.cluster.runner import compute_and_write
 from workers.pictures.figure import survey_figure
-from workers.pictures.maps import map_png
+from workers.pictures.maps import REGION_COLOURS, map_png, scale_of
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.8, num=8),
@@ -113,6 +115,17 @@ def test_figure_has_regions_curves_and_points(whole: xr.Dataset) -> None:
     assert texts == {"I", "II", "III", "IV", "V", "COD20", "COD21", "COD22", "COD23"}
     points = {text.get_text(): text.xy for text in panels[0].texts if isinstance(text, Annotation)}
     assert points["COD21"] == pytest.approx((0.759042986991, 0.095502531889), abs=1e-9)
+
+
+def test_a_map_s_key_names_the_other_sets_of_orbits_that_are_there() -> None:
+    codes = np.array([[1, 5, 14], [13, 13, 0]], np.int8)
+    flags = {"flag_meanings": " ".join(("not_computed", *rattle.REGIONS[1:]))}
+    plane = xr.DataArray(codes, dims=("epsilon", "delta"), name="region", attrs=flags)
+    cmap, norm, ticks, labels = scale_of(plane, codes[codes > 0])
+    assert labels == ["I", "II", "III", "IV", "V", "BD", "ABD"]
+    assert ticks is not None
+    assert [to_hex(cmap(norm(code))) for code in ticks] == [REGION_COLOURS[int(code)] for code in ticks]
+    assert len(REGION_COLOURS) == len(set(REGION_COLOURS)) == len(rattle.REGIONS)
 
 
 def test_curves_end_where_their_orbits_do(whole: xr.Dataset) -> None:

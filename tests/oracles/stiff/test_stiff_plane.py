@@ -170,3 +170,14 @@ def test_hostile_input_of_planes_is_refused() -> None:
                 function(0.6, 0.1, 0.6, bad)
     with pytest.raises(ParameterError, match="broadcast"):
         regions([0.5, 0.6], [0.1, 0.2, 0.3], 0.6, 1e4)
+
+
+@pytest.mark.parametrize("delta", [2e-3, 2e-4])
+def test_regions_of_weakly_damped_steel_are_those_of_the_limit(delta):
+    """Families are followed with ε relative to δ: with ε in units of 1 a step passed two folds, and lost points."""
+    beta, epsilon = 0.5 * delta * np.array([1.0, 2.0, 3.0]), delta * np.array([0.06, 0.12, 0.25, 0.35])[:, None]
+    found = regions(delta, epsilon, beta, 1e7)
+    np.testing.assert_array_equal(found, rattle.regions(delta, epsilon, beta))
+    assert len(set(found.ravel())) > 3
+    assert regions(0.002, 0.0005, 0.001, 1e5) == rattle.regions(0.002, 0.0005, 0.001)
+    assert saddle_node_1(delta, 1e7, 3 * delta).epsilon == pytest.approx(float(rattle.sn1(delta)), rel=2e-3)
