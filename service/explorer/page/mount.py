@@ -124,7 +124,6 @@ class Explorer:
 
     async def _page(self, request: Request) -> Response:
         from service.explorer.common.viewer import CALLER
-        from service.explorer.point.work import prepare
 
         assert self._front is not None
 
@@ -133,6 +132,8 @@ class Explorer:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
         if self._front.settings.preload and self._warming is None:
             # processes for the first click, which nobody needs where nobody looks
+            from service.explorer.point.work import prepare
+
             self._warming = asyncio.create_task(prepare(self._front))
 
         async def parts() -> AsyncIterator[str]:

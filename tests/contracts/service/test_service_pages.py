@@ -1,6 +1,9 @@
 """A page of the explorer and its websocket: who opens it, and what is left when it is closed."""
 
 import logging
+import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from re import findall
@@ -110,3 +113,25 @@ def test_a_page_ends_with_its_browser_or_when_it_is_swept(
         assert open_pages(client) == []
         assert explorer._news._listeners == set()
     assert failures == []
+
+
+def test_what_a_page_imports_is_imported_in_one_thread_only(tmp_path: Path) -> None:
+    """Panel's modules import each other in a circle: two threads that import them at once get half of one."""
+    asked = """
+import sys
+from pathlib import Path
+from service_support import front_end
+from service.errors import UnavailableError
+from service.explorer.page.mount import Explorer
+def load(self):
+    raise UnavailableError("it is being loaded")
+Explorer.load = load
+with front_end(Path(sys.argv[1])) as client:
+    print(client.get("/").status_code, client.get("/static/js/bokeh.min.js").status_code)
+print(*sorted({name.partition(".")[0] for name in sys.modules} & {"panel", "bokeh"}))
+"""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    said = subprocess.run(
+        [sys.executable, "-c", asked, str(tmp_path)], capture_output=True, text=True, timeout=HANG, env=environment
+    )
+    assert said.stdout.split("\n") == ["503 503", "", ""], said.stderr
