@@ -124,6 +124,48 @@ class _OwnCopies(JITCodeLibrary):
                 function.linkage = Linkage.internal
 
 
+class _WithoutMachineCode:
+    """A code generator that makes no machine code, else as the one that it stands for."""
+
+    def __init__(self, codegen: Any) -> None:
+        self._codegen = codegen
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
+
+    def _add_module(self, module: Any) -> None:
+        pass
+
+    def set_env(self, name: str, env: Any) -> None:
+        pass
+
+
+class _LinkedOnly(JITCodeLibrary):
+    """Code that is linked into its callers: nobody runs its own, and it is optimised in full with them, once."""
+
+    def _optimize_final_module(self) -> None:
+        codegen = self._codegen
+        passes, builder = codegen._module_pass_manager(
+            loop_vectorize=codegen._loopvect, slp_vectorize=False, opt=codegen._opt_level, cost="cheap"
+        )
+        passes.run(self._final_module, builder)
+
+    def _finalize_specific(self) -> None:
+        pass
+
+    def get_pointer_to_function(self, name: str) -> int:  # noqa: ARG002
+        return 0
+
+
+class _InsideCompiler(Compiler):
+    """Compiles what kernels call."""
+
+    def define_pipelines(self) -> Any:
+        codegen = _WithoutMachineCode(self.state.targetctx.codegen())
+        self.state.library = _LinkedOnly(codegen, self.state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
 class _EntryCompiler(Compiler):
     """Compiles what Python calls."""
 
@@ -252,7 +294,7 @@ class Inline:
         """Inside other kernels it needs neither a wrapper nor a file, and is compiled once, whoever calls it."""
         update_wrapper(self, function)
         self._run = function
-        self._inside = numba.njit(forceinline=forced, **_INSIDE)(function)
+        self._inside = numba.njit(forceinline=forced, pipeline_class=_InsideCompiler, **_INSIDE)(function)
 
     def __call__(self, *arguments: Any) -> Any:
         return self._run(*arguments)

@@ -28,7 +28,7 @@ from rattle.numerics.complex_step import Array
 MOST_ACROSS = 1000  # points
 BESIDE = 1e-7  # of a damping
 REACH = 8.0  # half-backlashes of damping: COD22 is near 4/π of them, and every curve passes below
-LEAST_DELTA = 1e-6
+LEAST_DELTA = 1e-5  # below, times of motions differ by less than rounding
 SAME_POINT = 1e-6  # of a damping
 ALL_EPSILON = (0.0, 1.0)
 

@@ -26,7 +26,7 @@ def warm_up(root: Path) -> str:
 
 def test_a_second_process_compiles_nothing_wherever_its_sources_are(tmp_path: Path) -> None:
     warm_up(PACKAGE.parent)
-    shutil.copytree(PACKAGE, tmp_path / "rattle", shutil.ignore_patterns("__pycache__"), shutil.copyfile)
+    shutil.copytree(PACKAGE, tmp_path / "rattle", ignore=shutil.ignore_patterns("__pycache__"))
     said = warm_up(tmp_path)
     assert said.splitlines()[-1] == str(tmp_path / "rattle" / "__init__.py")
     assert "data loaded from" in said

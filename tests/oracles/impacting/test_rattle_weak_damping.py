@@ -1,5 +1,7 @@
 """Where real gears are, δ, ε and β of one order and small: orbits, Γ, manifolds, basins, the margin and the crisis."""
 
+import math
+
 import numpy as np
 import pytest
 from high_precision import Flight
@@ -16,7 +18,7 @@ from rattle.orbits.manifolds import manifold
 #: All of A to D; B next to a graze; A, B and D; A and D.
 POINTS = [(2.2086e-4, 8.0222e-5, 6.4199e-4), (1.0793e-3, 7.7355e-5, 2.6833e-3), (0.049079, 0.01905, 0.022042)]
 POINTS += [(9.4158e-4, 8.4693e-5, 8.1682e-4)]
-NATURAL = 0.01812936  # at the point of steel gears
+NATURAL = 1.5 * math.sqrt(16 * math.pi * 0.002 * 0.001) + 2 * math.pi * 0.0005  # speed at the point of steel gears
 
 
 def departure_and_trace(orbit, delta, epsilon, beta):
