@@ -151,8 +151,13 @@ class Classifier(ABC):
         while which.size:
             which = which[resolve(which, self.cells, samples, self.orbits, self.balls) :]
             if which.size:
-                self.orbits = Orbits(self.orbits.n, *_doubled(self.orbits[1:]))
-                self.balls = Balls(self.balls.n, *_doubled(self.balls[1:]))
+                self.make_room(2 * self.orbits.m.shape[1])
+
+    def make_room(self, most: int) -> None:
+        """Have room for so many orbits in each cell, as often doubled as it takes."""
+        while self.orbits.m.shape[1] < most:
+            self.orbits = Orbits(self.orbits.n, *_doubled(self.orbits[1:]))
+            self.balls = Balls(self.balls.n, *_doubled(self.balls[1:]))
 
     def extend(self, cells: NDArray[np.int64]) -> None:
         """Follow what is left in these cells for longer."""

@@ -141,15 +141,27 @@ def mark_footprints(which, impacts, cells, samples, footprints):
 
 
 @kernel
-def remember_period_one(exists, tau, v, trace, cells, orbits, balls):
-    """Enter the stable ones of A–D, arrays (4, n_cells), into the orbits that the cells know."""
-    for cell in range(cells.delta.size):
-        delta = cells.delta[cell]
-        for i in range(4):
-            if exists[i, cell] and abs(trace[i, cell]) < 1.0 + math.exp(-delta):
-                first, second = log_multipliers(trace[i, cell], -delta)
-                point = point_of(cell, cells)
-                remember(1, 1, i % 2, tau[i, cell], v[i, cell], first, second, cell, orbits, balls, point)
+def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits, balls):
+    """Enter stable orbits of period one, so many (n_cells,) of arrays (n_cells, room), into those that the cells know,
+    which have room for them.
+    """
+    for cell in range(n.size):
+        point = point_of(cell, cells)
+        for j in range(n[cell]):
+            first, second = log_multipliers(trace[cell, j], -point.delta)
+            remember(
+                1,
+                n_plus[cell, j],
+                n_minus[cell, j],
+                tau[cell, j],
+                v[cell, j],
+                first,
+                second,
+                cell,
+                orbits,
+                balls,
+                point,
+            )
 
 
 @kernel

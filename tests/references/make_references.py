@@ -15,6 +15,7 @@ ASKING = (
     "rattle_branches",
     "rattle_curves",
     "rattle_flight",
+    "rattle_stable_orbits",
     "rattle_trajectory",
     "workers_deep_zoom",
 )

@@ -1,7 +1,7 @@
-"""Events of any periodic motion in 40 digits, from the differential equation and the impact law alone.
+"""Any periodic motion and its events in 40 digits, from the differential equation and the impact law alone.
 
-A motion is a cycle of impacts over m forcing periods on given walls, as in `curves_high_precision`, with ε unknown and
-one condition more: a multiplier of 1 or −1, or an impact of speed 0.
+A motion is a cycle of impacts over m forcing periods on given walls, as in `curves_high_precision`; at an event ε is
+unknown and there is one condition more: a multiplier of 1 or −1, or an impact of speed 0.
 """
 
 import curves_high_precision as exact

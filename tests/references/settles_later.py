@@ -3,9 +3,10 @@
     python tests/references/settles_later.py small 300 1
 
 Laws: `small` is where real gears are, δ log-uniform in 1e-3 … 0.3, β/δ in 0.3 … 3, ε in 0.1 … 1.6 of the quiet limit;
-`large` is δ in 0.3 … 1.5, β in 0.2 … 1.2, ε up to 1.6 of the quiet limit. Followed by plain iteration of the map,
-without balls of capture, Newton's method or a cycle search: a sample has settled if at the end it is certain to become
-quiet or is back within CLOSE of where it was. The table is in docs/decisions/0026-labels.md.
+`large` is δ in 0.3 … 1.5, β in 0.2 … 1.2, ε up to 1.6 of the quiet limit. `stiff` is `small` for the stiff gear, κ
+log-uniform in 1e4 … 1e7. Followed by plain iteration of the map, without balls of capture, Newton's method or a cycle
+search: a sample has settled if at the end it is certain to become quiet (stiff: it is quiet) or is back within CLOSE of
+where it was. The table is in docs/decisions/0026-labels.md.
 """
 
 import argparse
@@ -19,15 +20,19 @@ import numpy as np
 import rattle
 from rattle.attractors.table import CHAOTIC, UNDECIDED, tabulated
 from rattle.flight.law import DRIFT, contact_force, natural_speed
-from rattle.impacting.attractors.classifier import classify
+from rattle.impacting.attractors import classifier as impacting
 from rattle.impacting.map.impact_map import impact
 from rattle.impacting.map.quiet import capture_invariant
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import initial_conditions
+from rattle.stiff.attractors import classifier as stiff
+from rattle.stiff.map.flow import QUIET
+from rattle.stiff.map.return_map import StiffPoint, step
 
 COUNT, TIMES, LONGEST_PERIOD, CLOSE = 64, 10, 4096, 1e-7
-EDGES = {"small": (0.3, 0.1, 0.03, 0.01, 0.003, 0.001), "large": (1.5, 0.3)}
+SMALL = (0.3, 0.1, 0.03, 0.01, 0.003, 0.001)
+EDGES = {"small": SMALL, "large": (1.5, 0.3), "stiff": SMALL}
 
 
 class Cell(NamedTuple):
@@ -36,6 +41,7 @@ class Cell(NamedTuple):
     delta: float
     epsilon: float
     beta: float
+    kappa: float
     chaotic: int
     undecided: int
     wrong: int
@@ -44,15 +50,18 @@ class Cell(NamedTuple):
 
 
 def cells(law, n, seed):
-    """(δ, ε, β) of n random cells."""
+    """(δ, ε, β, κ) of n random cells; κ is ∞ for the impacting gear."""
     rng = np.random.default_rng(seed)
-    if law == "small":
+    kappa = np.full(n, np.inf)
+    if law != "large":
         delta = np.exp(rng.uniform(np.log(1e-3), np.log(0.3), n))
         beta = delta * np.exp(rng.uniform(np.log(0.3), np.log(3.0), n))
         share = rng.uniform(0.1, 1.6, n)
     else:
         delta, beta, share = rng.uniform(0.3, 1.5, n), rng.uniform(0.2, 1.2, n), rng.uniform(0.1, 1.6, n)
-    return delta, share * quiet_limit(delta), beta
+    if law == "stiff":
+        kappa = 10 ** rng.uniform(4.0, 7.0, n)
+    return delta, share * quiet_limit(delta), beta, kappa
 
 
 @kernel
@@ -75,19 +84,46 @@ def settled(tau, v, impacts, delta, epsilon, beta, unit):
     return False
 
 
+@kernel
+def settled_stiff(tau, v, impacts, delta, epsilon, beta, kappa, unit):
+    """The same for the stiff gear, whose quiet motion is a contact without end."""
+    point = StiffPoint(delta, epsilon, beta, kappa)
+    for _ in range(impacts):
+        status, tau, v, _time, _below = step(tau, v, point)
+        if status != 0:
+            return status == QUIET
+    t, w = tau, v
+    for _ in range(LONGEST_PERIOD):
+        status, t, w, _time, _below = step(t, w, point)
+        apart = abs(t - tau)
+        if status != 0:
+            return status == QUIET
+        if min(apart, 1.0 - apart) < CLOSE and abs(w - v) < CLOSE * unit:
+            return True
+    return False
+
+
+def settles(tau, v, impacts, point, unit):
+    """Whether a state at a point (δ, ε, β, κ) settles."""
+    if np.isfinite(point[3]):
+        return settled_stiff(tau, v, impacts, *point, unit)
+    return settled(tau, v, impacts, *point[:3], unit)
+
+
 def watched(point):
     """One cell, labelled and watched."""
-    delta, epsilon, beta = point
     began = time.process_time()
-    arrays = [np.array([x]) for x in point]
+    *arrays, kappa = (np.array([x]) for x in point)
     v_max = natural_speed(*arrays)
-    found = classify(*arrays, *initial_conditions(*arrays, COUNT, v_max, 0))
+    states = initial_conditions(*arrays, COUNT, v_max, 0)
+    is_stiff = np.isfinite(point[3])
+    found = stiff.classify(*arrays, kappa, *states) if is_stiff else impacting.classify(*arrays, *states)
     seconds = time.process_time() - began
     table, row = tabulated(found)
     kind, samples = table.kind[row], found.samples
     chaotic = np.flatnonzero(kind == CHAOTIC)
     most = TIMES * int(samples.impacts[chaotic].max(initial=0))
-    wrong = sum(settled(samples.tau[k], samples.v[k], most, delta, epsilon, beta, v_max[0] / 7.0) for k in chaotic)
+    wrong = sum(settles(samples.tau[k], samples.v[k], most, point, v_max[0] / 7.0) for k in chaotic)
     impacts = int(samples.impacts.sum())
     return Cell(*point, chaotic.size, int(np.sum(kind == UNDECIDED)), int(wrong), impacts, seconds)
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.classify import BUDGET, Classifier, Seen
+from rattle.attractors.classify import BUDGET, ROOM, Classifier, Seen
 from rattle.attractors.recurrence import remember_period_one
 from rattle.attractors.samples import Samples
 from rattle.attractors.speeds import SpeedLimit
@@ -14,8 +14,7 @@ from rattle.errors import parameters
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
 from rattle.impacting.map.iterate import working_block
 from rattle.impacting.map.quiet import capture_invariants
-from rattle.impacting.orbits.closed_form import period_one_cells
-from rattle.impacting.orbits.limits import sine_offset
+from rattle.impacting.orbits.stable import stable_cells
 
 
 class ImpactingClassifier(Classifier):
@@ -33,10 +32,13 @@ class ImpactingClassifier(Classifier):
         return np.asarray(self.cells.quiet_invariant > 0)
 
     def enter_known_orbits(self) -> None:
-        """The stable ones of A–D are known beforehand."""
+        """The stable ones of period one are known beforehand."""
         delta, epsilon, beta, _capture = self.cells
-        order = np.lexsort((delta, beta))
-        found = period_one_cells(order, delta, epsilon, beta, sine_offset(delta))
+        found = stable_cells(delta, epsilon, beta, ROOM)
+        most = int(found.n.max(initial=0))
+        if most > ROOM:
+            found = stable_cells(delta, epsilon, beta, most)
+            self.make_room(most)
         remember_period_one(*found, self.cells, self.orbits, self.balls)
 
     def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:

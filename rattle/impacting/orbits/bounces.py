@@ -1,0 +1,98 @@
+"""The stable P(1, n, 0) with n ≥ 2, which bounce on Σ⁺ alone (compiled).
+
+For each n there are a node and a saddle from their saddle-node ε_SN(n) on; the node is stable up to its flip ε_PD(n).
+In units of the quiet limit both grow with n, to 1, so at a given ε the n that have a stable orbit follow each other:
+below them nodes are unstable, above there are none (docs/decisions/0023-period-one.md).
+"""
+
+import math
+
+from rattle.flight.law import TWO_PI
+from rattle.impacting.orbits.circuits import keep, walk_round
+from rattle.impacting.orbits.impact_times import MOST_IMPACTS, SECTIONS, newton
+from rattle.numerics.compile import kernel
+
+ONE_BY_ONE = 6  # up to here all n are tried: the flips of the first are not in order
+STRONG = 1.6  # damping: beyond, saddle-nodes are not in order either, and nodes are stable above the quiet limit ...
+MOST_AT_STRONG, LEAST_AT_STRONG = 24, 0.85  # ... and not below this, in units of it
+WEAKEST = 0.02  # contact force of that rate, in units of its mean
+NONE, STABLE, UNSTABLE = range(3)
+
+
+@kernel
+def share_out(work, x):
+    """Fill the shares of half a period's bounces that follow the least contact force, ε being x quiet limits: with one
+    adiabatic invariant v³/g they come at a rate g/2v ∝ g^(2/3).
+    """
+    shares = work.shares
+    shares[0] = 0.0
+    for i in range(SECTIONS):
+        g = 1.0 - x * math.cos(math.pi * (i + 0.5) / SECTIONS)
+        shares[i + 1] = shares[i] + max(g, WEAKEST) ** (2.0 / 3.0)
+    for i in range(1, SECTIONS + 1):
+        shares[i] /= shares[SECTIONS]
+
+
+@kernel
+def space(work, n, offset, least):
+    """Set the times to n bounces with one adiabatic invariant, the first of them a share `offset` ∈ [−1, 0] of a bounce
+    after the phase `least` of least contact force.
+    """
+    shares, i = work.shares, 0
+    for j in range(n):
+        share = 2.0 * (j + offset) / n
+        half = abs(share) if share <= 1.0 else 2.0 - share
+        while i < SECTIONS - 1 and shares[i + 1] < half:
+            i += 1
+        while shares[i] > half:
+            i -= 1
+        t = 0.5 * (i + (half - shares[i]) / (shares[i + 1] - shares[i])) / SECTIONS
+        work.walls[j] = 1
+        work.times[j] = least + (math.copysign(t, share) if share <= 1.0 else 1.0 - t)
+
+
+@kernel
+def node(n, least, work, delta, epsilon, beta):
+    """What the node of n bounces is, NONE, STABLE or UNSTABLE, kept if it is stable."""
+    space(work, n, 0.0, least)
+    solved, at_one = newton(work, n, 0.5, delta, epsilon, beta)
+    if solved and at_one > 0.0:
+        keep(work, n, delta, epsilon, beta)
+        return STABLE if at_one < 2.0 * (1.0 + math.exp(-delta)) else UNSTABLE
+    before = work.n_found  # near the saddle-node or beyond it: look at all phases of a bounce
+    space(work, n, -0.5, least)
+    bounce = work.times[1] - work.times[0]
+    _how, zeros = walk_round(work, n, bounce, math.sqrt(n) * bounce / 6.0, delta, epsilon, beta)
+    if zeros == 0:
+        return NONE
+    return STABLE if work.n_found > before else UNSTABLE
+
+
+@kernel
+def find_bounces(work, delta, epsilon, beta):
+    """Keep the stable P(1, n, 0) of a cell, 2 ≤ n ≤ MOST_IMPACTS (MOST_AT_STRONG if δ > STRONG)."""
+    x = epsilon * math.hypot(TWO_PI, delta) / (2.0 * delta)
+    strong = delta > STRONG
+    if x < LEAST_AT_STRONG if strong else x >= 1.0:
+        return
+    least = math.atan2(delta, TWO_PI) / TWO_PI
+    share_out(work, x)
+    few = MOST_AT_STRONG if strong else ONE_BY_ONE
+    n, state, unstable, none = 1, UNSTABLE, 1, MOST_IMPACTS + 1
+    while n < few or (not strong and state != STABLE and none - unstable > 1):
+        if n < few:
+            n += 1
+        else:
+            n = min(unstable + 1 + unstable // 3, MOST_IMPACTS) if none > MOST_IMPACTS else (unstable + none) // 2
+        state = node(n, least, work, delta, epsilon, beta)
+        if state == NONE:
+            if n <= few and not strong:
+                return
+            none = n
+        elif state == UNSTABLE:
+            unstable = n
+    if state == STABLE and not strong:
+        for side in (-1, 1):
+            k = n + side
+            while max(unstable, few) < k < none and node(k, least, work, delta, epsilon, beta) == STABLE:
+                k += side

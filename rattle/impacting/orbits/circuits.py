@@ -1,0 +1,204 @@
+"""All stable orbits of period one with given walls: a walk along the motions that close but for one impact (compiled).
+
+The times that make all impacts elastic but the first lie on a curve (`rattle.impacting.orbits.impact_times`), and the
+orbits are the zeros of R_0 on it. The curve is a circuit: along it the first time grows by a period, or it closes.
+"""
+
+import math
+
+from rattle.flight.law import wrapped
+from rattle.impacting.orbits.impact_times import eliminated, equations, fastest_if_admissible, moved, newton
+from rattle.numerics.compile import inline, kernel
+
+MOST_CORRECTIONS = 6
+CORRECTED = 3e-4  # forcing periods: the error after a correction this long is of the order of its square
+FARTHEST = 0.3  # first correction, where a walk begins
+SHORTEST = 1e-4  # step
+FINEST = 0.01  # of the longest step, to resolve R_0
+LEAST_COSINE = 0.9  # of the turn in one step
+MOST_STEPS = 400
+MOST_ZOOMS, MOST_HALVINGS = 12, 24  # towards an extremum and a zero of R_0
+NEAR = 0.02  # of a bracket: so close to the zero Newton's method converges on all equations
+SAME_ORBIT = 1e-7
+LOST, WOUND, CLOSED = range(3)
+
+
+@kernel
+def enter(n_plus, n_minus, tau, v, trace, work):
+    """Enter an orbit unless it is there, or there is no room."""
+    n = work.n_found
+    for j in range(n):
+        label = work.found[j, 0] == n_plus and work.found[j, 1] == n_minus
+        if label and abs(wrapped(work.found[j, 2] - tau)) < SAME_ORBIT and abs(work.found[j, 3] - v) < SAME_ORBIT * v:
+            return
+    if n < work.found.shape[0]:
+        row = work.found[n]
+        row[0], row[1], row[2], row[3], row[4] = n_plus, n_minus, tau, v, trace
+        work.n_found = n + 1
+
+
+@kernel
+def keep(work, n, delta, epsilon, beta):
+    """Enter the orbit at these times if it is stable, 0 < p(1) < 2 (1 + e^(−δ)), and happens."""
+    equations(work, n, delta, epsilon, beta)
+    _value, _slope, at_one = eliminated(work, n)
+    most = 2.0 * (1.0 + math.exp(-delta))
+    if 0.0 < at_one < most:
+        admissible, tau, v = fastest_if_admissible(work, n, delta, epsilon, beta)
+        if admissible:
+            n_plus = 0.0
+            for i in range(n):
+                n_plus += 1.0 if work.walls[i] > 0 else 0.0
+            enter(n_plus, n - n_plus, tau, v, 0.5 * most - at_one, work)
+
+
+@kernel
+def reached(work, n, s, farthest, delta, epsilon, beta):
+    """The point of the curve in the plane across the walk's direction at distance s, by corrections no longer than
+    `farthest`: (found, R_0, dR_0/ds).
+    """
+    for i in range(n):
+        work.times[i] = work.point[i] + s * work.direction[i]
+    for _ in range(MOST_CORRECTIONS):
+        equations(work, n, delta, epsilon, beta)
+        value, slope, _at_one = eliminated(work, n)
+        off, along = 0.0, 0.0
+        for i in range(n):
+            off += work.direction[i] * work.change[i]
+            along += work.direction[i] * work.response[i]
+        first = -off / along
+        size = moved(work, n, first)
+        if not size < farthest:
+            break
+        if size < CORRECTED:
+            return True, value + slope * first, slope / along
+    return False, 0.0, 0.0
+
+
+@kernel
+def turned(work, n):
+    """The cosine of the turn from the walk's direction to the curve's, and the length of `response`, negative where the
+    first time falls.
+    """
+    square, along = 0.0, 0.0
+    for i in range(n):
+        square += work.response[i] * work.response[i]
+        along += work.direction[i] * work.response[i]
+    length = math.copysign(math.sqrt(square), along)
+    return along / length, length
+
+
+@kernel
+def zero_between(work, n, lo, hi, f_lo, f_hi, farthest, delta, epsilon, beta):
+    """Keep the orbit at the change of sign of R_0 between two distances: Newton's steps along the curve, or halves of
+    the bracket, and at last Newton's method on all equations.
+    """
+    s, close = lo - f_lo * (hi - lo) / (f_hi - f_lo), NEAR * (hi - lo)
+    for _ in range(MOST_HALVINGS):
+        ok, f, slope = reached(work, n, s, farthest, delta, epsilon, beta)
+        if not ok:
+            break
+        lo, hi = (s, hi) if (f > 0.0) == (f_lo > 0.0) else (lo, s)
+        step = -f / slope
+        inside = lo <= s + step <= hi
+        if inside and abs(step) < close:
+            break
+        s = s + step if inside else 0.5 * (lo + hi)
+    solved, _at_one = newton(work, n, 0.1, delta, epsilon, beta)
+    if solved:
+        keep(work, n, delta, epsilon, beta)
+
+
+@kernel
+def other_sign(work, n, hi, f_lo, slope_lo, f_hi, slope_hi, delta, epsilon, beta):
+    """Where R_0, of one sign at 0 and at `hi`, has the other between, near an extremum: (whether, distance, R_0)."""
+    lo, whole = 0.0, hi
+    if min(abs(f_lo), abs(f_hi)) > 0.5 * hi * max(abs(slope_lo), abs(slope_hi)):
+        return False, 0.0, 0.0
+    for _ in range(MOST_ZOOMS):
+        if not slope_lo * f_lo < 0.0 < slope_hi * f_hi:
+            break
+        if hi - lo < 0.5 * whole:  # it bends one way, and stays on this side of its tangents
+            s = (f_hi - f_lo + slope_lo * lo - slope_hi * hi) / (slope_lo - slope_hi)
+            if (f_lo + slope_lo * (s - lo)) * f_lo > 0.0:
+                break
+        s = lo - slope_lo * (hi - lo) / (slope_hi - slope_lo)
+        ok, f, slope = reached(work, n, s, whole, delta, epsilon, beta)
+        if not ok:
+            break
+        if f * f_lo <= 0.0:
+            return True, s, f
+        if slope * f < 0.0:
+            lo, f_lo, slope_lo = s, f, slope
+        else:
+            hi, f_hi, slope_hi = s, f, slope
+    return False, 0.0, 0.0
+
+
+@inline
+def resolved(s, f0, slope0, f1, slope1):
+    """Whether R_0 and its slopes at both ends of a step agree so well that they tell how often it vanishes between."""
+    bend = abs(f1 - f0 - 0.5 * s * (slope0 + slope1))
+    return bend < (0.2 * abs(f1 - f0) if (f0 > 0.0) != (f1 > 0.0) else min(abs(f0), abs(f1)))
+
+
+@kernel
+def came_round(work, n, s):
+    """Whether the step to come passes the start of the work."""
+    ahead, square = 0.0, 0.0
+    for i in range(n):
+        d = work.start[i] - work.point[i]
+        ahead += work.direction[i] * d
+        square += d * d
+    return 0.0 < ahead <= s and square - ahead * ahead < 0.25 * s * s
+
+
+@kernel
+def begun(work, n, delta, epsilon, beta):
+    """Begin a walk on the curve near the motion: (whether it is there, R_0, dR_0/ds)."""
+    for i in range(n):
+        work.point[i], work.direction[i] = work.times[i], 0.0
+    work.direction[0] = 1.0
+    ok, f, slope = reached(work, n, 0.0, FARTHEST, delta, epsilon, beta)
+    cosine, length = turned(work, n)
+    for i in range(n):
+        work.start[i] = work.point[i] = work.times[i]
+        work.direction[i] = work.response[i] / length
+    return ok, f, slope * cosine
+
+
+@kernel
+def walk_round(work, n, span, longest, delta, epsilon, beta):
+    """Keep all stable orbits on the circuit near the motion, until its first time has changed by `span` or the circuit
+    closes: (WOUND, CLOSED or LOST, how often R_0 changed its sign). Steps are no longer than `longest`.
+    """
+    ok, f0, slope0 = begun(work, n, delta, epsilon, beta)
+    s, zeros = longest, 0
+    for step in range(MOST_STEPS if ok else 0):
+        ok, f1, slope1 = reached(work, n, s, s, delta, epsilon, beta)
+        cosine, length = turned(work, n)
+        if not ok or cosine < LEAST_COSINE or (s > FINEST * longest and not resolved(s, f0, slope0, f1, slope1)):
+            s *= 0.4
+            if s < SHORTEST:
+                break
+            continue
+        for i in range(n):
+            work.next_point[i], work.next_direction[i] = work.times[i], work.response[i] / length
+        if (f0 > 0.0) != (f1 > 0.0):
+            zeros += 1
+            zero_between(work, n, 0.0, s, f0, f1, s, delta, epsilon, beta)
+        else:
+            crosses, at, f = other_sign(work, n, s, f0, slope0, f1, slope1, delta, epsilon, beta)
+            if crosses:
+                zeros += 2
+                zero_between(work, n, 0.0, at, f0, f, s, delta, epsilon, beta)
+                zero_between(work, n, at, s, f, f1, s, delta, epsilon, beta)
+        if step > 2 and came_round(work, n, s):
+            return CLOSED, zeros
+        if abs(work.next_point[0] - work.start[0]) >= span:
+            return WOUND, zeros
+        for i in range(n):
+            work.point[i], work.direction[i] = work.next_point[i], work.next_direction[i]
+        f0, slope0 = f1, slope1 * cosine
+        s = min(1.5 * s, longest)
+    return LOST, zeros

@@ -1,0 +1,177 @@
+"""A motion of period one as the times of its impacts, at one parameter point (compiled).
+
+The equations of `rattle.impacting.orbits.equations`: n times, and as many conditions R_i = 0 that impact i is elastic,
+each on three neighbouring times. All but the first are solved for all times but the first; what is left is R_0 as a
+function of the first time alone, along a curve of motions that close but for one impact.
+"""
+
+import math
+
+import numpy as np
+
+from rattle.flight.first_impact import OK, first_impact
+from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, decay64, folded, versines
+from rattle.numerics.compile import inline, kernel
+
+SAME_TIME = 1e-6  # a recomputed flight time this close to the motion's is the same flight
+SOLVED = 1e-11  # forcing periods: after a step of Newton's method this short nothing is left to gain
+NEARLY = 1e-7  # likewise, if steps do not become shorter any more
+NEWTON_STEPS = 12
+SHARE_LEFT = 0.4  # of a flight, after one step
+
+MOST_IMPACTS = 128  # of a motion
+MOST_ORBITS = 160  # of a cell
+SECTIONS = 32  # of half a period, in each of which the rate of bounces is taken to be constant
+
+#: Of a motion: walls (±1) and times of its impacts, in order. By row of the equations: residuals, their derivatives by
+#: the time before, at and after; after elimination the changes of the times that solve all but the first equation, at a
+#: fixed first time and as that moves by one.
+_OF_MOTION = ("times", "sines", "cosines", "residual", "before", "at", "after", "change", "response")
+#: Of a walk along motions: where it began, where it is, in which direction it goes on, and both after a step.
+_OF_WALK = ("start", "point", "direction", "next_point", "next_direction")
+#: What a search of orbits works on. shares: of half a period's bounces. found: n_found stable orbits of a cell, rows
+#: of impacts on Σ⁺ and on Σ⁻ in a period, phase and speed of the fastest on Σ⁺, trace of the map over the period.
+WORK = np.dtype(
+    [("walls", np.int64, (MOST_IMPACTS,))]
+    + [(name, np.float64, (MOST_IMPACTS,)) for name in (*_OF_MOTION, *_OF_WALK)]
+    + [("shares", np.float64, (SECTIONS + 1,)), ("n_found", np.int64), ("found", np.float64, (MOST_ORBITS, 5))]
+)
+
+
+def workspace() -> np.void:
+    """Memory for one search."""
+    return np.zeros(1, WORK)[0]
+
+
+@inline
+def flight_between(s, sin0, cos0, gap, delta, epsilon):
+    """Velocities at both ends of a flight of duration s over a distance, and 1 − e^(−δs); short ones lose no digits.
+
+    F(s) = gap, with F of `rattle.flight.law`, is linear in w.
+    """
+    omc, siny, defect = versines(s)
+    x = delta * s
+    k = x * decay64(x) if x <= LONGEST_DECAY else 1.0 + math.expm1(-x) / x
+    rest = DRIFT - TWO_PI * epsilon * sin0
+    w0 = (gap + epsilon * (cos0 * omc - sin0 * defect) - rest * s * k) / (s * (1.0 - k))
+    lost = x * (1.0 - k)
+    w1 = w0 + (rest - w0) * lost - TWO_PI * epsilon * (cos0 * siny - sin0 * omc)
+    return w0, w1, lost
+
+
+@inline
+def following(i, n):
+    """The number of the next impact, and how many periods later it counts."""
+    return (i + 1, 0.0) if i < n - 1 else (0, 1.0)
+
+
+@kernel
+def equations(work, n, delta, epsilon, beta):
+    """Residuals and their derivatives; True if each flight leaves its wall into the gap and arrives from there."""
+    walls, times, at = work.walls, work.times, work.at
+    force = TWO_PI * TWO_PI * epsilon
+    for i in range(n):
+        omc, work.sines[i], _defect = versines(times[i])
+        work.cosines[i] = 1.0 - omc
+        work.residual[i], at[i] = 0.0, 0.0
+    real = True
+    for i in range(n):
+        j, later = following(i, n)
+        s = times[j] + later - times[i]
+        gap = beta * (walls[j] - walls[i])
+        w0, w1, lost = flight_between(s, work.sines[i], work.cosines[i], gap, delta, epsilon)
+        real = real and w0 * walls[i] < 0.0 and w1 * walls[j] > 0.0
+        pull, decay = delta / lost, 1.0 - lost
+        c = DRIFT - TWO_PI * epsilon * work.sines[i] - w0
+        work.residual[i] += w0
+        work.residual[j] += w1
+        at[i] += w0 * pull + delta * c - force * work.cosines[i]
+        at[j] += (delta * c - w1 * pull) * decay - force * work.cosines[j]
+        work.after[i], work.before[j] = -pull * w1, decay * pull * w0
+    return real
+
+
+@kernel
+def eliminated(work, n):
+    """Solve all equations but the first: (R_0 after `change`, dR_0/dt_0 along `response`, p(1)), n ≥ 2.
+
+    p(1) = (1 − λ₁)(1 − λ₂) = 1 + e^(−δ) − trace, with the multipliers of an orbit, is det J / Π ∂R_i/∂t_(i+1) but for
+    the sign. Nothing cancels at a saddle-node.
+    """
+    before, at, after, change, response = work.before, work.at, work.after, work.change, work.response
+    for i in range(1, n):
+        change[i], response[i] = -work.residual[i], 0.0
+    response[1] -= before[1]
+    response[n - 1] -= after[n - 1]
+    product = 1.0 / after[0]
+    for i in range(1, n):
+        if i > 1:
+            share = before[i] / at[i - 1]
+            at[i] -= share * after[i - 1]
+            change[i] -= share * change[i - 1]
+            response[i] -= share * response[i - 1]
+        product *= -at[i] / after[i]
+    change[n - 1] /= at[n - 1]
+    response[n - 1] /= at[n - 1]
+    for i in range(n - 2, 0, -1):
+        change[i] = (change[i] - after[i] * change[i + 1]) / at[i]
+        response[i] = (response[i] - after[i] * response[i + 1]) / at[i]
+    change[0], response[0] = 0.0, 1.0
+    value = work.residual[0] + after[0] * change[1] + before[0] * change[n - 1]
+    slope = at[0] + after[0] * response[1] + before[0] * response[n - 1]
+    return value, slope, slope * product
+
+
+@kernel
+def moved(work, n, first):
+    """Change the times, with the first moved so much, by less where a flight would all but vanish: the whole change."""
+    size, share = 0.0, 1.0
+    for i in range(n):
+        work.change[i] += first * work.response[i]
+        size = max(size, abs(work.change[i]))
+    for i in range(n):
+        j, later = following(i, n)
+        most = (1.0 - SHARE_LEFT) * (work.times[j] + later - work.times[i])
+        shorter = work.change[i] - work.change[j]
+        if shorter > most:
+            share = min(share, most / shorter)
+    for i in range(n):
+        work.times[i] += share * work.change[i]
+    return size
+
+
+@kernel
+def newton(work, n, farthest, delta, epsilon, beta):
+    """Newton's method on all equations, in steps no longer than `farthest`: (found, p(1)); not found
+    either if the motion comes from behind a wall.
+    """
+    size = math.inf
+    for _ in range(NEWTON_STEPS):
+        real = equations(work, n, delta, epsilon, beta)
+        value, slope, at_one = eliminated(work, n)
+        last, size = size, moved(work, n, -value / slope)
+        if not size < farthest:
+            break
+        if size < SOLVED or (size < NEARLY and size >= 0.5 * last):
+            return real, at_one
+    return False, math.nan
+
+
+@kernel
+def fastest_if_admissible(work, n, delta, epsilon, beta):
+    """Whether each flight is a true first impact, and τ and v of the fastest impact on Σ⁺."""
+    tau, v = 0.0, 0.0
+    for i in range(n):
+        j, later = following(i, n)
+        wall, t = work.walls[i], folded(work.times[i])
+        s, gap = work.times[j] + later - work.times[i], beta * (work.walls[j] - wall)
+        omc, sin0, _defect = versines(t)
+        w0, _w1, _lost = flight_between(s, sin0, 1.0 - omc, gap, delta, epsilon)
+        if not wall * w0 < 0.0:
+            return False, tau, v
+        status, time, met, _w, _d, _f, _s1, _c1 = first_impact(wall, t, w0, delta, epsilon, beta, DRIFT)
+        if status != OK or met != work.walls[j] or abs(time - s) > SAME_TIME:
+            return False, tau, v
+        if wall > 0 and -w0 > v:
+            tau, v = t, -w0
+    return True, tau, v

@@ -1,0 +1,139 @@
+"""All stable orbits of period one at a parameter point, each cell by itself (compiled).
+
+P(1, 1, 0) in closed form, P(1, n, 0) as `rattle.impacting.orbits.bounces`, and those with impacts on Σ⁻ on the circuits
+of three kinds of words, (+−)^k, +^n − and + −^k: docs/decisions/0023-period-one.md says where there are others.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS
+from rattle.flight.law import TWO_PI
+from rattle.impacting.orbits.bounces import find_bounces
+from rattle.impacting.orbits.circuits import CLOSED, LOST, enter, walk_round
+from rattle.impacting.orbits.closed_form import single_impact_orbit
+from rattle.impacting.orbits.impact_times import newton, workspace
+from rattle.impacting.orbits.limits import sine_offset
+from rattle.numerics.compile import kernel
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+
+MOST_CROSSINGS = 16  # k of (+−)^k
+MOST_ON_ONE_WALL = 6  # n of +^n −, k of + −^k
+PHASES = 4  # of the first impact, from which a circuit of (+−)^k is looked for
+STARTS = ((0.3, True), (0.25, True), (0.15, False), (0.12, False))  # time to cross; whether Newton's method comes first
+
+
+class Stable(NamedTuple):
+    """The stable orbits of period one of cells: how many (cells,), and (cells, room), those with the fewest impacts
+    first, their impacts on Σ⁺ and on Σ⁻ in a period, phase and speed of the fastest impact on Σ⁺, and trace of the
+    tangent map over the period; 0 and NaN beyond the last.
+    """
+
+    n: Counts
+    n_plus: Counts
+    n_minus: Counts
+    tau: Array
+    v: Array
+    trace: Array
+
+
+@kernel
+def find_crossings(least, work, delta, epsilon, beta):
+    """Keep the stable (+−)^k. Their circuits wind: 1/k later, the first impact is where the third one was."""
+    idle = 0
+    for k in range(1, MOST_CROSSINGS + 1):
+        n = 2 * k
+        longest, how, zeros = math.sqrt(n) / (8.0 * k), LOST, 0
+        for phase in range(PHASES):
+            for i in range(n):
+                work.walls[i] = 1 - 2 * (i % 2)
+                work.times[i] = least + (phase / PHASES + 0.5 * i) / k
+            how, zeros = walk_round(work, n, 1.0 / k, longest, delta, epsilon, beta)
+            if how != LOST:
+                break
+        crosses = 4.0 * k * k * beta > math.pi * delta  # unforced and undamped, the motion of period 1/k does
+        idle = idle + 1 if crosses and zeros == 0 else 0
+        if idle == 2:  # more crossings are faster, and lose more
+            break
+
+
+@kernel
+def find_single(single, others, least, work, delta, epsilon, beta):
+    """Keep the stable orbits with one impact on the wall `single` and `others` on the other one.
+
+    Their circuit closes round the motion whose impact on Σ⁻ alone comes when the contact force is least, or on Σ⁺ alone
+    half a period later. If the gap is small there are two that wind, with short and with long flights across.
+    """
+    n = others + 1
+    for crossing, solved in STARTS:
+        t = least if single < 0 else least + 0.5
+        for i in range(n):
+            work.walls[i] = single if i == 0 else -single
+            work.times[i] = t
+            t += crossing if i == 0 else (1.0 - 2.0 * crossing) / (others - 1)
+        if solved:
+            newton(work, n, 0.3, delta, epsilon, beta)
+        how, _zeros = walk_round(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
+        if how == CLOSED:
+            break
+
+
+@kernel
+def find_stable(work, delta, epsilon, beta, offset):
+    """Keep all stable orbits of period one of a cell."""
+    exists, tau, v, trace = single_impact_orbit(1.0, delta, epsilon, beta, offset)
+    if exists and abs(trace) < 1.0 + math.exp(-delta):
+        enter(1.0, 0.0, tau, v, trace, work)
+    least = math.atan2(delta, TWO_PI) / TWO_PI
+    find_crossings(least, work, delta, epsilon, beta)
+    x, gap = epsilon * math.hypot(TWO_PI, delta) / (2.0 * delta), beta / delta
+    for others in range(2, MOST_ON_ONE_WALL + 1):
+        if gap < 0.25 * math.pi / (others * others - 1) + 0.8 * x / others:
+            find_single(SIGMA_MINUS, others, least, work, delta, epsilon, beta)
+        if x > 0.6 + 0.4 * others and gap < 0.45 * x:
+            find_single(SIGMA_PLUS, others, least, work, delta, epsilon, beta)
+    find_bounces(work, delta, epsilon, beta)
+
+
+@kernel
+def sort_by_impacts(work):
+    """Sort the rows by their impacts in a period."""
+    rows = work.found
+    for i in range(1, work.n_found):
+        j = i
+        while j > 0 and rows[j - 1, 0] + rows[j - 1, 1] > rows[j, 0] + rows[j, 1]:
+            for k in range(rows.shape[1]):
+                rows[j - 1, k], rows[j, k] = rows[j, k], rows[j - 1, k]
+            j -= 1
+
+
+@kernel
+def fill_stable(work, delta, epsilon, beta, offset, stable):
+    """Fill a `Stable` of flat parameter arrays (cells,)."""
+    for cell in range(delta.size):
+        work.n_found = 0
+        find_stable(work, delta[cell], epsilon[cell], beta[cell], offset[cell])
+        sort_by_impacts(work)
+        stable.n[cell] = work.n_found
+        for j in range(min(work.n_found, stable.tau.shape[1])):
+            row = work.found[j]
+            stable.n_plus[cell, j], stable.n_minus[cell, j] = int(row[0]), int(row[1])
+            stable.tau[cell, j], stable.v[cell, j], stable.trace[cell, j] = row[2], row[3], row[4]
+
+
+def stable_cells(delta: Array, epsilon: Array, beta: Array, room: int) -> Stable:
+    """The stable orbits of period one of flat parameter arrays (cells,), with room for so many of each cell."""
+    shape = (delta.size, room)
+    n, (n_plus, n_minus), (tau, v, trace) = (
+        np.zeros(delta.size, np.int64),
+        np.zeros((2, *shape), np.int64),
+        np.full((3, *shape), np.nan),
+    )
+    stable = Stable(n, n_plus, n_minus, tau, v, trace)
+    fill_stable(workspace(), delta, epsilon, beta, sine_offset(delta), stable)
+    return stable
