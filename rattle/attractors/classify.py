@@ -18,7 +18,7 @@ from rattle.attractors.recurrence import BALLS_PER_ORBIT, mark_footprints, resol
 from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
-FIRST = 128  # impacts that every sample may make before the cell is judged
+FIRST, SECOND = 64, 512  # impacts that every sample may make before its cell is judged, and judged again
 GROWTH = 4  # every further stage lasts this many times as long
 STAGES = 4  # where damping is strong; else as many as the budget has room for
 FEW = 8  # where no more than one in so many is left, there is one stage more
@@ -106,7 +106,7 @@ class Classifier(ABC):
             decided[~leaks] = self.judge(pending[~leaks])
             few = (self.status[pending] == LEFT).sum(axis=1) <= self.count // FEW
             decided |= (self.stage[pending] >= STAGES + few) & (self.cells.delta[pending] >= WEAK)
-            decided |= FIRST * GROWTH ** self.stage[pending] * self.longer[pending] >= self.budget
+            decided |= impacts_until(self.stage[pending]) * self.longer[pending] >= self.budget
             pending = pending[~decided]
             self.extend(pending)
 
@@ -164,7 +164,7 @@ class Classifier(ABC):
         self.stage[cells] += 1
         which = np.concatenate([np.zeros(0, np.int64), *(self.left_in(cell) for cell in cells)])
         cell = self.samples.cell[which]
-        self.samples.limit[which] = self.most(FIRST * GROWTH ** self.stage[cell], cell)
+        self.samples.limit[which] = self.most(impacts_until(self.stage[cell]), cell)
         self.settle(which[self.samples.impacts[which] < self.samples.limit[which]], self.samples)
 
     def judge(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -266,6 +266,11 @@ class Classifier(ABC):
     def watched(self, which: NDArray[np.int64]) -> float:
         """Forcing periods for which all of these samples were followed."""
         return float(self.samples.time[which].min())
+
+
+def impacts_until(stage: NDArray[np.int64]) -> NDArray[np.float64]:
+    """The most impacts of a sample to the end of these stages, where damping is strong."""
+    return np.where(stage == 0, float(FIRST), SECOND * float(GROWTH) ** (stage - 1))
 
 
 def begun(
