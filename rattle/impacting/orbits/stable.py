@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS
 from rattle.flight.law import TWO_PI
 from rattle.impacting.orbits.bounces import find_bounces
-from rattle.impacting.orbits.circuits import CLOSED, LOST, enter, walk_round
+from rattle.impacting.orbits.circuits import CLOSED, LOST, enter, keep, walk_round
 from rattle.impacting.orbits.closed_form import single_impact_orbit
 from rattle.impacting.orbits.impact_times import newton, workspace
 from rattle.impacting.orbits.limits import sine_offset
@@ -76,8 +76,8 @@ def find_single(single, others, least, work, delta, epsilon, beta):
             work.walls[i] = single if i == 0 else -single
             work.times[i] = t
             t += crossing if i == 0 else (1.0 - 2.0 * crossing) / (others - 1)
-        if solved:
-            newton(work, n, 0.3, delta, epsilon, beta)
+        if solved and newton(work, n, 0.3, delta, epsilon, beta)[0]:
+            keep(work, n, delta, epsilon, beta)  # a walk that begins at a zero may not see it
         how, _zeros = walk_round(work, n, 1.0, 0.1 * math.sqrt(n), delta, epsilon, beta)
         if how == CLOSED:
             break

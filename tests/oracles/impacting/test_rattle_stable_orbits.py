@@ -1,15 +1,17 @@
 """All stable orbits of period one: against the closed form, the map, and what samples and continuation found."""
 
+import json
 import math
 
 import motions_high_precision as exact
 import numpy as np
 import pytest
+import stable_planes
 from mpmath import mp
 
 import rattle
 from rattle.flight.first_impact import OK, first_impact
-from rattle.flight.law import DRIFT, folded
+from rattle.flight.law import DRIFT, folded, wrapped
 from rattle.impacting.map.impact_map import impact_tangent
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.stable import stable_cells
@@ -135,3 +137,26 @@ def test_a_cell_does_not_depend_on_its_neighbours_or_on_the_room():
         assert alone.n[0] == found.n[i]
         for one, all_ in zip(alone[1:], found[1:], strict=True):
             assert np.array_equal(one[0], all_[i, :8], equal_nan=True)
+
+
+@pytest.mark.parametrize("name", stable_planes.PLANES)
+def test_none_is_missing_that_starts_and_continuation_prove_to_exist(name):
+    cells = json.loads(stable_planes.FILE.read_text())[name]["cells"]
+    numbers = np.array([int(cell) for cell in cells])
+    found, _ = stable(*(x[numbers] for x in stable_planes.cells_of(name)))
+    existing = [(i, *row) for i, rows in enumerate(cells.values()) for row in rows]
+    assert len(existing) > 150
+    for i, n_plus, n_minus, tau, v in existing:
+        same = (found.n_plus[i] == n_plus) & (found.n_minus[i] == n_minus)
+        assert np.any(same & (np.abs(wrapped(found.tau[i] - tau)) < 1e-6) & (np.abs(found.v[i] / v - 1) < 1e-6))
+
+
+def test_a_cell_lists_them_whatever_its_sample_finds():
+    delta, epsilon, beta = small_damping(40, 5)
+    found, filled = stable(delta, epsilon, beta)
+    table = rattle.attractors_of(delta, epsilon, beta, count=2, budget=64)
+    rows = (table.kind == rattle.KINDS.index("periodic")) & (table.m == 1)
+    listed = sorted(zip(table.cell[rows], table.n_plus[rows], table.n_minus[rows], table.v[rows], strict=True))
+    known = sorted((i, found.n_plus[i, j], found.n_minus[i, j], found.v[i, j]) for i, j in np.argwhere(filled))
+    assert np.array_equal(listed, known)
+    assert np.sum(table.samples[rows] == 0) > 50
