@@ -8,6 +8,7 @@ the reasons and the figures.
 """
 
 from abc import ABC, abstractmethod
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,7 +25,8 @@ STAGES = 4  # where damping is strong; else as many as the budget has room for
 FEW = 8  # where no more than one in so many is left, there is one stage more
 MEASURED, PERIODS = 2000, 1000.0  # least impacts and forcing periods of one witness
 WATCH = 100.0  # relaxation times 1/δ of one witness: below δ = 0.1 more than that, and all stages as much longer
-WEAK, CROWD, BESIDE = 0.3, 256, 1e-9  # damping below which more states are watched, how many, and how near to samples
+WEAK, BESIDE = 0.3, 1e-9  # damping below which more states are watched, and how near to samples they are
+CROWDS = (256, 1024)  # how many there are, at first and in the end
 BUDGET = 1_000_000  # impacts of a sample, by default: what is left by then without being told is undecided
 MOST_MEASURED = 20_000  # impacts of a witness that never gets through its periods
 WITNESSES = 12  # per cell: if one in 3000 periods leaves a chaotic set, 98 % of the cells show it
@@ -187,7 +189,7 @@ class Classifier(ABC):
 
     def outlast(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether nothing leaves what is left in these cells, in as many impacts as the most watched has made: of all
-        samples and of so many states near them that there are CROWD. Where damping is weak, sets that lose samples
+        samples and of so many states near them that there are CROWDS. Where damping is weak, sets that lose samples
         slowly are as frequent as those that lose none, and twelve witnesses do not tell them apart.
         """
         lasted, samples = np.zeros(cells.size, np.bool_), self.samples
@@ -196,27 +198,29 @@ class Classifier(ABC):
         samples.limit[which] = np.repeat([samples.impacts[each].max() for each in left], [each.size for each in left])
         self.settle(which[samples.impacts[which] < samples.limit[which]], samples)
         stayed = np.array([(samples.status[each] == LEFT).all() for each in left], np.bool_)
-        lasted[stayed] = self.crowd_lasts(cells[stayed])
+        for first, last in pairwise((0, *CROWDS)):
+            stayed[stayed] = self.crowd_lasts(cells[stayed], first, last)
+        lasted[stayed] = True
         for cell, all_left in zip(cells, lasted, strict=True):
             found = self.chaos.pop(int(cell))
             if all_left:
                 self.chaos[int(cell)] = [chaos._replace(watched=self.watched(chaos.samples)) for chaos in found]
         return lasted
 
-    def crowd_lasts(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Whether states beside what is left in these cells go on too, each for as many impacts as any sample: in chaos
-        they soon have nothing in common.
+    def crowd_lasts(self, cells: NDArray[np.int64], first: int, last: int) -> NDArray[np.bool_]:
+        """Whether states beside what is left in these cells, those of so many of a crowd, go on too, each for as many
+        impacts as any sample: in chaos they soon have nothing in common.
         """
-        each = np.arange(CROWD)
+        each = np.arange(first, last)
         left = [self.left_in(int(cell)) for cell in cells]
         which = np.concatenate([np.zeros(0, np.int64), *(here[each % here.size] for here in left)])
         beside = np.concatenate([np.zeros(0), *(each // here.size for here in left)])
         cell, fresh, samples = self.samples.cell[which], beside > 0, self.samples
-        most = np.repeat([samples.impacts[here].max() for here in left], CROWD)
+        most = np.repeat([samples.impacts[here].max() for here in left], each.size)
         v = samples.v[which] * (1.0 + BESIDE * beside)
         gone = np.zeros(which.size, np.bool_)
         gone[fresh] = self.settled(cell[fresh], samples.tau[which][fresh], v[fresh], most[fresh]) != LEFT
-        return ~np.asarray(gone.reshape(-1, CROWD).any(axis=1))
+        return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
 
     def measure(self, which: NDArray[np.int64], times: float = 1.0) -> tuple[Seen, NDArray[np.bool_]]:
         """What is seen of these samples, and whether each is left and chaotic; if unclear, measured for longer."""
