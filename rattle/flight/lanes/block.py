@@ -1,6 +1,7 @@
 """A block of lanes: what every lane carries, and how trajectories are put on lanes and taken off (compiled)."""
 
 import math
+from itertools import accumulate
 
 import numpy as np
 from numpy import float32 as f32
@@ -16,36 +17,62 @@ ROUGHNESS = 0.75  # of the amplitude at which the contact force changes sign: fr
 HUGE = 1e100  # what a tangent vector may grow to between two looks
 ZERO, ONE = f32(0.0), f32(1.0)
 
-#: Double precision: the state; the parameters; the impacts counted, at most `limit` on Σ⁺, and why a lane stopped
-#: early; a tangent vector (dt, dw) with the product of determinants and the time; the next impact.
-_DOUBLE = (
-    *("tau", "w", "wall", "sin0", "cos0"),
-    *("delta", "epsilon", "gap", "inverse_delta"),
+#: Of these there are copies in single precision, with the same names and an underscore.
+_STATE = ("tau", "w", "wall", "sin0", "cos0")
+_PARAMETERS = ("inverse_delta", "delta", "epsilon", "gap")
+#: Double precision: what a lane carries is that, the impacts counted, at most `limit` on Σ⁺, and why it stopped early;
+#: a tangent vector (dt, dw) with the product of determinants and the time; and what a driver keeps of the trajectory on
+#: a lane: a reference state with the impacts to there, looks so far and at which the reference moves up; the batch that
+#: it is measured for (below 0: none yet) and since when; the unit of its speeds.
+_CARRIED = (
+    *_STATE,
+    *_PARAMETERS,
     *("n_plus", "n_minus", "limit", "stuck"),
     *("t_tangent", "w_tangent", "determinant", "time"),
-    *("f0", "s", "w1", "bend", "lost", "sin1", "cos1", "target", "sure"),
+    *("at_tau", "at_v", "at_n", "looks", "next_look", "batch", "since", "unit"),
 )
-#: Single precision: copies of state and parameters; the arc of negative contact force; flight time, Taylor
-#: coefficients, what was decided. z_: the lanes of the second attempt, compacted.
-_SINGLE = (
-    *("tau_", "w_", "wall_", "sin_", "cos_", "a_", "delta_", "epsilon_", "gap_", "inverse_delta_"),
-    *("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc", "rough"),
-    *("s_", "c0", "c1", "c2", "c3", "c4", "c5", "step", "speed", "turn", "bound", "tilt", "falls", "proved"),
-    *("z_wall", "z_tau", "z_w", "z_a", "z_sin", "z_cos", "z_delta", "z_epsilon", "z_gap"),
-    *("z_arc_exit", "z_arc_length", "z_sin_entry", "z_sin_exit", "z_no_arc", "z_proved"),
-    *("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s"),
+_NEXT_IMPACT = ("f0", "s", "w1", "bend", "lost", "sin1", "cos1", "target", "sure")
+#: Single precision: copies of parameters and state, the arc of negative contact force; then flight time, Taylor
+#: coefficients, what was decided.
+_PARAMETERS_32, _STATE_32 = (tuple(f"{name}_" for name in names) for names in (_PARAMETERS, _STATE))
+_ARC = ("arc_exit", "arc_length", "sin_entry", "sin_exit", "no_arc")
+_CARRIED_32 = ("rough", *_PARAMETERS_32, *_ARC)
+_SCANNED = (*_PARAMETERS_32[1:], *_ARC, *_STATE_32, "a_")
+_GUESSED = (*("s_", "c0", "c1", "c2", "c3", "c4", "c5"), *("step", "speed", "turn", "bound", "tilt", "falls", "proved"))
+#: z_: the lanes of the second attempt, compacted, and what it finds.
+_COMPACTED = tuple("z_" + name.rstrip("_") for name in _SCANNED)
+_FOUND = ("z_f", "z_g", "z_turned", "z_turn", "z_ended", "z_falls", "z_end", "z_s", "z_proved")
+
+#: Every field is an array over the lanes; `who` is the trajectory on a lane (−1: none).
+FIELDS = (
+    dict.fromkeys((*_CARRIED, *_NEXT_IMPACT), np.float64)
+    | dict.fromkeys((*_CARRIED_32, *_STATE_32, "a_", *_GUESSED, *_COMPACTED, *_FOUND), np.float32)
+    | dict.fromkeys(("who", "todo"), np.int64)
 )
-#: What a driver keeps of the trajectory on a lane, `who` (−1: none): a reference state with the impacts to there, looks
-#: so far and at which the reference moves up; the batch that it is measured for (below 0: none yet) and since when; the
-#: unit of its speeds.
-_NOTES = ("at_tau", "at_v", "at_n", "looks", "next_look", "batch", "since", "unit")
-#: One block: every field is an array over its lanes.
-BLOCK = np.dtype(
-    [(name, np.float64, (LANES,)) for name in _DOUBLE]
-    + [(name, np.float32, (LANES,)) for name in _SINGLE]
-    + [(name, np.float64, (LANES,)) for name in _NOTES]
-    + [(name, np.int64, (LANES,)) for name in ("who", "todo")]
-)
+#: What is done with many fields in turn is done in tables (field, lane) over the same bytes: those of neighbours.
+TABLES = {
+    "state": _STATE,
+    "state_": _STATE_32,
+    "parameters": _PARAMETERS,
+    "parameters_": _PARAMETERS_32,
+    "carried": _CARRIED,
+    "carried_": _CARRIED_32,
+    "scanned": _SCANNED,
+    "compacted": _COMPACTED,
+}
+
+
+def _layout() -> np.dtype[np.void]:
+    """One block: the fields one after the other, each of whole cache lines, and the tables."""
+    ends = accumulate((np.dtype(of).itemsize * LANES for of in FIELDS.values()), initial=0)
+    offsets = dict(zip([*FIELDS, ""], ends, strict=True))
+    fields = [(name, (of, (LANES,)), offsets[name]) for name, of in FIELDS.items()]
+    tables = [(name, (FIELDS[of[0]], (len(of), LANES)), offsets[of[0]]) for name, of in TABLES.items()]
+    names, formats, starts = zip(*fields, *tables, strict=True)
+    return np.dtype({"names": names, "formats": formats, "offsets": starts, "itemsize": offsets[""]})
+
+
+BLOCK = _layout()
 
 
 @inline
@@ -58,7 +85,7 @@ def flag(condition):
 def flight32(b, i):
     """The flight of lane i, in single precision."""
     k = np.uint64(i)  # a number that might count from the end keeps some loops from becoming vector instructions
-    return Flight(b.w_[k], b.a_[k], b.sin_[k], b.cos_[k], b.delta_[k], b.epsilon_[k])
+    return Flight(b.w_[k], b.a_[k], b.sin0_[k], b.cos0_[k], b.delta_[k], b.epsilon_[k])
 
 
 @inline
@@ -79,37 +106,28 @@ def arc32(b, i):
 @kernel
 def load(b, i, tau, v, delta, epsilon, beta, limit):
     """Put a trajectory on lane i: on Σ⁺ at phase tau with speed v, until it has made limit impacts there."""
-    b.tau[i], b.w[i], b.wall[i] = tau, -v, 1.0
-    b.n_plus[i], b.n_minus[i], b.limit[i], b.stuck[i] = 0.0, 0.0, limit, 0.0
+    for field in range(len(b.carried)):
+        b.carried[field, i] = 0.0
+    b.tau[i], b.w[i], b.wall[i], b.limit[i] = tau, -v, 1.0, limit
     b.delta[i], b.epsilon[i], b.gap[i], b.inverse_delta[i] = delta, epsilon, 2.0 * beta, 1.0 / delta
-    b.delta_[i], b.epsilon_[i], b.gap_[i], b.inverse_delta_[i] = delta, epsilon, 2.0 * beta, 1.0 / delta
-    b.t_tangent[i], b.w_tangent[i], b.determinant[i], b.time[i] = 1.0, 0.0, 1.0 / v, 0.0
+    for field in range(len(b.parameters)):
+        b.parameters_[field, i] = b.parameters[field, i]
+    b.t_tangent[i], b.determinant[i] = 1.0, 1.0 / v
     arc = negative_arc(delta, epsilon)
     b.arc_exit[i], b.arc_length[i], b.sin_entry[i], b.sin_exit[i] = arc.leave, arc.length, arc.sin_entry, arc.sin_exit
     b.no_arc[i] = ZERO if arc.exists else ONE
-    b.at_tau[i], b.at_v[i], b.at_n[i] = 0.0, -1.0, 0.0  # a reference that nothing is near
-    b.looks[i], b.next_look[i], b.batch[i], b.since[i] = 0.0, 1.0, -1.0, 0.0
     b.rough[i] = flag(epsilon * math.hypot(TWO_PI, delta) > ROUGHNESS * 2.0 * delta)
+    b.at_v[i], b.next_look[i], b.batch[i] = -1.0, 1.0, -1.0  # a reference that nothing is near
 
 
 @kernel
 def move(b, i, j):
     """Put the trajectory of lane j on lane i, and leave lane j empty."""
-    b.tau[i], b.w[i], b.wall[i], b.sin0[i], b.cos0[i] = b.tau[j], b.w[j], b.wall[j], b.sin0[j], b.cos0[j]
-    b.n_plus[i], b.n_minus[i], b.limit[i], b.stuck[i] = b.n_plus[j], b.n_minus[j], b.limit[j], b.stuck[j]
-    b.delta[i], b.epsilon[i], b.gap[i], b.inverse_delta[i] = b.delta[j], b.epsilon[j], b.gap[j], b.inverse_delta[j]
-    b.delta_[i], b.epsilon_[i], b.gap_[i], b.inverse_delta_[i] = (
-        b.delta_[j],
-        b.epsilon_[j],
-        b.gap_[j],
-        b.inverse_delta_[j],
-    )
-    b.t_tangent[i], b.w_tangent[i], b.determinant[i] = b.t_tangent[j], b.w_tangent[j], b.determinant[j]
-    b.time[i], b.no_arc[i], b.arc_exit[i], b.arc_length[i] = b.time[j], b.no_arc[j], b.arc_exit[j], b.arc_length[j]
-    b.sin_entry[i], b.sin_exit[i], b.rough[i] = b.sin_entry[j], b.sin_exit[j], b.rough[j]
-    b.at_tau[i], b.at_v[i], b.at_n[i] = b.at_tau[j], b.at_v[j], b.at_n[j]
-    b.looks[i], b.next_look[i], b.batch[i], b.since[i] = b.looks[j], b.next_look[j], b.batch[j], b.since[j]
-    b.unit[i], b.who[i] = b.unit[j], b.who[j]
+    for field in range(len(b.carried)):
+        b.carried[field, i] = b.carried[field, j]
+    for field in range(len(b.carried_)):
+        b.carried_[field, i] = b.carried_[field, j]
+    b.who[i] = b.who[j]
     b.who[j], b.limit[j] = -1, -1.0
 
 
@@ -192,7 +210,9 @@ def roughest(b, groups):
 
 
 def block() -> np.ndarray:
-    """Memory for one block, aligned to cache lines."""
+    """Memory for one block (1,), aligned to cache lines. Kernels take the array: numba takes no record whose fields
+    overlap from Python.
+    """
     raw = np.zeros(BLOCK.itemsize + 64, np.uint8)
     start = -raw.ctypes.data % 64
     return raw[start : start + BLOCK.itemsize].view(BLOCK)

@@ -42,11 +42,8 @@ def second_attempt(b, groups, paths):
     padded = (n + GROUP - 1) // GROUP * GROUP
     for k in range(padded):
         i = b.todo[min(k, n - 1)]
-        b.z_wall[k], b.z_tau[k], b.z_w[k], b.z_a[k] = b.wall_[i], b.tau_[i], b.w_[i], b.a_[i]
-        b.z_sin[k], b.z_cos[k] = b.sin_[i], b.cos_[i]
-        b.z_delta[k], b.z_epsilon[k], b.z_gap[k] = b.delta_[i], b.epsilon_[i], b.gap_[i]
-        b.z_arc_exit[k], b.z_arc_length[k], b.z_no_arc[k] = b.arc_exit[i], b.arc_length[i], b.no_arc[i]
-        b.z_sin_entry[k], b.z_sin_exit[k] = b.sin_entry[i], b.sin_exit[i]
+        for field in range(len(b.scanned)):
+            b.compacted[field, k] = b.scanned[field, i]
     scan(b, padded)
     conclude(b, padded)
     for k in range(n):
@@ -58,7 +55,7 @@ def second_attempt(b, groups, paths):
 def flight_scanned(b, i):
     """The flight at place i of those to be scanned."""
     k = np.uint64(i)  # as in `flight32`
-    return Flight(b.z_w[k], b.z_a[k], b.z_sin[k], b.z_cos[k], b.z_delta[k], b.z_epsilon[k])
+    return Flight(b.z_w[k], b.z_a[k], b.z_sin0[k], b.z_cos0[k], b.z_delta[k], b.z_epsilon[k])
 
 
 @inline

@@ -34,19 +34,16 @@ Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)
 @inline
 def copy_to_single(b, groups):
     """Single-precision copies of the state; a loop of its own, because mixed widths would halve the others' vectors."""
-    for i in range(GROUP * groups):
-        b.tau_[i] = f32(b.tau[i])
-        b.w_[i] = f32(b.w[i])
-        b.wall_[i] = f32(b.wall[i])
-        b.sin_[i] = f32(b.sin0[i])
-        b.cos_[i] = f32(b.cos0[i])
+    for field in range(len(b.state)):
+        for i in range(GROUP * groups):
+            b.state_[field, i] = f32(b.state[field, i])
 
 
 @inline
 def guess(b, groups):
     """A of the flight law, and a first guess of where the flight turns (from Σ⁺) or ends (from Σ⁻)."""
     for i in range(GROUP * groups):
-        b.a_[i] = Q_32 - TWO_PI_32 * b.epsilon_[i] * b.sin_[i] - b.w_[i]
+        b.a_[i] = Q_32 - TWO_PI_32 * b.epsilon_[i] * b.sin0_[i] - b.w_[i]
         b.s_[i] = first_guess(b.wall_[i], b.gap_[i], b.inverse_delta_[i], flight32(b, i))
 
 

@@ -106,11 +106,11 @@ def look(b, i, k, cells, samples, balls):
 
 
 @kernel
-def settle(b, which, flights, cells, samples, balls, paths):
+def settle(memory, which, flights, cells, samples, balls, paths):
     """Follow the samples `which` until they end, with so many flights between two looks; a sample that makes all its
     impacts is LEFT.
     """
-    fresh, groups = 0, GROUPS
+    b, fresh, groups = memory[0], 0, GROUPS
     empty(b)
     while groups > 0:
         for i in range(GROUP * groups):
@@ -140,13 +140,13 @@ def record(b, i, batches):
 
 
 @kernel
-def measure(b, which, least, periods, cells, samples, balls, sums, footprints, paths):
+def measure(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
     """As `settle`, with a tangent vector, for at least so many impacts and forcing periods (k,), or to the limit.
 
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
     footprints[j] the boxes that it visits.
     """
-    fresh, groups = 0, GROUPS
+    b, fresh, groups = memory[0], 0, GROUPS
     empty(b)
     while groups > 0:
         for i in range(GROUP * groups):

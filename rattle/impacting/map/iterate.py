@@ -37,18 +37,18 @@ _memory = _Memory()
 
 
 def working_block() -> Any:
-    """The block of lanes of this thread."""
-    return _memory.block[0]
+    """The block of lanes of this thread (1,), as kernels take it."""
+    return _memory.block
 
 
 def _driver(tangent: bool) -> Any:
     @kernel
-    def drive(b, tau, v, n, delta, epsilon, beta, paths):
+    def drive(memory, tau, v, n, delta, epsilon, beta, paths):
         """Π^n of each element of flat arrays, lanes refilled as they finish.
 
         Returns (status, τ, v, impacts on Σ⁺, on Σ⁻, time, ln stretch, ln|det|), the last three 0 without tangent.
         """
-        size = tau.size
+        b, size = memory[0], tau.size
         out_tau, out_v = tau.copy(), v.copy()
         n_plus, n_minus = np.zeros(size, np.int64), np.zeros(size, np.int64)
         status = np.zeros(size, np.int8)

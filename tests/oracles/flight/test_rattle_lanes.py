@@ -10,9 +10,51 @@ from compiled import compiled
 from depth import either
 
 import rattle
+from rattle.flight.lanes.block import FIELDS, LANES, TABLES, block, empty, load, move
 from rattle.flight.law import DRIFT
 from rattle.impacting.map import impact_map
 from rattle.impacting.map.iterate import paths
+
+# ---- blocks ---------------------------------------------------------------------------------------------------------
+
+
+def test_a_block_is_whole_cache_lines_and_tables_lie_over_the_fields_that_they_name():
+    memory = block()
+    for k, name in enumerate(FIELDS):
+        assert memory[name].ctypes.data % 64 == 0, name
+        memory[name] = k
+    for table, names in TABLES.items():
+        assert memory[table].shape == (1, len(names), LANES)
+        assert memory[table][0, :, 0].tolist() == [list(FIELDS).index(name) for name in names], table
+
+
+@compiled
+def _loaded(memory):
+    """Another trajectory on every lane."""
+    b = memory[0]
+    empty(b)
+    for i in range(LANES):
+        load(b, i, 0.01 * i, 1.0 + i, 0.3 + 0.01 * i, 0.05 * i, 0.6, 7.0)
+        b.who[i], b.unit[i], b.time[i] = i, 2.0 + i, 3.0 + i
+
+
+@compiled
+def _moved(memory, i, j):
+    move(memory[0], i, j)
+
+
+def test_what_is_moved_to_another_lane_is_all_that_it_carries():
+    memory = block()
+    _loaded(memory)
+    np.testing.assert_array_equal(memory["parameters_"], memory["parameters"].astype(np.float32))
+    before = memory.copy()
+    _moved(memory, 3, 90)
+    for name in ("carried", "carried_"):
+        assert (before[name][0, :, 3] != before[name][0, :, 90]).any()
+        np.testing.assert_array_equal(memory[name][0, :, 3], before[name][0, :, 90])
+    assert memory["who"][0, [3, 90]].tolist() == [90, -1]
+    assert memory["limit"][0, 90] == -1.0
+
 
 # ---- lanes ----------------------------------------------------------------------------------------------------------
 
