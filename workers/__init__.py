@@ -7,7 +7,7 @@ draws.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from workers.cluster.window import Frame, Window, compute_part, map_quantity, window_survey
+from workers.cluster.window import Frame, compute_part, map_quantity, window_survey
 from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
 from workers.in_process import is_short, run_tiles_here
 from workers.storage.bucket import Bucket
@@ -15,7 +15,7 @@ from workers.storage.integrity import Integrity, examine
 from workers.storage.location import Directory, Place, place_of
 from workers.storage.store import create_store, finish_store, open_survey, tiles_done
 from workers.survey.quantities import QUANTITIES
-from workers.survey.request import Axis, InitialConditions, SurveyRequest, TileShape
+from workers.survey.request import Axis, InitialConditions, SurveyRequest, TileShape, Window
 from workers.survey.schema import Group, Quantity
 from workers.survey.tiles import Tile, TileRecord, compute_tile, tiles_of
 

@@ -19,7 +19,7 @@ from workers.errors import SurveyError
 from workers.survey.cells import Cells
 from workers.survey.evaluate import FAILED
 from workers.survey.quantities import QUANTITIES, shape_of, stored
-from workers.survey.request import Axis, SurveyRequest, TileShape, reason
+from workers.survey.request import Axis, SurveyRequest, TileShape, Window, reason
 from workers.survey.schema import SAMPLED, Group, Quantity
 from workers.survey.tiles import MACHINE_FAILURES
 
@@ -27,13 +27,6 @@ HALVINGS = 5  # from the coarsest level to the whole grid
 MOST_PIXELS = 4096
 RESOLVED = 4  # units in the last place between neighbouring values of an axis
 CLOSED_FORM = frozenset({Group.REGION, Group.ORBITS})  # of the impacting model: at once at full resolution
-
-
-class Window(NamedTuple):
-    """A rectangle of the plane, (low, high) of each axis."""
-
-    delta: tuple[float, float]
-    epsilon: tuple[float, float]
 
 
 class Part(NamedTuple):

@@ -16,17 +16,11 @@ from rattle import RattleError
 from rattle.curves import CodimensionTwo, Curve
 from rattle.models import AnyModel
 from workers.survey.quantities import DOI
+from workers.survey.request import Window
 
 LOWEST_DELTA = 0.1  # of the axis' start: where half a cell reaches 0, which no curve does
 NARROWEST = 1e-9  # half of a window, as a share of its parameter: below, a curve takes minutes
 LEAST_EPSILON = 1e-6  # whose share it is where ε is less
-
-
-class Window(NamedTuple):
-    """A rectangle of the plane: (low, high) of δ and of ε."""
-
-    delta: tuple[float, float]
-    epsilon: tuple[float, float]
 
 
 class Missing(NamedTuple):

@@ -3,7 +3,7 @@
 import json
 import math
 from hashlib import sha256
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import (
@@ -88,6 +88,13 @@ class Axis(_Strict):
             return cls(start=float(start), stop=float(stop), num=int(num))
         except ValueError as error:
             raise SurveyError(f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61 ({reason(error)})") from error
+
+
+class Window(NamedTuple):
+    """A rectangle of the plane: (low, high) of δ and of ε."""
+
+    delta: tuple[float, float]
+    epsilon: tuple[float, float]
 
 
 class InitialConditions(_Strict):

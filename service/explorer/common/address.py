@@ -11,6 +11,7 @@ from urllib.parse import urlencode
 from rattle.curves import NAMES
 
 Pair = tuple[float, float]
+Ranges = tuple[Pair, Pair]  # of δ and of ε, as a figure shows them: it may show more than the plane
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
 CRISIS, POINTS = "crisis", "points"

@@ -9,7 +9,7 @@ from typing import Any
 import panel as pn
 
 from rattle.models import AnyModel
-from service.explorer.common.address import Pair
+from service.explorer.common.address import Ranges
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
 from service.explorer.map.planes import Plane
@@ -51,7 +51,7 @@ class Beside:
         """What the finer computation of the window does."""
         self._zoom.html = f'<p class="faint" role="status">{escape(text)}</p>' if text else ""
 
-    async def read(self, plane: Plane, delta: float, epsilon: float, window: tuple[Pair, Pair]) -> None:
+    async def read(self, plane: Plane, delta: float, epsilon: float, window: Ranges) -> None:
         """Show what is known at a point."""
         model = plane.request.gear_model
         found = await self._viewer.read(lambda: readout(plane.cell(delta, epsilon), delta, epsilon, model, window))

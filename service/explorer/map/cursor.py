@@ -11,7 +11,7 @@ from bokeh.events import DocumentReady
 from bokeh.models import ColumnDataSource, CustomJS
 from bokeh.plotting import figure
 
-from service.explorer.common.address import Pair
+from service.explorer.common.address import Pair, Ranges
 from service.explorer.files import asset
 from service.explorer.map.planes import Plane
 
@@ -22,8 +22,6 @@ MOST = 1000  # steps of a key that is held down
 CLOSER = 0.5
 EDGE = 0.25  # of the window, between its edge and a cell that was outside
 WIDEST = 3.0  # windows, of what the survey covers
-
-Window = tuple[Pair, Pair]
 
 
 class Cursor:
@@ -37,9 +35,9 @@ class Cursor:
         self,
         document: Document,
         plot: figure,
-        where: Callable[[], tuple[Plane, Window, Pair | None] | None],
+        where: Callable[[], tuple[Plane, Ranges, Pair | None] | None],
         look: Callable[[Pair], None],
-        go: Callable[[Window], None],
+        go: Callable[[Ranges], None],
         do: Mapping[str, Callable[[Pair], None]],
     ) -> None:
         self._where, self._look, self._go, self._do = where, look, go, do
@@ -75,13 +73,13 @@ class Cursor:
         self._look(at)
 
 
-def middle(window: Window) -> Pair:
+def middle(window: Ranges) -> Pair:
     """Where a cursor begins."""
     (left, right), (bottom, top) = window
     return (left + right) / 2, (bottom + top) / 2
 
 
-def stepped(plane: Plane, at: Pair, window: Window, steps: list[int]) -> Pair:
+def stepped(plane: Plane, at: Pair, window: Ranges, steps: list[int]) -> Pair:
     """Where a cursor is after steps, as `listen` has them: cells of the survey, or of a finer window parts of it."""
     return (
         _along(plane.delta, at[0], window[0], steps[0], steps[2]),
@@ -98,7 +96,7 @@ def _along(axis: np.ndarray, at: float, span: Pair, steps: int, far: int) -> flo
     return float(axis[min(max(here + steps + far * max(1, round(FAR * width / cell)), 0), axis.size - 1)])
 
 
-def following(window: Window, at: Pair) -> Window:
+def following(window: Ranges, at: Pair) -> Ranges:
     """The window, moved so that it holds the cursor, if it does not."""
     delta, epsilon = (_following(span, value) for span, value in zip(window, at, strict=True))
     return delta, epsilon
@@ -114,7 +112,7 @@ def _following(span: Pair, value: float) -> Pair:
     return span
 
 
-def zoomed(window: Window, at: Pair, factor: float, box: Window) -> Window:
+def zoomed(window: Ranges, at: Pair, factor: float, box: Ranges) -> Ranges:
     """The window, narrower by a factor about the cursor; none wider than WIDEST times the survey."""
     delta, epsilon = (
         (value - (value - low) * least, value + (high - value) * least)

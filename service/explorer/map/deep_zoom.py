@@ -12,7 +12,7 @@ from functools import partial
 
 from rattle import RattleError
 from service.errors import UnavailableError
-from service.explorer.common.address import Pair
+from service.explorer.common.address import Ranges
 from service.explorer.common.viewer import Viewer
 from service.explorer.map.planes import Plane
 from service.jobs.manager import STARTING
@@ -108,9 +108,7 @@ class Zoom:
         self._viewer, self._show, self._say = viewer, show, say
         self._task: asyncio.Task[None] | None = None
 
-    def start(
-        self, plane: Plane, variable: str, index: int, window: tuple[Pair, Pair], pixels: tuple[int, int]
-    ) -> None:
+    def start(self, plane: Plane, variable: str, index: int, window: Ranges, pixels: tuple[int, int]) -> None:
         """Refine this window; what was refined before is given up."""
         self.stop()
         self._task = self._viewer.start(self._refine(plane, variable, index, window, pixels))
@@ -120,9 +118,7 @@ class Zoom:
             self._task.cancel()
             self._task = None
 
-    async def _refine(
-        self, plane: Plane, variable: str, index: int, window: tuple[Pair, Pair], pixels: tuple[int, int]
-    ) -> None:
+    async def _refine(self, plane: Plane, variable: str, index: int, window: Ranges, pixels: tuple[int, int]) -> None:
         delta, epsilon = window
         inside = Window((max(delta[0], LEAST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), epsilon[1]))
         self._say("Computing this window …")
@@ -136,7 +132,7 @@ class Zoom:
             self._say(f"This window is not shown finer: {error}")
 
 
-def coarser(plane: Plane, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
+def coarser(plane: Plane, window: Ranges, pixels: tuple[int, int]) -> bool:
     """Whether cells of the survey are large on the screen, or the window shows more than the survey."""
     for axis, (low, high), size in zip((plane.delta, plane.epsilon), window, pixels, strict=True):
         step = (axis[-1] - axis[0]) / (axis.size - 1)

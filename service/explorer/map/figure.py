@@ -18,7 +18,7 @@ from bokeh.plotting import figure
 
 from rattle.plot.plane import MARKERS, STYLES
 from service.explorer.common import glyphs
-from service.explorer.common.address import CRISIS, Pair
+from service.explorer.common.address import CRISIS, Pair, Ranges
 from service.explorer.common.theme import INK
 from service.explorer.map import axes
 from service.explorer.map.colouring import Colouring
@@ -85,7 +85,7 @@ class Map:
         ]
         for scale in self._scales.values():
             plot.add_layout(scale.bar, "right")
-        self._box: tuple[Pair, Pair] | None = None
+        self._box: Ranges | None = None
         self._listen(on_point, on_pointer, on_window, on_reset)
 
     def _dress(self, theme: str) -> None:
@@ -172,7 +172,7 @@ class Map:
         self._values.data = {"image": [shown], **where}
         self._reasons.data = {"image": [colours.reasons], **where}
 
-    def frame(self, values: np.ndarray, box: tuple[Pair, Pair]) -> None:
+    def frame(self, values: np.ndarray, box: Ranges) -> None:
         """Draw a finer block over the cells: values (epsilon, delta), and what they cover."""
         self._fine.data = {"image": [np.asarray(values, np.float32)], **image_at(box)}
 
@@ -235,7 +235,7 @@ def _put(source: ColumnDataSource, point: Pair | None) -> None:
         source.data = {"x": [point[0]], "y": [point[1]]}
 
 
-def image_at(box: tuple[Pair, Pair]) -> dict[str, list[float]]:
+def image_at(box: Ranges) -> dict[str, list[float]]:
     """Where Bokeh puts an image that covers this."""
     (left, right), (bottom, top) = box
     return {"x": [left], "y": [bottom], "dw": [right - left], "dh": [top - bottom]}

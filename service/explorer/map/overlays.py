@@ -18,14 +18,15 @@ from rattle.crisis import crisis_curve
 from rattle.models import AnyModel
 from rattle.plot.plane import polyline
 from service.errors import UnavailableError
-from service.explorer.common.address import CRISIS, OVERLAYS, POINTS, Pair
+from service.explorer.common.address import CRISIS, OVERLAYS, POINTS, Pair, Ranges
 from service.explorer.common.glyphs import style_of
 from service.explorer.common.lists import Key
 from service.explorer.common.viewer import Viewer
 from service.explorer.map.figure import Map
 from service.kernels import Part
 from service.state import Front
-from workers.survey.curves import LOWEST_DELTA, Missing, Window, traced
+from workers.survey.curves import LOWEST_DELTA, Missing, traced
+from workers.survey.request import Window
 
 CRISIS_RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
 KEPT_CRISES = 16
@@ -64,14 +65,14 @@ class Lines:
         self._entries = entries(model)
         self.key.overlays = self._entries
 
-    def draw(self, names: Sequence[str], model: AnyModel, window: tuple[Pair, Pair]) -> None:
+    def draw(self, names: Sequence[str], model: AnyModel, window: Ranges) -> None:
         """Find some lines of a model in a window, instead of what was being found of them."""
         for name in names:
             if name in self._tasks:
                 self._tasks.pop(name).cancel()
             self._tasks[name] = self._viewer.start(self._line(name, model, window))
 
-    async def _line(self, name: str, model: AnyModel, window: tuple[Pair, Pair]) -> None:
+    async def _line(self, name: str, model: AnyModel, window: Ranges) -> None:
         await self._viewer.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
         if name == POINTS:
             points = await self._viewer.read(lambda: points_of(model))

@@ -14,7 +14,7 @@ import xarray as xr
 
 from service.database.tables import JobRow, State
 from service.errors import MissingError
-from service.explorer.common.address import Pair
+from service.explorer.common.address import Pair, Ranges
 from service.state import Front
 from workers import SurveyRequest, open_survey, tiles_of
 from workers.pictures.maps import numbers, plane_of
@@ -38,7 +38,7 @@ class Block:
     epsilon: np.ndarray
     values: np.ndarray
     status: np.ndarray
-    box: tuple[Pair, Pair]
+    box: Ranges
 
 
 class Plane:
@@ -93,7 +93,7 @@ class Plane:
         self.status[where] = np.asarray(self._dataset["status"][where])
 
     @property
-    def box(self) -> tuple[Pair, Pair]:
+    def box(self) -> Ranges:
         """What the cells cover."""
         return box_of(self.delta, self.epsilon)
 
@@ -102,7 +102,7 @@ class Plane:
         """Whether there are more cells than are drawn at once."""
         return max(self.values.shape) > SIDE
 
-    def block(self, window: tuple[Pair, Pair] | None = None) -> Block:
+    def block(self, window: Ranges | None = None) -> Block:
         """The cells in a window, or all, as they are drawn."""
         spans = window or self.box
         j, i = (_some(axis, span) for axis, span in zip((self.delta, self.epsilon), spans, strict=True))
@@ -142,7 +142,7 @@ def _some(axis: np.ndarray, span: Pair) -> _Some:
     return _Some(chosen, (float(axis[first] - half), float(axis[first + number - 1] + half)))
 
 
-def box_of(delta: np.ndarray, epsilon: np.ndarray) -> tuple[Pair, Pair]:
+def box_of(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
     """What cells cover: half a cell more on each side."""
     dx, dy = ((axis[-1] - axis[0]) / (2 * max(axis.size - 1, 1)) for axis in (delta, epsilon))
     return (float(delta[0] - dx), float(delta[-1] + dx)), (float(epsilon[0] - dy), float(epsilon[-1] + dy))

@@ -12,7 +12,7 @@ import xarray as xr
 import rattle
 from rattle.models import AnyModel
 from rattle.plot import name_of
-from service.explorer.common.address import Pair
+from service.explorer.common.address import Ranges
 from service.explorer.map.axes import written
 from service.explorer.map.planes import Plane
 from workers import QUANTITIES
@@ -23,7 +23,7 @@ from workers.survey.schema import CELL
 Row = tuple[str, str]
 
 
-def readout(cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyModel, window: tuple[Pair, Pair]) -> str:
+def readout(cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyModel, window: Ranges) -> str:
     """HTML of what is known at a point (δ, ε): its region, and the cell of the survey that it is in, if any."""
     rows: list[Row] = [("δ", written(delta, window[0])), ("ε", written(epsilon, window[1]))]
     if delta > 0 and epsilon >= 0:
@@ -45,7 +45,7 @@ def readout(cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyMod
     return "".join(tables)
 
 
-def in_words(plane: Plane, delta: float, epsilon: float, window: tuple[Pair, Pair]) -> str:
+def in_words(plane: Plane, delta: float, epsilon: float, window: Ranges) -> str:
     """Where a cell is, and what the map shows there: a sentence to be read out."""
     place = f"δ {written(delta, window[0])}, ε {written(epsilon, window[1])}"
     at = plane.at(delta, epsilon)

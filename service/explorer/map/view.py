@@ -14,7 +14,7 @@ import panel as pn
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
-from service.explorer.common.address import CRISIS, POINTS, Pair, View
+from service.explorer.common.address import CRISIS, POINTS, Pair, Ranges, View
 from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
@@ -84,7 +84,7 @@ class MapView:
         return self._plane.request.gear_model if self._plane else Impacting()
 
     @property
-    def window(self) -> tuple[Pair, Pair]:
+    def window(self) -> Ranges:
         """(low, high) of δ and of ε that is shown."""
         if self.view.delta and self.view.epsilon:
             return self.view.delta, self.view.epsilon
@@ -255,7 +255,7 @@ class MapView:
         if self._plane is not None:
             self._lines.draw(tuple(names), self.model, self.window)
 
-    def _shown(self) -> tuple[Plane, tuple[Pair, Pair], Pair | None] | None:
+    def _shown(self) -> tuple[Plane, Ranges, Pair | None] | None:
         return (self._plane, self.window, self.view.point) if self._plane is not None else None
 
     def _look(self, at: Pair) -> None:
@@ -264,7 +264,7 @@ class MapView:
         self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window))}</p>"
         self._read(*at)
 
-    def _go(self, window: tuple[Pair, Pair]) -> None:
+    def _go(self, window: Ranges) -> None:
         if window != self.window and window[0][1] > 0:
             self.map.window(*window)
             self._moved(*window)
@@ -294,10 +294,10 @@ class MapView:
         elif self._plane.is_thinned:
             self._viewer.start(self._all_cells(self._plane, self.window))
 
-    async def _all_cells(self, plane: Plane, window: tuple[Pair, Pair]) -> None:
+    async def _all_cells(self, plane: Plane, window: Ranges) -> None:
         """Draw those cells of a window that are left out where the whole survey is drawn."""
 
-        def prepare() -> tuple[np.ndarray, tuple[Pair, Pair]]:
+        def prepare() -> tuple[np.ndarray, Ranges]:
             block = plane.block(window)
             return values_shown(plane, block), block.box
 
