@@ -1,15 +1,15 @@
 """The boundary crisis at one damping: where in ε W^u(A) escapes, the contacts there, and whether chaos ends."""
 
+from contextlib import suppress
+
 import numpy as np
 
 from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.crisis.contact import Crisis, frame, solve
-from rattle.impacting.crisis.escape import AT_REST, RETURNS, SPARSE, at_rest, escapes, is_chaotic, outlived
-from rattle.impacting.map.iterate import iterate
+from rattle.impacting.crisis.escape import SAMPLES, Followed, escapes, is_chaotic, outlived, saddle_at
 from rattle.impacting.orbits.limits import quiet_limit, sn1
 from rattle.impacting.orbits.period_one import period_one
-from rattle.orbits.iterates import fold
 from rattle.orbits.saddles import Array
 
 STEP = 0.04  # of ε − SN1, between two that are tried
@@ -20,6 +20,7 @@ HALVINGS = 6
 DENSE, CHECKED = 2000, 40000  # samples per unit of ln s on W^u(A), for the bracket, and once more below the crisis
 MARGIN = 1e-4  # how far below the crisis, relative to ε − SN1, no other piece may touch
 MOST_PIECES = 6
+MOST_RUNS = 4  # of samples that escape, of which the contact is looked for in turn
 MOST_STEPS = 400  # of an orbit that escapes
 NEAR, GONE = 0.3, 0.5  # a return, relative to the farthest; a speed below which an orbit is on its way to rest
 WIDER = 12
@@ -48,19 +49,15 @@ def _gaps(delta: float, beta: float) -> Array:
     return np.asarray(gaps[period_one(delta, floor + gaps, beta).exists[0]], np.float64)
 
 
-def _rate(delta: float, epsilon: float, beta: float) -> float:
-    return float(np.log(frame(delta, epsilon, beta).unstable.multiplier))
-
-
-def samples_for(delta: float, epsilon: float, beta: float, density: int) -> int:
-    """So many samples per unit of ln s of one fundamental domain."""
-    return int(SPARSE + density * _rate(delta, epsilon, beta))
+def _followed(delta: float, beta: float, gap: float, density: int) -> Followed:
+    """W^u(A) at SN1 + gap, by so many samples per unit of ln s. Raises RattleError where nothing is decidable."""
+    a = saddle_at(delta, float(sn1(delta)) + gap, beta)
+    return Followed(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.first_excursion)
 
 
 def touched(delta: float, beta: float, gap: float, density: int) -> bool:
     """Whether W^u(A) escapes at SN1 + gap."""
-    epsilon = float(sn1(delta)) + gap
-    return bool(escapes(delta, np.array([epsilon]), beta, samples_for(delta, epsilon, beta, density)).any())
+    return bool(_followed(delta, beta, gap, density).at_rest.any())
 
 
 def _narrowed(delta: float, beta: float, low: float, high: float) -> tuple[float, float]:
@@ -70,27 +67,21 @@ def _narrowed(delta: float, beta: float, low: float, high: float) -> tuple[float
     return low, high
 
 
-def _run(delta: float, beta: float, gap: float) -> Array:
-    """The longest run of places s of a fundamental domain of W^u(A) that escape, with one more on both sides."""
-    epsilon = float(sn1(delta)) + gap
-    local, rate = frame(delta, epsilon, beta).unstable, _rate(delta, epsilon, beta)
-    s = local.size * np.exp(rate * np.linspace(-1.0, 0.0, samples_for(delta, epsilon, beta, CHECKED)))
-    tau, v = local.at(s)
-    n = int(np.log(1.0 / local.size) / rate) + RETURNS + AT_REST + int(9.0 / rate)
-    end = iterate(delta, epsilon, fold(tau), v, n, beta)
-    gone = at_rest(delta, np.array([epsilon]), beta, end.tau, end.v)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int)))
+def _runs(delta: float, beta: float, gap: float) -> list[Array]:
+    """Runs of places s in a fundamental domain of W^u(A) that escape, longest first, with one more on both sides."""
+    found = _followed(delta, beta, gap, CHECKED)
+    s, gone = found.s[0], found.at_rest[0]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
     if not edges.size:
-        raise RattleError(f"W^u(A) does not escape at epsilon = {epsilon}")
-    runs = edges.reshape(-1, 2)
-    first, last = runs[np.argmax(runs[:, 1] - runs[:, 0])]
-    return np.asarray(s[max(first - 1, 0) : last + 1], np.float64)
+        raise RattleError(f"W^u(A) does not escape at epsilon = {sn1(delta) + gap}")
+    runs = sorted(edges, key=lambda ends: ends[0] - ends[1])
+    return [np.asarray(s[max(first - 1, 0) : last + 1], np.float64) for first, last in runs]
 
 
 def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
     """Steps after which W(s) first meets Σ⁻, and after which from there it enters the series of W^s(A)."""
     here = frame(delta, float(sn1(delta)) + gap, beta)
-    states, met, entries, inside, farthest = here.unstable.at(np.array([s])), -1, [], True, 0.0
+    states, met, entries, inside, farthest = here.unstable.image(np.array([s]), 0)[1], -1, [], True, 0.0
     for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable.multiplier))):
         ok, states, _, bounces = here.unstable.map(states, 1)
         if not ok.all():
@@ -108,10 +99,18 @@ def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[i
 
 
 def contact_near(delta: float, beta: float, low: float, high: float) -> Crisis:
-    """Where the piece of W^u(A) that escapes at SN1 + high and not at SN1 + low touches W^s(A); of the returns to A
-    that its orbit makes, the one that touches at the least ε.
+    """Where a piece of W^u(A) that escapes at SN1 + high and not at SN1 + low touches W^s(A): the longest of which the
+    contact is found.
     """
-    run = _run(delta, beta, high)
+    *runs, last = _runs(delta, beta, high)[:MOST_RUNS]
+    for run in runs:
+        with suppress(RattleError):
+            return _contact(delta, beta, low, high, run)
+    return _contact(delta, beta, low, high, last)
+
+
+def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> Crisis:
+    """Of the returns to A that the orbit in the middle of a run makes, that which touches at the least ε."""
     met, entries = _orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
         raise RattleError(f"the orbit that escapes at epsilon = {sn1(delta) + high} does not return to A")
@@ -165,7 +164,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     gaps = _gaps(delta, beta)
     if gaps.size < 2:
         raise RattleError(f"there is no A below the quiet limit at delta = {delta}, beta = {beta}")
-    gone = np.asarray(escapes(delta, float(sn1(delta)) + gaps, beta).any(axis=1), np.bool_)
+    gone = np.asarray(escapes(delta, float(sn1(delta)) + gaps, beta), np.bool_)
     reasons = []
     for i in np.flatnonzero(gone[1:] & ~gone[:-1])[::-1]:
         try:
