@@ -113,11 +113,11 @@ def power_law(
 
     Where the points scatter by more than counting explains, the error grows by that.
     """
-    told = uncertain >= FEWEST
-    if told.sum() < 3:
+    enough = uncertain >= FEWEST
+    if enough.sum() < 3:
         return float("nan"), float("nan")
-    x, f = np.log(sizes[told]), uncertain[told] / pairs[told]
-    weight = uncertain[told] / np.maximum(1.0 - f, 0.5 / pairs[told])  # 1/variance of ln f
+    x, f = np.log(sizes[enough]), uncertain[enough] / pairs[enough]
+    weight = uncertain[enough] / np.maximum(1.0 - f, 0.5 / pairs[enough])  # 1/variance of ln f
     middle = np.average(x, weights=weight)
     spread = float((weight * (x - middle) ** 2).sum())
     y = np.log(f)

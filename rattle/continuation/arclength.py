@@ -134,8 +134,8 @@ class Bound:
         return self.low if value < self.low else self.high if value > self.high else None
 
 
-def last_inside(problem: Problem, a: Array, b: Array, happens: Callable[[Array], bool]) -> tuple[Array, Array]:
-    """The last solution between a (which happens) and b (which does not) that happens, and the first that does not, by
+def last_inside(problem: Problem, a: Array, b: Array, is_admissible: Callable[[Array], bool]) -> tuple[Array, Array]:
+    """The last solution between a (admissible) and b (which is not) that is admissible, and the first that is not, by
     bisection to rounding. Near a singular solution, where Newton's method fails from afar, steps follow the tangent,
     as b may be a solution of another branch, and are shorter.
     """
@@ -150,7 +150,7 @@ def last_inside(problem: Problem, a: Array, b: Array, happens: Callable[[Array],
             found = newton(problem, inside + share * float(np.linalg.norm(ahead)) * tangent, tangent)
         if found is None:
             share *= 0.5
-        elif happens(found[0]):
+        elif is_admissible(found[0]):
             inside, share = found[0], 0.5
         else:
             outside, share = found[0], 0.5
@@ -159,19 +159,19 @@ def last_inside(problem: Problem, a: Array, b: Array, happens: Callable[[Array],
 
 @dataclass(frozen=True)
 class Follower:
-    """How a problem is followed: between bounds, as long as `happens`, with steps at most `longest(unit tangent)` in
-    the unknowns' Euclidean norm. twins(start, x): all ways to write a solution (…, N + 1), as near to x as they go.
+    """How a problem is followed: between bounds, as long as `is_admissible`, with steps at most `longest(unit tangent)`
+    in the unknowns' Euclidean norm. twins(start, x): all ways to write a solution (…, N + 1), as near to x as they go.
     """
 
     problem: Problem
     bounds: Sequence[Bound]
-    happens: Callable[[Array], bool]
+    is_admissible: Callable[[Array], bool]
     longest: Callable[[Array], float]
     twins: Callable[[Array, Array], Array] = lambda start, _: start[None]
 
     def inside(self, x: Array) -> bool:
         """Whether x is a point of the curve that is asked for."""
-        return all(bound.crossed(x) is None for bound in self.bounds) and self.happens(x)
+        return all(bound.crossed(x) is None for bound in self.bounds) and self.is_admissible(x)
 
     def follow(self, start: Array, tangent: Array, most: int = MOST_POINTS, first: float = np.inf) -> Path:
         """Follow the curve from a solution inside towards `tangent`, to where it is not inside any more: the last

@@ -34,10 +34,10 @@ from numba.extending import overload
 
 log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
 
-LOCK_POLL_SECONDS, TOLD_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 600.0
+LOCK_POLL_SECONDS, SAID_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 600.0
 OBJECTS = 50_000  # that are made between two collections of garbage; Python's own default is 700
 
-DRAWN_OR_TOLD = {"plot", "paper", "proof"}  # folders that compute nothing that a survey holds
+COMPUTE_NOTHING = {"plot", "paper", "proof"}  # folders that compute nothing that a survey holds
 
 
 @cache
@@ -47,7 +47,7 @@ def source_hash() -> str:
     root = Path(__file__).parents[1]
     for path in sorted(root.rglob("*.py")):
         name = path.relative_to(root)
-        if name.parts[0] not in DRAWN_OR_TOLD:
+        if name.parts[0] not in COMPUTE_NOTHING:
             digest.update(name.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
 
@@ -204,10 +204,10 @@ def _alone(path: str, what: str) -> Iterator[None]:
         yield
         return
     try:
-        began, told = time.monotonic(), False
+        began, said = time.monotonic(), False
         while not _locked(file) and time.monotonic() < began + SUSPENDED_SECONDS:
-            if not told and time.monotonic() > began + TOLD_SECONDS:
-                told = True
+            if not said and time.monotonic() > began + SAID_SECONDS:
+                said = True
                 log.info("waiting for another process to compile %s", what)
             time.sleep(LOCK_POLL_SECONDS)
         yield

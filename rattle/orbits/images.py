@@ -18,7 +18,7 @@ def images(tau, v, steps, turns, backwards, point):
     ok, out_tau, out_v = np.ones(n, np.bool_), np.empty(n), np.empty(n)
     word, bounces = np.zeros(n, np.int64), np.zeros(n, np.int64)
     for i in range(n):
-        t, w, at, letters = tau[i], v[i], tau[i], np.int64(0)
+        t, w, at, code = tau[i], v[i], tau[i], np.int64(0)
         for _ in range(steps):
             if backwards:
                 status, t, w, time, number = inverse_step(t, w, point)
@@ -26,10 +26,10 @@ def images(tau, v, steps, turns, backwards, point):
             else:
                 status, t, w, time, number = step(t, w, point)
                 at += time
-            letters = letters * 1000003 + number + 1
+            code = code * 1000003 + number + 1
             bounces[i] += number
             if status != OK:
                 ok[i] = False
                 break
-        out_tau[i], out_v[i], word[i] = at + turns if backwards else at - turns, w, letters
+        out_tau[i], out_v[i], word[i] = at + turns if backwards else at - turns, w, code
     return ok, out_tau, out_v, word, bounces

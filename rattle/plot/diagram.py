@@ -156,7 +156,7 @@ def curves_along(diagram: Diagram[Any, Any], branch: Any, scale: float, offset: 
 def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
     """The parts that happen: whether stable, and the points of each; a phase that passes 1 begins anew."""
     parts = zip(curve.admissible[:-1], curve.stable[:-1], np.abs(np.diff(curve.tau)) > 0.5, strict=True)
-    kinds = [None if jumps or not happens else bool(stable) for happens, stable, jumps in parts]
+    kinds = [None if jumps or not is_admissible else bool(stable) for is_admissible, stable, jumps in parts]
     first = 0
     while first < len(kinds):
         last = first

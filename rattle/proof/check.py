@@ -58,12 +58,12 @@ class Motion:
         names = ["delta", "epsilon", "beta", *{"impacting": [], "stiff": ["kappa"]}[document["model"]]]
         require({*document["parameters"]} == {*names}, f"its parameters are not {', '.join(names)}")
         self.delta, self.epsilon, self.beta, *kappa = (exact(document["parameters"][name]) for name in names)
-        self.word, (self.m, *counts) = document["walls"], document["label"]
-        whole = all(type(x) is int for x in [self.m, *self.word]) and self.m > 0 and {*self.word} <= {1, -1}
+        self.itinerary, (self.m, *counts) = document["walls"], document["label"]
+        whole = all(type(x) is int for x in [self.m, *self.itinerary]) and self.m > 0 and {*self.itinerary} <= {1, -1}
         require(whole, "its walls are not 1 and -1, or its forcing periods not 1, 2, …")
-        require(counts == [self.word.count(1), self.word.count(-1)], "its label does not count its walls")
+        require(counts == [self.itinerary.count(1), self.itinerary.count(-1)], "its label does not count its walls")
         self.k, self.turns = ([2 * kappa[0], ZERO], 1) if kappa else ([ZERO], -1)  # what an event makes of a velocity
-        self.walls = [wall for wall in self.word for _ in self.k]
+        self.walls = [wall for wall in self.itinerary for _ in self.k]
         times, speeds = document["times"], document["speeds"]
         require(len(times) == len(speeds) == len(self.walls) <= MOST_EVENTS, "it has other times than events")
         signs = [-wall * (-1 if kappa and i % 2 == 0 else 1) for i, wall in enumerate(self.walls)]
@@ -106,7 +106,7 @@ class Motion:
             spread = moved
         return [a + b for a, b in zip(x, spread, strict=True)]
 
-    def require_happens(self, x: Sequence[Interval]) -> None:
+    def require_admissible(self, x: Sequence[Interval]) -> None:
         """Each piece begins and ends at its walls with speeds that are not 0, and meets or leaves none on its way."""
         for i, p in enumerate(self.pieces(x), 1):
             side = p.wall if p.k != 0 else -p.wall  # a contact is beyond its wall
@@ -116,10 +116,11 @@ class Motion:
 
     def require_least_period(self, x: Sequence[Interval]) -> None:
         """No part of the m forcing periods is a period."""
-        n, times = len(self.word), [*x[::2], *(t + self.m for t in x[::2])]
+        n, times = len(self.itinerary), [*x[::2], *(t + self.m for t in x[::2])]
         for parts in range(2, n + 1):
             shift = n // parts
-            if self.m % parts == n % parts == 0 and [*self.word[shift:], *self.word[:shift]] == self.word:
+            shifted = [*self.itinerary[shift:], *self.itinerary[:shift]]
+            if self.m % parts == n % parts == 0 and shifted == self.itinerary:
                 gaps = [b - a - self.m // parts for a, b in zip(times, times[shift * len(self.k) :], strict=False)]
                 require(any(positive(gap) or positive(-gap) for gap in gaps), f"it may repeat {parts} times")
 
@@ -215,7 +216,7 @@ def check(text: str) -> str:
         require(document["format"] == 1, "its format is not known")
         motion = Motion(document)
         x = motion.enclosed()
-        motion.require_happens(x)
+        motion.require_admissible(x)
         motion.require_least_period(x)
         trace, determinant = motion.trace(x), IV.exp(-motion.delta * motion.m) * (1 + SLACK)
         claims = [document["trace"], document["determinant"], *document["multipliers"]]

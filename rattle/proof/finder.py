@@ -38,7 +38,7 @@ class Motion(Evaluated, Protocol):
     def trace(self) -> arb:
         """The trace of the tangent map over the period."""
 
-    def require_happens(self) -> None:
+    def require_admissible(self) -> None:
         """Raise NotProvedError unless every piece ends where it first can."""
 
 
@@ -48,7 +48,7 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
         motions, start = motions_of(orbit, parameters)
         found = enclosed(motions, start)
         motion = motions(found.zero)
-        motion.require_happens()
+        motion.require_admissible()
         require_least_period(found.zero, orbit.walls, orbit.m)
         speeds = [nearest(each, PLACES) for each in motion.speeds]
         box = motions([around(each, found.radius) for each in found.centre])
@@ -74,7 +74,7 @@ def certified(orbit: Periodic, parameters: dict[str, Fraction]) -> Certificate:
 def motions_of(
     orbit: Periodic, parameters: dict[str, Fraction]
 ) -> tuple[Callable[[Sequence[arb]], Motion], NDArray[np.float64]]:
-    """The motions of a computed one's word by their times, and its own."""
+    """The motions of a computed one's itinerary by their times, and its own."""
     plane = Plane(*(ball(parameters[name]) for name in ("delta", "epsilon", "beta")))
     if "kappa" not in parameters:
         return Impacting(plane, orbit.walls, orbit.m), orbit.departures
@@ -96,13 +96,13 @@ def require_same(orbit: Periodic, speeds: Sequence[Fraction], trace: arb) -> Non
 
 def require_least_period(times: Sequence[arb], walls: Sequence[int], m: int) -> None:
     """Raise NotProvedError if the motion may repeat before m forcing periods are over."""
-    n, words = len(walls), tuple(walls)
+    n, order = len(walls), tuple(walls)
     each = len(times) // n
     for parts in range(2, m + 1):
         if m % parts or n % parts:
             continue
         shift = n // parts
-        if words[shift:] + words[:shift] != words:
+        if order[shift:] + order[:shift] != order:
             continue
         later = [*times, *(time + m for time in times)][shift * each :]
         if not any(abs(b - a - m // parts) > 0 for a, b in zip(times, later, strict=False)):

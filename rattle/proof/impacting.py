@@ -54,7 +54,7 @@ class Impacts:
             product = arb_mat([[t_t, t_w / each.w0], [w_t * each.w1, w_w * each.w1 / each.w0]]) * product
         return product.trace()
 
-    def require_happens(self) -> None:
+    def require_admissible(self) -> None:
         """Raise NotProvedError unless every flight ends at its first impact."""
         for i, each in enumerate(self.flights):
             target = self.walls[(i + 1) % len(self.walls)]

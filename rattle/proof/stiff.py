@@ -102,7 +102,7 @@ class Contacts:
     """Contacts (c,) and flights (c,) in turn; unknowns (2c,): when each contact begins and ends."""
 
     walls: Walls
-    word: tuple[int, ...]
+    itinerary: tuple[int, ...]
     contacts: list[Contact]
     flights: list[Flight]
 
@@ -115,7 +115,7 @@ class Contacts:
     @property
     def jacobian(self) -> arb_mat:
         """∂R/∂t (2c, 2c)."""
-        n, delta = 2 * len(self.word), self.walls.plane.delta
+        n, delta = 2 * len(self.itinerary), self.walls.plane.delta
         matrix = [[arb(0)] * n for _ in range(n)]
         for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
             before, begin, end = self.flights[i - 1], 2 * i, 2 * i + 1
@@ -133,7 +133,7 @@ class Contacts:
     @property
     def speeds(self) -> list[arb]:
         """Speeds (2c,): with which each contact begins and ends."""
-        each = zip(self.word, self.contacts, self.flights, strict=True)
+        each = zip(self.itinerary, self.contacts, self.flights, strict=True)
         return [speed for wall, contact, after in each for speed in (wall * contact.w, -wall * after.w0)]
 
     @property
@@ -147,10 +147,10 @@ class Contacts:
             )
         return product.trace()
 
-    def require_happens(self) -> None:
+    def require_admissible(self) -> None:
         """Raise NotProvedError unless each contact and each flight ends where it first can."""
         for i, (contact, after) in enumerate(zip(self.contacts, self.flights, strict=True)):
-            wall, target = self.word[i], self.word[(i + 1) % len(self.word)]
+            wall, target = self.itinerary[i], self.itinerary[(i + 1) % len(self.itinerary)]
             require_lasts(contact, wall, f"contact {i + 1}")
             require_first(after, wall, target, f"the flight after contact {i + 1}")
 
@@ -160,22 +160,22 @@ class Stiff:
     """The motions that meet these walls (c,) in m forcing periods, by the times (2c,) of their contacts."""
 
     walls: Walls
-    word: tuple[int, ...]
+    itinerary: tuple[int, ...]
     m: int
 
     def __call__(self, times: Sequence[arb]) -> Contacts:
         """The motion of these times; where R is not 0 its contacts do not fit between its flights."""
-        c, n, plane = len(self.word), len(times), self.walls.plane
+        c, n, plane = len(self.itinerary), len(times), self.walls.plane
         turns = [(2 * time).sin_cos_pi() for time in times]
         flights = [
             flight(
                 plane, times[i], times[i + 1] if i + 1 < n else times[0] + self.m, turns[i], turns[(i + 1) % n],
-                plane.beta * (self.word[(i // 2 + 1) % c] - self.word[i // 2]),
+                plane.beta * (self.itinerary[(i // 2 + 1) % c] - self.itinerary[i // 2]),
             )
             for i in range(1, n, 2)
         ]  # fmt: skip
         contacts = [Contact(self.walls, times[2 * i], times[2 * i + 1], flights[i - 1].w1) for i in range(c)]
-        return Contacts(self.walls, self.word, contacts, flights)
+        return Contacts(self.walls, self.itinerary, contacts, flights)
 
 
 def require_lasts(contact: Contact, wall: int, name: str) -> None:

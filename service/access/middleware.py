@@ -26,7 +26,7 @@ from service.web import problems
 #: Answered without a key: whether the service lives, and how to use it.
 OPEN = frozenset({"/v1/health", "/v1/ready", "/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc", LOGIN})
 #: Written to without a key: to show one, and to put it away.
-DOORS = frozenset({LOGIN, LOGOUT})
+LOGIN_PATHS = frozenset({LOGIN, LOGOUT})
 EXPLORER = "/"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LONGEST_TARGET = 8192
@@ -107,10 +107,10 @@ class AccessMiddleware:
         try:
             caller = await run_in_threadpool(self._caller_by_key, scope, headers)
         except UnauthorizedError:
-            if scope["path"] in (OPEN if method in SAFE_METHODS else DOORS):
+            if scope["path"] in (OPEN if method in SAFE_METHODS else LOGIN_PATHS):
                 return None
             raise
-        may_read = method in SAFE_METHODS or scope["path"] in DOORS
+        may_read = method in SAFE_METHODS or scope["path"] in LOGIN_PATHS
         wanted = KeyScope.READ if may_read else KeyScope.SUBMIT
         if not caller.may(wanted):
             raise ForbiddenError(

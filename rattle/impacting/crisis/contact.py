@@ -108,13 +108,13 @@ class Frame:
             low, high = s[max(i - 1, 0)], s[min(i + 1, GRID - 1)]
         return float(values[i]), float(s[i])
 
-    def letters(self, s: float, n: int) -> tuple[int, ...]:
+    def symbols(self, s: float, n: int) -> tuple[int, ...]:
         """Impacts on Σ⁻ in each of the n steps from W(s), from the first to the last that is not 0."""
         start = self.points(np.array([s]))
         counts = np.array([int(self.unstable.map(start, j)[3][0]) for j in range(n + 1)])
-        letters = np.diff(counts)
-        some = np.flatnonzero(letters)
-        return tuple(int(x) for x in letters[some[0] : some[-1] + 1]) if some.size else ()
+        found = np.diff(counts)
+        some = np.flatnonzero(found)
+        return tuple(int(x) for x in found[some[0] : some[-1] + 1]) if some.size else ()
 
 
 @lru_cache(maxsize=256)
@@ -174,7 +174,7 @@ def _labelled(delta: float, epsilon: float, beta: float, window: tuple[float, fl
     s = here.least(window, n)[1]
     if min(s - window[0], window[1] - s) < 1e-3 * (window[1] - window[0]):
         raise RattleError(f"the contact of W^u(A) with W^s(A) near epsilon = {epsilon} is not isolated")
-    sides = [here.letters(s * (1.0 + side * SAME), n) for side in (-1, 1)]
+    sides = [here.symbols(s * (1.0 + side * SAME), n) for side in (-1, 1)]
     contact = "tangency" if sides[0] == sides[1] else "corner"
     return Crisis(delta, epsilon, beta, contact, max(sides, key=sum), s, n)
 
@@ -201,7 +201,7 @@ def root_slope(crisis: Crisis) -> float:
     while low < (middle := 0.5 * (low + high)) < high:
         same = here.returns(np.array([middle]), n)[1][0] == first
         low, high = (middle, high) if same else (low, middle)
-    more = 1 if sum(here.letters(high, n)) > sum(here.letters(low, n)) else -1
+    more = 1 if sum(here.symbols(high, n)) > sum(here.symbols(low, n)) else -1
     root = np.linspace(0.2, 1.0, 12) * 1e-2
     heights = here.returns((high if more > 0 else low) + more * s * root**2, n)[0]
     corner = float(here.returns(np.array([low if more > 0 else high]), n)[0][0])

@@ -82,8 +82,8 @@ def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
 
 
 def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> bool:
-    """Whether the motion of x (n + 2,) happens: it leaves each wall into the gap, and each flight ends at its first
-    impact. Impact number `grazed`, if given, has speed 0 and may be made or missed.
+    """Whether the motion of x (n + 2,) is admissible: it leaves each wall into the gap, and each flight ends at its
+    first impact. Impact number `grazed`, if given, has speed 0 and may be made or missed.
     """
     return first_failure(itinerary, x, grazed) is None
 

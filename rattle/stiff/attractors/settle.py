@@ -82,9 +82,9 @@ def finish(tau, v, n, total, k, status, orbit, samples):
 
 
 @inline
-def told(status):
+def ended_with(code):
     """What a return that does not come back says of its sample."""
-    return QUIET if status == flow.QUIET else FAILED
+    return QUIET if code == flow.QUIET else FAILED
 
 
 @kernel
@@ -100,7 +100,7 @@ def settle(which, cells, samples, balls):
         while status == LEFT and samples.impacts[k] + n < samples.limit[k]:
             code, tau, v, time, _below = step(tau, v, point)
             if code != OK:
-                status = told(code)
+                status = ended_with(code)
                 break
             n, total = n + 1, total + time
             status, orbit, reference = looked(tau, v, n, k, reference, samples, balls, unit)
@@ -131,7 +131,7 @@ def measure(which, least, periods, cells, samples, balls, sums, footprints):
                 tau, v, point.delta, point.epsilon, point.beta, point.kappa
             )
             if code != OK:
-                status = told(code)
+                status = ended_with(code)
                 break
             n, total = n + 1, total + time
             x, y = j00 * x + j01 * y, j10 * x + j11 * y

@@ -61,15 +61,15 @@ def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -
     def longest(tangent: Array) -> float:
         return min(LONGEST, step / max(abs(float(tangent[-1])), 1e-12))
 
-    def happens(y: Array) -> bool:
-        return line.happens(y) and not line.is_twice(y)
+    def is_admissible(y: Array) -> bool:
+        return line.is_admissible(y) and not line.is_twice(y)
 
-    return Follower(line.problem, (Bound(-1, *span),), happens, longest, line.twins)
+    return Follower(line.problem, (Bound(-1, *span),), is_admissible, longest, line.twins)
 
 
 def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
     """The branch through a solution y on a line, while s is in its span."""
-    if not line.happens(start):
+    if not line.is_admissible(start):
         raise RattleError("the motion does not happen at its own parameters: take it from stiff_orbit or from_limit")
     follower = _follower(line, span, resolution)
     rising = np.zeros(start.size)

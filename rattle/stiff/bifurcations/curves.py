@@ -16,7 +16,7 @@ from rattle.errors import RattleError, require, require_number
 from rattle.flight.between import TWO_PI
 from rattle.numerics.complex_step import Array
 from rattle.stiff.map.quiet import quiet_limit
-from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, closure, happens, softness, struck, trace_of
+from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, closure, is_admissible, softness, struck, trace_of
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import PLUS, PLUS_MINUS, Family, crossings, families, span_of
 from rattle.stiff.orbits.family_continuation import between
@@ -114,7 +114,7 @@ def _events(name: str, family: Family) -> list[Array]:
         found = [family.points[k] for k, pair in zip(family.folds, pairs, strict=True) if pair == FOLDS[name]]
     half = 0.5 * softness(family.cycle.kappa)
     late = [y for y in found if y.size == 3 or y[1] - y[0] + half * (y[3] - y[2]) > 0.5]
-    return [y for y in late if happens(y, family.cycle)]
+    return [y for y in late if is_admissible(y, family.cycle)]
 
 
 def _flips(name: str, family: Family) -> list[Array]:
@@ -154,7 +154,7 @@ def _left(name: str, y: Array, cycle: Cycle) -> str | None:
     c = cycle.walls.size
     if c == 2 and y[3] <= LEAST_CONTACT:
         return f"graze: contact with Σ⁻ is lost{GOES_ON.get(name, '')}"
-    if not happens(y, cycle):
+    if not is_admissible(y, cycle):
         meets = c == 1 and not np.isnan(struck(y, cycle))
         return f"graze: contact with Σ⁻ is made{GOES_ON.get(name, '')}" if meets else "the motion does not happen"
     if name in ("SN2", "G1") and _is_greatest(y, cycle) != (name == "G1"):

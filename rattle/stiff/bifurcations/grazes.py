@@ -76,7 +76,7 @@ def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | N
     for reach in NEAREST:
         for side in (reach, -reach):
             found = newton(line.problem, y + side * tangent, tangent)
-            if found is not None and line.happens(found[0]):
+            if found is not None and line.is_admissible(found[0]):
                 return line, found[0]
     return None
 
@@ -89,7 +89,7 @@ def _with_one_more(line: MotionsOnLine, y: Array, tangent: Array) -> tuple[Motio
         if failure is not None and failure.wall != 0:
             more, guess, constraint = (_split if failure.contact else _touching)(line, y, failure)
             found = newton(more.problem, guess, constraint)
-            if found is not None and more.happens(found[0]):
+            if found is not None and more.is_admissible(found[0]):
                 return more, found[0]
     return None
 

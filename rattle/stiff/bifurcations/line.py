@@ -51,7 +51,7 @@ class MotionsOnLine:
 
         return Problem(equations, scale=line_scale(self.origin, self.direction))
 
-    def happens(self, y: Array) -> bool:
+    def is_admissible(self, y: Array) -> bool:
         """Whether the motion of a solution does."""
         x = self.plane(y)
         return bool(x[-1] > 0.0) and admissible(self.itinerary(y), x[:-1])

@@ -1,4 +1,4 @@
-"""The closure of a periodic motion of the stiff gear with all derivatives, and whether it happens (compiled).
+"""The closure of a periodic motion of the stiff gear with all derivatives, and whether it is admissible (compiled).
 
 As `rattle.stiff.orbits.equations` at one δ, β and κ: unknowns y = (times at which the contacts begin, durations σ in
 units of p = 1/√(2κ), ε), 2c + 1 of them for c contacts; the equations say that every contact, entered with the velocity
@@ -191,7 +191,7 @@ def trace_of(y, cycle):
 def first_failure(y, cycle):
     """The first flight or contact of a solution that ends elsewhere than the equations say: (its number, whether it is
     a contact, the wall and the time at which it ends instead); wall 0 if it does not even begin, number −1 if there is
-    none, and the motion happens.
+    none, and the motion is admissible.
     """
     c, delta, epsilon, beta, kappa = cycle.walls.size, cycle.delta, y[y.size - 1], cycle.beta, cycle.kappa
     p = 1.0 / math.sqrt(2.0 * kappa)
@@ -219,8 +219,8 @@ def first_failure(y, cycle):
 
 
 @kernel
-def happens(y, cycle):
-    """Whether the motion of a solution happens: each contact and each flight ends first where the equations say."""
+def is_admissible(y, cycle):
+    """Whether the motion of a solution is admissible: each contact and flight ends first where the equations say."""
     return first_failure(y, cycle)[0] < 0
 
 

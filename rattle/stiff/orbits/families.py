@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError
 from rattle.numerics.complex_step import Array
-from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, departure_of, happens, softness, struck, trace_of
+from rattle.stiff.orbits.closure import LEAST_CONTACT, Cycle, departure_of, is_admissible, softness, struck, trace_of
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.family_continuation import (
     BROKEN,
@@ -74,7 +74,7 @@ class Family:
     def breaks(self) -> list[Array]:
         """The motions that happen where it could not be followed on, or anywhere if a fold of it was lost."""
         ends = [i for i, why in zip((0, -1), self.ends, strict=True) if why == BROKEN]
-        return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if happens(y, self.cycle)]
+        return [y for y in (self.points if len(ends) == 2 else self.points[ends]) if is_admissible(y, self.cycle)]
 
     def at(self, epsilon: float) -> list[Member]:
         """The motions of this eccentricity that happen. Raises RattleError where one is lost."""
@@ -83,10 +83,10 @@ class Family:
             ends = self.points[k : k + 2]
             if located(*ends, y.size - 1, epsilon, self.cycle, y):
                 y[-1] = epsilon
-                if happens(y, self.cycle):
+                if is_admissible(y, self.cycle):
                     name = self.letters[int(np.searchsorted(self.folds, k, side="right"))]
                     found.append(Member(name, self.cycle, y.copy()))
-            elif any(happens(end, self.cycle) for end in ends):
+            elif any(is_admissible(end, self.cycle) for end in ends):
                 raise lost(self.cycle, epsilon)
         return found
 
@@ -181,7 +181,7 @@ def slow(cycle: Cycle, span: float) -> list[Family]:
     duration = np.concatenate([dense, np.linspace(dense[-1], longest, DURATIONS)])
     known, found = without_minus(cycle, span), list[Family]()
     for guess in explicit(cycle, np.zeros((duration.size, 1)), duration[:, None]):
-        if not (happens(guess, cycle) and edge(guess, cycle, span)[0] < 0):
+        if not (is_admissible(guess, cycle) and edge(guess, cycle, span)[0] < 0):
             continue
         if corrected(guess, np.array([0.0, 1.0, 0.0]), cycle) and not held(guess, (*known, *found)):
             family = through(guess, cycle, span)

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.continuation.arclength import plane_scale
 from rattle.errors import RattleError, parameters, require_number
 from rattle.orbits.period_one import NAMES, PeriodOne, classify, multipliers_of
-from rattle.stiff.orbits.closure import Cycle, departure_of, happens, softness, trace_of
+from rattle.stiff.orbits.closure import Cycle, departure_of, is_admissible, softness, trace_of
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.families import PLUS, SLOW, Member, members, slow, span_of, without_minus
 from rattle.stiff.orbits.periodic import StiffOrbit, orbit_of
@@ -84,6 +84,6 @@ def saddle_node_1(delta: float, kappa: float, beta: float = 0.6) -> StiffOrbit:
     for family in without_minus(cycle, LARGEST_SPAN * plane_scale(delta)):
         for fold, letters in zip(family.folds, pairwise(family.letters), strict=True):
             y = family.points[fold]
-            if set(letters) == set("AC") and happens(y, cycle):
+            if set(letters) == set("AC") and is_admissible(y, cycle):
                 return _orbit(Member("SN1", cycle, y))
     raise RattleError(f"A and C are not born in a saddle-node at delta = {delta:g}, beta = {beta:g}, kappa = {kappa:g}")

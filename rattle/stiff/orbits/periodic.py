@@ -84,8 +84,8 @@ class Failure(NamedTuple):
 
 
 def admissible(itinerary: StiffItinerary, x: Array) -> bool:
-    """Whether the motion of x happens: each contact and each flight ends first where the equations say."""
-    return bool(closure.happens(np.delete(x, -2), _cycle(itinerary, x)))
+    """Whether the motion of x is admissible: each contact and each flight ends first where the equations say."""
+    return bool(closure.is_admissible(np.delete(x, -2), _cycle(itinerary, x)))
 
 
 def first_failure(itinerary: StiffItinerary, x: Array) -> Failure | None:
@@ -148,7 +148,7 @@ def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
 
 
 def follow_from_limit(
-    problem: Problem, start: Array, direction: Array, span: tuple[float, float], happens: Callable[[Array], bool]
+    problem: Problem, start: Array, direction: Array, span: tuple[float, float], is_admissible: Callable[[Array], bool]
 ) -> Path:
     """Solutions y (N + 1,) from the start on, the last unknown within its span, while they happen."""
     width = (span[1] - span[0]) / STEPS_TO_LIMIT
@@ -156,7 +156,7 @@ def follow_from_limit(
     def longest(tangent: Array) -> float:
         return min(LONGEST, width / max(abs(float(tangent[-1])), 1e-12))
 
-    follower = Follower(problem, (Bound(-1, *span),), happens, longest)
+    follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest)
     return follower.follow(start, tangent_at(problem, start, direction), MOST_STEPS)
 
 
