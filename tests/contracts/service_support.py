@@ -9,7 +9,9 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from waiting import HANG
 
+from service.access import keys
 from service.app import create_app
+from service.database.tables import Scope
 from service.errors import UnavailableError
 from service.settings import Settings
 from service.state import Front
@@ -22,6 +24,7 @@ BODY: dict[str, Any] = {
     "initial_conditions": {"count": 4},
     "tile": {"delta": 3, "epsilon": 2},
 }
+NOBODY = ("203.0.113.7", 40000)
 
 
 @contextmanager
@@ -62,6 +65,24 @@ def front_of(client: TestClient) -> Front:
     """What the routes of this application share."""
     front: Front = client.app.state.front
     return front
+
+
+def key(client: TestClient, scope: Scope = Scope.SUBMIT, **quotas: int) -> dict[str, str]:
+    """Headers with a new key."""
+    _, token = keys.add_key(front_of(client).database, "somebody", scope, **quotas)
+    return {"Authorization": f"Bearer {token}"}
+
+
+def submit(client: TestClient, headers: dict[str, str], **changes: Any) -> str:
+    response = client.post("/v1/surveys?force=true", json=BODY | changes, headers=headers)
+    assert response.status_code == 202, response.text
+    return str(response.json()["id"])
+
+
+@contextmanager
+def peer(client: TestClient, address: tuple[str, int]) -> Iterator[TestClient]:
+    """The same application, asked from another address."""
+    yield TestClient(client.app, HERE, raise_server_exceptions=False, client=address)
 
 
 def assert_problem(response: Any, status: int, *words: str) -> dict[str, Any]:

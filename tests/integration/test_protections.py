@@ -4,7 +4,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from protections import PROTECTIONS, ROOT, Protection
+from mutations import PROTECTIONS, Protection
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.parametrize("protection", PROTECTIONS, ids=lambda protection: protection.name)

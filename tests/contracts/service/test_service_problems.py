@@ -207,6 +207,22 @@ def test_bad_samples_are_refused(client: TestClient, extra: str) -> None:
     assert_problem(client.get(f"/v1/attractors?delta=0.6&epsilon=0.1&{extra}"), 422, extra.split("=")[0])
 
 
+@pytest.mark.parametrize(
+    ("path", "known"),
+    [
+        ("/v1/surveys?limt=5", "limit"),
+        ("/v1/surveys?limit=5&x", "limit"),
+        ("/v1/orbits?delta=0.6&epsilon=0.1&Beta=0.5", "beta"),
+        ("/v1/surveys/x/map.png?quantity=region", "variable"),
+        ("/v1/surveys/x/store/zarr.json?v=1", "none"),
+        ("/v1/health?verbose=1", "none"),
+    ],
+)
+def test_an_unknown_parameter_is_named_with_those_that_there_are(client: TestClient, path: str, known: str) -> None:
+    problem = assert_problem(client.get(path), 422, known)
+    assert problem["errors"][0]["field"].startswith("query.")
+
+
 def test_a_full_queue_says_to_wait(tmp_path: Path) -> None:
     with front_end(tmp_path, max_jobs=1) as client:
         assert client.post("/v1/surveys", json=BODY).status_code == 202

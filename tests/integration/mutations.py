@@ -1,0 +1,553 @@
+"""What protects from each fault of docs/reliability.md, how it is taken out, and a test that must fail without it.
+
+`protections.py` takes them out, one after the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+WORKERS = "tests/integration/test_faults_workers.py"
+SERVICE = "tests/integration/test_faults_service.py"
+STORAGE = "tests/integration/test_faults_storage.py"
+ALONE = "tests/integration/test_service_alone.py"
+DIRECTORY = "tests/contracts/service/test_service_directory.py"
+ENDS = "tests/integration/test_service_ends.py"
+INTRUDERS = "tests/integration/test_cluster_intruders.py"
+METRICS = "tests/contracts/service/test_service_metrics.py"
+DAMAGE = "tests/contracts/service/test_service_damage.py"
+LOGIN = "tests/contracts/service/test_service_login.py"
+REVOCATION = "tests/contracts/service/test_service_revocation.py"
+
+
+@dataclass(frozen=True)
+class Edit:
+    """One place of the code; `old` stands there once."""
+
+    file: str
+    old: str
+    new: str
+
+    def apply(self, root: Path) -> None:
+        path = root / self.file
+        text = path.read_text()
+        if (times := text.count(self.old)) != 1:
+            raise ValueError(f"{self.file}: {times} times, not once: {self.old}")
+        path.write_text(text.replace(self.old, self.new))
+
+
+@dataclass(frozen=True)
+class Protection:
+    """What is taken out, and the test that fails then."""
+
+    name: str
+    test: str
+    edits: tuple[Edit, ...]
+
+
+def _one(name: str, test: str, file: str, old: str, new: str) -> Protection:
+    return Protection(name, test, (Edit(file, old, new),))
+
+
+PROTECTIONS = (
+    _one(
+        "a killed worker may take long to come back",
+        f"{WORKERS}::test_workers_killed_at_random",
+        "workers/cluster/cluster.py",
+        '"distributed.deploy.lost-worker-timeout": RETURN_SECONDS',
+        '"distributed.deploy.lost-worker-timeout": 0.1',
+    ),
+    _one(
+        "a silent worker is replaced",
+        f"{WORKERS}::test_a_frozen_worker_is_replaced",
+        "workers/cluster/cluster.py",
+        '"worker_ttl": SILENT_SECONDS',
+        '"worker_ttl": 300',
+    ),
+    _one(
+        "a late tile is repeated elsewhere",
+        f"{WORKERS}::test_a_tile_of_a_frozen_worker_is_repeated_elsewhere",
+        "workers/cluster/submission.py",
+        "        if late:\n",
+        "        if False:\n",
+    ),
+    _one(
+        "a tile that kills workers is computed apart",
+        f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
+        "workers/cluster/submission.py",
+        "        if task.work.apart:\n",
+        "        if True:\n",
+    ),
+    _one(
+        "a tile that never ends is computed apart",
+        f"{WORKERS}::test_a_cell_that_never_ends_is_the_only_one_lost",
+        "workers/cluster/isolation.py",
+        "        if first < tile.n_cells and child.returncode == -signal.SIGXCPU:\n",
+        "        if False:\n",
+    ),
+    _one(
+        "endless tiles are taken one at a time",
+        "tests/contracts/workers/test_workers_submission.py::test_endless_tiles_are_taken_one_at_a_time",
+        "workers/cluster/submission.py",
+        "            self._next_end = now + RESTART_SECONDS\n",
+        "",
+    ),
+    _one(
+        "curves whose processes were being ended are traced again",
+        f"{WORKERS}::test_curves_whose_processes_are_killed_are_traced_again",
+        "workers/cluster/runner.py",
+        "ATTEMPTS = 3\n",
+        "ATTEMPTS = 1\n",
+    ),
+    _one(
+        "a connection given back after the close is closed",
+        "tests/contracts/service/test_service_database.py::test_a_connection_that_a_thread_gives_back_after_the_close_is_closed",
+        "service/database/__init__.py",
+        '        event.listen(self._reader, "checkin", _close_checked_in)\n',
+        "",
+    ),
+    _one(
+        "a command does not take the compiler down while it computes",
+        "tests/contracts/service/test_service_commands.py::test_a_command_whose_thread_still_computes_ends_without_taking_the_compiler_down",
+        "service/cli.py",
+        "    if any(thread.daemon for thread in threading.enumerate()):\n",
+        "    if False:\n",
+    ),
+    _one(
+        "a page that is closed ends at once",
+        "tests/contracts/service/test_service_pages.py::test_a_page_ends_with_its_browser_or_when_it_is_swept",
+        "service/explorer/page/mount.py",
+        "            if code in LEFT:\n",
+        "            if False:\n",
+    ),
+    _one(
+        "a tile apart goes on after the cell that killed it",
+        f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
+        "workers/cluster/isolation.py",
+        '({_cause(child.returncode)})"\n                first, deaths = first + 1, 0\n',
+        '({_cause(child.returncode)})"\n                first, deaths = first, 0\n',
+    ),
+    _one(
+        "a cell that raises fails alone",
+        f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
+        "workers/survey/tiles.py",
+        "        except Exception:  # whatever the model raises is that cell's result\n",
+        "        except MemoryError:\n",
+    ),
+    _one(
+        "processes of unwanted tiles are ended",
+        f"{WORKERS}::test_unwanted_tiles_end_at_once",
+        "workers/cluster/submission.py",
+        "        end_tasks(self._client, futures)\n",
+        "        self._client.cancel(futures)\n",
+    ),
+    _one(
+        "a dismissal ends processes",
+        f"{SERVICE}::test_a_dismissal_ends_the_work_and_a_deletion_the_store",
+        "service/jobs/manager.py",
+        "self._interrupted, self._dismissed.is_set)",
+        "self._interrupted)",
+    ),
+    Protection(
+        "a lost scheduler is not the survey's fault",
+        "tests/integration/test_faults_scheduler.py",
+        (
+            Edit(
+                "service/jobs/manager.py",
+                "except (ClusterLostError, CommClosedError, SQLAlchemyError,",
+                "except (SQLAlchemyError,",
+            ),
+            Edit("service/jobs/manager.py", 'if client.status != "running":  # whatever', "if False:  # whatever"),
+        ),
+    ),
+    Protection(
+        "cancelled by nobody, or not answering, the scheduler is gone",
+        "tests/integration/test_workers_cluster.py::test_a_dead_scheduler_is_told_from_a_stop",
+        (
+            Edit(
+                "workers/cluster/in_flight.py",
+                "            raise self.lost()\n        if future.status",
+                "            return None\n        if future.status",
+            ),
+            Edit(
+                "workers/cluster/in_flight.py",
+                "            raise self.lost() from error\n        now",
+                "            return 0\n        now",
+            ),
+        ),
+    ),
+    _one(
+        "a store appears whole",
+        f"{SERVICE}::test_killed_at_every_instant",
+        "workers/storage/location.py",
+        "            os.rename(sibling, self.path)\n",
+        "            for key, content in template.items():\n"
+        "                (self.path / key).parent.mkdir(parents=True, exist_ok=True)\n"
+        "                (self.path / key).write_bytes(content)\n",
+    ),
+    _one(
+        "an interrupted survey is taken up again",
+        f"{SERVICE}::test_killed_at_every_instant",
+        "service/database/surveys.py",
+        "select(JobRow).where(IS_ACTIVE).order_by",
+        "select(JobRow).where(JobRow.state == State.ACCEPTED).order_by",
+    ),
+    _one(
+        "a tile counts only if the database has its row",
+        f"{SERVICE}::test_killed_at_every_instant",
+        "service/jobs/manager.py",
+        "self._database.tiles_done(survey_id) & tiles_done(request, path, self._interrupted)",
+        "tiles_done(request, path)",
+    ),
+    _one(
+        "a tile counts only if the store has its numbers",
+        f"{SERVICE}::test_damage_is_repaired_on_request",
+        "service/jobs/manager.py",
+        "self._database.tiles_done(survey_id) & tiles_done(request, path, self._interrupted)",
+        "self._database.tiles_done(survey_id)",
+    ),
+    _one(
+        "nothing is computed by the manager",
+        f"{SERVICE}::test_a_survey_that_is_being_prepared_can_be_dismissed",
+        "service/jobs/manager.py",
+        "create_store(request, path, template)",
+        "create_store(request, path)",
+    ),
+    _one(
+        "a dismissal ends the process that prepares a survey",
+        f"{SERVICE}::test_a_survey_that_is_being_prepared_can_be_dismissed",
+        "workers/cluster/runner.py",
+        "        end_tasks(client, [future])\n",
+        "",
+    ),
+    _one(
+        "a damaged root is mended",
+        f"{SERVICE}::test_a_damaged_root_is_mended_on_request",
+        "workers/storage/integrity.py",
+        "    lost = [key for key in SEALED if read_sealed(place, key) is None]\n",
+        "    lost = list[str]()\n",
+    ),
+    _one(
+        "a checksum knows its place",
+        "tests/contracts/workers/test_workers_integrity.py::test_swapped_chunks_are_damage",
+        "workers/survey/seals.py",
+        "key=hashlib.blake2b(key.encode()).digest()",
+        'key=b""',
+    ),
+    _one(
+        "published last",
+        f"{SERVICE}::test_killed_at_every_instant",
+        "service/jobs/manager.py",
+        "            finish_store(path)\n            self._database.set_state(survey_id, State.SUCCESSFUL)\n",
+        "            self._database.set_state(survey_id, State.SUCCESSFUL)\n            finish_store(path)\n",
+    ),
+    _one(
+        "a run says that the disk is full",
+        f"{STORAGE}::test_a_run_on_a_full_disk_is_resumed",
+        "workers/survey/tiles.py",
+        "    if isinstance(error, OSError):\n",
+        "    if False:\n",
+    ),
+    _one(
+        "a service waits for its store",
+        f"{STORAGE}::test_a_service_waits_for_a_full_disk",
+        "service/jobs/manager.py",
+        "        except StorageError as error:\n            self",
+        "        except ZeroDivisionError as error:\n            self",
+    ),
+    _one(
+        "every chunk has a checksum",
+        f"{STORAGE}::test_every_byte_of_a_chunk_is_under_its_checksum",
+        "workers/survey/template.py",
+        "CODECS = (ZstdCodec(level=0), Crc32cCodec())",
+        "CODECS = (ZstdCodec(level=0),)",
+    ),
+    _one(
+        "every chunk has a file",
+        f"{STORAGE}::test_damaged_and_lost_chunks_are_found_and_computed_again",
+        "workers/survey/template.py",
+        '{"write_empty_chunks": True}',
+        '{"write_empty_chunks": False}',
+    ),
+    _one(
+        "what the database does not own is left alone",
+        "tests/contracts/service/test_service_recovery.py::test_only_what_the_database_owns_is_swept",
+        "service/jobs/recovery.py",
+        "        if entry.survey_id not in known:\n",
+        "        if entry.survey_id not in known:\n            entry.remove()\n",
+    ),
+    _one(
+        "a deletion is noted before it begins",
+        "tests/contracts/service/test_service_recovery.py::test_a_deletion_is_noted_before_it_begins",
+        "service/jobs/manager.py",
+        "            self._database.begin_deletion(survey_id)  # or a crash would leave a survey that seems whole\n",
+        "",
+    ),
+    _one(
+        "a deletion that was begun is ended",
+        "tests/contracts/service/test_service_recovery.py::test_a_deletion_that_was_begun_is_ended",
+        "service/jobs/recovery.py",
+        "        directory.remove_store(survey_id)\n        database.delete(survey_id)\n",
+        "        pass\n",
+    ),
+    _one(
+        "one service on one database",
+        f"{ALONE}::test_a_second_service_is_refused_by_data_directory_and_by_database",
+        "service/database/hold.py",
+        "fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)",
+        "pass",
+    ),
+    _one(
+        "one server on one data directory",
+        f"{ALONE}::test_several_workers_of_uvicorn_are_refused",
+        "service/jobs/directory.py",
+        "fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)",
+        "pass",
+    ),
+    _one(
+        "what is open ends with the service",
+        f"{ENDS}::test_a_busy_service_ends_by_itself_with_its_tiles",
+        "service/web/server.py",
+        "            front.end()\n",
+        "            pass\n",
+    ),
+    _one(
+        "what does not end is killed in time",
+        f"{ENDS}::test_what_cannot_be_ended_is_killed_in_time",
+        "service/web/server.py",
+        "        deadline.start()\n",
+        "",
+    ),
+    _one(
+        "nothing is accepted while the data directory is away",
+        f"{DIRECTORY}::test_while_it_is_away_nothing_is_accepted_and_nothing_written",
+        "service/operations/surveys.py",
+        "    front.directory.require()\n",
+        "",
+    ),
+    _one(
+        "a job database that is away is left alone",
+        f"{DIRECTORY}::test_while_it_is_away_nothing_is_accepted_and_nothing_written",
+        "service/jobs/opening.py",
+        "directory.database_url, directory.require)",
+        "directory.database_url, None)",
+    ),
+    _one(
+        "stores that are away are not read as empty",
+        f"{DIRECTORY}::test_while_it_is_away_nothing_is_accepted_and_nothing_written",
+        "service/jobs/directory.py",
+        "        self.require()\n",
+        "",
+    ),
+    _one(
+        "a store that is away is not deleted",
+        f"{DIRECTORY}::test_an_ended_survey_is_not_deleted_where_it_is_not",
+        "service/jobs/manager.py",
+        "            self._directory.require()\n            self._database",
+        "            self._database",
+    ),
+    _one(
+        "a data directory that is away is not the survey's fault",
+        f"{DIRECTORY}::test_a_survey_waits_for_its_directory",
+        "service/jobs/manager.py",
+        "            with self._blaming_directory():\n",
+        "            if True:\n",
+    ),
+    _one(
+        "a job database that was replaced is opened anew",
+        f"{DIRECTORY}::test_what_comes_back_as_another_device_is_opened_anew",
+        "service/database/engine.py",
+        'raise InvalidatePoolError("the file has been replaced")',
+        "pass",
+    ),
+    _one(
+        "a database elsewhere knows the data directory",
+        f"{DIRECTORY}::test_a_database_elsewhere_knows_the_directory",
+        "service/jobs/opening.py",
+        "directory.identify(database.directory())",
+        "directory.identify()",
+    ),
+    _one(
+        "a cluster that starts is given up",
+        f"{ENDS}::test_a_service_that_starts_ends_by_itself_and_leaves_nothing",
+        "service/jobs/manager.py",
+        "self._cluster(self._stopping.is_set)",
+        "self._cluster(lambda: False)",
+    ),
+    _one(
+        "a signal that comes early is not forgotten",
+        f"{ENDS}::test_a_service_that_starts_ends_by_itself_and_leaves_nothing",
+        "service/web/server.py",
+        "        if self._asked_to_stop.is_set():\n",
+        "        if False:\n",
+    ),
+    _one(
+        "semaphores of what is killed are removed",
+        f"{ENDS}::test_what_cannot_be_ended_is_killed_in_time",
+        "service/web/server.py",
+        '            if TRACKER not in " ".join(child.cmdline()):\n',
+        "            if True:\n",
+    ),
+    _one(
+        "an address is taken before anything starts",
+        f"{ENDS}::test_a_port_that_is_taken_is_told_before_anything_starts",
+        "service/web/server.py",
+        "        sockets = sockets or await self._bound()\n",
+        "",
+    ),
+    _one(
+        "an embedded cluster asks for its certificate",
+        f"{INTRUDERS}::test_nothing_is_executed_without_tls",
+        "workers/cluster/cluster.py",
+        '"tls://", "security": Security.temporary()',
+        '"tcp://", "security": Security(require_encryption=False)',
+    ),
+    _one(
+        "an embedded cluster has no pages",
+        f"{INTRUDERS}::test_a_service_listens_for_http_and_for_its_own_certificate_only",
+        "workers/cluster/cluster.py",
+        "    def start_http_server(",
+        "    def start_nothing(",
+    ),
+    _one(
+        "modules are looked for in private places",
+        f"{INTRUDERS}::test_modules_are_taken_from_no_place_of_others",
+        "workers/cluster/cluster.py",
+        '"temporary-directory": stack.enter_context(scratch)',
+        '"temporary-directory": stack.enter_context(scratch) and None',
+    ),
+    _one(
+        "nobody forges a line of the log",
+        f"{METRICS}::test_nobody_forges_a_line_of_text",
+        "service/observability/logs.py",
+        "    if text.isprintable():\n",
+        "    if True:\n",
+    ),
+    _one(
+        "a traceback's message stays in its line",
+        f"{METRICS}::test_nobody_forges_a_line_of_json",
+        "service/observability/logs.py",
+        'return [f"  {printable(line)}" for line in lines]',
+        "return lines",
+    ),
+    _one(
+        "libraries' handlers write as ours",
+        f"{METRICS}::test_libraries_with_handlers_of_their_own_write_like_everybody",
+        "service/observability/logs.py",
+        "                handler.setFormatter(ours.formatter)\n",
+        "",
+    ),
+    _one(
+        "a damaged row hides no other",
+        f"{DAMAGE}::test_a_damaged_request_is_shown_as_failed_and_can_be_deleted",
+        "service/database/engine.py",
+        "    except (ValueError, TypeError, RecursionError):\n",
+        "    except ZeroDivisionError:\n",
+    ),
+    _one(
+        "a damaged row holds up no other",
+        f"{DAMAGE}::test_the_surveys_behind_a_damaged_one_run",
+        "service/database/engine.py",
+        "    except (ValueError, TypeError, RecursionError):\n",
+        "    except ZeroDivisionError:\n",
+    ),
+    _one(
+        "a lost chunk is no fill value",
+        f"{DAMAGE}::test_a_chunk_that_was_computed_and_is_lost_is_no_fill_value",
+        "service/routes/store.py",
+        "if not await run_in_threadpool(is_owed, front, survey_id, key):",
+        "if True:",
+    ),
+    _one(
+        "what cannot be read is a problem of the survey",
+        f"{DAMAGE}::test_links_in_a_circle_are_a_problem_of_the_survey",
+        "workers/errors.py",
+        "    except Exception as error:\n",
+        "    except ZeroDivisionError as error:\n",
+    ),
+    _one(
+        "what cannot be drawn is said",
+        f"{DAMAGE}::test_axes_to_the_end_of_double_precision_are_drawn_or_refused",
+        "workers/pictures/maps.py",
+        "    if reach > FARTHEST_DRAWN:\n",
+        "    if False:\n",
+    ),
+    _one(
+        "a form of many fields is refused",
+        f"{LOGIN}::test_a_form_of_many_fields_is_refused_in_words",
+        "service/access/login.py",
+        "    except ValueError:\n        raise HTTPException(422",
+        "    except ZeroDivisionError:\n        raise HTTPException(422",
+    ),
+    _one(
+        "a revoked key's streams end",
+        f"{REVOCATION}::test_streams_end_when_their_key_is_revoked_and_others_go_on",
+        "service/access/revocation.py",
+        "                    scope.cancel()\n",
+        "                    pass\n",
+    ),
+    _one(
+        "a revoked key's pages end",
+        f"{REVOCATION}::test_the_websocket_of_a_page_ends_too",
+        "service/explorer/page/mount.py",
+        '        with scope["app"].state.front.revocations.ending(caller) as visit:\n',
+        '        with scope["app"].state.front.revocations.ending(None) as visit:\n',
+    ),
+    _one(
+        "one question is for all that is open",
+        f"{REVOCATION}::test_one_question_is_for_all_of_them_and_none_for_none",
+        "service/access/revocation.py",
+        "            if not self._open:\n",
+        "            if False:\n",
+    ),
+    _one(
+        "what waits is not sent to who may no longer be here",
+        "tests/contracts/explorer/test_explorer_socket.py::test_what_waits_is_not_sent_to_who_may_no_longer_be_here",
+        "service/explorer/page/socket.py",
+        "            self._sender.cancel()\n",
+        "            pass\n",
+    ),
+    _one(
+        "a session ends by signing out",
+        f"{LOGIN}::test_the_cookie_is_a_session_of_its_own_and_not_the_key",
+        "service/access/login.py",
+        "await run_in_threadpool(request.app.state.front.database.end_session, hash_of(session))",
+        "pass",
+    ),
+    _one(
+        "a session ends with its time and its key",
+        f"{LOGIN}::test_a_session_ends_with_its_time_and_with_its_key",
+        "service/database/keys.py",
+        "    return joined.where(SessionRow.expires > now(), KeyRow.revoked.is_(None))\n",
+        "    return joined.where(KeyRow.revoked.is_(None))\n",
+    ),
+    _one(
+        "answered idempotency keys are bounded",
+        "tests/contracts/service/test_service_database.py::test_the_latest_answers_are_remembered",
+        "service/database/identity.py",
+        ".limit(MOST_ANSWERED)",
+        ".limit(10**6)",
+    ),
+    _one(
+        "any tag is known where there is one",
+        "tests/contracts/service/test_service_conditional.py::test_any_tag_is_that_of_whatever_is_there",
+        "service/web/conditional.py",
+        '!= "*":\n            await self.app',
+        '!= "**":\n            await self.app',
+    ),
+    _one(
+        "a compressed body is refused",
+        "tests/contracts/service/test_service_access.py::test_a_compressed_body_is_refused_in_words",
+        "service/access/middleware.py",
+        "                _require_plain(headers)\n",
+        "",
+    ),
+    _one(
+        "a page that is left is let go of after its message",
+        "tests/contracts/service/test_service_pages.py::test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback",
+        "service/explorer/page/socket.py",
+        "        self._dropped = True\n\n    def drop",
+        "        super().on_close(code, reason)\n\n    def drop",
+    ),
+)
