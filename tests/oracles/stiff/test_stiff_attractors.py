@@ -93,5 +93,5 @@ def test_results_depend_on_nothing_but_the_arguments() -> None:
 @pytest.mark.parametrize("kappa", [1.0, 2 * np.pi**2, 1e10])
 def test_hostile_parameters_are_told_something(kappa: float) -> None:
     for delta, epsilon, beta in ((0.05, 0.0, 0.1), (5.0, 1.0, 2.0), (5.0, 0.0, 0.6)):
-        found = StiffGear(delta, epsilon, beta, kappa).attractors(16)
+        found = StiffGear(delta, epsilon, beta, kappa).attractors(16, budget=10_000)
         assert sum(x.fraction for x in found) == pytest.approx(1.0)
