@@ -230,7 +230,7 @@ PROTECTIONS = (
     ),
     _one(
         "a checksum knows its place",
-        "tests/contracts/workers/test_workers_integrity.py::test_swapped_chunks_are_damage",
+        "tests/contracts/workers/test_workers_integrity.py::test_a_whole_tile_in_the_place_of_another_is_damage",
         "workers/survey/seals.py",
         "key=hashlib.blake2b(key.encode()).digest()",
         'key=b""',

@@ -204,6 +204,18 @@ def test_swapped_checksums_and_a_swapped_template_are_damage(store: Path) -> Non
     assert set(found.template) == {"curves/SN1/point_delta/c/0", "curves/SN1/point_epsilon/c/0"}
 
 
+def test_a_whole_tile_in_the_place_of_another_is_damage(store: Path) -> None:
+    """With its checksums, which fit what they came with: only their place is wrong."""
+    for chunk in [*store.glob("*/c/**/0/0"), store / "checksums/tiles/c/0/0/0"]:
+        other = chunk.parents[1] / "1" / "1"
+        if chunk.is_file() and other.is_file() and chunk.read_bytes() != other.read_bytes():
+            swap(chunk, other)
+    xr.open_zarr(store).load()
+    found = examine(store)
+    assert found.damaged == {0: ("checksums",), 3: ("checksums",)}
+    assert tiles_done(REQUEST, store) == {1, 2}
+
+
 def swap(one: Path, other: Path) -> None:
     first, second = one.read_bytes(), other.read_bytes()
     assert first != second
