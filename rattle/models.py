@@ -16,6 +16,7 @@ from rattle.continuation.diagram import Diagram
 from rattle.curves import CodimensionTwo, Curve
 from rattle.errors import RattleError, parameters, require_number
 from rattle.impacting.attractors.classifier import attractors_of, cells_of
+from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.branches import Branch
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.impacting.bifurcations.events import Event
@@ -23,6 +24,7 @@ from rattle.impacting.gear import Gear
 from rattle.impacting.map.quiet import rests_late
 from rattle.impacting.orbits.period_one import period_one
 from rattle.intensity.balance import impulse_balance_errors
+from rattle.intensity.table import Intensities, intensities_of, one_by_one
 from rattle.orbits.period_one import PeriodOne
 from rattle.stiff.attractors.classifier import cells_of as stiff_cells_of
 
@@ -88,6 +90,11 @@ class Impacting:
         """|(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones."""
         d, e, b = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon, self.beta))
         return impulse_balance_errors(table, cells_of(d, e, b))
+
+    def intensities_of(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Intensities:
+        """How hard the attractors of cells rattle, which `attractors_of` found there: arrays (n,)."""
+        d, e, b = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon, self.beta))
+        return intensities_of(table, cells_of(d, e, b), stretch)
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
         """Whether quiet motion takes too many impacts to be told from chaos."""
@@ -169,6 +176,12 @@ class Stiff:
         found = parameters(delta, epsilon, self.beta, kappa=self.kappa)
         d, e, b, k = (np.array(x, order="C").ravel() for x in found)
         return impulse_balance_errors(table, stiff_cells_of(d, e, b, k))
+
+    def intensities_of(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Intensities:
+        """How hard the attractors of cells rattle, which `attractors_of` found there: arrays (n,)."""
+        found = parameters(delta, epsilon, self.beta, kappa=self.kappa)
+        d, e, b, k = (np.array(x, order="C").ravel() for x in found)
+        return intensities_of(table, stiff_cells_of(d, e, b, k), one_by_one)
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
         """Never: contact that does not end is seen when it begins."""

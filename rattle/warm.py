@@ -3,10 +3,12 @@
 import numpy as np
 
 from rattle.impacting.attractors.classifier import attractors_of, cells_of
+from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
 from rattle.impacting.gear import Gear
 from rattle.impacting.orbits.period_one import grazing
 from rattle.intensity.balance import impulse_balance_errors
+from rattle.intensity.table import intensities_of, one_by_one
 
 POINT = 0.6, 0.1, 0.6
 COLUMNS = np.array([POINT[0]]), np.array([POINT[1]]), np.array([POINT[2]])
@@ -26,7 +28,9 @@ def warm_up(kappa: float | None = None) -> None:
 
 def _impacting() -> None:
     Gear(*POINT).orbits()
-    impulse_balance_errors(attractors_of(*POINT, count=16), cells_of(*COLUMNS))
+    table, cells = attractors_of(*POINT, count=16), cells_of(*COLUMNS)
+    impulse_balance_errors(table, cells)
+    intensities_of(table, cells, stretch)
     grazing("G1", 0.6)
     robust_chaos_interval()
 
@@ -37,4 +41,6 @@ def _stiff(kappa: float) -> None:
 
     stiff.StiffGear(*POINT, kappa).orbits()
     cells = classifier.cells_of(*COLUMNS, np.array([kappa]))
-    impulse_balance_errors(stiff.attractors_of(*POINT, kappa, count=16), cells)
+    table = stiff.attractors_of(*POINT, kappa, count=16)
+    impulse_balance_errors(table, cells)
+    intensities_of(table, cells, one_by_one)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES, T_95
 from rattle.errors import require_number
-from rattle.flight.law import DRIFT
+from rattle.flight.law import DRIFT, TWO_PI
 from rattle.intensity.motions import ENDLESS, Motion, kind_of, require_closed, require_lasting, watched_periods
 from rattle.intensity.visit import (
     COLUMNS,
@@ -24,6 +24,8 @@ from rattle.intensity.visit import (
     summed,
 )
 from rattle.orbits.iterates import MOST_IMPACTS
+
+Array = NDArray[np.float64]
 
 
 class Errors(NamedTuple):
@@ -68,10 +70,15 @@ class Intensity:
     def level(self, reference: float) -> float:
         """The energy in dB relative to this energy per forcing period; −inf if nothing impacts. Raises ParameterError.
 
-        A and C, one impact of speed 2πδ, have 2π²δ².
+        A and C, one impact of speed 2πδ, have 2π²δ²: `natural_energy`.
         """
         ratio = self.energy / require_number("reference", reference, positive=True)
         return -math.inf if ratio == 0.0 else 10.0 * math.log10(ratio)
+
+
+def natural_energy(delta: Any) -> Any:
+    """Energy per forcing period of A and C, which have one impact of speed 2πδ: a reference for levels."""
+    return 0.5 * (TWO_PI * delta) ** 2
 
 
 UNDECIDED = Intensity(math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, UNKNOWN)
@@ -94,37 +101,43 @@ def intensity(motion: Motion, point: Any, periods: float | None) -> Intensity:
     sums = np.zeros((BATCHES, COLUMNS))
     status, _tau, _v, time = summed(motion.tau, motion.v, ENDLESS, periods, MOST_IMPACTS, point, sums)
     require_lasting(status, time, periods)
-    return _intensity(sums, _errors(sums))
+    return _intensity(sums, Errors(*map(float, half_widths(sums))))
 
 
-def _intensity(sums: NDArray[np.float64], errors: Errors) -> Intensity:
-    total = sums.sum(axis=0)
-    rates = total / total[TIME]
-    return Intensity(
-        impacts_plus=float(rates[ON_PLUS]),
-        impacts_minus=float(rates[ON_MINUS]),
-        mean_speed=float(total[SPEED] / (total[ON_PLUS] + total[ON_MINUS])),
-        largest_speed=float(sums[:, FASTEST].max()),
-        energy=float(0.5 * rates[SQUARE]),
-        contact=float(rates[CONTACT]),
-        impulse=float(0.5 * rates[IMPULSE]),
-        errors=errors,
+def _intensity(sums: Array, errors: Errors) -> Intensity:
+    plus, minus, mean, largest, energy, contact, impulse = map(float, rates(sums))
+    return Intensity(plus, minus, mean, largest, energy, contact, impulse, errors)
+
+
+def rates(sums: Array) -> tuple[Array, ...]:
+    """The quantities of `Intensity` in their order, each (…,), from sums (…, batches, COLUMNS)."""
+    total = sums.sum(axis=-2)
+    per_period = total / total[..., TIME, None]
+    return (
+        per_period[..., ON_PLUS],
+        per_period[..., ON_MINUS],
+        total[..., SPEED] / (total[..., ON_PLUS] + total[..., ON_MINUS]),
+        sums[..., FASTEST].max(axis=-1),
+        0.5 * per_period[..., SQUARE],
+        per_period[..., CONTACT],
+        0.5 * per_period[..., IMPULSE],
     )
 
 
-def _errors(sums: NDArray[np.float64]) -> Errors:
-    """Those of ratio estimates over the batches."""
+def half_widths(sums: Array) -> tuple[Array, ...]:
+    """Those of `Errors` in their order, each (…,), from sums (…, BATCHES, COLUMNS): of ratio estimates over batches."""
 
-    def half_width(column: NDArray[np.float64], per: NDArray[np.float64]) -> float:
-        spread = column - column.sum() / per.sum() * per
-        return float(T_95 * math.sqrt(spread @ spread * BATCHES / (BATCHES - 1.0)) / per.sum())
+    def half_width(column: Array, per: Array) -> Array:
+        whole = per.sum(axis=-1, keepdims=True)
+        spread = column - column.sum(axis=-1, keepdims=True) / whole * per
+        return np.asarray(T_95 * np.sqrt((spread**2).sum(axis=-1) * BATCHES / (BATCHES - 1.0)) / whole[..., 0])
 
-    time, plus, minus = sums[:, TIME], sums[:, ON_PLUS], sums[:, ON_MINUS]
-    return Errors(
-        impacts_plus=half_width(plus, time),
-        impacts_minus=half_width(minus, time),
-        mean_speed=half_width(sums[:, SPEED], plus + minus),
-        energy=half_width(0.5 * sums[:, SQUARE], time),
-        contact=half_width(sums[:, CONTACT], time),
-        impulse=half_width(0.5 * sums[:, IMPULSE], time),
+    time, impacts = sums[..., TIME], sums[..., ON_PLUS] + sums[..., ON_MINUS]
+    return (
+        half_width(sums[..., ON_PLUS], time),
+        half_width(sums[..., ON_MINUS], time),
+        half_width(sums[..., SPEED], impacts),
+        half_width(0.5 * sums[..., SQUARE], time),
+        half_width(sums[..., CONTACT], time),
+        half_width(0.5 * sums[..., IMPULSE], time),
     )

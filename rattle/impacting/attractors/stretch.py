@@ -1,0 +1,83 @@
+"""A further stretch of chaotic motions, flown in lanes: what their impacts sum up to (compiled)."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.attractors.chaos import BATCHES
+from rattle.flight.lanes.block import GROUP, GROUPS, LANES, empty, load, made_ready, roughest
+from rattle.flight.lanes.stages import advance_plain
+from rattle.impacting.attractors.settle import is_captured
+from rattle.impacting.map.iterate import working_block
+from rattle.intensity.visit import COLUMNS, FASTEST, IMPULSE, ON_MINUS, ON_PLUS, SPEED, SQUARE, TIME
+from rattle.numerics.compile import inline, kernel
+
+CHUNK = 16  # flights between two looks
+LOOKS = 4 * BATCHES  # of a stretch, where damping is strong: some 1000 forcing periods
+
+
+@inline
+def gather(b, groups, speeds, squares, impulses, fastest):
+    """Add the impacts that have just been made."""
+    for i in range(GROUP * groups):
+        speed = abs(b.w[i])
+        speeds[i] += speed
+        squares[i] += speed * speed
+        impulses[i] += 2.0 * b.wall[i] * speed
+        fastest[i] = max(fastest[i], speed)
+
+
+@kernel
+def fly(b, cell, tau, v, looks, cells, sums, paths):
+    """Follow motions (n,) of these cells for so many looks (n,), CHUNK flights each; sums (n, BATCHES, COLUMNS), zero
+    before, gathers their impacts in equal parts, NaN of one that comes to rest.
+    """
+    speeds, squares, impulses, fastest = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    fresh, groups = 0, GROUPS
+    empty(b)
+    while groups > 0:
+        for i in range(GROUP * groups):
+            k = b.who[i]
+            if k >= 0:
+                row = sums[k, int(b.looks[i] * BATCHES / looks[k])]
+                row[TIME] += b.time[i]
+                row[ON_PLUS] += b.n_plus[i]
+                row[ON_MINUS] += b.n_minus[i]
+                row[SPEED] += speeds[i]
+                row[SQUARE] += squares[i]
+                row[IMPULSE] += impulses[i]
+                row[FASTEST] = max(row[FASTEST], fastest[i])
+                b.time[i], b.n_plus[i], b.n_minus[i] = 0.0, 0.0, 0.0
+                b.looks[i] += 1.0
+                rests = b.stuck[i] > 0.0
+                if b.wall[i] > 0.0:
+                    rests |= is_captured(b, i, cells.quiet_invariant[cell[k]])
+                if rests:
+                    sums[k] = math.nan
+                if rests or b.looks[i] >= looks[k]:
+                    b.who[i], b.limit[i] = -1, -1.0
+            if b.who[i] < 0 and fresh < cell.size:
+                c = cell[fresh]
+                load(b, i, tau[fresh], v[fresh], cells.delta[c], cells.epsilon[c], cells.beta[c], math.inf)
+                b.looks[i] = 0.0
+                b.who[i] = fresh
+                fresh += 1
+        groups = made_ready(b, groups, fresh == cell.size)
+        force = roughest(b, groups)
+        speeds[:], squares[:], impulses[:], fastest[:] = 0.0, 0.0, 0.0, 0.0
+        for _ in range(CHUNK):
+            advance_plain(b, groups, 1, force, paths)
+            gather(b, groups, speeds, squares, impulses, fastest)
+
+
+def stretch(
+    cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], longer: NDArray[np.float64], cells: Any
+) -> NDArray[np.float64]:
+    """What the impacts of chaotic motions (n,) of these cells sum up to, each followed so many times as long as where
+    damping is strong: (n, BATCHES, COLUMNS), NaN of one that comes to rest.
+    """
+    sums = np.zeros((cell.size, BATCHES, COLUMNS))
+    fly(working_block(), cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))
+    return sums
