@@ -7,6 +7,7 @@ import numpy as np
 
 import rattle
 from rattle.attractors.speeds import SpeedLimit, sampled_speed, sampled_speeds
+from rattle.intensity.table import Intensities
 from rattle.models import AnyModel
 
 GRAZING_CURVES = ("G1", "G2")
@@ -54,6 +55,11 @@ class Cells:
         """The attractors of all cells, row by row: each cell's are those of the gear at its point, to the bit."""
         sample = self.count, self.v_max, self.seed, self.budget
         return self.model.attractors_of(self.delta, self.epsilon[:, None], *sample)
+
+    @cached_property
+    def intensities(self) -> Intensities:
+        """How hard these attractors rattle, row by row."""
+        return self.model.intensities_of(self.delta, self.epsilon[:, None], self.attractors)
 
     @cached_property
     def sampled_speed(self) -> np.ndarray:

@@ -28,12 +28,12 @@ def slots(field: str, dtype: str, fill: float = 0) -> Evaluate:
     """Put a field of the first attractors of each cell in its slots: shape (slots, n_epsilon, n_delta)."""
 
     def evaluate(cells: Cells) -> np.ndarray:
-        return _in_slots(cells, getattr(cells.attractors, field), fill, dtype)
+        return in_slots(cells, getattr(cells.attractors, field), fill, dtype)
 
     return evaluate
 
 
-def _in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.ndarray:
+def in_slots(cells: Cells, values: np.ndarray, fill: float, dtype: str) -> np.ndarray:
     cell, slot = cells.attractors.cell, _slot(cells)
     filled = np.full((cells.slots, cells.delta.size * cells.epsilon.size), fill, dtype)
     shown = slot < cells.slots
@@ -54,7 +54,7 @@ def slot_fraction(cells: Cells) -> np.ndarray:
 
 def slot_fraction_upper(cells: Cells) -> np.ndarray:
     """Upper end of the 95 % Wilson interval of that share: shape (slots, n_epsilon, n_delta)."""
-    return _in_slots(cells, rattle.wilson_interval(cells.attractors.samples, cells.count)[1], np.nan, "float64")
+    return in_slots(cells, rattle.wilson_interval(cells.attractors.samples, cells.count)[1], np.nan, "float64")
 
 
 def unlisted_fraction(cells: Cells) -> np.ndarray:

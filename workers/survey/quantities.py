@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import rattle
 from rattle.models import Model
-from workers.survey import evaluate
+from workers.survey import evaluate, intensity
 from workers.survey.cells import GRAZING_CURVES
 from workers.survey.schema import CELL, Coordinate, Group, Quantity
 
@@ -372,6 +372,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         rattle.CRISIS_SIDES,
         IMPACTING,
     ),
+    *intensity.QUANTITIES,
     Quantity("status", None, CELL, "int8", "what became of the cell", "this survey", evaluate.status, evaluate.STATUS),
 )
 

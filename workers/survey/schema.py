@@ -21,12 +21,14 @@ class Group(StrEnum):
     LYAPUNOV = "lyapunov"
     GRAZING = "grazing"
     BASINS = "basins"
+    INTENSITY = "intensity"
 
 
 #: The groups that need every cell sampled.
-SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV})
-#: The groups that a request gets only by name: they cost several times what all others do.
-OPTIONAL = frozenset({Group.BASINS})
+SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY})
+#: The groups that a request gets only by name: basins cost several times what all others do, and intensities are two
+#: dozen variables that not everybody asks for.
+OPTIONAL = frozenset({Group.BASINS, Group.INTENSITY})
 DEFAULT = tuple(group for group in Group if group not in OPTIONAL)
 
 

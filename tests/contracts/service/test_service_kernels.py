@@ -179,7 +179,7 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if kappa els
     _draw(gear, 10)
     curves_document(model, (0.98 * delta, delta), (0.0, 0.3))
 fields = {"model": name} | ({"kappa": kappa} if kappa else {})
-groups = ["region", "orbits", "attractors", "lyapunov", "basins", *([] if kappa else ["grazing"])]
+groups = ["region", "orbits", "attractors", "lyapunov", "basins", "intensity", *([] if kappa else ["grazing"])]
 axes = {"delta": {"start": 0.5, "stop": 0.6, "num": 2}, "epsilon": {"start": 0.05, "stop": 0.1, "num": 2}}
 cell_seconds(SurveyRequest(**axes, initial_conditions={"count": 4}, quantities=groups, **fields))
 usual = SurveyRequest(**axes, initial_conditions={"count": 4}, **fields)

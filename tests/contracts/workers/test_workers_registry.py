@@ -49,6 +49,17 @@ SCHEMA = {
     "boundary_distance": (CELL, "float64"),
     "boundary_distance_phase": (CELL, "float64"),
     "crisis_side": (CELL, "int8"),
+    **{
+        f"{of}_{name}": (dims, "float64")
+        for of, dims in (("attractor", SLOT), ("sample", CELL), ("worst", CELL))
+        for name in ("impacts_plus", "impacts_minus", "mean_speed", "largest_speed", "energy", "level", "contact")
+    },
+    **{
+        f"attractor_{name}_error": (SLOT, "float64")
+        for name in ("impacts_plus", "impacts_minus", "mean_speed", "energy", "contact")
+    },
+    "sample_energy_error": (CELL, "float64"),
+    "worst_energy_error": (CELL, "float64"),
     "status": (CELL, "int8"),
     "grazing_epsilon": (CURVE, "float64"),
     "grazing_phase": (CURVE, "float64"),

@@ -1,0 +1,122 @@
+"""The variables of the group `intensity`: how hard each attractor rattles, the sample as a whole, and its worst."""
+
+import numpy as np
+
+from rattle.intensity.intensity import natural_energy
+from workers.survey.cells import Cells
+from workers.survey.evaluate import Evaluate, in_slots
+from workers.survey.schema import CELL, Group, Quantity
+
+_SLOT = ("attractor", *CELL)
+_MODEL = "equation 2.4 of doi:10.1137/090759641, impact by impact"
+_PER = "per forcing period"
+_LEVEL = "in dB relative to 2π²δ², that of A and C"
+
+#: What is stored of every attractor, of the sample, and of the worst attractor: name, in words.
+_FIELDS = (
+    ("impacts_plus", f"impacts on or contacts with Σ+ {_PER}"),
+    ("impacts_minus", f"impacts on or contacts with Σ- {_PER}"),
+    ("mean_speed", "mean speed of the impacts"),
+    ("largest_speed", "largest speed of an impact"),
+    ("energy", f"sum of v²/2 over the impacts {_PER}"),
+    ("level", f"energy {_PER}, {_LEVEL}"),
+    ("contact", "share of the time in contact; of the impacting gear 1 if quiet, else 0"),
+)
+_ERRORS = tuple(each for each in _FIELDS if each[0] not in ("largest_speed", "level"))
+
+
+def _of_attractors(cells: Cells, field: str) -> np.ndarray:
+    """A field of every row of the table of attractors."""
+    if field == "level":
+        return _levels(cells.intensities.energy, cells.delta[cells.attractors.cell % cells.delta.size])
+    return np.asarray(getattr(cells.intensities, field))
+
+
+def _levels(energy: np.ndarray, delta: np.ndarray) -> np.ndarray:
+    with np.errstate(divide="ignore"):  # what is quiet is at −inf
+        return np.asarray(10.0 * np.log10(energy / natural_energy(delta)))
+
+
+def _slots(field: str) -> Evaluate:
+    return lambda cells: in_slots(cells, _of_attractors(cells, field), np.nan, "float64")
+
+
+def _mean(cells: Cells, values: np.ndarray) -> np.ndarray:
+    """The mean over the sample of each cell; NaN where it is not known of a part."""
+    won = np.where(cells.attractors.samples > 0, cells.attractors.samples * values, 0.0)
+    return np.bincount(cells.attractors.cell, won, cells.delta.size * cells.epsilon.size) / cells.count
+
+
+def _sample(field: str) -> Evaluate:
+    def evaluate(cells: Cells) -> np.ndarray:
+        return _of_sample(cells, field).reshape(cells.shape)
+
+    return evaluate
+
+
+def _of_sample(cells: Cells, field: str) -> np.ndarray:
+    found = cells.intensities
+    if field == "mean_speed":
+        impacts = found.impacts_plus + found.impacts_minus
+        rate = _mean(cells, impacts)
+        return np.divide(_mean(cells, impacts * found.mean_speed), rate, out=np.zeros_like(rate), where=rate != 0.0)
+    if field == "largest_speed":
+        largest = np.zeros(cells.delta.size * cells.epsilon.size)
+        won = cells.attractors.samples > 0
+        with np.errstate(invalid="ignore"):  # NaN is the largest
+            np.maximum.at(largest, cells.attractors.cell[won], found.largest_speed[won])
+        return largest
+    if field == "level":
+        return _levels(_mean(cells, found.energy), np.tile(cells.delta, cells.epsilon.size))
+    if field == "energy_error":
+        share = cells.attractors.samples / cells.count
+        return np.sqrt(_mean(cells, share * found.energy_error**2))
+    return _mean(cells, _of_attractors(cells, field))
+
+
+def _worst(field: str) -> Evaluate:
+    """Take it of the attractor with the largest energy, found by the sample or not; NaN where one's is not known."""
+
+    def evaluate(cells: Cells) -> np.ndarray:
+        cell = cells.attractors.cell
+        by_energy = np.lexsort((cells.intensities.energy, cell))  # NaN last
+        worst = by_energy[np.searchsorted(cell, np.arange(cells.delta.size * cells.epsilon.size), side="right") - 1]
+        values = _of_attractors(cells, field)[worst]
+        return np.where(np.isnan(cells.intensities.energy[worst]), np.nan, values).reshape(cells.shape)
+
+    return evaluate
+
+
+def _quantity(name: str, dims: tuple[str, ...], words: str, evaluate: Evaluate) -> Quantity:
+    return Quantity(name, Group.INTENSITY, dims, "float64", words, _MODEL, evaluate)
+
+
+QUANTITIES: tuple[Quantity, ...] = (
+    *(_quantity(f"attractor_{name}", _SLOT, words, _slots(name)) for name, words in _FIELDS),
+    *(
+        _quantity(
+            f"attractor_{name}_error",
+            _SLOT,
+            f"half-width of the 95 % interval of attractor_{name}; 0 unless chaotic",
+            _slots(f"{name}_error"),
+        )
+        for name, _words in _ERRORS
+    ),
+    *(_quantity(f"sample_{name}", CELL, f"{words}, of the whole sample", _sample(name)) for name, words in _FIELDS),
+    _quantity(
+        "sample_energy_error",
+        CELL,
+        "half-width of the 95 % interval of sample_energy at these basin fractions",
+        _sample("energy_error"),
+    ),
+    *(
+        _quantity(f"worst_{name}", CELL, f"{words}, of the attractor with the largest energy", _worst(name))
+        for name, words in _FIELDS
+    ),
+    _quantity(
+        "worst_energy_error",
+        CELL,
+        "half-width of the 95 % interval of worst_energy",
+        _worst("energy_error"),
+    ),
+)
