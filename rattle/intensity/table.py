@@ -18,7 +18,7 @@ from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import MOST_IMPACTS
 from rattle.orbits.return_map import point_of
 
-STRETCH = 256.0  # forcing periods of a chaotic motion, where damping is strong
+STRETCH = 512.0  # forcing periods of a chaotic motion, where damping is strong
 
 Array = NDArray[np.float64]
 #: From cells, states and factors of length (n,), and all cells, to batch sums (n, BATCHES, COLUMNS).

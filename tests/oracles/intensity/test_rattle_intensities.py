@@ -52,7 +52,7 @@ def test_impulses_balance(found) -> None:
     assert chaos.any()
     # over T periods what is left is a difference of two speeds over T
     off = np.abs(rattles.impulse - drift)[chaos]
-    assert (off < 2 * rattles.largest_speed[chaos] / 256).all()
+    assert (off < 2 * rattles.largest_speed[chaos] / 512).all()
     assert np.isnan(rattles.energy[table.kind == UNDECIDED]).all()
 
 
