@@ -13,9 +13,45 @@ if TYPE_CHECKING:
 AXIS = "START:STOP:NUM"
 DEFAULT_URL = "http://127.0.0.1:8000"
 
-Delta = Annotated[str, typer.Option(metavar=AXIS, help="Damping: evenly spaced values, both ends included.")]
-Epsilon = Annotated[str, typer.Option(metavar=AXIS, help="Eccentricity: evenly spaced values, both ends included.")]
+MACHINE = "A machine in SI units, instead of delta, epsilon and beta"
+
+
+def _axis(what: str, panel: str | None = None) -> Any:
+    text = f"{what}: evenly spaced values, both ends included."
+    return Annotated[str | None, typer.Option(metavar=AXIS, help=text, rich_help_panel=panel, show_default=False)]
+
+
+def _number(what: str) -> Any:
+    return Annotated[float | None, typer.Option(help=what, rich_help_panel=MACHINE, show_default=False)]
+
+
+Delta = _axis("Damping")
+Epsilon = _axis("Eccentricity")
 Beta = Annotated[float, typer.Option(help="Half-backlash.")]
+BetaUnlessMachine = Annotated[float | None, typer.Option(help="Half-backlash.", show_default="0.6")]
+Inertia = _number("kg m², of each gear with what turns with it.")
+Drag = _number("N m s/rad: the drag torque of each gear over its speed.")
+Backlash = _number("m along the line of action.")
+Radius = _number("m, of the base circle.")
+Drive = Annotated[
+    str | None,
+    typer.Option(
+        metavar="torque|speed",
+        help="A constant torque on one gear, or its speed imposed.",
+        rich_help_panel=MACHINE,
+        show_default="torque",
+    ),
+]
+Rpm = Annotated[
+    str | None,
+    typer.Option(
+        metavar=AXIS,
+        help="Revolutions per minute, both ends included: evenly spaced in δ, so in the time of a revolution.",
+        rich_help_panel=MACHINE,
+        show_default=False,
+    ),
+]
+MetresOfEccentricity = _axis("m: the amplitude of the transmission error once a revolution", MACHINE)
 Kappa = Annotated[
     float | None,
     typer.Option(help="Stiffness of the walls: the stiff model.", show_default="none: the impacting model"),
@@ -46,7 +82,7 @@ Quantity = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="What to compute, such as region or attractors; repeatable. Costly and only by name: basins.",
+        help="What to compute, such as region or attractors; repeatable. Only by name: basins (costly), intensity.",
         show_default="all others",
     ),
 ]
@@ -74,9 +110,9 @@ def settings_of(**given: Any) -> Settings:
 
 def survey_request(
     *,
-    delta: str,
-    epsilon: str,
-    beta: float,
+    delta: str | None,
+    epsilon: str | None,
+    beta: float | None,
     kappa: float | None,
     count: int,
     v_max: str | None,
@@ -86,6 +122,7 @@ def survey_request(
     name: str,
     tile: str | None,
     quantity: list[str] | None,
+    machine: dict[str, Any],
 ) -> SurveyRequest:
     """The request that these options describe; typer.BadParameter names the option that is wrong."""
     from pydantic import ValidationError
@@ -94,11 +131,17 @@ def survey_request(
     from rattle.attractors.speeds import read_speed
     from workers import Axis, SurveyRequest
 
+    given = {name: value for name, value in machine.items() if value is not None}
+    for axis, other, value in (("delta", "rpm", delta), ("epsilon", "eccentricity", epsilon)):
+        if (value is None) == (given.get(other) is None):
+            raise typer.BadParameter(f"give either --{axis} or a machine's --{other}")
     try:
+        axes = {name: Axis.parse(value) for name, value in (("delta", delta), ("epsilon", epsilon)) if value}
+        given |= {name: Axis.parse(given[name]).model_dump() for name in ("rpm", "eccentricity") if name in given}
         fields: dict[str, Any] = {
-            "delta": Axis.parse(delta),
-            "epsilon": Axis.parse(epsilon),
-            "beta": beta,
+            **axes,
+            **({} if beta is None else {"beta": beta}),
+            **({"machine": given} if given else {}),
             "initial_conditions": {
                 "count": count,
                 "v_max": read_speed(v_max),

@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 def submit(
-    delta: options.Delta,
-    epsilon: options.Epsilon,
-    beta: options.Beta = 0.6,
+    delta: options.Delta = None,
+    epsilon: options.Epsilon = None,
+    beta: options.BetaUnlessMachine = None,
     kappa: options.Kappa = None,
     count: options.Count = 64,
     v_max: options.VMax = None,
@@ -26,6 +26,13 @@ def submit(
     name: options.Name = "",
     tile: options.Tile = None,
     quantity: options.Quantity = None,
+    inertia: options.Inertia = None,
+    drag: options.Drag = None,
+    backlash: options.Backlash = None,
+    radius: options.Radius = None,
+    drive: options.Drive = None,
+    rpm: options.Rpm = None,
+    eccentricity: options.MetresOfEccentricity = None,
     url: Url = DEFAULT_URL,
     key: Annotated[str | None, typer.Option(help="Idempotency key: submitting twice accepts the survey once.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Compute it although an identical survey is there.")] = False,
@@ -47,6 +54,15 @@ def submit(
         name=name,
         tile=tile,
         quantity=quantity,
+        machine={
+            "inertia": inertia,
+            "drag": drag,
+            "backlash": backlash,
+            "radius": radius,
+            "drive": drive,
+            "rpm": rpm,
+            "eccentricity": eccentricity,
+        },
     )
     with Client(url) as client:
         job = client.submit(request, idempotency_key=key, force=force)

@@ -24,12 +24,12 @@ MAX_MESSAGES = 10
 
 
 def run(
-    delta: options.Delta,
-    epsilon: options.Epsilon,
     out: Annotated[
         str, typer.Option(metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.")
     ],
-    beta: options.Beta = 0.6,
+    delta: options.Delta = None,
+    epsilon: options.Epsilon = None,
+    beta: options.BetaUnlessMachine = None,
     kappa: options.Kappa = None,
     count: options.Count = 64,
     v_max: options.VMax = None,
@@ -39,6 +39,13 @@ def run(
     name: options.Name = "",
     tile: options.Tile = None,
     quantity: options.Quantity = None,
+    inertia: options.Inertia = None,
+    drag: options.Drag = None,
+    backlash: options.Backlash = None,
+    radius: options.Radius = None,
+    drive: options.Drive = None,
+    rpm: options.Rpm = None,
+    eccentricity: options.MetresOfEccentricity = None,
     workers: Annotated[
         int | None,
         typer.Option(
@@ -67,6 +74,15 @@ def run(
         name=name,
         tile=tile,
         quantity=quantity,
+        machine={
+            "inertia": inertia,
+            "drag": drag,
+            "backlash": backlash,
+            "radius": radius,
+            "drive": drive,
+            "rpm": rpm,
+            "eccentricity": eccentricity,
+        },
     )
     import workers as survey
     from service.commands.drawing import draw, require_writable

@@ -16,10 +16,11 @@ from pydantic import ValidationError
 from rattle.errors import require_integer, require_pair
 from rattle.models import Model
 from workers.errors import SurveyError
+from workers.survey.axes import Axis, Window, reason
 from workers.survey.cells import Cells
 from workers.survey.evaluate import FAILED
 from workers.survey.quantities import QUANTITIES, shape_of, stored
-from workers.survey.request import Axis, SurveyRequest, TileShape, Window, reason
+from workers.survey.request import SurveyRequest, TileShape
 from workers.survey.schema import SAMPLED, Group, Quantity
 from workers.survey.tiles import MACHINE_FAILURES
 

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from rattle.curves import NAMES
 from rattle.models import AnyModel, model_of
 from rattle.plot import plane
+from workers.survey.axes import Window
 from workers.survey.curves import Missing, traced, window_around
-from workers.survey.request import Window
 
 #: Which curves explain which map.
 CURVES_ON: dict[str, tuple[str, ...]] = {

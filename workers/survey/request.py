@@ -3,12 +3,10 @@
 import json
 import math
 from hashlib import sha256
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     ValidationError,
     ValidatorFunctionWrapHandler,
@@ -21,13 +19,12 @@ from rattle.attractors.classify import BUDGET, PERIODS, WATCH
 from rattle.attractors.speeds import NATURAL, PAPER_SPEED, in_paper_plane
 from rattle.attractors.table import LARGEST_BUDGET
 from rattle.models import AnyModel, Model, model_of
-from workers.errors import SurveyError
+from workers.survey.axes import Axis, Real, Strict
+from workers.survey.machine import SurveyedMachine, in_the_model
 from workers.survey.quantities import groups_of
 from workers.survey.schema import DEFAULT, SAMPLED, Group
 from workers.survey.version import code_version
 
-#: Strict: neither True nor "0.6" is a number here.
-Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
 
 
@@ -55,49 +52,7 @@ MAX_SLOTS = 64
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class Axis(_Strict):
-    """`num` evenly spaced values from `start` to `stop`, both included."""
-
-    start: Real
-    stop: Real
-    num: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
-
-    @model_validator(mode="after")
-    def _increasing(self) -> Self:
-        if not self.start < self.stop:
-            raise ValueError(f"start ({self.start}) must be below stop ({self.stop}): exchange or separate them")
-        with np.errstate(over="ignore", invalid="ignore"):
-            spaced = np.all(np.diff(self.values()) > 0)
-        if not spaced:
-            raise ValueError(f"{self.num} values between {self.start} and {self.stop} are not distinct: lower num")
-        return self
-
-    def values(self) -> np.ndarray:
-        """Return the values as float64, shape (num,): the ones that are computed with and stored."""
-        return np.linspace(self.start, self.stop, self.num)
-
-    @classmethod
-    def parse(cls, text: str) -> "Axis":
-        """Read `START:STOP:NUM`, as the command line takes it. Raises SurveyError."""
-        try:
-            start, stop, num = text.split(":")
-            return cls(start=float(start), stop=float(stop), num=int(num))
-        except ValueError as error:
-            raise SurveyError(f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61 ({reason(error)})") from error
-
-
-class Window(NamedTuple):
-    """A rectangle of the plane: (low, high) of δ and of ε."""
-
-    delta: tuple[float, float]
-    epsilon: tuple[float, float]
-
-
-class InitialConditions(_Strict):
+class InitialConditions(Strict):
     """The sample of each cell: `count` points (τ, v) of [0, 1) × (0, v_max).
 
     v_max: a speed for all cells; "natural" for 1.5 √(16πδβ) + 2πε of each; by default 7 where all axes are in the
@@ -110,19 +65,20 @@ class InitialConditions(_Strict):
     budget: Annotated[int, Field(strict=True, ge=1, le=LARGEST_BUDGET)] = BUDGET
 
 
-class TileShape(_Strict):
+class TileShape(Strict):
     """Cells along each axis of a tile; not given means at most 32, fewer in a small survey or with large samples."""
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
     epsilon: Annotated[int, Field(strict=True, ge=1)] | None = None
 
 
-class SurveyRequest(_Strict):
+class SurveyRequest(Strict):
     """A survey of the (δ, ε) plane: the body of `POST /v1/surveys`; all but the axes has a default.
 
     model: the impacting one, or the stiff one, which needs the stiffness kappa of its walls. quantities: by default all
     that the model has, but those that cost several times what all others do. slots: attractors that a cell lists, by
-    default 8, or 24 where δ begins below 0.1; more are counted, and their share is told.
+    default 8, or 24 where δ begins below 0.1; more are counted, and their share is told. machine: instead of β, and of
+    the axes where it has `rpm` and `eccentricity`, {"start", "stop", "num"} each; these become even steps of δ and ε.
     """
 
     name: Annotated[str, Field(max_length=200)] = ""
@@ -136,6 +92,15 @@ class SurveyRequest(_Strict):
     slots: Annotated[int, Field(strict=True, ge=1, le=MAX_SLOTS)] | None = None
     tile: TileShape = TileShape()
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
+    machine: SurveyedMachine | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_machine(cls, given: Any) -> Any:
+        """A machine's β, and its speeds and eccentricities as axes of the model."""
+        if isinstance(given, dict) and isinstance(given.get("machine"), dict):
+            return in_the_model(given)
+        return given
 
     @field_validator("name")
     @classmethod
@@ -184,6 +149,21 @@ class SurveyRequest(_Strict):
         if unknown := set(self.quantities).difference(groups_of(self.model)):
             names = ", ".join(sorted(unknown))
             raise ValueError(f"the {self.model} model has no {names}: name some of {', '.join(groups_of(self.model))}")
+        return self
+
+    @model_validator(mode="after")
+    def _of_the_machine(self) -> Self:
+        if self.machine is None:
+            return self
+        if self.kappa is not None:
+            raise ValueError(
+                "teeth that give way have another kappa at each speed, and a survey has one: leave out the machine, or "
+                "model and kappa"
+            )
+        if self.beta != self.machine.beta:
+            raise ValueError(f"this machine has beta {self.machine.beta}: leave beta out")
+        for delta in (self.delta.start, self.delta.stop):
+            self.machine.at(float(self.machine.rpm(delta)), float(self.machine.eccentricity(self.epsilon.stop)))
         return self
 
     @model_validator(mode="after")
@@ -272,9 +252,3 @@ class SurveyRequest(_Strict):
         content["initial_conditions"]["v_max"] = self.v_max
         content |= {"tile": self.tile_shape, "slots": self.n_slots, "code": code_version()}
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
-
-
-def reason(error: ValueError) -> str:
-    """Return the first thing that is wrong, without pydantic's preamble."""
-    errors = getattr(error, "errors", None)
-    return str(errors()[0]["msg"]) if errors else str(error)

@@ -15,6 +15,7 @@ from zarr.errors import ZarrUserWarning
 from zarr.storage import MemoryStore, StoreLike
 
 from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
+from workers.survey.machine import AXES
 from workers.survey.quantities import COORDINATES, DOI, labels_of, shape_of, stored
 from workers.survey.request import SurveyRequest
 from workers.survey.schema import Quantity
@@ -123,7 +124,16 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
         "content_hash": request.content_hash(),
         "code_version": code_version(),
         **_model_attributes(request),
+        **_machine_attributes(request),
     }
+
+
+def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
+    """Return the numbers of the machine, and which arrays are coordinates beside the axes (CF, for a whole file)."""
+    if request.machine is None:
+        return {}
+    numbers = {f"machine_{name}": value for name, value in request.machine.model_dump().items()}
+    return {"coordinates": " ".join(AXES), **numbers}
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
@@ -143,6 +153,12 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
         if dim in dims:
             values = axes[dim].values() if dim in axes else coordinate_values(labels_of(dim, request.n_slots))
             _write(root, dim, (dim,), values, {"long_name": coordinate.long_name, "units": "1"})
+    if request.machine is not None:
+        rpm = request.machine.rpm(request.delta.values())
+        eccentricity = request.machine.eccentricity(request.epsilon.values())
+        _write(root, "rpm", ("delta",), rpm, {"long_name": "mean speed", "units": "rpm"})
+        described = {"long_name": "amplitude of the transmission error along the line of action", "units": "m"}
+        _write(root, "eccentricity", ("epsilon",), eccentricity, described)
 
 
 def coordinate_values(values: tuple[int, ...] | tuple[str, ...]) -> np.ndarray:

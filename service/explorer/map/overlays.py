@@ -25,8 +25,8 @@ from service.explorer.common.viewer import Viewer
 from service.explorer.map.figure import Map
 from service.kernels import Part
 from service.state import Front
+from workers.survey.axes import Window
 from workers.survey.curves import LOWEST_DELTA, Missing, traced
-from workers.survey.request import Window
 
 CRISIS_RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
 KEPT_CRISES = 16

@@ -1,0 +1,117 @@
+"""A survey over speed and eccentricity: the plane of the machine, which plain xarray reads back in SI units."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from pydantic import ValidationError
+
+import rattle
+from workers import Axis, SurveyRequest, Window, create_store, finish_store, tiles_of, window_survey
+from workers.cluster.runner import compute_and_write
+from workers.storage.export import csv_lines, write_netcdf
+
+GEARS = {"inertia": 0.003, "drag": 0.05, "backlash": 100e-6, "radius": 0.05}
+SPANS = {
+    "rpm": {"start": 1500.0, "stop": 6000.0, "num": 3},
+    "eccentricity": {"start": 2e-6, "stop": 60e-6, "num": 4},
+}
+FIELDS = {"quantities": ("region", "attractors"), "initial_conditions": {"count": 8}}
+
+
+def request_of(**changed: object) -> SurveyRequest:
+    return SurveyRequest.model_validate(FIELDS | {"machine": GEARS | SPANS} | changed)
+
+
+@pytest.fixture(scope="module", params=["torque", "speed"])
+def stored(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[SurveyRequest, Path]:
+    wanted = request_of(machine=GEARS | SPANS | {"drive": request.param})
+    path = tmp_path_factory.mktemp("machine") / "survey.zarr"
+    create_store(wanted, path)
+    for tile in tiles_of(wanted):
+        assert not compute_and_write(wanted, str(path), tile).failed_cells
+    finish_store(path)
+    return wanted, path
+
+
+def test_the_ends_of_the_axes_are_the_machines(stored: tuple[SurveyRequest, Path]) -> None:
+    request, _path = stored
+    drive = request.machine.drive
+    slow, fast = (rattle.Machine(**GEARS, eccentricity=2e-6, rpm=rpm, drive=drive) for rpm in (1500.0, 6000.0))
+    wide = rattle.Machine(**GEARS, eccentricity=60e-6, rpm=3000.0, drive=drive)
+    assert (request.delta.start, request.delta.stop) == (fast.delta, slow.delta)
+    assert (request.epsilon.start, request.epsilon.stop) == (slow.epsilon, wide.epsilon)
+    assert request.beta == slow.beta == fast.beta
+    assert request.shape == (4, 3)
+
+
+def test_xarray_alone_reads_speeds_and_eccentricities(stored: tuple[SurveyRequest, Path]) -> None:
+    request, path = stored
+    survey = xr.open_zarr(path, chunks=None)
+    assert {"rpm", "eccentricity"} <= set(survey.coords)
+    assert (survey.rpm.dims, survey.eccentricity.dims) == (("delta",), ("epsilon",))
+    assert (survey.rpm.attrs["units"], survey.eccentricity.attrs["units"]) == ("rpm", "m")
+    assert {name: survey.attrs[f"machine_{name}"] for name in GEARS} == GEARS
+    assert survey.attrs["machine_drive"] == request.machine.drive
+    np.testing.assert_allclose(survey.rpm[[0, -1]], [6000.0, 1500.0], rtol=1e-14)
+    np.testing.assert_allclose(survey.eccentricity, np.linspace(2e-6, 60e-6, 4), rtol=1e-13)
+    for i, j in np.ndindex(request.shape):
+        at = {"eccentricity": float(survey.eccentricity[i]), "rpm": float(survey.rpm[j])}
+        machine = rattle.Machine(**GEARS, **at, drive=request.machine.drive)
+        assert machine.delta == pytest.approx(float(survey.delta[j]), rel=1e-14)
+        assert machine.epsilon == pytest.approx(float(survey.epsilon[i]), rel=1e-14)
+        gear = rattle.Gear(float(survey.delta[j]), float(survey.epsilon[i]), machine.beta)
+        quiet = sum(each.fraction for each in gear.attractors(8, "natural") if each.kind == "quiet")
+        assert float(survey.quiet_fraction[i, j]) == quiet
+    assert SurveyRequest.model_validate_json(survey.attrs["request"]) == request
+    slow = survey.swap_dims(delta="rpm", epsilon="eccentricity").sel(rpm=1500, eccentricity=2e-6, method="nearest")
+    assert float(slow.quiet_fraction) == 1.0
+
+
+def test_other_formats_have_them_too(stored: tuple[SurveyRequest, Path]) -> None:
+    _request, path = stored
+    survey = xr.open_zarr(path, chunks=None)
+    with write_netcdf(survey) as file, xr.open_dataset(file) as read:
+        assert read.quiet_fraction.coords["rpm"].dims == ("delta",)
+        assert read.attrs["machine_radius"] == 0.05
+        np.testing.assert_array_equal(read.eccentricity, survey.eccentricity)
+    assert "quiet_fraction" in next(csv_lines(survey))
+
+
+def test_a_finer_window_is_of_the_same_machine(stored: tuple[SurveyRequest, Path]) -> None:
+    request, _path = stored
+    delta, epsilon = request.delta, request.epsilon
+    window = window_survey(request, Window((delta.start, delta.stop), (epsilon.start, epsilon.stop)), (3, 4))
+    assert window.machine == request.machine
+
+
+def test_axes_of_the_model_have_a_machines_numbers_too() -> None:
+    axes = {"delta": Axis(start=0.3, stop=0.5, num=2), "epsilon": Axis(start=0.0, stop=3e-3, num=2)}
+    request = request_of(**axes, machine=GEARS)
+    assert request.beta == pytest.approx(0.001)
+    assert request.machine.rpm(request.delta.values()) == pytest.approx([3333.3333, 2000.0])
+    assert SurveyRequest.model_validate(request.model_dump()) == request
+    assert request.content_hash() != request_of(**axes, beta=request.beta, machine=None).content_hash()
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"delta": {"start": 0.1, "stop": 0.2, "num": 2}}, "machine.rpm and delta are two ways to say it"),
+        ({"beta": 0.6}, "this machine has beta 0.001: leave beta out"),
+        ({"machine": GEARS | SPANS | {"radius": 50.0}}, "for 50 mm give 0.05"),
+        ({"machine": GEARS | SPANS | {"backlash": 0.1}}, "for 0.1 mm give 0.0001"),
+        ({"machine": GEARS | SPANS | {"inertia": "heavy"}}, "machine.inertia: Input should be a valid number"),
+        ({"machine": {"inertia": 1.0} | SPANS}, "machine.drag: Field required"),
+        ({"machine": GEARS | {"rpm": SPANS["rpm"]}}, "epsilon"),
+        ({"machine": GEARS | SPANS | {"rpm": {"start": 0.0, "stop": 10.0, "num": 3}}}, "rpm must be greater than 0"),
+        ({"machine": GEARS | SPANS | {"rpm": 3000}}, "machine.rpm: Input should be"),
+        ({"model": "stiff", "kappa": 1e4, "quantities": ("region",)}, "another kappa at each speed"),
+        ({"machine": GEARS | SPANS | {"stiffness": 1e8}}, "machine.stiffness: Extra inputs"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(changed: dict[str, object], message: str) -> None:
+    with pytest.raises(ValidationError) as refused:
+        request_of(**changed)
+    assert message in str(refused.value)

@@ -1,0 +1,61 @@
+"""The axes of a survey's grid, and what all parts of a request have in common."""
+
+from typing import Annotated, NamedTuple, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from workers.errors import SurveyError
+
+#: Strict: neither True nor "0.6" is a number here.
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+class Strict(BaseModel):
+    """What cannot be changed, and takes no other fields."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Axis(Strict):
+    """`num` evenly spaced values from `start` to `stop`, both included."""
+
+    start: Real
+    stop: Real
+    num: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
+
+    @model_validator(mode="after")
+    def _increasing(self) -> Self:
+        if not self.start < self.stop:
+            raise ValueError(f"start ({self.start}) must be below stop ({self.stop}): exchange or separate them")
+        with np.errstate(over="ignore", invalid="ignore"):
+            spaced = np.all(np.diff(self.values()) > 0)
+        if not spaced:
+            raise ValueError(f"{self.num} values between {self.start} and {self.stop} are not distinct: lower num")
+        return self
+
+    def values(self) -> np.ndarray:
+        """Return the values as float64, shape (num,): the ones that are computed with and stored."""
+        return np.linspace(self.start, self.stop, self.num)
+
+    @classmethod
+    def parse(cls, text: str) -> "Axis":
+        """Read `START:STOP:NUM`, as the command line takes it. Raises SurveyError."""
+        try:
+            start, stop, num = text.split(":")
+            return cls(start=float(start), stop=float(stop), num=int(num))
+        except ValueError as error:
+            raise SurveyError(f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61 ({reason(error)})") from error
+
+
+def reason(error: ValueError) -> str:
+    """Return the first thing that is wrong, without pydantic's preamble."""
+    errors = getattr(error, "errors", None)
+    return str(errors()[0]["msg"]) if errors else str(error)
+
+
+class Window(NamedTuple):
+    """A rectangle of the plane: (low, high) of δ and of ε."""
+
+    delta: tuple[float, float]
+    epsilon: tuple[float, float]

@@ -1,0 +1,85 @@
+"""A survey of a machine: which numbers of a pair of gears stay, while its speed and eccentricity are the axes.
+
+β does not depend on either, δ = 2πc/(IΩ) on the speed alone and ε on the eccentricity alone, so a plane of one β is a
+plane of speeds and eccentricities. Even steps of δ are even ones of the time that a revolution takes, not of the speed.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from rattle import Machine
+from rattle.machine.given import RPM
+from rattle.machine.machine import DRIVES
+from workers.survey.axes import Axis, Real, Strict, reason
+
+Part = TypeVar("Part", bound=Strict)
+Positive = Annotated[Real, Field(gt=0)]
+
+#: What of a machine may be given as an axis, and the axis that it becomes.
+AXES = {"rpm": "delta", "eccentricity": "epsilon"}
+
+
+class SurveyedMachine(Strict):
+    """Two equal gears in SI units, as `rattle.Machine` takes them, but for speed, eccentricity and stiffness.
+
+    inertia: kg m². drag: N m s. backlash, radius: m. drive: "torque" or "speed".
+    """
+
+    inertia: Positive
+    drag: Positive
+    backlash: Positive
+    radius: Positive
+    drive: Literal["torque", "speed"] = "torque"
+
+    def at(self, rpm: float, eccentricity: float) -> Machine:
+        """The machine at a speed, with an eccentricity in metres. Raises ParameterError."""
+        given = self.model_dump()
+        return Machine(**given, eccentricity=eccentricity, rpm=rpm)
+
+    @property
+    def beta(self) -> float:
+        """Its half-backlash."""
+        return DRIVES[self.drive] * self.backlash / (2.0 * self.radius)
+
+    def rpm(self, delta: Any) -> Any:
+        """The speeds at which the damping is δ, in revolutions per minute."""
+        return 2.0 * np.pi * self.drag / (self.inertia * delta) / RPM
+
+    def eccentricity(self, epsilon: Any) -> Any:
+        """The eccentricities that are ε, in metres along the line of action."""
+        return epsilon * self.radius / DRIVES[self.drive]
+
+
+def span_of(machine: SurveyedMachine, name: str, axis: Axis) -> tuple[float, float]:
+    """Both ends of the axis of the model that speeds or eccentricities are. Raises ParameterError."""
+    if name == "rpm":
+        return machine.at(axis.stop, 0.0).delta, machine.at(axis.start, 0.0).delta
+    any_speed = 1.0  # rpm: ε does not depend on it
+    return machine.at(any_speed, axis.start).epsilon, machine.at(any_speed, axis.stop).epsilon
+
+
+def in_the_model(given: Mapping[str, Any]) -> dict[str, Any]:
+    """What is given of a survey, with the axes and β of its machine among it. Raises ValueError."""
+    machine = dict(given["machine"])
+    spans = {name: machine.pop(name) for name in AXES if name in machine}
+    numbers = _read(SurveyedMachine, "machine", machine)
+    made: dict[str, Any] = {"machine": numbers}
+    for name, span in spans.items():
+        if given.get(AXES[name]) is not None:
+            raise ValueError(f"machine.{name} and {AXES[name]} are two ways to say it: give one")
+        read = _read(Axis, f"machine.{name}", span)
+        start, stop = span_of(numbers, name, read)
+        made[AXES[name]] = Axis(start=start, stop=stop, num=read.num)
+    return {"beta": numbers.beta, **given, **made}
+
+
+def _read(kind: type[Part], where: str, value: Any) -> Part:
+    """A part of a request. Raises ValueError, which names what is wrong."""
+    try:
+        return kind.model_validate(value)
+    except ValidationError as error:
+        place = ".".join([where, *map(str, error.errors()[0]["loc"])])
+        raise ValueError(f"{place}: {reason(error)}") from error
