@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import rattle
+from rattle.attractors.classify import BUDGET
 from rattle.models import AnyModel, Model
 from service.explorer.point import parts
 from service.kernels import AT, Part, Work, model_for, note_compiled
-from service.operations.points import curves_document, orbits_document
+from service.operations.points import curves_document, intensities, orbits_document
 
 
 def _orbits(model: AnyModel) -> None:
@@ -20,6 +21,7 @@ def _curves(model: AnyModel) -> None:
 
 def _attractors(model: AnyModel) -> None:
     rattle.warm_up(model.stiffness)
+    intensities(model.gear(*AT), 16, None, 0, BUDGET)
 
 
 def _point(model: AnyModel) -> None:

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rattle import REGIONS, ParameterError, RattleError
+from rattle import REGIONS, Attractor, Intensity, ParameterError, RattleError
+from rattle.attractors.speeds import SpeedLimit
 from rattle.curves import Curve
 from rattle.models import AnyGear, AnyModel, model_at
 
@@ -78,6 +79,13 @@ def orbits_document(gear: AnyGear) -> dict[str, Any]:
             for orbit in orbits
         ],
     }
+
+
+def intensities(
+    gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, budget: int
+) -> list[tuple[Attractor, Intensity]]:
+    """The attractors of a point, and how hard each rattles."""
+    return [(each, gear.intensity(each)) for each in gear.attractors(count, v_max, seed, budget)]
 
 
 def _complex(value: complex) -> dict[str, float | None]:

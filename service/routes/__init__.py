@@ -2,7 +2,19 @@
 
 from fastapi import APIRouter
 
-from service.routes import basins, curves, download, events, metrics, picture, points, store, surveys
+from service.routes import (
+    basins,
+    curves,
+    download,
+    events,
+    intensity,
+    machine,
+    metrics,
+    picture,
+    points,
+    store,
+    surveys,
+)
 
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
@@ -11,6 +23,8 @@ ROUTERS: tuple[APIRouter, ...] = (
     picture.router,
     download.router,
     points.router,
+    intensity.router,
+    machine.router,
     basins.router,
     curves.router,
     metrics.router,

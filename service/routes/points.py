@@ -17,7 +17,8 @@ from service.errors import LimitError
 from service.kernels import Part
 from service.operations.points import number, orbits_document
 from service.operations.turns import in_turn
-from service.state import FrontState
+from service.routes.machine import PlaceQuery
+from service.state import Front, FrontState
 from service.web import examples
 from service.web.conditional import NOT_MODIFIED, function_of_query
 from service.web.problems import declared
@@ -40,6 +41,17 @@ SampledSpeed = Annotated[
     OneSpeed,
     Query(description="largest initial speed, or natural; by default 7 in the paper's plane, natural elsewhere"),
 ]
+
+
+SampleCount = Annotated[int, Query(ge=1, description="initial conditions", examples=[16])]
+MostImpacts = Annotated[int, Query(ge=1, le=LARGEST_BUDGET, description="most impacts on Σ⁺ of one")]
+SampleSeed = Annotated[int, Query(ge=0, lt=2**32)]
+
+
+def require_few(front: Front, count: int) -> None:
+    """Raise LimitError on more initial conditions than one point may have here."""
+    if count > front.settings.max_point_count:
+        raise LimitError("query.count", f"count may be at most {front.settings.max_point_count} here; submit a survey.")
 
 
 class Point(BaseModel):
@@ -137,7 +149,7 @@ async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
             what="The orbits",
             advice="Choose another point.",
         )
-    return Orbits(**_point(gear), **found)
+    return Orbits(**point_document(gear), **found)
 
 
 @router.get(
@@ -148,14 +160,15 @@ async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
 )
 async def attractors(
     front: FrontState,
-    gear: GearQuery,
-    count: Annotated[int, Query(ge=1, description="initial conditions", examples=[16])] = 256,
+    place: PlaceQuery,
+    count: SampleCount = 256,
     v_max: SampledSpeed = None,
-    budget: Annotated[int, Query(ge=1, le=LARGEST_BUDGET, description="most impacts on Σ⁺ of one")] = BUDGET,
-    seed: Annotated[int, Query(ge=0, lt=2**32)] = 0,
+    budget: MostImpacts = BUDGET,
+    seed: SampleSeed = 0,
 ) -> Attractors:
-    if count > front.settings.max_point_count:
-        raise LimitError("query.count", f"count may be at most {front.settings.max_point_count} here; submit a survey.")
+    """Of a point, or of a machine in SI units."""
+    gear = place.gear
+    require_few(front, count)
     found = await in_turn(
         front,
         gear.attractors,
@@ -168,7 +181,7 @@ async def attractors(
         advice="Ask for fewer initial conditions (count), or submit a survey.",
     )
     return Attractors(
-        **_point(gear),
+        **point_document(gear),
         count=count,
         v_max=sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta),
         seed=seed,
@@ -177,7 +190,8 @@ async def attractors(
     )
 
 
-def _point(gear: AnyGear) -> dict[str, Any]:
+def point_document(gear: AnyGear) -> dict[str, Any]:
+    """The fields of `Point`."""
     return {"delta": gear.delta, "epsilon": gear.epsilon, "beta": gear.beta, "kappa": model_at(gear).stiffness}
 
 

@@ -202,6 +202,6 @@ SURVEY_LINKS = {
     ),
 }
 ORBITS_LINKS = _point_links("attractors", "basins")
-ATTRACTORS_LINKS = _point_links("orbits", "basins")
+ATTRACTORS_LINKS = _point_links("orbits", "basins", "intensity")
 #: To the first of the points where curves meet.
 CURVES_LINKS = _point_links(*("orbits", "attractors", "basins"), delta="points/0/delta", epsilon="points/0/epsilon")

@@ -145,7 +145,7 @@ from service.explorer.point import parts as point_parts
 from service.compilation import compile_all
 from service.kernels import KAPPA
 from service.routes.basins import _draw
-from service.operations.points import curves_document, orbits_document
+from service.operations.points import curves_document, intensities, orbits_document
 from workers import SurveyRequest, compute_tile, tiles_of
 from workers.survey.template import template_of
 
@@ -167,6 +167,7 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if kappa els
     model = model_of(beta, kappa)
     gear = model.gear(delta, epsilon)
     orbits_document(gear)
+    intensities(gear, 16, None, 0, 100_000)
     point_parts.chances(gear, 16)
     for method in ("cells", "refined", "direct"):
         point_parts.basins(gear, 20, method)

@@ -29,8 +29,8 @@ from service.cli import app as cli
 from service.client import Client
 from service.database.tables import Scope, State
 from service.jobs import manager
-from service.operations.points import curves_document, orbits_document
-from service.routes import basins, curves, points
+from service.operations.points import curves_document, intensities, orbits_document
+from service.routes import basins, curves, intensity, points
 from service.settings import Settings
 from service.web import examples
 from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, tiles_of
@@ -133,6 +133,7 @@ async def known(_: Any, compute: Any, *arguments: Any, what: str, **words: Any) 
     found = {
         "The orbits": lambda: orbits_document(Gear(0.6, 0.1)),
         "The attractors": lambda: Gear(0.6, 0.1).attractors(4),
+        "The intensities": lambda: intensities(Gear(0.6, 0.1), 4, None, 0, 1000),
         "The curves": lambda: curves_document(Impacting(0.6), (0.7, 0.8), (0.0, 0.3)),
         "The basins": lambda: b"a picture",
     }
@@ -164,7 +165,7 @@ def try_everything(finished: Path, where: Path, config: str, *options: str, **se
 
 
 def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (basins, curves, points):
+    for module in (basins, curves, intensity, points):
         monkeypatch.setattr(module, "in_turn", known)
     # Requests without a key, or with a wrong one, are in test_service_access.py.
     options = either(["--max-examples", "1", "--exclude-checks", "ignored_auth"], ["--max-examples", "6"])
@@ -219,7 +220,7 @@ def test_every_link_leads_from_an_example_to_an_operation_with_what_it_needs(doc
                     jsonschema_rs.validate({**taken[name]["schema"], "components": document["components"]}, value)
                 linked.add((operation["operationId"], link["operationId"]))
     assert {to for _, to in linked} >= {"attractors", "basins", "orbits", "curves", "read", "follow", "picture"}
-    assert {("submit", "curves"), ("curves", "basins"), ("attractors", "basins")} <= linked
+    assert {("submit", "curves"), ("curves", "basins"), ("attractors", "basins"), ("attractors", "intensity")} <= linked
 
 
 def found_at(body: Any, expression: str) -> Any:

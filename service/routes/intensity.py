@@ -1,0 +1,130 @@
+"""How hard the motions of one parameter point rattle."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from fastapi import APIRouter, Depends
+from pydantic import BaseModel, Field
+
+from rattle import Attractor, Intensity
+from rattle.attractors.classify import BUDGET
+from rattle.intensity.intensity import natural_energy
+from rattle.models import model_at
+from service.kernels import Part
+from service.operations.points import intensities, number
+from service.operations.turns import in_turn
+from service.routes.machine import Place, PlaceQuery
+from service.routes.points import (
+    MostImpacts,
+    Point,
+    SampleCount,
+    SampledSpeed,
+    SampleSeed,
+    point_document,
+    require_few,
+)
+from service.state import FrontState
+from service.web.conditional import NOT_MODIFIED, function_of_query
+from service.web.problems import declared
+
+router = APIRouter(prefix="/v1", tags=["points"])
+
+
+class Errors(BaseModel):
+    """95 % half-widths of what has the same name: 0 where exact, null if undecided."""
+
+    impacts_plus: float | None
+    impacts_minus: float | None
+    mean_speed: float | None
+    energy: float | None
+    contact: float | None
+    impulse: float | None
+
+
+class InSI(BaseModel):
+    """The same of a machine."""
+
+    impacts: float | None = Field(description="a second, on both walls")
+    mean_velocity: float | None = Field(description="m/s along the line of action")
+    largest_velocity: float | None = Field(description="m/s along the line of action")
+    energy: float | None = Field(description="J a revolution")
+    power: float | None = Field(description="W, which the impacts hand over")
+    power_error: float | None = Field(description="W, its 95 % half-width")
+    level: float | None = Field(description="dB relative to 1 pW; null if quiet or undecided")
+    contact: float | None = Field(description="share of the time in contact")
+
+
+class Rattling(BaseModel):
+    """How hard an attractor rattles, per forcing period; null if undecided."""
+
+    kind: str = Field(description="quiet, periodic, chaotic or undecided")
+    m: int
+    n_plus: int
+    n_minus: int
+    fraction: float
+    impacts_plus: float | None = Field(description="impacts on the positive wall, or contacts")
+    impacts_minus: float | None = Field(description="impacts on the negative wall, or contacts")
+    mean_speed: float | None
+    largest_speed: float | None
+    energy: float | None = Field(description="sum of v²/2")
+    level: float | None = Field(description="energy in dB relative to 2π²δ², that of A and C; null if quiet")
+    contact: float | None = Field(description="share of the time in contact")
+    impulse: float | None = Field(description="2πδ in every motion that lasts: an audit")
+    errors: Errors
+    si: InSI | None = Field(description="null unless a machine was given")
+
+
+class Intensities(Point):
+    """How hard the attractors of one parameter point rattle, by falling fraction."""
+
+    attractors: list[Rattling]
+
+
+@router.get(
+    "/intensity",
+    summary="How hard the attractors of one parameter point rattle",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
+async def intensity(
+    front: FrontState,
+    place: PlaceQuery,
+    count: SampleCount = 256,
+    v_max: SampledSpeed = None,
+    budget: MostImpacts = BUDGET,
+    seed: SampleSeed = 0,
+) -> Intensities:
+    """Of a point, or of a machine in SI units. Periodic motions are exact, chaotic ones have error bars."""
+    require_few(front, count)
+    found = await in_turn(
+        front,
+        intensities,
+        place.gear,
+        count,
+        v_max,
+        seed,
+        budget,
+        needs=(model_at(place.gear).name, Part.ATTRACTORS),
+        what="The intensities",
+        advice="Ask for fewer initial conditions (count), or submit a survey.",
+    )
+    return Intensities(**point_document(place.gear), attractors=[_rattling(place, *each) for each in found])
+
+
+def _rattling(place: Place, attractor: Attractor, found: Intensity) -> Rattling:
+    values: dict[str, Any] = asdict(found)
+    del values["errors"]
+    si = None if place.machine is None else place.machine.in_si(found)
+    return Rattling(
+        kind=attractor.kind,
+        m=attractor.m,
+        n_plus=attractor.n_plus,
+        n_minus=attractor.n_minus,
+        fraction=attractor.fraction,
+        **{name: number(value) for name, value in values.items()},
+        level=number(found.level(natural_energy(place.gear.delta))),
+        errors=Errors(**{name: number(value) for name, value in found.errors._asdict().items()}),
+        si=None if si is None else InSI(**{name: number(value) for name, value in si._asdict().items()}),
+    )

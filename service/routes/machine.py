@@ -1,0 +1,142 @@
+"""A machine in SI units: which parameter point it is, and what one unit of the model is there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, Query
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, Field
+
+from rattle import Machine, ParameterError
+from rattle.models import AnyGear, model_of
+from service.operations.points import number
+from service.web.conditional import NOT_MODIFIED, function_of_query
+from service.web.problems import declared
+from workers.survey.request import MOST_STIFF
+
+router = APIRouter(prefix="/v1", tags=["points"])
+
+
+def _number(description: str, example: float | None = None, *, zero: bool = False) -> Any:
+    """A parameter above 0, or of at least 0."""
+    above, least = (None, 0.0) if zero else (0.0, None)
+    examples = None if example is None else [example]
+    return Query(gt=above, ge=least, allow_inf_nan=False, description=description, examples=examples)
+
+
+LINE = "m along the line of action"
+INERTIA, DRAG = "kg m², of each gear with what turns with it", "N m s/rad: the drag torque of each gear over its speed"
+ECCENTRICITY = f"{LINE}: the amplitude of the transmission error once a revolution"
+STIFFNESS = "N/m of the mesh along the line of action: the stiff model"
+DRIVE = "torque: a constant one on one gear; speed: that of one imposed"
+Drive = Annotated[Literal["torque", "speed"], Query(description=DRIVE)]
+
+
+async def machine_of_query(
+    inertia: Annotated[float, _number(INERTIA, 0.003)],
+    drag: Annotated[float, _number(DRAG, 0.0005)],
+    backlash: Annotated[float, _number(LINE, 0.0001)],
+    eccentricity: Annotated[float, _number(ECCENTRICITY, 0.000015, zero=True)],
+    radius: Annotated[float, _number("m, of the base circle", 0.05)],
+    rpm: Annotated[float, _number("revolutions per minute", 3000.0)],
+    drive: Drive = "torque",
+    stiffness: Annotated[float | None, _number(STIFFNESS)] = None,
+) -> Machine:
+    """The machine of the query. Raises ParameterError on what can only be in other units."""
+    return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, stiffness=stiffness, rpm=rpm)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A parameter point, and its machine if one was given."""
+
+    gear: AnyGear
+    machine: Machine | None
+
+
+async def place_of_query(
+    delta: Annotated[float | None, _number("damping; needed without a machine", 0.6)] = None,
+    epsilon: Annotated[float | None, _number("eccentricity; needed without a machine", 0.1, zero=True)] = None,
+    beta: Annotated[float | None, _number("half-backlash, by default 0.6", 0.6)] = None,
+    kappa: Annotated[
+        float | None,
+        Query(gt=0, le=MOST_STIFF, allow_inf_nan=False, description="of the walls: the stiff model; else impacting"),
+    ] = None,
+    inertia: Annotated[float | None, _number(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, _number(DRAG)] = None,
+    backlash: Annotated[float | None, _number(LINE)] = None,
+    eccentricity: Annotated[float | None, _number(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, _number("m, of the base circle")] = None,
+    rpm: Annotated[float | None, _number("revolutions per minute")] = None,
+    drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
+    stiffness: Annotated[float | None, _number(STIFFNESS)] = None,
+) -> Place:
+    """The point of the query, dimensionless or of a machine. Raises ParameterError, RequestValidationError."""
+    needed = {"inertia": inertia, "drag": drag, "backlash": backlash, "eccentricity": eccentricity, "radius": radius}
+    needed["rpm"] = rpm
+    plain = {"delta": delta, "epsilon": epsilon}
+    given = [name for name, value in {**needed, "drive": drive, "stiffness": stiffness}.items() if value is not None]
+    if not given:
+        return Place(model_of(0.6 if beta is None else beta, kappa).gear(**_all_of(plain)), None)
+    both = [name for name, value in {**plain, "beta": beta, "kappa": kappa}.items() if value is not None]
+    if both:
+        raise ParameterError(f"{' and '.join(both)} and a machine's {' and '.join(given)} say it twice: give one")
+    machine = Machine(**_all_of(needed), drive=drive or "torque", stiffness=stiffness)
+    return Place(machine.gear, machine)
+
+
+def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
+    """These numbers. Raises RequestValidationError, as any other parameter of a query does, on what is not given."""
+    lacking = [name for name, value in numbers.items() if value is None]
+    if lacking:
+        raise RequestValidationError(
+            [{"type": "missing", "loc": ("query", name), "msg": "Field required", "input": None} for name in lacking]
+        )
+    return {name: value for name, value in numbers.items() if value is not None}
+
+
+PlaceQuery = Annotated[Place, Depends(place_of_query)]
+
+
+class Units(BaseModel):
+    """What one unit of the model is; multiply by it. null: beyond double precision."""
+
+    length: float | None = Field(description="m, of Φ along the line of action")
+    time: float | None = Field(description="s, a forcing period: a revolution")
+    velocity: float | None = Field(description="m/s, along the line of action")
+    energy: float | None = Field(description="J, of v²/2")
+    power: float | None = Field(description="W, of v²/2 per forcing period")
+    force: float | None = Field(description="N, between the teeth")
+    frequency: float | None = Field(description="Hz, of orders")
+
+
+class MachineDocument(BaseModel):
+    """A machine as a parameter point, and back."""
+
+    delta: float = Field(description="damping")
+    epsilon: float = Field(description="eccentricity")
+    beta: float = Field(description="half-backlash")
+    kappa: float | None = Field(description="stiffness of the walls; null: the impacting model")
+    units: Units
+    quiet_limit: float | None = Field(description="m, the eccentricity above which nothing is quiet")
+
+
+@router.get(
+    "/machine",
+    summary="A machine in SI units as a parameter point, and back",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
+async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> MachineDocument:
+    """Numbers that can only be in other units, such as millimetres, are refused with what to give instead."""
+    gear = found.gear
+    return MachineDocument(
+        delta=gear.delta,
+        epsilon=gear.epsilon,
+        beta=gear.beta,
+        kappa=found.kappa,
+        units=Units(**{name: number(value) for name, value in found.units._asdict().items()}),
+        quiet_limit=number(gear.quiet_limit * found.units.length),
+    )

@@ -1,0 +1,94 @@
+"""A machine over REST: its parameter point and back, its attractors, and how hard they rattle."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from fastapi.testclient import TestClient
+from service_support import assert_problem, front_end
+
+import rattle
+
+SI = {"inertia": 0.003, "drag": 0.05, "backlash": 100e-6, "eccentricity": 150e-6, "radius": 0.05, "rpm": 3000.0}
+PLAIN = {"delta": 0.6, "epsilon": 0.1}
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    with front_end(tmp_path_factory.mktemp("machine")) as client:
+        yield client
+
+
+def found(client: TestClient, route: str, **query: Any) -> Any:
+    answer = client.get(f"/v1/{route}", params=query)
+    assert answer.status_code == 200, answer.text
+    return answer.json()
+
+
+@pytest.mark.parametrize("changed", [{}, {"drive": "speed"}, {"stiffness": 1e8}])
+def test_a_machine_is_the_point_that_it_is(client: TestClient, changed: dict[str, Any]) -> None:
+    machine = rattle.Machine(**SI, **changed)
+    at = found(client, "machine", **SI, **changed)
+    assert {name: at[name] for name in ("delta", "epsilon", "beta", "kappa")} == {
+        "delta": machine.delta,
+        "epsilon": machine.epsilon,
+        "beta": machine.beta,
+        "kappa": machine.kappa,
+    }
+    assert at["units"] == machine.units._asdict()
+    assert at["quiet_limit"] == machine.gear.quiet_limit * machine.units.length
+
+
+def test_attractors_of_a_machine_are_those_of_its_point(client: TestClient) -> None:
+    machine = rattle.Machine(**SI)
+    point = {"delta": machine.delta, "epsilon": machine.epsilon, "beta": machine.beta}
+    assert found(client, "attractors", **SI, count=8) == found(client, "attractors", **point, count=8)
+
+
+@pytest.mark.parametrize("kappa", [None, 1e4])
+def test_intensities_are_those_of_the_library(client: TestClient, kappa: float | None) -> None:
+    stiff = {} if kappa is None else {"kappa": kappa}
+    gear = rattle.models.model_of(0.6, kappa).gear(**PLAIN)
+    answer = found(client, "intensity", **PLAIN, **stiff, count=8)
+    known = gear.attractors(8)
+    assert answer["kappa"] == kappa
+    for one, each in zip(answer["attractors"], known, strict=True):
+        intensity = gear.intensity(each)
+        assert (one["kind"], one["fraction"], one["si"]) == (each.kind, each.fraction, None)
+        for name in ("impacts_plus", "impacts_minus", "mean_speed", "largest_speed", "energy", "contact", "impulse"):
+            assert one[name] == getattr(intensity, name)
+        assert one["errors"] == intensity.errors._asdict()
+        level = intensity.level(2 * math.pi**2 * 0.36)
+        assert one["level"] == (pytest.approx(level, abs=1e-9) if math.isfinite(level) else None)
+        assert one["impulse"] == pytest.approx(2 * math.pi * 0.6, rel=1e-10 if each.kind != "chaotic" else 1e-3)
+
+
+def test_of_a_machine_intensities_are_in_si_units_too(client: TestClient) -> None:
+    machine = rattle.Machine(**SI)
+    attractors = machine.gear.attractors(8)
+    answer = found(client, "intensity", **SI, count=8)["attractors"]
+    assert len(answer) == len(attractors)
+    for one, each in zip(answer, attractors, strict=True):
+        expected = machine.intensity(each)._asdict()
+        expected["level"] = expected["level"] if math.isfinite(expected["level"]) else None
+        assert one["si"] == expected
+
+
+@pytest.mark.parametrize(
+    ("route", "query", "message"),
+    [
+        ("machine", SI | {"radius": 50}, "for 50 mm give 0.05"),
+        ("machine", SI | {"rpm": 1e9}, "nothing turns at"),
+        ("machine", SI | {"drive": "belt"}, "drive"),
+        ("machine", {name: SI[name] for name in SI if name != "drag"}, "query.drag"),
+        ("attractors", SI | {"backlash": 0.1}, "for 0.1 mm give 0.0001"),
+        ("attractors", {name: SI[name] for name in SI if name != "rpm"}, "query.rpm"),
+        ("attractors", {"epsilon": 0.1}, "query.delta"),
+        ("intensity", PLAIN | SI, "say it twice: give one"),
+        ("intensity", PLAIN | {"count": 10**9}, "count may be at most"),
+        ("intensity", {}, "query.delta"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(client: TestClient, route: str, query: dict[str, Any], message: str) -> None:
+    assert_problem(client.get(f"/v1/{route}", params=query), 422, message)
