@@ -107,7 +107,8 @@ class Machine:
         lengths = {"backlash": backlash, "eccentricity": eccentricity, "radius": radius}
         given = {"inertia": inertia, "drag": drag, **lengths}
         numbers = {name: in_si(name, value) for name, value in given.items()}
-        numbers["speed"] = in_si("speed", speed) if rpm is None else require_number("rpm", rpm, positive=True) * RPM
+        turning = speed if rpm is None else require_number("rpm", rpm, positive=True) * RPM
+        numbers["speed"] = in_si("speed", turning)
         for name, value in numbers.items():
             object.__setattr__(self, name, value)
         object.__setattr__(self, "drive", drive)
@@ -123,7 +124,7 @@ class Machine:
     @property
     def delta(self) -> float:
         """Damping δ."""
-        return TWO_PI * self.drag / (self.inertia * self.speed)
+        return TWO_PI * self.drag / self.inertia / self.speed
 
     @property
     def epsilon(self) -> float:

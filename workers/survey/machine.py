@@ -46,7 +46,7 @@ class SurveyedMachine(Strict):
 
     def rpm(self, delta: Any) -> Any:
         """The speeds at which the damping is δ, in revolutions per minute."""
-        return 2.0 * np.pi * self.drag / (self.inertia * delta) / RPM
+        return 2.0 * np.pi * self.drag / self.inertia / delta / RPM
 
     def eccentricity(self, epsilon: Any) -> Any:
         """The eccentricities that are ε, in metres along the line of action."""
