@@ -124,7 +124,8 @@ class Machine:
     @property
     def delta(self) -> float:
         """Damping δ."""
-        return TWO_PI * self.drag / self.inertia / self.speed
+        turning = self.inertia * self.speed
+        return TWO_PI * self.drag / turning if turning > 0.0 else math.inf
 
     @property
     def epsilon(self) -> float:
