@@ -15,8 +15,10 @@ from rattle.attractors.measures import BasinEntropy, Uncertainty, basin_entropy,
 from rattle.attractors.table import KINDS, Attractor, Attractors
 from rattle.continuation.diagram import Diagram
 from rattle.errors import MissingExtraError, NotProvedError, ParameterError, RattleError
+from rattle.families.table import Families, FamilyTable
 from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
 from rattle.impacting.attractors.classifier import attractors_of
+from rattle.impacting.attractors.families import families_of
 from rattle.impacting.bifurcations.branches import Branch, beyond, branch, doubled, fate
 from rattle.impacting.bifurcations.cascade import cascade
 from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
@@ -56,6 +58,8 @@ __all__ = [
     "Density",
     "Diagram",
     "Event",
+    "Families",
+    "FamilyTable",
     "FirstImpact",
     "GammaPiece",
     "Gear",
@@ -91,6 +95,7 @@ __all__ = [
     "differing",
     "disagreement",
     "doubled",
+    "families_of",
     "fate",
     "flip",
     "grazing",

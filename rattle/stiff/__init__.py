@@ -4,6 +4,7 @@ Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 """
 
 from rattle.stiff.attractors.classifier import attractors_of
+from rattle.stiff.attractors.families import families_of
 from rattle.stiff.bifurcations.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
 from rattle.stiff.bifurcations.curves import NAMES, describe, trace
 from rattle.stiff.bifurcations.diagram import diagram
@@ -23,6 +24,7 @@ __all__ = [
     "attractors_of",
     "describe",
     "diagram",
+    "families_of",
     "from_limit",
     "iterate",
     "iterate_tangent",

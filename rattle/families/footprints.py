@@ -1,0 +1,49 @@
+"""Which chaotic attractors of neighbouring cells are one: their footprints overlap."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.attractors.chaos import SAME_FOOTPRINT, boxes_in
+from rattle.attractors.classify import begun
+from rattle.attractors.recurrence import mark_footprints
+from rattle.attractors.samples import GRID
+from rattle.numerics.compile import kernel
+
+STRETCH = 256  # impacts of a footprint: some 200 of the boxes that an attractor has
+
+
+@kernel
+def overlapping(one, other, prints, overlap):
+    """Write whether the footprints one[i] and other[i] (k,) share SAME_FOOTPRINT of the smaller."""
+    for i in range(one.size):
+        in_one, in_other, shared = 0, 0, 0
+        for row in range(prints.shape[1]):
+            a, b = prints[one[i], row], prints[other[i], row]
+            in_one += boxes_in(a)
+            in_other += boxes_in(b)
+            shared += boxes_in(a & b)
+        overlap[i] = shared > SAME_FOOTPRINT * min(in_one, in_other)
+
+
+def overlaps(
+    cell: NDArray[np.int64], tau: NDArray[np.float64], v: NDArray[np.float64], shape: tuple[int, int], cells: Any
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs, twice (pairs,), of chaotic attractors that overlap in cells side by side.
+
+    cell (k,) in order, tau, v: a point of each; shape: rows and columns of the grid.
+    """
+    prints = np.zeros((cell.size, GRID), np.uint64)
+    mark_footprints(np.arange(cell.size), STRETCH, cells, begun(cell, tau, v, STRETCH), prints)
+    ones, others = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
+    for step, inside in ((1, cell % shape[1] < shape[1] - 1), (shape[1], cell < (shape[0] - 1) * shape[1])):
+        first, end = (np.searchsorted(cell, cell + step, side) for side in ("left", "right"))
+        number = np.where(inside, end - first, 0)
+        one = np.repeat(np.arange(cell.size), number)
+        ones.append(one)
+        others.append(np.arange(one.size) - np.repeat(np.cumsum(number) - number, number) + first[one])
+    one, other = np.concatenate(ones), np.concatenate(others)
+    overlap = np.zeros(one.size, np.bool_)
+    overlapping(one, other, prints, overlap)
+    return one[overlap], other[overlap]

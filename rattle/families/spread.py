@@ -1,0 +1,159 @@
+"""Stable periodic orbits of a grid of cells, continued from cell to cell until nothing new is found (compiled)."""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rattle.attractors.recurrence import SAME_POINT, unit_at
+from rattle.flight.first_impact import OK
+from rattle.flight.law import wrapped
+from rattle.numerics.compile import inline, kernel
+from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
+
+FARTHEST = 0.2  # from an orbit's point to that of its continuation in the next cell, speeds in their unit
+ROUNDING = 2.0**-26  # of a point from which Newton's method starts again
+NOWHERE = -1
+#: Neighbours in the order of their links: one row or column on, and back.
+ROWS, COLUMNS = (1, 0, -1, 0), (0, 1, 0, -1)
+
+
+class Linked(NamedTuple):
+    """Stable orbits of the cells of a grid, (room,), the used ones first: cell, label, fastest point, both
+    ln|multiplier|/m, and the orbit of the same cell that was entered before it.
+
+    last (n_cells,): of each cell, the orbit that was entered last. to (room, 4): the orbit that it becomes in each
+    neighbour. NOWHERE: there is none.
+    """
+
+    cell: Any
+    m: Any
+    n_plus: Any
+    n_minus: Any
+    tau: Any
+    v: Any
+    first: Any
+    second: Any
+    before: Any
+    last: Any
+    to: Any
+
+
+@inline
+def alike(i, k, orbits):
+    """Whether two orbits have the same label."""
+    return (
+        orbits.n_plus[i] == orbits.n_plus[k] and orbits.n_minus[i] == orbits.n_minus[k] and orbits.m[i] == orbits.m[k]
+    )
+
+
+@kernel
+def at_point(tau, v, cell, k, near, orbits):
+    """The orbit of this cell, labelled as orbit k, whose fastest point this is; NOWHERE if it is that of none."""
+    i = orbits.last[cell]
+    while i != NOWHERE:
+        same = abs(wrapped(tau - orbits.tau[i])) < SAME_POINT and abs(v - orbits.v[i]) < near
+        if same and alike(i, k, orbits):
+            return i
+        i = orbits.before[i]
+    return NOWHERE
+
+
+@kernel
+def labelled(tau, v, k, orbits, point):
+    """Whether the orbit through a point that Newton's method has found is stable and labelled as orbit k, with the
+    logarithms of its multipliers.
+    """
+    n_plus = np.int64(orbits.n_plus[k])  # as others call `power_map`, which is then compiled once
+    status, _t, _v, time, below, a00, _b, _c, a11, log_det = power_map(tau, v, n_plus, point)
+    if status != OK or below != orbits.n_minus[k] or int(np.rint(time)) != orbits.m[k]:
+        return False, math.nan, math.nan
+    first, second = log_multipliers(a00 + a11, log_det)
+    return first < 0.0, first, second
+
+
+@kernel
+def settled(tau, v, n_plus, point):
+    """The same point of an orbit once more, from nearby: so its bits seldom tell from where it was continued."""
+    unit = unit_at(point)
+    t, w = np.rint(tau / ROUNDING) * ROUNDING, np.rint(v / unit / ROUNDING) * ROUNDING * unit
+    found, t, w = newton(t, w, n_plus, point)
+    if found and abs(wrapped(t - tau)) < SAME_POINT and abs(w - v) < SAME_POINT * unit:
+        return t, w
+    return tau, v
+
+
+@kernel
+def continued(k, cell, n, orbits, point):
+    """What orbit k becomes in a cell next to its own, entered as number n if the cell did not know it; else NOWHERE."""
+    n_plus, unit = np.int64(orbits.n_plus[k]), unit_at(point)
+    found, tau, v = newton(orbits.tau[k], orbits.v[k], n_plus, point)
+    if not found or math.hypot(wrapped(tau - orbits.tau[k]), (v - orbits.v[k]) / unit) > FARTHEST:
+        return NOWHERE
+    near = SAME_POINT * unit
+    known = at_point(tau, v, cell, k, near, orbits)
+    if known != NOWHERE:
+        return known
+    is_stable, _first, _second = labelled(tau, v, k, orbits, point)
+    if not is_stable or shortest_return(tau, v, n_plus, point) != n_plus:
+        return NOWHERE
+    t, w = tau, v
+    for _ in range(n_plus):  # another impact of it may be the fastest here
+        known = at_point(t, w, cell, k, near, orbits)
+        if known != NOWHERE:
+            return known
+        _status, t, w, _time, _below = step(t, w, point)
+    tau, v = fastest_point(tau, v, n_plus, point)
+    tau, v = settled(tau, v, n_plus, point)
+    is_stable, first, second = labelled(tau, v, k, orbits, point)
+    if not is_stable:
+        return NOWHERE
+    m = orbits.m[k]
+    orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell, m, n_plus, orbits.n_minus[k]
+    orbits.tau[n], orbits.v[n], orbits.first[n], orbits.second[n] = tau, v, first / m, second / m
+    orbits.before[n], orbits.last[cell] = orbits.last[cell], n
+    return n
+
+
+@kernel
+def spread(done, n, rows, columns, cells, orbits):
+    """Continue the orbits from number `done` on, of n, into the neighbours of their cells in a grid of rows × columns,
+    and what is found there too. Returns both numbers again: equal when nothing is left, else there is no more room.
+    """
+    room = orbits.cell.size
+    while done < n and n + 4 <= room:
+        row, column = divmod(orbits.cell[done], columns)
+        for side in range(4):
+            i, j = row + ROWS[side], column + COLUMNS[side]
+            found = NOWHERE
+            if 0 <= i < rows and 0 <= j < columns:
+                cell = i * columns + j
+                found = continued(done, cell, n, orbits, point_of(cell, cells))
+                if found == n:
+                    n += 1
+            orbits.to[done, side] = found
+        done += 1
+    return done, n
+
+
+@kernel
+def lead(one, other, steps, way, orbits, arrives):
+    """Write whether orbits one (k,) become the orbits other (k,) of cells beside theirs when followed in so many steps;
+    way: the parameters of these (k·steps,), as cells.
+    """
+    for i in range(one.size):
+        n_plus, tau, v = np.int64(orbits.n_plus[one[i]]), orbits.tau[one[i]], orbits.v[one[i]]
+        arrives[i] = False
+        for j in range(steps):
+            point = point_of(i * steps + j, way)
+            unit, before, speed = unit_at(point), tau, v
+            found, tau, v = newton(before, speed, n_plus, point)
+            if not found or math.hypot(wrapped(tau - before), (v - speed) / unit) > 0.5 * FARTHEST:
+                break
+            if j == steps - 1:
+                for _ in range(n_plus):
+                    near = abs(wrapped(tau - orbits.tau[other[i]])) < SAME_POINT
+                    if near and abs(v - orbits.v[other[i]]) < SAME_POINT * unit:
+                        arrives[i] = True
+                        break
+                    _status, tau, v, _time, _below = step(tau, v, point)

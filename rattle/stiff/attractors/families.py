@@ -1,0 +1,29 @@
+"""Families of attractors of the stiff gear over a grid of its plane."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rattle.attractors.classify import BUDGET
+from rattle.attractors.speeds import SpeedLimit
+from rattle.errors import parameters, require_number
+from rattle.families.join import axis, joined
+from rattle.families.table import Families
+from rattle.stiff.attractors.classifier import attractors_of, cells_of
+
+
+def families_of(
+    delta: ArrayLike,
+    epsilon: ArrayLike,
+    beta: float,
+    kappa: float,
+    count: int = 64,
+    v_max: SpeedLimit = None,
+    seed: int = 0,
+    budget: int = BUDGET,
+) -> Families:
+    """As `rattle.families_of`. Raises ParameterError."""
+    delta, epsilon = axis("delta", delta), axis("epsilon", epsilon)
+    beta, kappa = (require_number(name, x, positive=True) for name, x in (("beta", beta), ("kappa", kappa)))
+    table = attractors_of(delta, epsilon[:, None], beta, kappa, count, v_max, seed, budget)
+    columns = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon[:, None], beta, kappa=kappa))
+    return joined(delta, epsilon, table, cells_of(*columns))
