@@ -15,7 +15,9 @@ from rattle.attractors.table import Attractors
 from rattle.continuation.diagram import Diagram
 from rattle.curves import CodimensionTwo, Curve
 from rattle.errors import RattleError, parameters, require_number
+from rattle.families.table import Families
 from rattle.impacting.attractors.classifier import attractors_of, cells_of
+from rattle.impacting.attractors.families import joined_at
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.branches import Branch
 from rattle.impacting.bifurcations.diagram import diagram
@@ -27,6 +29,7 @@ from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.table import Intensities, intensities_of, one_by_one
 from rattle.orbits.period_one import PeriodOne
 from rattle.stiff.attractors.classifier import cells_of as stiff_cells_of
+from rattle.stiff.attractors.families import joined_at as stiff_joined_at
 
 Range = tuple[float, float]
 
@@ -85,6 +88,12 @@ class Impacting:
     ) -> Attractors:
         """The attractors of all cells."""
         return attractors_of(delta, epsilon, self.beta, count, v_max, seed, budget)
+
+    def families(
+        self, delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: Attractors
+    ) -> Families:
+        """The families of a table of attractors, of the cells epsilon (m,) × delta (n,) with so many samples each."""
+        return joined_at(delta, epsilon, self.beta, count, table)
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> NDArray[np.float64]:
         """|(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones."""
@@ -170,6 +179,12 @@ class Stiff:
     ) -> Attractors:
         """The attractors of all cells."""
         return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed, budget)
+
+    def families(
+        self, delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: Attractors
+    ) -> Families:
+        """The families of a table of attractors."""
+        return stiff_joined_at(delta, epsilon, self.beta, self.kappa, count, table)
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> NDArray[np.float64]:
         """The same of contacts, whose impulses are those of the springs."""

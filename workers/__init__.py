@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from workers.cluster.window import Frame, compute_part, map_quantity, window_survey
 from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
+from workers.families import join_survey, lacks_families
 from workers.in_process import is_short, run_tiles_here
 from workers.storage.bucket import Bucket
 from workers.storage.integrity import Integrity, examine
@@ -23,12 +24,13 @@ from workers.survey.tiles import Tile, TileRecord, compute_tile, tiles_of
 if TYPE_CHECKING:
     from workers.cluster.cluster import connect, embedded_cluster
     from workers.cluster.refinement import refined
-    from workers.cluster.runner import run_tiles, template_on
+    from workers.cluster.runner import join_on, run_tiles, template_on
 
 #: What needs dask's cluster, a quarter of a second that a survey in one process does not wait for.
 _ON_CLUSTERS = {
     "connect": "workers.cluster.cluster",
     "embedded_cluster": "workers.cluster.cluster",
+    "join_on": "workers.cluster.runner",
     "refined": "workers.cluster.refinement",
     "run_tiles": "workers.cluster.runner",
     "template_on": "workers.cluster.runner",
@@ -62,6 +64,9 @@ __all__ = [
     "examine",
     "finish_store",
     "is_short",
+    "join_on",
+    "join_survey",
+    "lacks_families",
     "map_quantity",
     "open_survey",
     "place_of",

@@ -26,9 +26,11 @@ def axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return array
 
 
-def joined(delta: NDArray[np.float64], epsilon: NDArray[np.float64], table: Attractors, cells: Any) -> Families:
-    """The families of the attractors of cells `epsilon` (m,) × `delta` (n,), row by row of the grid; cells: as kernels
-    take them.
+def joined(
+    delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: Attractors, cells: Any
+) -> Families:
+    """The families of the attractors of cells `epsilon` (m,) × `delta` (n,) with so many samples each, row by row of
+    the grid; cells: as kernels take them.
     """
     shape = epsilon.size, delta.size
     orbits, n = continued(table, shape, cells)
@@ -41,9 +43,10 @@ def joined(delta: NDArray[np.float64], epsilon: NDArray[np.float64], table: Attr
     graph = coo_array((np.ones(one.size, np.int8), (one, other)), (whole.cell.size,) * 2)
     component = connected_components(graph, directed=False)[1]
     order = np.lexsort((whole.tau, whole.v, *whole[4:0:-1], -whole.samples, whole.cell))
-    attractors = Attractors._make(x[order] for x in whole)
+    attractors, entered = Attractors._make(x[order] for x in whole), order >= table.cell.size
     family = numbered(attractors, component[order])
-    return Families(delta, epsilon, attractors, family, tabulated(delta, epsilon, attractors, family))
+    described = tabulated(delta, epsilon, count, attractors, family)
+    return Families(delta, epsilon, count, attractors, entered, family, described)
 
 
 def continued(table: Attractors, shape: tuple[int, int], cells: Any) -> tuple[Linked, int]:

@@ -14,8 +14,8 @@ QUIET_FAMILY, NO_FAMILY = 0, -1
 class FamilyTable(NamedTuple):
     """Families of a grid, all arrays (families,), by number: quiet motion is 0, the others by falling number of cells.
 
-    kind indexes KINDS; m, n_plus, n_minus: the label, 0 unless periodic. cells: that have it. entered: those of them
-    that no sample told of it, only the orbit of a neighbour. delta_low to epsilon_high: the box of its cells.
+    kind indexes KINDS; m, n_plus, n_minus: the label, 0 unless periodic. cells: that have it; unsampled: those
+    of them where no sample goes to it. delta_low to epsilon_high: the box of its cells.
     largest_fraction of the samples of a cell, delta_at and epsilon_at that cell; mean_fraction over its cells.
     exponent: the largest λ₁ of them. monodromy: some cell has two attractors of this family, which are one on a way
     round through other cells.
@@ -26,7 +26,7 @@ class FamilyTable(NamedTuple):
     n_plus: NDArray[np.int64]
     n_minus: NDArray[np.int64]
     cells: NDArray[np.int64]
-    entered: NDArray[np.int64]
+    unsampled: NDArray[np.int64]
     delta_low: NDArray[np.float64]
     delta_high: NDArray[np.float64]
     epsilon_low: NDArray[np.float64]
@@ -43,13 +43,16 @@ class FamilyTable(NamedTuple):
 class Families:
     """The attractors of the cells `epsilon` (m,) × `delta` (n,), joined.
 
-    attractors: of all cells, row by row of the grid, with the orbits that were continued into cells whose samples
-    missed them: samples 0. family: the number of each, −1 where samples are undecided; table: of the families.
+    count: samples of a cell. attractors: of all cells, row by row of the grid, with the orbits that were continued into
+    cells that did not know them, which have samples 0. entered (rows,): whether it is one of these; family (rows,): its
+    number, −1 where samples are undecided. table: of the families.
     """
 
     delta: NDArray[np.float64]
     epsilon: NDArray[np.float64]
+    count: int
     attractors: Attractors
+    entered: NDArray[np.bool_]
     family: NDArray[np.int64]
     table: FamilyTable
 
@@ -60,7 +63,7 @@ class Families:
         n_cells = shape[0] * shape[1]
         won = np.bincount(cell[rows], samples[rows], n_cells)
         there = np.bincount(cell[rows], minlength=n_cells) > 0
-        return np.where(there, won / np.bincount(cell, samples, n_cells), np.nan).reshape(shape)
+        return np.where(there, won / self.count, np.nan).reshape(shape)
 
 
 def numbered(attractors: Attractors, component: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -85,14 +88,17 @@ def _distinct(family: NDArray[np.int64], cell: NDArray[np.int64]) -> tuple[NDArr
 
 
 def tabulated(
-    delta: NDArray[np.float64], epsilon: NDArray[np.float64], attractors: Attractors, family: NDArray[np.int64]
+    delta: NDArray[np.float64],
+    epsilon: NDArray[np.float64],
+    count: int,
+    attractors: Attractors,
+    family: NDArray[np.int64],
 ) -> FamilyTable:
     """What is known of each family."""
-    counts = np.bincount(attractors.cell, attractors.samples, delta.size * epsilon.size)
     rows = np.flatnonzero(family != NO_FAMILY)
     each, cell = family[rows], attractors.cell[rows]
     n = int(each.max(initial=QUIET_FAMILY)) + 1
-    share = attractors.samples[rows] / counts[cell]
+    share = attractors.samples[rows] / count
     here, at = _distinct(each, cell)
     cells = np.bincount(here, minlength=n)
     row, column = np.divmod(at, delta.size)

@@ -94,10 +94,10 @@ def run(
     survey.create_store(request, out)
     done = survey.tiles_done(request, out)
     missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
-    if missing:
+    if missing or survey.lacks_families(request, out):
         with stop_requested() as stop, compiling_told():
             try:
-                short = survey.is_short(request, sum(tile.n_cells for tile in missing))
+                short = survey.is_short(request, sum(tile.n_cells for tile in missing) or request.n_cells)
                 here = short and not (scheduler or workers)
                 cluster = nullcontext() if here else _started(request, scheduler, workers or PROCESSES, stop.is_set)
                 _compute(request, out, missing, cluster, stop.is_set)
@@ -157,9 +157,23 @@ def _compute(
         else:
             survey.run_tiles(request, out, missing, client, on_tile, should_stop)
         seconds = time.monotonic() - began
-    typer.echo(f"{done - before} cells in {seconds:.1f} s: {(done - before) / seconds:.1f} cells/s")
+        if not should_stop() and survey.lacks_families(request, out):
+            _join(request, out, client, should_stop)
+    if missing:
+        typer.echo(f"{done - before} cells in {seconds:.1f} s: {(done - before) / seconds:.1f} cells/s")
     for i, j, message in failed[:MAX_MESSAGES]:
         typer.echo(f"failed: epsilon[{i}], delta[{j}]: {message}", err=True)
+
+
+def _join(request: SurveyRequest, out: str, client: Client | None, should_stop: Callable[[], bool]) -> None:
+    import workers as survey
+
+    typer.echo("Joining the attractors to families …", err=True)
+    if client is None:
+        with survey.place_of(out).writing():
+            survey.join_survey(request, out)
+    else:
+        survey.join_on(client, request, out, should_stop)
 
 
 def _summarise(out: str) -> None:

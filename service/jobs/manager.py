@@ -25,6 +25,8 @@ from workers import (
     SurveyRequest,
     create_store,
     finish_store,
+    join_on,
+    lacks_families,
     run_tiles,
     template_on,
     tiles_done,
@@ -271,6 +273,8 @@ class JobManager:
 
         run_tiles(request, path, missing, client, on_tile, self._interrupted, self._dismissed.is_set)
         if not self._interrupted():
+            if lacks_families(request, path):
+                join_on(client, request, path, self._interrupted)
             finish_store(path)
             self._database.set_state(survey_id, State.SUCCESSFUL)
 

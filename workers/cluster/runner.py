@@ -7,6 +7,7 @@ from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
+from typing import Any
 from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
@@ -15,6 +16,7 @@ from workers.cluster.cluster import end_tasks
 from workers.cluster.isolation import compute_tile_apart
 from workers.cluster.submission import Submission
 from workers.errors import ClusterLostError, StoppedError, SurveyError
+from workers.families import join_survey
 from workers.storage.location import Place, place_of
 from workers.storage.store import require_aligned, write_tile
 from workers.survey.request import SurveyRequest
@@ -52,27 +54,41 @@ def template_on(
         SurveyError: it cannot be computed.
         ClusterLostError: the cluster is gone.
     """
+    found: Template = _attempted(client, should_stop, "traced", "curves", template_of, request, created)
+    return found
+
+
+def join_on(client: Client, request: SurveyRequest, where: str | Path | Place, should_stop: Callable[[], bool]) -> None:
+    """Do what `join_survey` does on a cluster, holding the store. Arguments and errors are those of `template_on`, and
+    its own.
+    """
+    place = place_of(where)
+    with place.writing():
+        _attempted(client, should_stop, "joined", "attractors", join_survey, request, str(place))
+
+
+def _attempted(
+    client: Client, should_stop: Callable[[], bool], done: str, to: str, function: Callable[..., Any], *arguments: Any
+) -> Any:
     for _ in range(ATTEMPTS):
         with suppress(KilledWorker):
-            return _template_on(client, request, created, should_stop)
-    raise SurveyError("the curves of the survey killed the process that traced them: look at the log")
+            return _computed(client, should_stop, done, to, function, *arguments)
+    raise SurveyError(f"the {to} of the survey killed the process that {done} them: look at the log")
 
 
-def _template_on(
-    client: Client, request: SurveyRequest, created: str | None, should_stop: Callable[[], bool]
-) -> Template:
-    key = f"template-{uuid4().hex}"
-    future = client.submit(template_of, request, created, key=key, pure=False)
+def _computed(
+    client: Client, should_stop: Callable[[], bool], done: str, to: str, function: Callable[..., Any], *arguments: Any
+) -> Any:
+    future = client.submit(function, *arguments, key=f"{done}-{uuid4().hex}", pure=False)
     ended: SimpleQueue[Future] = SimpleQueue()
     future.add_done_callback(ended.put)
     try:
         while not should_stop():
             with suppress(Empty):  # not TimeoutError of `result`: dask forgets it sometimes, on Python 3.12
                 ended.get(timeout=POLL_SECONDS)
-                template: Template = future.result()
-                return template
+                return future.result()
         end_tasks(client, [future])
-        raise StoppedError("stopped while the survey was prepared")
+        raise StoppedError(f"stopped while the {to} of the survey were {done}")
     except (CancelledError, OSError) as error:
         raise ClusterLostError("the dask scheduler is gone: start one and run the survey again") from error
     finally:

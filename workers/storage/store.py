@@ -16,7 +16,7 @@ from workers.storage.bucket import SCHEME
 from workers.storage.integrity import STATUS, Manifest, damaged_template, examine_tiles, manifest_of, read, read_sealed
 from workers.storage.location import Place, place_of
 from workers.survey.request import SurveyRequest
-from workers.survey.seals import OWN, ROOT, TILES, checksums_of, sealed, tile_key
+from workers.survey.seals import GROUP, OWN, ROOT, TILES, checksums_of, files_of, sealed, tile_key
 from workers.survey.template import Template, blank, now, template_of
 from workers.survey.tiles import Tile
 from workers.survey.version import code_version
@@ -190,6 +190,36 @@ def finish_store(where: str | Path | Place) -> None:
                 place.put(ROOT, sealed(root))
         except OSError as error:
             raise storage_error(f"{place} cannot be finished", error) from error
+
+
+def has_added(where: str | Path | Place, name: str) -> bool:
+    """Whether a group was added to a survey's store."""
+    manifest = manifest_of(place_of(where))
+    return manifest is not None and f"{name}/{ROOT}" in manifest.files
+
+
+def added_to_store(where: str | Path | Place, added: Template) -> None:
+    """Add what follows from all tiles: the files of `added`, whose root describes them. They appear with the root,
+    which comes last, and are sealed as the template's are.
+
+    Raises:
+        OSError: it cannot be written now.
+        SurveyError: there is no survey, or it is damaged.
+    """
+    place = place_of(where)
+    root, own = read_sealed(place, ROOT), read_sealed(place, OWN)
+    if root is None or own is None:
+        raise SurveyError(f"{place} is damaged: run the survey again to repair it")
+    files = {key: content for key, content in added.items() if key != ROOT}
+    own["attributes"]["files"] |= files_of(files)
+    sums = sealed(own)
+    described = json.loads(added[ROOT])["consolidated_metadata"]["metadata"]
+    described[GROUP] = root["consolidated_metadata"]["metadata"][GROUP] | {"attributes": json.loads(sums)["attributes"]}
+    root["consolidated_metadata"]["metadata"] |= described
+    for key, content in files.items():
+        place.put(key, content)
+    place.put(OWN, sums)
+    place.put(ROOT, sealed(root))
 
 
 def _missing_cells(place: Place) -> int:

@@ -378,8 +378,9 @@ QUANTITIES: tuple[Quantity, ...] = (
 
 
 def groups_of(model: Model) -> tuple[Group, ...]:
-    """Return the groups of which a model has variables."""
-    return tuple(group for group in Group if any(each.group is group and model in each.models for each in QUANTITIES))
+    """Return the groups of which a model has variables; no tile writes those of families."""
+    in_tiles = {each.group for each in QUANTITIES if model in each.models}
+    return tuple(group for group in Group if group in in_tiles or group is Group.FAMILIES)
 
 
 def stored(groups: Iterable[Group], model: Model) -> tuple[Quantity, ...]:

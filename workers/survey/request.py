@@ -22,7 +22,7 @@ from rattle.models import AnyModel, Model, model_of
 from workers.survey.axes import Axis, Real, Strict
 from workers.survey.machine import SurveyedMachine, in_the_model
 from workers.survey.quantities import groups_of
-from workers.survey.schema import DEFAULT, SAMPLED, Group
+from workers.survey.schema import DEFAULT, JOINED, SAMPLED, Group
 from workers.survey.version import code_version
 
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
@@ -49,6 +49,7 @@ MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
 MOST_STIFF = 1e8  # a motion needs some √κ returns to become quiet: beyond, samples are left undecided
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1  # attractors that a cell lists; more below this damping
 MAX_SLOTS = 64
+MAX_JOINED = 3_000_000  # cells of a survey with families, which are joined in the memory of a worker
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
 
 
@@ -146,6 +147,10 @@ class SurveyRequest(Strict):
             raise ValueError("the stiff model needs kappa, the stiffness of its walls: give one, such as 1e4")
         if self.model is Model.IMPACTING and self.kappa is not None:
             raise ValueError('kappa is of the stiff model: set model to "stiff", or leave kappa out')
+        if Group.FAMILIES in self.quantities and not JOINED.issubset(self.quantities):
+            raise ValueError(f"families are made from {' and '.join(sorted(JOINED))}: name these too")
+        if Group.FAMILIES in self.quantities and self.n_cells > MAX_JOINED:
+            raise ValueError(f"families of {self.n_cells} cells, at most {MAX_JOINED}: leave them out, or lower num")
         if unknown := set(self.quantities).difference(groups_of(self.model)):
             names = ", ".join(sorted(unknown))
             raise ValueError(f"the {self.model} model has no {names}: name some of {', '.join(groups_of(self.model))}")

@@ -48,7 +48,7 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
         _create(root, request, quantity)
     _write_curves(root, request)
     _, chunks = _create_checksums(root, request, quantities)
-    template = _contents(kept)
+    template = contents(kept)
     attributes = {
         "long_name": "checksums of every file (workers/survey/seals.py)",
         "content_hash": request.content_hash(),
@@ -58,8 +58,8 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
         "files": files_of(template),
     }
     kept[OWN] = cpu.Buffer.from_bytes(sealed({**json.loads(template[OWN]), "attributes": attributes}))
-    _consolidate(store)
-    consolidated = _contents(kept)
+    consolidate(store)
+    consolidated = contents(kept)
     return consolidated | {ROOT: sealed(json.loads(consolidated[ROOT]))}
 
 
@@ -99,11 +99,11 @@ def _create_checksums(
     return sums, chunks
 
 
-def _contents(kept: Mapping[str, Buffer]) -> Template:
+def contents(kept: Mapping[str, Buffer]) -> Template:
     return {key: value.to_bytes() for key, value in kept.items()}
 
 
-def _consolidate(store: StoreLike) -> None:
+def consolidate(store: StoreLike) -> None:
     """Gather all metadata in the root's: without that, an HTTP open gives an empty dataset and no error."""
     with warnings.catch_warnings():
         # zarr warns that other libraries may ignore consolidated metadata, which is harmless.
@@ -152,13 +152,13 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
     for dim, coordinate in COORDINATES.items():
         if dim in dims:
             values = axes[dim].values() if dim in axes else coordinate_values(labels_of(dim, request.n_slots))
-            _write(root, dim, (dim,), values, {"long_name": coordinate.long_name, "units": "1"})
+            write(root, dim, (dim,), values, {"long_name": coordinate.long_name, "units": "1"})
     if request.machine is not None:
         rpm = request.machine.rpm(request.delta.values())
         eccentricity = request.machine.eccentricity(request.epsilon.values())
-        _write(root, "rpm", ("delta",), rpm, {"long_name": "mean speed", "units": "rpm"})
+        write(root, "rpm", ("delta",), rpm, {"long_name": "mean speed", "units": "rpm"})
         described = {"long_name": "amplitude of the transmission error along the line of action", "units": "m"}
-        _write(root, "eccentricity", ("epsilon",), eccentricity, described)
+        write(root, "eccentricity", ("epsilon",), eccentricity, described)
 
 
 def coordinate_values(values: tuple[int, ...] | tuple[str, ...]) -> np.ndarray:
@@ -172,7 +172,7 @@ def _create(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> Non
         _create_per_cell(root, request, quantity)
     else:
         values = np.asarray(quantity.evaluate(cells_of(request))).astype(quantity.dtype)
-        _write(root, quantity.name, quantity.dims, values, quantity.attributes)
+        write(root, quantity.name, quantity.dims, values, quantity.attributes)
 
 
 def _create_per_cell(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> zarr.Array:
@@ -202,23 +202,23 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
     groups = root.create_group("curves", attributes=attributes)
     multiplier = COORDINATES["multiplier"]
     described = {"long_name": multiplier.long_name, "units": "1"}
-    _write(groups, "multiplier", ("multiplier",), coordinate_values(multiplier.values), described)
+    write(groups, "multiplier", ("multiplier",), coordinate_values(multiplier.values), described)
     model = request.gear_model
     for name in model.curve_names:
         curve = traced(name, model, window)
         group = groups.create_group(name, attributes=curve_attributes(name, model, curve))
-        _write_variables(group, CURVE_VARIABLES, curve)
+        write_variables(group, CURVE_VARIABLES, curve)
     attributes = {"long_name": "codimension-two points, where curves meet", "references": f"https://doi.org/{DOI}"}
     group = root.create_group("codimension_two", attributes=attributes | _model_attributes(request))
-    _write_variables(group, POINT_VARIABLES, model.codimension_two())
+    write_variables(group, POINT_VARIABLES, model.codimension_two())
 
 
-def _write_variables(group: zarr.Group, variables: Iterable[Variable], item: Any) -> None:
+def write_variables(group: zarr.Group, variables: Iterable[Variable], item: Any) -> None:
     for variable in variables:
-        _write(group, variable.name, variable.dims, variable.of(item), variable.attributes)
+        write(group, variable.name, variable.dims, variable.of(item), variable.attributes)
 
 
-def _write(group: zarr.Group, name: str, dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, Any]) -> None:
+def write(group: zarr.Group, name: str, dims: tuple[str, ...], values: np.ndarray, attributes: dict[str, Any]) -> None:
     """Write an array whole, in one chunk: no tile ever writes to it."""
     chunks = tuple(max(size, 1) for size in values.shape)  # a chunk of an empty array has a size too
     group.create_array(

@@ -56,7 +56,8 @@ def test_families_of_c_and_d_are_the_connected_parts_of_where_these_are_stable(f
 def test_entered_orbits_solve_the_equations_of_their_cell(found, grid):
     """Each happens and attracts, and its multipliers are those that are listed."""
     rows = found.attractors
-    entered = np.flatnonzero((rows.samples == 0) & (rows.m > 1))
+    entered = np.flatnonzero(found.entered)
+    assert not rows.samples[entered].any()
     assert entered.size > 10
     for i in entered[:: max(1, entered.size // 20)]:
         orbit = rattle.periodic_orbit(grid[0][i], grid[1][i], rows.tau[i], rows.v[i], int(rows.n_plus[i]))
@@ -68,9 +69,8 @@ def test_entered_orbits_solve_the_equations_of_their_cell(found, grid):
 
 def test_no_row_is_lost_and_none_is_twice(found):
     rows = rattle.attractors_of(DELTA, EPSILON[:, None], count=COUNT)
-    kept = found.attractors.samples > 0
     for name in ("cell", "kind", "m", "samples", "tau", "v"):
-        assert np.array_equal(getattr(found.attractors, name)[kept], getattr(rows, name)[rows.samples > 0])
+        assert np.array_equal(getattr(found.attractors, name)[~found.entered], getattr(rows, name))
     told = found.attractors.kind
     assert np.array_equal(found.family == QUIET_FAMILY, told == QUIET)
     assert np.array_equal(found.family == NO_FAMILY, told == UNDECIDED)
@@ -93,7 +93,7 @@ def test_the_table_tells_what_its_rows_say(found, grid):
         assert set(rows.kind[of]) == {table.kind[number]}
         assert {label(rows, i) for i in np.flatnonzero(of)} == {label(table, number)}
         assert table.cells[number] == np.unique(rows.cell[of]).size
-        assert table.entered[number] == (share == 0).sum()
+        assert table.unsampled[number] == (share == 0).sum()
         assert table.largest_fraction[number] == share.max()
         assert table.mean_fraction[number] == pytest.approx(share.sum() / table.cells[number])
         assert (table.delta_low[number], table.delta_high[number]) == (grid[0][of].min(), grid[0][of].max())
