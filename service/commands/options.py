@@ -82,7 +82,8 @@ Quantity = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="What to compute, such as region or attractors; repeatable. Only by name: basins (costly), intensity.",
+        help="What to compute, such as region or attractors; repeatable. Only by name: basins (costly), intensity, "
+        "families.",
         show_default="all others",
     ),
 ]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -21,6 +22,8 @@ import workers.cluster.submission
 from workers import (
     Axis,
     ClusterLostError,
+    Group,
+    StoppedError,
     SurveyError,
     SurveyRequest,
     TileRecord,
@@ -28,6 +31,9 @@ from workers import (
     create_store,
     embedded_cluster,
     finish_store,
+    join_on,
+    join_survey,
+    lacks_families,
     open_survey,
     run_tiles,
     tiles_done,
@@ -243,3 +249,20 @@ print(*sys.modules.keys() & {"xarray", "pandas", "matplotlib", "scipy.optimize",
         [sys.executable, "-c", asked], cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=HANG
     )
     assert (said.returncode, said.stdout.strip()) == (0, ""), said.stderr
+
+
+def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path) -> None:
+    """As in this process, to the byte; a stop leaves a survey that is joined later."""
+    request = REQUEST.model_copy(update={"quantities": tuple(map(Group, ("attractors", "lyapunov", "families")))})
+    there, here = tmp_path / "there.zarr", tmp_path / "here.zarr"
+    create_store(request, there)
+    run_tiles(request, there, tiles_of(request), cluster, lambda _: None, lambda: False)
+    shutil.copytree(there, here)
+    with pytest.raises(StoppedError, match="stopped while the attractors of the survey were joined"):
+        join_on(cluster, request, there, lambda: True)
+    assert lacks_families(request, there)
+    join_on(cluster, request, there, lambda: False)
+    join_survey(request, here)
+    assert not lacks_families(request, there)
+    files = [path.relative_to(here) for path in here.rglob("*") if path.is_file()]
+    assert [file for file in files if (here / file).read_bytes() != (there / file).read_bytes()] == []

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+import zarr
 from typer.testing import CliRunner
 from waiting import HANG
 
@@ -32,6 +33,19 @@ def test_a_picture_that_cannot_be_written_is_refused_before_the_survey(name: str
     with pytest.raises(ServiceError, match="picture"):
         require_writable(tmp_path / name)
     require_writable(tmp_path / "picture.png")
+
+
+def test_a_survey_is_joined_where_it_asks_for_families(tmp_path: Path) -> None:
+    store = tmp_path / "survey.zarr"
+    asked = ["run", "--delta", "0.42:0.46:4", "--epsilon", "0.1:0.12:4", "--count", "4", "--out", str(store)]
+    for group in ("attractors", "lyapunov", "families"):
+        asked += ["--quantity", group]
+    first, second = (CliRunner().invoke(app, asked) for _ in range(2))
+    assert (first.exit_code, second.exit_code) == (0, 0), first.output + second.output
+    assert "Joining" in first.output
+    assert "is complete" in second.output
+    assert "Joining" not in second.output
+    assert zarr.open_consolidated(store)["families/cells"][0] == 16  # quiet motion
 
 
 #: Fails, with SIGABRT, in a process whose C library is taken down in an orderly way, as a compiler at work does.

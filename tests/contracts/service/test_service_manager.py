@@ -110,3 +110,22 @@ def test_a_stop_is_never_overlooked(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         manager.wake()
         wait_until(lambda: not manager._thread.is_alive() or overlooked.is_set())
     assert not overlooked.is_set()
+
+
+def test_a_survey_with_families_is_joined_after_its_tiles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    done = []
+
+    def note(name: str) -> Callable[..., None]:
+        return lambda *_: done.append(name)
+
+    monkeypatch.setattr(manager, "create_store", lambda *_: None)
+    monkeypatch.setattr(manager, "tiles_done", lambda *_: set())
+    monkeypatch.setattr(manager, "lacks_families", lambda request, _: "families" in request.quantities)
+    for name in ("run_tiles", "join_on", "finish_store"):
+        monkeypatch.setattr(manager, name, note(name))
+    with service(tmp_path) as client:
+        asked = BODY | {"quantities": ["attractors", "lyapunov", "families"]}
+        for body in (asked, BODY):
+            path = client.post("/v1/surveys", json=body).headers["location"]
+            wait_until(lambda path=path: client.get(path).json()["state"] == "successful")
+    assert done == ["run_tiles", "join_on", "finish_store", "run_tiles", "finish_store"]
