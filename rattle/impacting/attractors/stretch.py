@@ -30,12 +30,12 @@ def gather(b, groups, speeds, squares, impulses, fastest):
 
 
 @kernel
-def fly(b, cell, tau, v, looks, cells, sums, paths):
+def fly(memory, cell, tau, v, looks, cells, sums, paths):
     """Follow motions (n,) of these cells for so many looks (n,), CHUNK flights each; sums (n, BATCHES, COLUMNS), zero
     before, gathers their impacts in equal parts, NaN of one that comes to rest.
     """
     speeds, squares, impulses, fastest = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
-    fresh, groups = 0, GROUPS
+    b, fresh, groups = memory[0], 0, GROUPS
     empty(b)
     while groups > 0:
         for i in range(GROUP * groups):
@@ -61,7 +61,6 @@ def fly(b, cell, tau, v, looks, cells, sums, paths):
             if b.who[i] < 0 and fresh < cell.size:
                 c = cell[fresh]
                 load(b, i, tau[fresh], v[fresh], cells.delta[c], cells.epsilon[c], cells.beta[c], math.inf)
-                b.looks[i] = 0.0
                 b.who[i] = fresh
                 fresh += 1
         groups = made_ready(b, groups, fresh == cell.size)
