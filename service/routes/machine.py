@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
@@ -132,11 +133,13 @@ class MachineDocument(BaseModel):
 async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> MachineDocument:
     """Numbers that can only be in other units, such as millimetres, are refused with what to give instead."""
     gear = found.gear
+    with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
+        quiet_limit = number(gear.quiet_limit * found.units.length)
     return MachineDocument(
         delta=gear.delta,
         epsilon=gear.epsilon,
         beta=gear.beta,
         kappa=found.kappa,
         units=Units(**{name: number(value) for name, value in found.units._asdict().items()}),
-        quiet_limit=number(gear.quiet_limit * found.units.length),
+        quiet_limit=quiet_limit,
     )

@@ -40,6 +40,14 @@ def test_a_machine_is_the_point_that_it_is(client: TestClient, changed: dict[str
     assert at["quiet_limit"] == machine.gear.quiet_limit * machine.units.length
 
 
+def test_at_the_ends_of_double_precision_there_are_numbers_or_none(client: TestClient) -> None:
+    soft = found(client, "machine", **SI | {"rpm": 1.0}, stiffness=5e-324)
+    assert soft["kappa"] > 0
+    assert soft["quiet_limit"] is None
+    slow = found(client, "machine", **SI | {"drag": 1e-300, "rpm": 1e-300})
+    assert (slow["units"]["frequency"], slow["units"]["power"]) == (pytest.approx(1e-300 / 60), 0.0)
+
+
 def test_attractors_of_a_machine_are_those_of_its_point(client: TestClient) -> None:
     machine = rattle.Machine(**SI)
     point = {"delta": machine.delta, "epsilon": machine.epsilon, "beta": machine.beta}
