@@ -49,7 +49,7 @@ MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
 MOST_STIFF = 1e8  # a motion needs some √κ returns to become quiet: beyond, samples are left undecided
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1  # attractors that a cell lists; more below this damping
 MAX_SLOTS = 64
-MAX_JOINED = 3_000_000  # cells of a survey with families, which are joined in the memory of a worker
+MAX_JOINED = 1_500_000  # cells of a survey with families: a kilobyte each in the memory of one worker
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
 
 

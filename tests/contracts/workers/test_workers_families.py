@@ -155,7 +155,7 @@ def test_who_does_not_ask_has_none(tmp_path: Path) -> None:
     [
         ({"quantities": ("families",)}, "families are made from attractors and lyapunov"),
         ({"quantities": ("attractors", "families")}, "families are made from attractors and lyapunov"),
-        ({"delta": {"start": 0.4, "stop": 1.0, "num": MAX_JOINED // 10 + 1}, "tile": {}}, "families of 3000010 cells"),
+        ({"delta": {"start": 0.4, "stop": 1.0, "num": MAX_JOINED // 10 + 1}, "tile": {}}, "families of 1500010 cells"),
     ],
 )
 def test_what_cannot_be_joined_is_refused(change: dict[str, object], message: str) -> None:
