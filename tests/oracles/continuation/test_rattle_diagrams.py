@@ -15,7 +15,7 @@ from rattle.impacting.orbits.periodic import orbit_of
 from rattle.orbits.periodic import at_parameters
 
 STEPS = either(50, 100)
-PERIODIC, CHAOTIC = KINDS.index("periodic"), KINDS.index("chaotic")
+PERIODIC, CHAOTIC, UNDECIDED = (KINDS.index(name) for name in ("periodic", "chaotic", "undecided"))
 SEGMENTS = {  # start, end, beta: along ε and δ, slanted, through COD22, other half-backlashes
     "Figure 5": ((0.6, 0.055), (0.6, 0.105), 0.6),
     "Figure 9": ((0.762, 0.0956), (0.762, 0.0976), 0.6),
@@ -174,7 +174,10 @@ def test_chaos_between_g1_and_the_crisis():
         assert 0 < epsilon.min() - 0.0960576020 < UNMISSED * size
         assert abs(epsilon.max() - 0.0974223487) < UNMISSED * size
         steps = np.unique(found.points.step[on])
-        assert (np.diff(steps) == 1).all()  # robust: no window
+        untold = np.setdiff1d(np.arange(steps[0], steps[-1]), steps)
+        kinds = found.points.kind[np.isin(found.points.step, untold) & (found.points.forward == forward)]
+        assert (kinds == UNDECIDED).all()  # robust: no window
+        assert untold.size <= 1  # near G1, where transients are long
         assert np.bincount(found.points.step[on])[steps].min() >= 200
         spread = [np.ptp(found.points.v[on & (found.points.step == step)]) for step in steps]
         assert spread[-1] > 5 * spread[0]  # it grows
