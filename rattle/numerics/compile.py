@@ -145,10 +145,13 @@ class _LinkedOnly(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         codegen = self._codegen
-        passes, builder = codegen._module_pass_manager(
+        passes = codegen._module_pass_manager(
             loop_vectorize=codegen._loopvect, slp_vectorize=False, opt=codegen._opt_level, cost="cheap"
         )
-        passes.run(self._final_module, builder)
+        if isinstance(passes, tuple):  # since numba 0.62: the passes, and what runs them
+            passes[0].run(self._final_module, passes[1])
+        else:
+            passes.run(self._final_module)
 
     def _finalize_specific(self) -> None:
         pass
