@@ -2,18 +2,13 @@
 
 from fastapi import APIRouter
 
-from service.routes import (
+from service.routes import download, events, metrics, picture, store, surveys
+from service.routes.model import (
     basins,
     curves,
-    download,
-    events,
     intensity,
     machine,
-    metrics,
-    picture,
     points,
-    store,
-    surveys,
 )
 
 ROUTERS: tuple[APIRouter, ...] = (

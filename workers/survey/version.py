@@ -9,8 +9,9 @@ import rattle
 
 @cache
 def code_version() -> str:
-    """Return the version of the library with a digest of every source that decides what a cell holds: this folder's."""
+    """Return the version of the library with a digest of every source that decides what a cell holds: this room's."""
     digest = sha256(rattle.source_hash().encode())
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    room = Path(__file__).parent
+    for path in sorted(room.rglob("*.py")):
+        digest.update(path.relative_to(room).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return f"{rattle.__version__}+{digest.hexdigest()[:16]}"

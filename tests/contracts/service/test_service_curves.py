@@ -15,9 +15,9 @@ from waiting import HANG
 
 from rattle import curves
 from rattle.models import Model
-from service import routes
 from service.cli import app
 from service.kernels import Part
+from service.routes import model as routes
 
 WINDOW = "delta_min=0.45&delta_max=0.85&epsilon_min=0.05&epsilon_max=0.25"
 

@@ -30,7 +30,7 @@ from service.client import Client
 from service.database.tables import Scope, State
 from service.jobs import manager
 from service.operations.points import curves_document, intensities, orbits_document
-from service.routes import basins, curves, intensity, points
+from service.routes.model import basins, curves, intensity, points
 from service.settings import Settings
 from service.web import examples
 from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, tiles_of
