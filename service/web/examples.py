@@ -42,6 +42,7 @@ DETAIL: dict[str, Any] = SURVEY | {
         "quantities": ["region", "orbits", "attractors", "lyapunov", "grazing"],
         "initial_conditions": REQUEST["initial_conditions"] | {"budget": 1_000_000},
         "slots": None,
+        "slots_by": None,
         "machine": None,
     },
     "failures": [],

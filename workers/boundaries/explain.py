@@ -19,11 +19,11 @@ from rattle.impacting.bifurcations.branches import fate
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.models import Model
-from workers.boundaries.pairs import KINDS, Attractor, Grid, Label, Pairs, crossed, name_of
+from workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_of
+from workers.boundaries.pairs import KINDS, Attractor, Grid, Pairs, crossed, name_of
 from workers.errors import SurveyError
 
-QUIET, PERIODIC, CHAOTIC = (KINDS.index(kind) for kind in ("quiet", "periodic", "chaotic"))
-QUIET_LABEL: Label = (QUIET, 0, 0, 0)
+CHAOTIC = KINDS.index("chaotic")
 MOST_CURVES = 100
 WORTH_A_CURVE = 4  # pairs that differ by a motion
 LONGEST_TRACED = 16  # impacts of a motion whose curve is traced: many small bounces take seconds and explain little
@@ -110,7 +110,7 @@ class _Search:
         self.pairs = self.grid.differing()
         for name in curves.NAMES:
             curve = curves.trace(name, self.grid.beta, *self.window)
-            self._add(curve, _labels_of(name), name not in ("PDC", "quiet_limit"))
+            self._add(curve, labels_of(name), name not in ("PDC", "quiet_limit"))
         self.changes = [_changes(self.grid, self.pairs, n) for n in range(len(self.pairs))]
         self.often = Counter(label for n in range(len(self.pairs)) for label in self.uncovered(n))
 
@@ -218,27 +218,8 @@ class _Search:
         self.known.append(Known(curve, labels, bounds_regions, crossed(curve, self.grid, self.pairs)))
 
 
-def _labels_of(name: str) -> frozenset[Label]:
-    """The attractors that a period-one curve makes or ends."""
-    if name == curves.QUIET_LIMIT:
-        return frozenset({QUIET_LABEL})
-    definition = curves.CURVES[name]
-    return _labels(definition.walls, 1, definition.impact, definition.kind == "PD")
-
-
 def _labels_at(event: Event) -> frozenset[Label]:
-    return _labels(event.itinerary.walls, event.itinerary.m, event.impact, event.kind == "PD")
-
-
-def _labels(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
-    """The motion itself, what it becomes without the impact that grazes, and doubled by a flip."""
-    plus, minus = walls.count(1), walls.count(-1)
-    found = {(PERIODIC, m, plus, minus)}
-    if impact is not None:
-        found.add((PERIODIC, m, plus - (walls[impact] > 0), minus - (walls[impact] < 0)))
-    if flip:
-        found.add((PERIODIC, 2 * m, 2 * plus, 2 * minus))
-    return frozenset(found)
+    return labels(event.itinerary.walls, event.itinerary.m, event.impact, event.kind == "PD")
 
 
 def _changes(grid: Grid, pairs: Pairs, n: int) -> list[Label]:

@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 
 from rattle.curves import Curve
+from workers.boundaries.labels import Label
 from workers.errors import SurveyError
 from workers.survey.evaluate import FAILED, KINDS
 
@@ -28,9 +29,6 @@ class Pairs:
     def __len__(self) -> int:
         """Number of pairs."""
         return len(self.first)
-
-
-Label = tuple[int, int, int, int]  # kind, m, n₊, n₋
 
 
 class Attractor(NamedTuple):
@@ -90,11 +88,12 @@ class Grid:
         """The attractors of one cell (i, j), by falling fraction."""
         columns = (*self.slots, *self.states)
         rows = zip(*(values[:, cell[0], cell[1]] for values in columns), strict=True)
-        return [
+        found = [
             Attractor((int(kind), int(m), int(plus), int(minus)), float(tau), float(v), float(share))
             for kind, m, plus, minus, tau, v, share in rows
             if kind
         ]
+        return sorted(found, key=lambda each: -each.fraction)
 
     def point(self, cell: np.ndarray) -> tuple[float, float]:
         """(δ, ε) of a cell."""
