@@ -12,6 +12,7 @@ from service.routes import (
     metrics,
     picture,
     points,
+    reached,
     store,
     surveys,
 )
@@ -23,6 +24,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     picture.router,
     download.router,
     points.router,
+    reached.router,
     intensity.router,
     machine.router,
     basins.router,
