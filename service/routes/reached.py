@@ -19,7 +19,7 @@ from service.web.problems import declared
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
-MOST_STATES = 1000  # in one URL
+MOST_STATES = 100  # in one URL
 Phase = Annotated[float, Field(allow_inf_nan=False)]
 Speed = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 

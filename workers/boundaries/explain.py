@@ -59,30 +59,35 @@ class Explanation:
     """What explains a survey: its pairs that differ, the curves by falling number of pairs they explain, and the rest.
 
     region_explained, attractors_explained (n,): the pair differs in its region (attractors), and a curve of a motion
-    that changes there passes between. crossed (n,): some curve passes between. met: at so many of these pairs only the
-    point of the curve between the two cells was computed.
+    that changes there passes between. sampling (n,): the attractors that differ are in both cells, as their families
+    tell, and samples missed them: there is nothing to explain. crossed (n,): some curve passes between. met: at so many
+    of these pairs only the point of the curve between the two cells was computed.
     """
 
     pairs: Pairs
     known: tuple[Known, ...]
     region_explained: np.ndarray
     attractors_explained: np.ndarray
+    sampling: np.ndarray
     met: int
     rest: tuple[Rest, ...]
     crossed: np.ndarray
 
 
-def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES) -> Explanation:
+def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Dataset | None = None) -> Explanation:
     """Explain the boundaries between the cells of an open survey, finished or not.
 
-    most_curves: how many curves of other than period-one motions may be computed. Raises SurveyError.
+    families: its group of that name, if it has one. most_curves: how many curves of other than period-one motions may
+    be computed. Raises SurveyError.
     """
     if dataset.attrs.get("model") == Model.STIFF:
         raise SurveyError("boundaries are explained in surveys of the impacting model only, which this one is not")
-    search = _Search(Grid(dataset), most_curves)
+    search = _Search(Grid(dataset, families), most_curves)
     why = dict(search.run())
     region = search.covers_region()
-    attractors = np.array([not search.uncovered(n) for n in range(len(search.pairs))], bool) & search.pairs.attractors
+    every = range(len(search.pairs))
+    sampling = np.array([not search.changes[n] for n in every], bool) & search.pairs.attractors
+    attractors = np.array([not search.uncovered(n) for n in every], bool) & search.pairs.attractors & ~sampling
     crossing = np.any([item.crosses for item in search.known], axis=0)
     met = np.array(sorted(search.met), np.int64)
     met = met[~crossing[met]]
@@ -92,8 +97,9 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES) -> Explanation:
         tuple(sorted(search.counted(), key=lambda item: -item.explains)),
         region,
         attractors,
+        sampling,
         met.size,
-        _grouped(search, why, region, attractors),
+        _grouped(search, why, region, attractors | sampling),
         crossing,
     )
 
@@ -223,11 +229,14 @@ def _labels_at(event: Event) -> frozenset[Label]:
 
 
 def _changes(grid: Grid, pairs: Pairs, n: int) -> list[Label]:
-    """The labels of which the two cells of a pair have different numbers."""
+    """The labels of which the two cells of a pair have different numbers, and not because samples missed a motion."""
     if not pairs.attractors[n]:
         return []
-    one, other = (Counter(found.label for found in grid.attractors(cell)) for cell in (pairs.first[n], pairs.second[n]))
-    return sorted({*(one - other), *(other - one)})
+    cells = pairs.first[n], pairs.second[n]
+    one, other = (Counter(found.label for found in grid.attractors(cell)) for cell in cells)
+    told = grid.differing_labels(*cells)
+    changed = {*(one - other), *(other - one)}
+    return sorted(changed if told is None else changed & told)
 
 
 def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractors: np.ndarray) -> tuple[Rest, ...]:
