@@ -16,7 +16,7 @@ from workers.boundaries.edges import Polyline, edges_of
 from workers.errors import SurveyError, reading, storage_error
 from workers.storage.location import Place, place_of
 from workers.storage.store import added_to_store, has_added, open_survey, rewrite_tile
-from workers.survey.families import FAMILY, GROUP, STORED, Slots, files_of_families, joined_slots, listed
+from workers.survey.families import FAMILY, GROUP, STORED, Slots, files_of_families, joined_slots, listed, with_empty
 from workers.survey.quantities import stored
 from workers.survey.request import SurveyRequest
 from workers.survey.schema import CELL, SLOT, Group
@@ -83,7 +83,7 @@ def _move(request: SurveyRequest, place: Place, source: np.ndarray) -> None:
     arrays = {each.name: zarr.open_array(place.zarr(), path=each.name, mode="r") for each in quantities}
     slots = np.arange(request.n_slots)[:, None, None]
     for tile in tiles_of(request):
-        here = source[:, tile.epsilon, tile.delta]
+        here = with_empty(source[:, tile.epsilon, tile.delta])
         if (here == slots).all():
             continue
         with reading(f"tile {tile.index} of {place}"):

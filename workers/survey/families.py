@@ -119,7 +119,7 @@ def listed(values: dict[str, np.ndarray], count: int, first_cell: int = 0) -> Sl
 
 class Joined(NamedTuple):
     """The families of a whole survey, the number of each slot (slots, n_epsilon, n_delta), and from which slot of its
-    tile what is there comes: also what empty ones hold.
+    tile what is there comes, −1 where nothing does.
     """
 
     families: Families
@@ -134,17 +134,20 @@ def joined_slots(request: SurveyRequest, found: Slots) -> Joined:
     family, cell = families.family[~families.entered], found.attractors.cell
     slot = slots_of(family, cell, request.n_slots) if request.slots_follow_families else found.slot
     shape = request.n_slots, *request.shape
-    numbers, source = (np.full((request.n_slots, request.n_cells), fill, np.int32) for fill in (NO_FAMILY, -1))
+    numbers = np.full((request.n_slots, request.n_cells), NO_FAMILY, np.int32)
+    source = np.full((request.n_slots, request.n_cells), -1, np.int8)
     numbers[slot, cell], source[slot, cell] = family, found.slot
-    return Joined(families, numbers.reshape(shape), _with_empty(source).reshape(shape))
+    return Joined(families, numbers.reshape(shape), source.reshape(shape))
 
 
-def _with_empty(source: np.ndarray) -> np.ndarray:
-    """Fill slots (slots, cells) to which nothing is moved, −1, from those from which nothing is, in their order."""
-    taken = np.zeros((source.shape[0] + 1, source.shape[1]), bool)
-    np.put_along_axis(taken, source, True, 0)  # −1 is the row more
+def with_empty(source: np.ndarray) -> np.ndarray:
+    """Fill slots (slots, m, n) to which nothing is moved, −1, from those from which nothing is, in their order: so
+    empty ones stay as they are.
+    """
+    taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
+    np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 is the row more
     to, of = (np.argsort(used, axis=0, kind="stable") for used in (source >= 0, taken[:-1]))
-    free = np.arange(source.shape[0])[:, None] < (source < 0).sum(axis=0)
+    free = np.arange(source.shape[0])[:, None, None] < (source < 0).sum(axis=0)
     moved = np.take_along_axis(source, to, 0)
     whole = source.copy()
     np.put_along_axis(whole, to, np.where(free, of, moved).astype(source.dtype), 0)
