@@ -12,7 +12,7 @@ from rattle.flight.law import wrapped
 from rattle.models import AnyGear
 from rattle.numerics.sampling import wilson_interval
 from rattle.resilience.accumulate import accumulated
-from rattle.resilience.gears import sample_of, unit_of
+from rattle.resilience.gears import States, sample_of, unit_of
 
 Array = NDArray[np.float64]
 RELAXATIONS = 300.0  # times 1/δ, for which samples are followed by default
@@ -98,15 +98,17 @@ def convergence(
     seed: int = 0,
     within: float = 0.01,
     periods: float | None = None,
+    states: States = None,
 ) -> Convergence:
     """How long the sample of `Gear.attractors` takes to be nearer to its attractors than `within`: of phase, and of
     speed in its unit √(16πδβ)/4.2; quiet motion is v = 0.
 
-    periods: forcing periods for which samples are followed, by default 300/δ. Raises ParameterError.
+    periods: forcing periods for which samples are followed, by default 300/δ. states: own ones (τ, v) instead of the
+    sample. Raises ParameterError.
     """
     within = require_number("within", within, positive=True)
     require(within < 0.5, f"within must be below 0.5, half a forcing period, got {within}")
-    tau, v = sample_of(gear, count, v_max, seed)
+    tau, v = sample_of(gear, count, v_max, seed, states)
     found = gear.reached(tau, v)
     points = [_points(gear, each) for each in found.attractors]
     arrival = _Arrival(found.which, points, within, unit_of(gear))

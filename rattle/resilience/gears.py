@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors.reached import states_of
 from rattle.attractors.speeds import SpeedLimit, sampled_speeds
 from rattle.attractors.table import MOST_SAMPLES, Attractor
 from rattle.errors import parameters, real_array, require, require_integer
@@ -11,6 +12,7 @@ from rattle.models import AnyGear, AnyModel, Columns, model_at, model_of
 from rattle.numerics.sampling import initial_conditions
 
 Array = NDArray[np.float64]
+States = tuple[ArrayLike, ArrayLike] | None
 MOST_STEPS = 100_000
 SAME_POINT = 1e-6  # of the attractor that two calls find, speeds in their unit
 
@@ -33,8 +35,11 @@ def gear_at(row: Array) -> AnyGear:
     return model_of(beta, *kappa).gear(delta, epsilon)
 
 
-def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int) -> tuple[Array, Array]:
-    """The sample (count,) of `attractors` of a gear. Raises ParameterError."""
+def sample_of(gear: AnyGear, count: int, v_max: SpeedLimit, seed: int, states: States = None) -> tuple[Array, Array]:
+    """The sample (count,) of `attractors` of a gear, or own states (τ, v), flat. Raises ParameterError."""
+    if states is not None:
+        tau, v, _shape = states_of(*states)
+        return tau, v
     count = require_integer("count", count, 1, MOST_SAMPLES)
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
     delta, epsilon, beta, *_ = columns_of(gear, 1)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors.reached import states_of
 from rattle.attractors.speeds import SpeedLimit, sampled_speeds
 from rattle.attractors.table import CHAOTIC, KINDS, MOST_SAMPLES, PERIODIC, QUIET, Attractor, Attractors, tabulated
 from rattle.errors import require, require_integer
@@ -16,7 +17,7 @@ from rattle.models import AnyGear, Columns
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.resilience.accumulate import Make, accumulated_at
 from rattle.resilience.causes import CRISIS, QUIET_LIMIT, SAMPLING, UNKNOWN, End, Orbit, end_of
-from rattle.resilience.gears import gear_at, model_on, path_of, unit_of
+from rattle.resilience.gears import States, gear_at, model_on, path_of, unit_of
 
 Array = NDArray[np.float64]
 NOTHING: Mapping[str, Make] = MappingProxyType({})
@@ -119,6 +120,7 @@ def global_continuation(
     causes: bool = True,
     quantities: Mapping[str, Make] = NOTHING,
     periods: float = PERIODS,
+    states: States = None,
 ) -> GlobalContinuation:
     """The attractors along a path of (δ, ε), of (δ, ε, β) or of (δ, ε, β, κ), points (k, 2 to 4).
 
@@ -128,16 +130,20 @@ def global_continuation(
 
     steps: so many even ones along the path; by default its own points are the steps. beta, kappa: where the path has
     none; with a stiffness it is the stiff gear. count, v_max, seed: the sample of each step, as in `Gear.attractors`.
-    quantities: what else to gather of each sample, by name, over so many forcing periods (`Accumulator`). Raises
-    ParameterError.
+    states: own ones (τ, v) of every step instead. quantities: what else to gather of each sample, by name, over so many
+    forcing periods (`Accumulator`). Raises ParameterError.
     """
     points = path_of(path, beta, kappa, steps)
     columns: Columns = tuple(np.ascontiguousarray(x) for x in points.T)
-    count = require_integer("count", count, 1, MOST_SAMPLES)
+    given = None if states is None else states_of(*states)
+    count = require_integer("count", count, 1, MOST_SAMPLES) if given is None else given[0].size
     seed = require_integer("seed", seed, 0, (1 << 128) - 1)
     require(len(points) * count <= 64 * MOST_SAMPLES, f"{len(points)} steps of {count} samples are too many at once")
     delta, epsilon, half, *_ = columns
-    tau, v = initial_conditions(delta, epsilon, half, count, sampled_speeds(v_max, delta, epsilon, half), seed)
+    if given is None:
+        tau, v = initial_conditions(delta, epsilon, half, count, sampled_speeds(v_max, delta, epsilon, half), seed)
+    else:
+        tau, v = (np.tile(x, (len(points), 1)) for x in given[:2])
     model = model_on(columns)
     table, row = tabulated(model.classified(columns, tau.copy(), v.copy()), missed=True)
     attractors, entered, family = model.joined_rows(columns, table)

@@ -10,7 +10,7 @@ from rattle.attractors.table import Attractor
 from rattle.errors import require
 from rattle.models import AnyGear, model_at
 from rattle.numerics.sampling import wilson_interval
-from rattle.resilience.gears import sample_of, unit_of
+from rattle.resilience.gears import States, sample_of, unit_of
 
 SLOW = 1e-4  # departure of what was at rest, in units of speed
 
@@ -48,13 +48,21 @@ def lift_off(gear: AnyGear) -> tuple[float, float]:
     return float(phase), SLOW * unit_of(gear)
 
 
-def tipping(before: AnyGear, after: AnyGear, count: int = 4096, v_max: SpeedLimit = None, seed: int = 0) -> Tipping:
+def tipping(
+    before: AnyGear,
+    after: AnyGear,
+    count: int = 4096,
+    v_max: SpeedLimit = None,
+    seed: int = 0,
+    states: States = None,
+) -> Tipping:
     """How a sample of states that is split among the attractors of one gear is split among those of another.
 
-    The sample is that of `before.attractors`. Both gears must be of one kind. Raises ParameterError.
+    The sample is that of `before.attractors`, or own states (τ, v). Both gears must be of one kind. Raises
+    ParameterError.
     """
     require(model_at(before).name == model_at(after).name, "both gears must be of one model")
-    tau, v = sample_of(before, count, v_max, seed)
+    tau, v = sample_of(before, count, v_max, seed, states)
     first = before.reached(tau, v)
     on = [lift_off(after) if each.kind == "quiet" else (each.tau, each.v) for each in first.attractors]
     then = after.reached(np.append(tau, [x for x, _ in on]), np.append(v, [y for _, y in on]))

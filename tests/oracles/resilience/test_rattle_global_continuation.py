@@ -114,6 +114,20 @@ def test_the_stiff_gear_has_paths_too() -> None:
     assert softer.parameters[1, 3] == 6.5e3
 
 
+def test_own_states_are_followed_at_every_step() -> None:
+    """States of a box in C's basin, where C is: all of them go to it."""
+    gear = rattle.Gear(0.6, 0.0625)
+    c = next(each for each in gear.orbits() if each.name == "C")
+    box = (c.v - 0.02, c.v + 0.02), (c.tau - 0.005, c.tau + 0.005)
+    states = rattle.sampled_states(16, *box)
+    found = rattle.global_continuation([(0.6, 0.056), (0.6, 0.0625)], steps=1, causes=False, states=states)
+    assert found.count == 16
+    assert found.fractions(number_of(found, C))[1] == 1.0
+    assert found.fractions(number_of(found, QUIET)).tolist()[0] == 1.0
+    assert rattle.tipping(gear, rattle.Gear(0.6, 0.056), states=states).number.tolist() == [[16]]
+    assert rattle.convergence(gear, states=states, within=0.05).time.max() < 5.0
+
+
 class Fastest:
     """The largest speed that a sample departs with."""
 
