@@ -91,9 +91,11 @@ class Impacting:
         v_max: SpeedLimit = None,
         seed: int = 0,
         budget: int = BUDGET,
+        tau: Range = (0.0, 1.0),
+        v_min: float = 0.0,
     ) -> Attractors:
         """The attractors of all cells."""
-        return attractors_of(delta, epsilon, self.beta, count, v_max, seed, budget)
+        return attractors_of(delta, epsilon, self.beta, count, v_max, seed, budget, tau, v_min)
 
     def families(
         self, delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: Attractors
@@ -196,9 +198,11 @@ class Stiff:
         v_max: SpeedLimit = None,
         seed: int = 0,
         budget: int = BUDGET,
+        tau: Range = (0.0, 1.0),
+        v_min: float = 0.0,
     ) -> Attractors:
         """The attractors of all cells."""
-        return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed, budget)
+        return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed, budget, tau, v_min)
 
     def families(
         self, delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: Attractors

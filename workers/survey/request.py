@@ -55,7 +55,7 @@ MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduli
 
 
 class InitialConditions(Strict):
-    """The sample of each cell: `count` points (τ, v) of [0, 1) × (0, v_max).
+    """The sample of each cell: `count` points (τ, v) of [0, 1) × (0, v_max), or of [tau_min, tau_max) × (v_min, v_max).
 
     v_max: a speed for all cells; "natural" for 1.5 √(16πδβ) + 2πε of each; by default 7 where all axes are in the
     paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2), natural elsewhere. budget: impacts on Σ⁺ after which
@@ -65,6 +65,24 @@ class InitialConditions(Strict):
     count: Count = 64
     v_max: Annotated[Annotated[Real, Field(gt=0)] | Literal["natural"] | None, OneSpeed] = None
     budget: Annotated[int, Field(strict=True, ge=1, le=LARGEST_BUDGET)] = BUDGET
+    tau_min: Annotated[Real, Field(ge=0, lt=1)] = 0.0
+    tau_max: Annotated[Real, Field(gt=0, le=1)] = 1.0
+    v_min: Annotated[Real, Field(ge=0)] = 0.0
+
+    @model_validator(mode="after")
+    def _is_a_box(self) -> Self:
+        if not self.tau_min < self.tau_max:
+            raise ValueError(f"tau_min ({self.tau_min}) must be less than tau_max ({self.tau_max})")
+        if self.v_min > 0 and not isinstance(self.v_max, float):
+            raise ValueError("v_min needs a v_max that is a speed: give one above it")
+        if isinstance(self.v_max, float) and not self.v_min < self.v_max:
+            raise ValueError(f"v_min ({self.v_min}) must be less than v_max ({self.v_max})")
+        return self
+
+    @property
+    def tau(self) -> tuple[float, float]:
+        """The phases."""
+        return self.tau_min, self.tau_max
 
 
 class TileShape(Strict):

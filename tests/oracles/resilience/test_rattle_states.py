@@ -76,6 +76,23 @@ def test_states_are_told_as_those_of_the_sample() -> None:
     assert sum(each.fraction for each in found.attractors) == 1.0
 
 
+def test_attractors_of_a_box() -> None:
+    """Around C all samples go to it; the halves of the plane of states have the basins of the whole together."""
+    c = next(each for each in GEAR.orbits() if each.name == "C")
+    near = rattle.attractors_of(
+        0.6, 0.0615, count=32, v_max=c.v + 0.02, tau=(c.tau - 0.01, c.tau + 0.01), v_min=c.v - 0.02
+    )
+    assert (near.samples[near.samples > 0].tolist(), near.m[near.samples > 0].tolist()) == ([32], [1])
+    quiet = [
+        rattle.attractors_of(0.6, 0.0615, count=2048, tau=tau).samples[0] / 2048
+        for tau in ((0.0, 0.5), (0.5, 1.0), (0.0, 1.0))
+    ]
+    assert quiet[0] != quiet[1]
+    assert 0.5 * (quiet[0] + quiet[1]) == pytest.approx(quiet[2], abs=0.004)
+    with pytest.raises(rattle.ParameterError, match="v must be"):
+        rattle.attractors_of(0.6, 0.0615, v_min=7.0)
+
+
 @pytest.mark.parametrize(
     ("tau", "v", "message"),
     [
