@@ -17,10 +17,10 @@ from workers.errors import SurveyError, reading, storage_error
 from workers.storage.location import Place, place_of
 from workers.storage.store import added_to_store, has_added, open_survey, rewrite_tile
 from workers.survey.families import FAMILY, GROUP, STORED, Slots, files_of_families, joined_slots, listed, with_empty
-from workers.survey.quantities import stored
 from workers.survey.request import SurveyRequest
-from workers.survey.schema import CELL, SLOT, Group
 from workers.survey.tiles import tiles_of
+from workers.survey.values.quantities import stored
+from workers.survey.values.schema import CELL, SLOT, Group
 
 if TYPE_CHECKING:
     import xarray as xr

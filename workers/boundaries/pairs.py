@@ -10,7 +10,7 @@ from rattle import quiet_limit
 from rattle.curves import Curve
 from workers.boundaries.labels import QUIET_LABEL, Label
 from workers.errors import SurveyError
-from workers.survey.evaluate import FAILED, KINDS
+from workers.survey.values.evaluate import FAILED, KINDS
 
 UNDECIDED = KINDS.index("undecided")
 

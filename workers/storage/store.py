@@ -17,12 +17,12 @@ from workers.storage.integrity import STATUS, Manifest, damaged_template, examin
 from workers.storage.location import Place, place_of
 from workers.survey.families import FAMILY
 from workers.survey.families import GROUP as FAMILIES
-from workers.survey.quantities import stored
 from workers.survey.request import SurveyRequest
-from workers.survey.schema import SLOT
 from workers.survey.seals import GROUP, OWN, ROOT, TILES, checksums_of, files_of, sealed, tile_key
 from workers.survey.template import Template, blank, now, template_of
 from workers.survey.tiles import Tile
+from workers.survey.values.quantities import stored
+from workers.survey.values.schema import SLOT
 from workers.survey.version import code_version
 
 if TYPE_CHECKING:

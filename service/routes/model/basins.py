@@ -12,8 +12,8 @@ from rattle.models import AnyGear, model_at
 from service.errors import LimitError
 from service.kernels import Part
 from service.operations.turns import in_turn
+from service.routes.model.points import GearQuery
 from service.routes.picture import PNG
-from service.routes.points import GearQuery
 from service.state import FrontState
 from service.web.conditional import NOT_MODIFIED, function_of_query
 from service.web.problems import declared

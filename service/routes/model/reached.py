@@ -11,8 +11,8 @@ from rattle.models import model_at
 from service.errors import LimitError
 from service.kernels import Part
 from service.operations.turns import in_turn
-from service.routes.machine import PlaceQuery
-from service.routes.points import AttractorDocument, Point, attractor_document, point_document
+from service.routes.model.machine import PlaceQuery
+from service.routes.model.points import AttractorDocument, Point, attractor_document, point_document
 from service.state import FrontState
 from service.web.conditional import NOT_MODIFIED, function_of_query
 from service.web.problems import declared
