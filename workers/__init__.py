@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from workers.cluster.window import Frame, compute_part, map_quantity, window_survey
 from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
-from workers.families import join_survey, lacks_families
+from workers.families import join_survey, lacks_families, open_family
 from workers.in_process import is_short, run_tiles_here
 from workers.storage.bucket import Bucket
 from workers.storage.integrity import Integrity, examine
@@ -68,6 +68,7 @@ __all__ = [
     "join_survey",
     "lacks_families",
     "map_quantity",
+    "open_family",
     "open_survey",
     "place_of",
     "refined",

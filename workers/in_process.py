@@ -9,7 +9,7 @@ from queue import Empty, SimpleQueue
 
 from rattle.models import Model
 from workers.storage.location import Place, place_of
-from workers.storage.store import require_aligned, write_tile
+from workers.storage.store import before_tiles, require_aligned, write_tile
 from workers.survey.request import SurveyRequest
 from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile, tile_error
 from workers.survey.values.schema import SAMPLED, Group
@@ -74,6 +74,8 @@ def run_tiles_here(
         ended.put(None)
 
     with place.writing():
+        if tiles:
+            before_tiles(request, place)
         threading.Thread(target=compute, name="tiles", daemon=True).start()
         try:
             deadline = math.inf

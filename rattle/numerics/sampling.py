@@ -9,6 +9,7 @@ from rattle.errors import real_array, require
 
 GOLDEN = np.array([0x9E3779B97F4A7C15], np.uint64)
 SOBOL_BITS = 32  # of a coordinate
+LAST_PHASE = float(np.nextafter(1.0, 0.0))
 Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 
@@ -58,15 +59,19 @@ def initial_conditions(
     count: int,
     v_max: ArrayLike,
     seed: int,
+    tau: tuple[float, float] = (0.0, 1.0),
+    v_min: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Uniform low-discrepancy samples of (τ, v) ∈ [0, 1) × (0, v_max) for cells (n,): two arrays of shape (n, count).
+    """Uniform low-discrepancy samples of (τ, v) ∈ [0, 1) × (0, v_max), or of this range of phases and from this speed
+    on, for cells (n,): two arrays of shape (n, count).
 
     Sobol points, shifted modulo 1 by an amount that depends on the seed and the cell's parameters alone. So a cell's
     sample depends on nothing but the request and the cell, and cells have independent sampling errors.
     """
     points = (sobol(count) + _shifts(seed, delta, epsilon, beta)[:, None, :]) % 1.0
     speeds = np.broadcast_to(np.asarray(v_max, np.float64), delta.shape)[:, None]
-    return np.ascontiguousarray(points[..., 0]), np.maximum(speeds * points[..., 1], np.spacing(speeds))
+    phases = np.minimum(tau[0] + (tau[1] - tau[0]) * points[..., 0], LAST_PHASE)
+    return phases, np.maximum(v_min + (speeds - v_min) * points[..., 1], np.spacing(speeds))
 
 
 def wilson_interval(successes: ArrayLike, count: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

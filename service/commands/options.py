@@ -72,6 +72,14 @@ Budget = Annotated[
 Slots = Annotated[
     int | None, typer.Option(help="Attractors that a cell lists.", show_default="8; 24 where δ begins below 0.1")
 ]
+SlotsBy = Annotated[
+    str | None,
+    typer.Option(
+        metavar="fraction|family",
+        help="Which slot an attractor is in: the first of the largest share, or each family in one.",
+        show_default="family where families are asked for",
+    ),
+]
 Seed = Annotated[int, typer.Option(help="Seed of the samples.")]
 Name = Annotated[str, typer.Option(help="A name for people.")]
 Tile = Annotated[
@@ -119,6 +127,7 @@ def survey_request(
     v_max: str | None,
     budget: int | None,
     slots: int | None,
+    slots_by: str | None,
     seed: int,
     name: str,
     tile: str | None,
@@ -149,6 +158,7 @@ def survey_request(
                 **({} if budget is None else {"budget": budget}),
             },
             "slots": slots,
+            "slots_by": slots_by,
             "seed": seed,
             "name": name,
         }

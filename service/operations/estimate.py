@@ -100,7 +100,8 @@ def _same_watch(request: SurveyRequest, job: JobRow) -> bool:
     """Whether samples are watched for about as long: in relaxation times where damping is weak, within the budget."""
     other = SurveyRequest.model_validate(job.request)
     ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
-    same = request.initial_conditions.budget == other.initial_conditions.budget and request.v_max == other.v_max
+    sample, its = request.initial_conditions, other.initial_conditions
+    same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)
     return same and 1.0 / SIMILAR <= ratio <= SIMILAR
 
 

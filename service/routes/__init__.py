@@ -9,6 +9,7 @@ from service.routes.model import (
     intensity,
     machine,
     points,
+    reached,
 )
 
 ROUTERS: tuple[APIRouter, ...] = (
@@ -18,6 +19,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     picture.router,
     download.router,
     points.router,
+    reached.router,
     intensity.router,
     machine.router,
     basins.router,

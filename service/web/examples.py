@@ -40,8 +40,10 @@ DETAIL: dict[str, Any] = SURVEY | {
         "model": "impacting",
         "kappa": None,
         "quantities": ["region", "orbits", "attractors", "lyapunov", "grazing"],
-        "initial_conditions": REQUEST["initial_conditions"] | {"budget": 1_000_000},
+        "initial_conditions": REQUEST["initial_conditions"]
+        | {"budget": 1_000_000, "tau_min": 0.0, "tau_max": 1.0, "v_min": 0.0},
         "slots": None,
+        "slots_by": None,
         "machine": None,
     },
     "failures": [],

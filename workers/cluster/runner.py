@@ -18,7 +18,7 @@ from workers.cluster.submission import Submission
 from workers.errors import ClusterLostError, StoppedError, SurveyError
 from workers.families import join_survey
 from workers.storage.location import Place, place_of
-from workers.storage.store import require_aligned, write_tile
+from workers.storage.store import before_tiles, require_aligned, write_tile
 from workers.survey.request import SurveyRequest
 from workers.survey.template import Template, template_of
 from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile
@@ -125,6 +125,8 @@ def run_tiles(
         require_aligned(request, tile)
     place = place_of(where)
     with place.writing():
+        if tiles:
+            before_tiles(request, place)
         submission = Submission(compute_and_write, request, str(place), client)
         try:
             _run(submission, deque(tiles), on_tile, should_stop, unwanted)

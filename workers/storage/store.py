@@ -15,10 +15,14 @@ from workers.errors import StorageError, SurveyError, storage_error
 from workers.storage.bucket import SCHEME
 from workers.storage.integrity import STATUS, Manifest, damaged_template, examine_tiles, manifest_of, read, read_sealed
 from workers.storage.location import Place, place_of
+from workers.survey.families import FAMILY
+from workers.survey.families import GROUP as FAMILIES
 from workers.survey.request import SurveyRequest
 from workers.survey.seals import GROUP, OWN, ROOT, TILES, checksums_of, files_of, sealed, tile_key
 from workers.survey.template import Template, blank, now, template_of
 from workers.survey.tiles import Tile
+from workers.survey.values.quantities import stored
+from workers.survey.values.schema import SLOT
 from workers.survey.version import code_version
 
 if TYPE_CHECKING:
@@ -147,6 +151,19 @@ def _place(path: str, request: SurveyRequest) -> Place:
     return place_of(path)
 
 
+def rewrite_tile(request: SurveyRequest, place: Place, tile: Tile, values: Mapping[str, np.ndarray]) -> None:
+    """Write the slots of a computed tile anew; values: all of its variables. One that was interrupted is damaged.
+
+    Raises:
+        OSError: it cannot be written now.
+    """
+    quantities = stored(request.quantities, request.model)
+    same = tuple(f"{each.name}/" for each in quantities if each.dims[0] != SLOT)
+    for key, content in _encoded(request, tile, values):
+        if not key.startswith(same):
+            place.put(key, content)
+
+
 def _encoded(request: SurveyRequest, tile: Tile, values: Mapping[str, np.ndarray]) -> list[tuple[str, bytes]]:
     """Return the files of a tile, in the order in which they are to be written."""
     kept, arrays, chunks = _blank(request)
@@ -222,6 +239,36 @@ def added_to_store(where: str | Path | Place, added: Template) -> None:
     place.put(ROOT, sealed(root))
 
 
+def before_tiles(request: SurveyRequest, place: Place) -> None:
+    """Take from a store what was added to it and would not be true of tiles that are computed anew: their slots are by
+    share until they are joined. The caller holds the store.
+
+    Raises:
+        StorageError: it cannot be written now.
+    """
+    if not (request.slots_follow_families and has_added(place, FAMILIES)):
+        return
+    root, own = read_sealed(place, ROOT), read_sealed(place, OWN)
+    if root is None or own is None:
+        return
+    files, described = own["attributes"]["files"], root["consolidated_metadata"]["metadata"]
+    own["attributes"]["files"] = {key: sum_ for key, sum_ in files.items() if not _is_added(key)}
+    sums = sealed(own)
+    left = {key: of for key, of in described.items() if not _is_added(key)}
+    root["consolidated_metadata"]["metadata"] = left | {
+        GROUP: left[GROUP] | {"attributes": json.loads(sums)["attributes"]}
+    }
+    try:
+        place.put(OWN, sums)
+        place.put(ROOT, sealed(root))
+    except OSError as error:
+        raise storage_error(f"{place} cannot be written", error) from error
+
+
+def _is_added(key: str) -> bool:
+    return key.partition("/")[0] in (FAMILY, FAMILIES)
+
+
 def _missing_cells(place: Place) -> int:
     try:
         with place.reaching():
@@ -234,10 +281,11 @@ def _missing_cells(place: Place) -> int:
         raise SurveyError(f"{place} is damaged ({error}): run the survey again to repair it") from error
 
 
-def open_survey(path_or_url: str | Path | Place) -> xr.Dataset:
-    """Open a survey from disk, a bucket or over HTTP, finished or not; values are read when asked for.
+def open_survey(path_or_url: str | Path | Place, group: str | None = None) -> xr.Dataset:
+    """Open a survey, or a group of it, from disk, a bucket or over HTTP, finished or not; values are read when asked
+    for.
 
-    `xarray.open_zarr(path_or_url)` shows the same; this one says what is wrong when there is no survey.
+    `xarray.open_zarr(path_or_url, group=group)` shows the same; this one says what is wrong when there is no survey.
 
     Raises:
         SurveyError: there is no survey, or it cannot be read.
@@ -245,10 +293,10 @@ def open_survey(path_or_url: str | Path | Place) -> xr.Dataset:
     import xarray as xr  # a third of a second, which no process that only computes has to wait for
 
     try:
-        dataset = xr.open_zarr(_readable(path_or_url), chunks=None, consolidated=True)
+        dataset = xr.open_zarr(_readable(path_or_url), chunks=None, consolidated=True, group=group)
     except Exception as error:  # what the disk, the network or a foreign format raises
         raise SurveyError(f"no survey can be opened at {path_or_url}: {error}") from error
-    if "content_hash" not in dataset.attrs:
+    if group is None and "content_hash" not in dataset.attrs:
         dataset.close()
         raise SurveyError(f"{path_or_url} is not a survey")
     return dataset

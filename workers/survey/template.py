@@ -20,7 +20,7 @@ from workers.survey.request import SurveyRequest
 from workers.survey.seals import GROUP, OWN, ROOT, TILES, files_of, sealed
 from workers.survey.tiles import cells_of
 from workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of, stored
-from workers.survey.values.schema import Quantity
+from workers.survey.values.schema import SLOT, Quantity
 from workers.survey.version import code_version
 
 #: Every chunk ends in a checksum, so that any reader fails loudly on a damaged one instead of showing other numbers.
@@ -152,7 +152,10 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
     for dim, coordinate in COORDINATES.items():
         if dim in dims:
             values = axes[dim].values() if dim in axes else coordinate_values(labels_of(dim, request.n_slots))
-            write(root, dim, (dim,), values, {"long_name": coordinate.long_name, "units": "1"})
+            long_name = coordinate.long_name
+            if dim == SLOT and request.slots_follow_families:
+                long_name = "slot of the attractor: that of its family, as far as there are slots"
+            write(root, dim, (dim,), values, {"long_name": long_name, "units": "1"})
     if request.machine is not None:
         rpm = request.machine.rpm(request.delta.values())
         eccentricity = request.machine.eccentricity(request.epsilon.values())

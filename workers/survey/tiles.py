@@ -74,6 +74,8 @@ def cells_of(request: SurveyRequest, tile: Tile | None = None) -> Cells:
         seed=request.seed,
         budget=sample.budget,
         slots=request.n_slots,
+        tau=sample.tau,
+        v_min=sample.v_min,
     )
 
 

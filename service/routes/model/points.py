@@ -186,7 +186,7 @@ async def attractors(
         v_max=sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta),
         seed=seed,
         budget=budget,
-        attractors=[_attractor(item) for item in found],
+        attractors=[attractor_document(item) for item in found],
     )
 
 
@@ -195,7 +195,8 @@ def point_document(gear: AnyGear) -> dict[str, Any]:
     return {"delta": gear.delta, "epsilon": gear.epsilon, "beta": gear.beta, "kappa": model_at(gear).stiffness}
 
 
-def _attractor(item: rattle.Attractor) -> AttractorDocument:
+def attractor_document(item: rattle.Attractor) -> AttractorDocument:
+    """An attractor as it is answered."""
     return AttractorDocument(
         kind=item.kind,
         m=item.m,

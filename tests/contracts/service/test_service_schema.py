@@ -30,7 +30,7 @@ from service.client import Client
 from service.database.tables import Scope, State
 from service.jobs import manager
 from service.operations.points import curves_document, intensities, orbits_document
-from service.routes.model import basins, curves, intensity, points
+from service.routes.model import basins, curves, intensity, points, reached
 from service.settings import Settings
 from service.web import examples
 from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, tiles_of
@@ -136,6 +136,7 @@ async def known(_: Any, compute: Any, *arguments: Any, what: str, **words: Any) 
         "The intensities": lambda: intensities(Gear(0.6, 0.1), 4, None, 0, 1000),
         "The curves": lambda: curves_document(Impacting(0.6), (0.7, 0.8), (0.0, 0.3)),
         "The basins": lambda: b"a picture",
+        "The ends of the states": lambda: Gear(0.6, 0.1).reached([0.2], [0.1]),
     }
     return found[what]()
 
@@ -165,7 +166,7 @@ def try_everything(finished: Path, where: Path, config: str, *options: str, **se
 
 
 def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (basins, curves, intensity, points):
+    for module in (basins, curves, intensity, points, reached):
         monkeypatch.setattr(module, "in_turn", known)
     # Requests without a key, or with a wrong one, are in test_service_access.py.
     options = either(["--max-examples", "1", "--exclude-checks", "ignored_auth"], ["--max-examples", "6"])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 import workers.survey.request
-from workers import Axis, Group, SurveyError, SurveyRequest
+from workers import Axis, Group, InitialConditions, SurveyError, SurveyRequest, compute_tile, tiles_of
 
 AXES = {"delta": {"start": 0.4, "stop": 1.0, "num": 61}, "epsilon": {"start": 0.005, "stop": 0.3, "num": 60}}
 
@@ -43,6 +43,33 @@ def test_speeds_are_natural_by_default_outside_the_papers_plane(outside) -> None
     assert survey(**outside).v_max == "natural"
     assert survey(**outside, initial_conditions={"v_max": 7.0}).v_max == 7.0
     assert survey(initial_conditions={"v_max": "natural"}).v_max == "natural"
+
+
+def test_the_sample_is_of_a_box() -> None:
+    box = {"count": 8, "tau_min": 0.77, "tau_max": 0.81, "v_min": 3.7, "v_max": 3.8}
+    axes = {"delta": {"start": 0.6, "stop": 0.601, "num": 2}, "epsilon": {"start": 0.0615, "stop": 0.062, "num": 2}}
+    request = SurveyRequest(**axes, quantities=("attractors",), initial_conditions=box)
+    assert request.initial_conditions.tau == (0.77, 0.81)
+    tile = tiles_of(request)[0]
+    arrays, _record = compute_tile(request, tile)
+    assert (arrays["quiet_fraction"] < 0.2).all()
+    whole, _record = compute_tile(request.model_copy(update={"initial_conditions": InitialConditions(count=8)}), tile)
+    assert (whole["quiet_fraction"] > 0.5).all()
+    assert request.content_hash() != survey().content_hash()
+
+
+@pytest.mark.parametrize(
+    ("sample", "message"),
+    [
+        ({"tau_min": 0.5, "tau_max": 0.5}, "tau_min .0.5. must be less than tau_max"),
+        ({"tau_max": 1.5}, "less than or equal to 1"),
+        ({"v_min": 1.0}, "v_min needs a v_max that is a speed"),
+        ({"v_min": 7.0, "v_max": 7.0}, "v_min .7.0. must be less than v_max"),
+    ],
+)
+def test_boxes_that_are_none_are_refused(sample: dict[str, float], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        survey(initial_conditions=sample)
 
 
 def test_more_slots_by_default_where_there_are_more_attractors() -> None:

@@ -10,6 +10,7 @@ from rattle.models import Model
 from workers.survey.values.evaluate import Evaluate
 
 CELL = ("epsilon", "delta")
+SLOT = "attractor"  # the dimension of slots
 
 
 class Group(StrEnum):
