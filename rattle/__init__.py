@@ -40,6 +40,11 @@ from rattle.numerics.sampling import wilson_interval
 from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
 from rattle.orbits.period_one import REGIONS, Orbit, PeriodOne
 from rattle.orbits.period_one import classify as classify_regions
+from rattle.populations.answers import Estimate, Index, Population
+from rattle.populations.distributions import LogNormal, Measured, Normal, Triangular, Uniform
+from rattle.populations.measured import read_gears
+from rattle.populations.plan import Shock
+from rattle.populations.population import population
 from rattle.proof.certificate import Certificate
 from rattle.proof.certify import certify
 from rattle.warm import warm_up
@@ -57,6 +62,7 @@ __all__ = [
     "Certificate",
     "Density",
     "Diagram",
+    "Estimate",
     "Event",
     "Families",
     "FamilyTable",
@@ -66,20 +72,28 @@ __all__ = [
     "Grazing",
     "Impact",
     "Impacts",
+    "Index",
     "Intensity",
     "Iterates",
     "Lines",
+    "LogNormal",
     "Machine",
+    "Measured",
     "MissingExtraError",
+    "Normal",
     "NotProvedError",
     "Orbit",
     "ParameterError",
     "PeriodOne",
     "PeriodicOrbit",
+    "Population",
     "RattleError",
+    "Shock",
     "Stretched",
     "Trajectory",
+    "Triangular",
     "Uncertainty",
+    "Uniform",
     "__version__",
     "attractors_of",
     "basin_entropy",
@@ -103,7 +117,9 @@ __all__ = [
     "iterate_tangent",
     "period_one",
     "periodic_orbit",
+    "population",
     "quiet_limit",
+    "read_gears",
     "regions",
     "robust_chaos_interval",
     "sn1",
