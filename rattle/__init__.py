@@ -42,6 +42,7 @@ from rattle.orbits.period_one import REGIONS, Orbit, PeriodOne
 from rattle.orbits.period_one import classify as classify_regions
 from rattle.populations.answers import Estimate, Index, Population
 from rattle.populations.distributions import LogNormal, Measured, Normal, Triangular, Uniform
+from rattle.populations.limit import Limit, design_limit, design_limits
 from rattle.populations.measured import read_gears
 from rattle.populations.plan import Shock
 from rattle.populations.population import population
@@ -75,6 +76,7 @@ __all__ = [
     "Index",
     "Intensity",
     "Iterates",
+    "Limit",
     "Lines",
     "LogNormal",
     "Machine",
@@ -105,6 +107,8 @@ __all__ = [
     "classify_regions",
     "crisis_side",
     "curves",
+    "design_limit",
+    "design_limits",
     "diagram",
     "differing",
     "disagreement",

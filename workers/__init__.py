@@ -1,4 +1,5 @@
-"""A survey of the (δ, ε) plane: its request, its tiles, its zarr store, and the dask cluster that fills it.
+"""A survey of the (δ, ε) plane, or a population of gears: its request, its tiles, its zarr store, and the dask cluster
+that fills it.
 
 Pictures are apart, in `workers.pictures.figure` and `workers.pictures.maps`: processes that compute need not load what
 draws.
@@ -11,6 +12,8 @@ from workers.cluster.window import Frame, compute_part, map_quantity, window_sur
 from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
 from workers.families import join_survey, lacks_families
 from workers.in_process import is_short, run_tiles_here
+from workers.kinds import AnyRequest, compute_tile, request_of, tiles_of
+from workers.populations.request import PopulationRequest
 from workers.storage.bucket import Bucket
 from workers.storage.integrity import Integrity, examine
 from workers.storage.location import Directory, Place, place_of
@@ -19,7 +22,7 @@ from workers.survey.axes import Axis, Window
 from workers.survey.quantities import QUANTITIES
 from workers.survey.request import InitialConditions, SurveyRequest, TileShape
 from workers.survey.schema import Group, Quantity
-from workers.survey.tiles import Tile, TileRecord, compute_tile, tiles_of
+from workers.survey.tiles import Tile, TileRecord
 
 if TYPE_CHECKING:
     from workers.cluster.cluster import connect, embedded_cluster
@@ -38,6 +41,7 @@ _ON_CLUSTERS = {
 
 __all__ = [
     "QUANTITIES",
+    "AnyRequest",
     "Axis",
     "Bucket",
     "ClusterLostError",
@@ -47,6 +51,7 @@ __all__ = [
     "InitialConditions",
     "Integrity",
     "Place",
+    "PopulationRequest",
     "Quantity",
     "StoppedError",
     "StorageError",
@@ -71,6 +76,7 @@ __all__ = [
     "open_survey",
     "place_of",
     "refined",
+    "request_of",
     "run_tiles",
     "run_tiles_here",
     "template_on",

@@ -48,9 +48,9 @@ def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> N
     words: list[NDArray[np.uint64]] = [*_halves(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
     for word in words:
         state = _mixed((state ^ word) + GOLDEN)
-    steps: NDArray[np.uint64] = GOLDEN * np.arange(1, columns + 1, dtype=np.uint64)
-    each: NDArray[np.uint64] = state[:, None] + steps
-    return (_mixed(each) >> np.uint64(11)) / 2.0**53
+    steps = GOLDEN * np.arange(1, columns + 1, dtype=np.uint64)
+    drawn = _mixed(np.asarray(state[:, None] + steps, np.uint64))
+    return (drawn >> np.uint64(11)) / 2.0**53
 
 
 def _halves(seed: int) -> list[NDArray[np.uint64]]:

@@ -6,11 +6,16 @@ from pathlib import Path
 
 import rattle
 
+FOLDERS = ("survey", "populations")
+
 
 @cache
 def code_version() -> str:
-    """Return the version of the library with a digest of every source that decides what a cell holds: this folder's."""
+    """Return the version of the library with a digest of every source that decides what a cell holds: those of surveys
+    and of populations.
+    """
     digest = sha256(rattle.source_hash().encode())
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
+    for folder in FOLDERS:
+        for path in sorted((Path(__file__).parents[1] / folder).glob("*.py")):
+            digest.update(path.name.encode() + b"\0" + path.read_bytes() + b"\0")
     return f"{rattle.__version__}+{digest.hexdigest()[:16]}"
