@@ -186,13 +186,17 @@ def ratio(base: Array, other: Array, again: Array) -> Estimate:
     samples, so that what samples vary by is no part of it. Raises RattleError where nothing varies.
     """
     known = ~np.isnan(base + other + again)
+    if known.sum() < FEWEST:
+        raise RattleError(f"fewer than {FEWEST} gears share numbers and are decided: ask for more pairs")
     x, y, z = (each[known] - each[known].mean() for each in (base, other, again))
-    n, whole = x.size, float((x * z).mean()) if x.size else 0.0
-    spread = float((x * z).std()) / np.sqrt(max(n, 1))
-    if whole <= Z_95 * spread:
-        raise RattleError("the gears do not differ by more than their samples do: nothing can be said of what differs")
-    value = float((x * y).mean()) / whole
-    deviation = float((x * y - value * x * z).std()) / (whole * np.sqrt(n))
+    same, shared = x * z, 0.5 * (x + z) * y  # either sample of the same gears
+    whole, error = float(same.mean()), 1.0 / np.sqrt(same.size)
+    if whole <= Z_95 * float(same.std()) * error:
+        raise RattleError(
+            "the gears do not differ by more than their samples do: ask for more pairs, or a larger count"
+        )
+    value = float(shared.mean()) / whole
+    deviation = float((shared - value * same).std()) * error / whole
     return Estimate(*(float(np.clip(value + step * Z_95 * deviation, 0.0, 1.0)) for step in (0, -1, 1)))
 
 

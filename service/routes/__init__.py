@@ -8,16 +8,19 @@ from service.routes import (
     download,
     events,
     intensity,
+    limits,
     machine,
     metrics,
     picture,
     points,
+    populations,
     store,
     surveys,
 )
 
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
+    populations.router,
     events.router,
     store.router,
     picture.router,
@@ -25,6 +28,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     points.router,
     intensity.router,
     machine.router,
+    limits.router,
     basins.router,
     curves.router,
     metrics.router,

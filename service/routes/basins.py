@@ -11,8 +11,8 @@ from rattle.models import AnyGear, model_at
 from service.errors import LimitError
 from service.kernels import Part
 from service.operations.turns import in_turn
+from service.routes.machine import PlaceQuery
 from service.routes.picture import PNG
-from service.routes.points import GearQuery
 from service.state import FrontState
 from service.web.conditional import NOT_MODIFIED, function_of_query
 from service.web.problems import declared
@@ -33,20 +33,22 @@ router = APIRouter(prefix="/v1", tags=["points"])
 )
 async def basins(
     front: FrontState,
-    gear: GearQuery,
+    place: PlaceQuery,
     response: Response,
     resolution: Annotated[int, Query(ge=1, description="cells a side", examples=[50])] = 300,
 ) -> Response:
-    """Each cell is followed on its own, as in Figure 4 of the paper; white: the grazing curve Γ (impacting model)."""
+    """Of a point, or of a machine in SI units; speeds are the model's. Each cell is followed on its own, as in Figure 4
+    of the paper; white: the grazing curve Γ (impacting model).
+    """
     limit = front.settings.max_basin_resolution
     if resolution > limit:
         raise LimitError("query.resolution", f"resolution may be at most {limit} here; use the command rattle figure.")
     png = await in_turn(
         front,
         _draw,
-        gear,
+        place.gear,
         resolution,
-        needs=(model_at(gear).name, Part.POINT),
+        needs=(model_at(place.gear).name, Part.POINT),
         what="The basins",
         advice="Ask for fewer cells a side (resolution).",
     )
