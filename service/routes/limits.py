@@ -77,7 +77,9 @@ async def limits(
     front: FrontState,
     given: Annotated[dict[str, Any], Depends(numbers_of_query)],
     of: Annotated[Wanted, Query(description="what the limit is of; it need not be given", examples=["epsilon"])],
-    share: Annotated[float, Query(gt=0, le=MOST_SHARE, description="least probability of quiet running")] = 0.99,
+    share: Annotated[
+        float, Query(gt=0, le=MOST_SHARE, description="least probability of quiet running", examples=[0.8])
+    ] = 0.99,
     over: Annotated[Wanted | None, Query(description="what it is a curve over")] = None,
     values: Annotated[
         list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None,
@@ -85,7 +87,7 @@ async def limits(
     ] = None,
     low: Annotated[float | None, positive("least value that is looked at", zero=True)] = None,
     high: Annotated[float | None, positive("largest value that is looked at")] = None,
-    count: Annotated[int, Query(ge=1, description="initial conditions", examples=[400])] = 1024,
+    count: Annotated[int, Query(ge=1, description="initial conditions", examples=[64])] = 1024,
     budget: MostImpacts = BUDGET,
     seed: SampleSeed = 0,
 ) -> Limits:
