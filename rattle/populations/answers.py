@@ -170,7 +170,7 @@ def quantile(values: Array, q: float) -> Estimate:
     """
     known = np.sort(values[~np.isnan(values)])
     value = float(known[min(int(q * known.size), known.size - 1)])
-    below = np.nanmean(np.where(np.isnan(values), np.nan, values <= value), axis=1)
+    below = means(np.where(np.isnan(values), np.nan, values <= value))
     below = below[~np.isnan(below)]
     deviation = max(float(below.std()), np.sqrt(q * (1.0 - q) / values.shape[1])) / np.sqrt(below.size)
     low, high = (int(np.floor((q + sign * Z_95 * deviation) * known.size)) for sign in (-1, 1))

@@ -21,6 +21,7 @@ from service.routes import (
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
     populations.router,
+    populations.estimates,
     events.router,
     store.router,
     picture.router,

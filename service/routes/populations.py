@@ -21,7 +21,7 @@ from service.operations.points import number
 from service.operations.surveys import remove_survey, require_owner, submit_survey
 from service.routes.documents import Standing, path_of, request_shown, standing
 from service.routes.events import LARGEST_ID, stream
-from service.routes.store import stored_file
+from service.routes.store import FILES, stored_file
 from service.routes.surveys import LARGEST_NUMBER, MAX_FAILURES, RETRY_SECONDS, require_json
 from service.state import Front, FrontState
 from service.web import examples
@@ -30,6 +30,7 @@ from service.web.problems import declared
 from workers import Bucket, PopulationRequest
 
 router = APIRouter(prefix="/v1/populations", tags=["populations"])
+estimates = APIRouter(prefix="/v1", tags=["populations"])
 
 KIND = Kind.POPULATION
 PopulationId = Annotated[
@@ -156,7 +157,7 @@ def submit_population(
     return _detail(front, job)
 
 
-@router.post(
+@estimates.post(
     "/estimate",
     summary="What a population will cost",
     dependencies=[Depends(require_json)],
@@ -253,12 +254,7 @@ async def follow_population(
     "/{population_id}/store/{key:path}",
     summary="Read the zarr store of a population, also of a running one",
     response_class=Response,
-    responses={
-        200: {"content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}}},
-        206: {"description": "the requested range", "content": {"application/octet-stream": {}}},
-        **NOT_MODIFIED,
-        **declared(404, 416, 422),
-    },
+    responses=FILES,
 )
 async def read_population(
     front: FrontState,

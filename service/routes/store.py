@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pathlib
 import re
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
 from starlette.concurrency import run_in_threadpool
@@ -31,24 +31,28 @@ NOT_THERE = (401, 404)  # 401: StaticFiles' word for a file without permission
 KEY = re.compile(rf"{NAME}(/{NAME})*")
 
 
+#: What the files of a store are answered as.
+FILES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "content": {
+            "application/octet-stream": {"schema": {"type": "string", "format": "binary"}},
+            "application/json": {"schema": {"type": "object"}},
+        }
+    },
+    206: {
+        "description": "the requested range",
+        "content": {"application/octet-stream": {}, "application/json": {}, "multipart/byteranges": {}},
+    },
+    **NOT_MODIFIED,
+    **declared(404, 416, 422),
+}
+
+
 @router.get(
     "/{survey_id}/store/{key:path}",
     summary="Read the zarr store, also of a running survey",
     response_class=Response,
-    responses={
-        200: {
-            "content": {
-                "application/octet-stream": {"schema": {"type": "string", "format": "binary"}},
-                "application/json": {"schema": {"type": "object"}},
-            }
-        },
-        206: {
-            "description": "the requested range",
-            "content": {"application/octet-stream": {}, "application/json": {}, "multipart/byteranges": {}},
-        },
-        **NOT_MODIFIED,
-        **declared(404, 416, 422),
-    },
+    responses=FILES,
 )
 async def read(
     front: FrontState,

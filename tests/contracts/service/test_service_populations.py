@@ -133,7 +133,7 @@ def test_what_is_not_finished_has_no_answers(client: TestClient) -> None:
 
 
 def test_what_a_population_costs_is_measured(client: TestClient) -> None:
-    found = client.post("/v1/populations/estimate", json=POPULATION | {"gears": 4000}).json()
+    found = client.post("/v1/estimate", json=POPULATION | {"gears": 4000}).json()
     assert found["seconds"] > 0
     assert "9 gears" in found["basis"]
 

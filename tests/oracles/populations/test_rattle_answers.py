@@ -83,6 +83,12 @@ def test_the_quantile_of_that_distribution_is_the_one_that_is_used_above() -> No
     assert 1.0 - root * k1(root) == pytest.approx(0.75, abs=2e-4)
 
 
+def test_rows_of_which_nothing_is_known_do_not_count() -> None:
+    values = np.arange(400.0).reshape(100, 4)
+    with_unknown = np.concatenate([values, np.full((50, 4), np.nan)])
+    assert quantile(with_unknown, 0.5) == quantile(values, 0.5)
+
+
 def test_an_end_that_no_gear_reaches_is_infinite() -> None:
     found = quantile(np.arange(20.0)[:, None], 0.99)
     assert found.value == 19.0

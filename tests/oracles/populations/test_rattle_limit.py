@@ -50,6 +50,16 @@ def test_the_least_damping_is_where_the_largest_eccentricity_is() -> None:
     assert least.low - 0.01 <= 0.6 <= least.high + 0.01
 
 
+@pytest.mark.parametrize("of", ["backlash", "drag", "rpm", "eccentricity"])
+def test_every_number_of_a_machine_has_its_limit_and_its_safe_side(of: str) -> None:
+    given = DRAWING | {"eccentricity": 25e-6}
+    found = design_limit(given, of, 0.8, count=128)
+    assert found.low < found.value < found.high
+    safe, unsafe = (found.high, found.low) if of == "drag" else (found.low, found.high)
+    assert quiet(rattle.Machine(**{**given, of: safe}).gear, count=1024) > 0.8
+    assert quiet(rattle.Machine(**{**given, of: unsafe}).gear, count=1024) < 0.8
+
+
 def test_limits_over_another_number_are_those_one_by_one() -> None:
     found = design_limits({"beta": 0.6}, "epsilon", "delta", (0.5, 0.7), 0.8, count=256)
     assert found == [design_limit({"delta": delta}, "epsilon", 0.8, count=256) for delta in (0.5, 0.7)]
