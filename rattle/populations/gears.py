@@ -14,7 +14,7 @@ from rattle.impacting.attractors.stretch import stretch
 from rattle.intensity.table import Stretch, intensities_of, one_by_one
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.populations.distributions import LEAST, Distribution
-from rattle.populations.plan import POPULATION, Z_LOOKS, Plan
+from rattle.populations.plan import Z_LOOKS, Plan
 from rattle.populations.tolerances import Points
 
 BLOCK = 65_536  # samples at once where damping is strong
@@ -54,7 +54,7 @@ def computed(plan: Plan, start: int, stop: int) -> Gears:
             of = np.arange(here.start, here.stop)[seeds == each]
             energy[of] = energies(plan, points.some(of), plan.count, plan.seed + int(each))
     verdict = np.full(rows.size, NOT_ASKED)
-    asked = (part == POPULATION) & (rows < plan.judging)
+    asked = plan.asked(rows)
     verdict[asked] = judged(plan, points.some(asked))
     return Gears(part, values, points.delta, points.epsilon, points.beta, energy, verdict)
 

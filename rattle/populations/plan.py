@@ -15,6 +15,7 @@ from rattle.populations.tolerances import Tolerances
 
 POPULATION, AGAIN, FIRST_SHARING = 0, 1, 2  # parts
 MOST_GEARS, MOST_COUNT = 10_000_000, 65_536
+MOST_SAMPLES = 1 << 24  # what is answered of all needs some copies of them, eight bytes each
 PAIRS, JUDGED = 1024, 256
 LARGEST_SEED = 2**64 - 1
 MOST_SHARE = 0.9999
@@ -71,6 +72,12 @@ class Plan:
         require_integer("judged", self.judged, 1, MOST_GEARS)
         by_one = self.share is None or self.margin is None
         require(by_one, "a gear passes by its share of quiet runs or by its margin: give one")
+        samples = self.rows * self.count
+        require(
+            samples <= MOST_SAMPLES,
+            f"{self.rows} gears, with those that share numbers, of {self.count} states each are {samples}, at most "
+            f"{MOST_SAMPLES}: lower count first, which tells least",
+        )
         if self.share is not None:
             share = require_number("share", self.share, positive=True)
             require(share <= MOST_SHARE, f"share must be at most {MOST_SHARE}, got {share:g}: no sample tells more")
@@ -93,6 +100,11 @@ class Plan:
     def rows(self) -> int:
         """Rows of all parts."""
         return self.gears + self.sharing * (1 + 2 * len(self.tolerances.names))
+
+    def asked(self, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Whether each row is a gear that is asked whether it passes: they are spread over the population."""
+        number = rows * self.judging // self.gears
+        return np.asarray((rows < self.gears) & (number != (rows - 1) * self.judging // self.gears))
 
     def parts(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
         """The part of each row."""

@@ -33,7 +33,8 @@ def _check_population(request: PopulationRequest, settings: Settings) -> None:
     _at_most("gears", "gears, with those that share numbers", request.n_cells, settings.max_cells)
     _at_most("count", "samples, with those of gears that are judged", request.samples, settings.max_samples)
     _at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
-    _at_most("tile", "samples per tile", request.tile_shape[0] * request.count, settings.max_tile_samples)
+    each = -(-request.samples // request.n_cells)  # gears that are judged are spread over all tiles
+    _at_most("tile", "samples per tile", request.tile_shape[0] * each, settings.max_tile_samples)
 
 
 def _at_most(field: str, what: str, value: int, limit: int) -> None:

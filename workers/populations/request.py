@@ -118,7 +118,8 @@ class PopulationRequest(Strict):
             return (min(self.tile, self.plan.rows),)
         samples = DEFAULT_SAMPLES if self.model is Model.IMPACTING else STIFF_SAMPLES
         longer = max(1.0, WATCH / (PERIODS * self.least_damping))
-        most = max(int(samples / longer) // self.count, 1)
+        each = -(-self.samples // self.n_cells)
+        most = max(int(samples / longer) // each, 1)
         return (min(most, max(self.plan.rows // LEAST_TILES, FEWEST), self.plan.rows, MAX_TILE_GEARS),)
 
     @property

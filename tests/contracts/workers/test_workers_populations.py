@@ -244,7 +244,7 @@ def test_distributions_survive_a_request(kind: Any) -> None:
         ({"gear": FIELDS["gear"] | {"beta": {"distribution": "normal", "mean": 0.6, "deviation": 0.0}}}, "deviation"),
         ({"gear": MACHINE["gear"] | {"radius": 50.0}, "correlation": None}, "radius must be in metres"),  # type: ignore[operator]
         ({"share": 0.9, "margin": 0.1}, "give one"),
-        ({"tile": 60_000, "gears": 100_000, "count": 1000}, "use a smaller tile"),
+        ({"tile": 60_000, "gears": 70_000, "count": 100, "pairs": 0}, "use a smaller tile"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_with_what_to_do(changes: dict[str, Any], says: str) -> None:

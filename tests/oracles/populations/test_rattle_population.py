@@ -41,7 +41,7 @@ def test_rows_do_not_depend_on_the_others_that_are_computed() -> None:
         part = computed(plan, start, stop)
         for a, b in zip(part, whole, strict=True):
             assert np.array_equal(a, b[start:stop], equal_nan=True)
-    assert np.array_equal(np.flatnonzero(whole.verdict != NOT_ASKED), np.arange(4))
+    assert np.flatnonzero(whole.verdict != NOT_ASKED).tolist() == [0, 3, 6, 9]
 
 
 def test_parts_share_what_they_say() -> None:
@@ -106,6 +106,15 @@ def test_gears_pass_whose_share_of_quiet_runs_is_large_enough() -> None:
     assert told > 12
 
 
+@pytest.mark.parametrize(("gears", "judged"), [(10, 3), (1000, 256), (7, 7), (5, 100)])
+def test_as_many_gears_are_judged_as_was_asked(gears: int, judged: int) -> None:
+    plan = of(PAPER, gears=gears, judged=judged, share=0.5)
+    asked = plan.asked(np.arange(plan.rows))
+    assert asked.sum() == min(gears, judged)
+    assert not asked[gears:].any()
+    assert not of(PAPER, gears=gears).asked(np.arange(gears)).any()
+
+
 def test_gears_pass_whose_margin_is_large_enough() -> None:
     plan = of(PAPER, gears=8, count=1, pairs=0, margin=1.5, judged=8)
     found = computed(plan, 0, 8)
@@ -136,6 +145,7 @@ def test_a_shock_is_where_gears_begin() -> None:
 @pytest.mark.parametrize(
     ("asked", "says"),
     [
+        ({"gears": 10_000_000}, "are 160081920, at most 16777216: lower count first"),
         ({"gears": 1}, "gears must be an integer from 2"),
         ({"share": 1.0}, "share must be at most 0.9999"),
         ({"share": 0.9, "margin": 0.1}, "by its share of quiet runs or by its margin: give one"),
