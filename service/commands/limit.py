@@ -13,7 +13,8 @@ from service.commands.gear_numbers import with_numbers
 if TYPE_CHECKING:
     from rattle.populations.limit import Limit
 
-UNITS = {"eccentricity": "m", "backlash": "m", "rpm": "rpm", "drag": "N m s/rad"}
+#: The unit of a machine's number, and how many of it its SI unit is.
+UNITS = {"eccentricity": (" µm", 1e6), "backlash": (" µm", 1e6), "rpm": (" rpm", 1.0), "drag": (" N m s/rad", 1.0)}
 MOST_VALUES = 1000
 
 
@@ -55,7 +56,8 @@ def limit(
     asked |= {"count": count, "seed": seed, "budget": BUDGET if budget is None else budget}
     with compiling_told():
         if over is None:
-            typer.echo(_words(of, share, design_limit(given, of, share, **asked)))
+            at = f" at {given['rpm']:g} rpm" if "rpm" in given and of != "rpm" else ""
+            typer.echo(_words(of, share, design_limit(given, of, share, **asked), at))
             return
         name, values = _axis(over)
         for value in values:
@@ -63,15 +65,16 @@ def limit(
             typer.echo(f"{name} {value:.6g}: {_words(of, share, found)}")
 
 
-def _words(of: str, share: float, found: Limit) -> str:
+def _words(of: str, share: float, found: Limit, at: str = "") -> str:
     """A limit in a line."""
     from rattle.populations.limit import SAFE_IF_SMALL
 
-    unit = f" {UNITS[of]}" if of in UNITS else ""
+    unit, scale = UNITS.get(of, ("", 1.0))
     if math.isnan(found.value):
         return f"no limit of {of} between the values that were looked at: see --between"
     way = "up to" if SAFE_IF_SMALL[of] else "down to"
-    return f"{of} {way} {found.value:.4g}{unit} [{found.low:.4g}, {found.high:.4g}] for P(quiet) of {share:g} at least"
+    value, low, high = (f"{scale * x:.4g}" for x in found)
+    return f"{of} {way} {value}{unit} [{low}, {high}]{at} for P(quiet) of {share:g} at least"
 
 
 def _number(name: str, text: str) -> float:

@@ -83,9 +83,8 @@ def test_a_limit_is_told_with_its_interval_and_unit() -> None:
     words = said("limit", "eccentricity", *DRAWING, "--share", "0.9", "--count", "128")
     given = dict(zip((name[2:] for name in DRAWING[::2]), map(float, DRAWING[1::2]), strict=True))
     exact = rattle.design_limit(given, "eccentricity", 0.9, count=128)
-    assert words.endswith(
-        f"eccentricity up to {exact.value:.4g} m [{exact.low:.4g}, {exact.high:.4g}] for P(quiet) of 0.9 at least"
-    )
+    value, low, high = (f"{1e6 * x:.4g}" for x in exact)
+    assert f"eccentricity up to {value} µm [{low}, {high}] at 3000 rpm for P(quiet) of 0.9 at least" in words
 
 
 def test_a_limit_is_told_as_a_curve() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import rattle
 from rattle.attractors.speeds import NATURAL
-from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, computed, judged
+from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, computed, judged, states
 from rattle.populations.plan import Plan, Shock
 from rattle.populations.tolerances import Tolerances
 
@@ -140,6 +140,31 @@ def test_a_shock_is_where_gears_begin() -> None:
     beyond = rattle.population(at, gears=4, count=1, shock=Shock(1.000001 * margin.v, margin.tau))
     assert below.quiet.value == 1.0
     assert beyond.quiet.value == 0.0
+
+
+def test_a_shock_of_a_machine_is_in_metres_a_second() -> None:
+    plan = of(GIVEN, gears=4, count=8, pairs=0, shock=Shock("uniform:0.001:0.01", 0.25))
+    points = plan.tolerances.points(plan.values(np.arange(4)))
+    tau, v = states(plan, points, 8, 0)
+    assert points.units is not None
+    speeds = v * np.broadcast_to(points.units.velocity, 4)[:, None]
+    assert (tau == 0.25).all()
+    assert 0.001 < speeds.min() < 0.003
+    assert 0.008 < speeds.max() < 0.01
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"speed": 0.0}, "speed must be greater than 0"),
+        ({"speed": "normal:1:1"}, "the speed of a shock must be above 0"),
+        ({"speed": 1.0, "phase": -0.5}, "phase must not be negative"),
+        ({"speed": "gamma:1:1"}, "is no distribution"),
+    ],
+)
+def test_a_shock_that_cannot_be_is_refused(given: dict[str, Any], says: str) -> None:
+    with pytest.raises(rattle.ParameterError, match=says):
+        Shock(**given)
 
 
 @pytest.mark.parametrize(
