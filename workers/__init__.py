@@ -19,10 +19,10 @@ from workers.storage.integrity import Integrity, examine
 from workers.storage.location import Directory, Place, place_of
 from workers.storage.store import create_store, finish_store, open_survey, tiles_done
 from workers.survey.axes import Axis, Window
-from workers.survey.quantities import QUANTITIES
 from workers.survey.request import InitialConditions, SurveyRequest, TileShape
-from workers.survey.schema import Group, Quantity
 from workers.survey.tiles import Tile, TileRecord
+from workers.survey.values.quantities import QUANTITIES
+from workers.survey.values.schema import Group, Quantity
 
 if TYPE_CHECKING:
     from workers.cluster.cluster import connect, embedded_cluster

@@ -13,8 +13,8 @@ from workers.populations.request import PopulationRequest
 from workers.populations.variables import gears_of
 from workers.storage.integrity import read_sealed
 from workers.storage.location import Place, place_of
-from workers.survey.evaluate import FAILED
 from workers.survey.seals import ROOT
+from workers.survey.values.evaluate import FAILED
 
 
 def population_of(where: str | Path | Place) -> Population:

@@ -20,7 +20,7 @@ from zarr.errors import ZarrUserWarning
 import rattle
 from rattle.models import AnyModel, model_of
 from workers.errors import SurveyError, storage_error
-from workers.survey.schema import CELL
+from workers.survey.values.schema import CELL
 
 CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"  # one document a line, with its cell and slot
 MEANINGS = ("none", "orbit")

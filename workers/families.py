@@ -11,7 +11,7 @@ from workers.storage.location import Place, place_of
 from workers.storage.store import added_to_store, has_added
 from workers.survey.families import GROUP, STORED, Slots, files_of_families, joined_slots, listed
 from workers.survey.request import SurveyRequest
-from workers.survey.schema import Group
+from workers.survey.values.schema import Group
 
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:

@@ -12,8 +12,8 @@ from workers.kinds import AnyRequest, AnyTile, compute_tile, tile_error
 from workers.populations.request import PopulationRequest
 from workers.storage.location import Place, place_of
 from workers.storage.store import require_aligned, write_tile
-from workers.survey.schema import SAMPLED, Group
 from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
+from workers.survey.values.schema import SAMPLED, Group
 
 #: Milliseconds of a cell, in round numbers: the same command does the same on every machine.
 CLOSED_FORM, SAMPLE, BASINS, STIFF = 0.05, 1 / 64, 40.0, 100.0

@@ -80,7 +80,7 @@ def _summarise(out: str) -> None:
     import zarr  # xarray takes half a second to load
 
     from workers.storage.location import place_of
-    from workers.survey.evaluate import FAILED
+    from workers.survey.values.evaluate import FAILED
 
     arrays = zarr.open_group(place_of(out).zarr(), mode="r")
     status = np.asarray(arrays["status"])

@@ -15,7 +15,7 @@ from service.kernels import Part
 from service.operations.turns import in_turn
 from service.state import Front
 from workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
-from workers.survey.schema import SAMPLED, Group
+from workers.survey.values.schema import SAMPLED, Group
 
 LOOKED_AT = 100  # newest surveys
 LEAST_CELLS = 16  # of a survey whose speed is taken for that of others

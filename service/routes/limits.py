@@ -15,8 +15,8 @@ from rattle.populations.plan import MOST_SHARE
 from service.kernels import Part
 from service.operations.points import number
 from service.operations.turns import in_turn
-from service.routes.machine import DRAG, DRIVE, ECCENTRICITY, INERTIA, LINE, STIFFNESS, positive
-from service.routes.points import MostImpacts, SampleSeed, require_few
+from service.routes.model.machine import DRAG, DRIVE, ECCENTRICITY, INERTIA, LINE, STIFFNESS, positive
+from service.routes.model.points import MostImpacts, SampleSeed, require_few
 from service.state import FrontState
 from service.web.conditional import NOT_MODIFIED, function_of_query
 from service.web.problems import declared

@@ -29,9 +29,9 @@ from workers import (
     template_on,
 )
 from workers.cluster.isolation import CELL_SECONDS
-from workers.survey.evaluate import FAILED
 from workers.survey.template import template_of
 from workers.survey.tiles import tiles_of
+from workers.survey.values.evaluate import FAILED
 
 TILES = tiles_of(REQUEST)
 N_TILES = REQUEST.n_tiles

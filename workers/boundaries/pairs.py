@@ -8,7 +8,7 @@ import xarray as xr
 
 from rattle.curves import Curve
 from workers.errors import SurveyError
-from workers.survey.evaluate import FAILED, KINDS
+from workers.survey.values.evaluate import FAILED, KINDS
 
 UNDECIDED = KINDS.index("undecided")
 

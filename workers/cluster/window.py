@@ -17,12 +17,12 @@ from rattle.errors import require_integer, require_pair
 from rattle.models import Model
 from workers.errors import SurveyError
 from workers.survey.axes import Axis, Window, reason
-from workers.survey.cells import Cells
-from workers.survey.evaluate import FAILED
-from workers.survey.quantities import QUANTITIES, shape_of, stored
 from workers.survey.request import SurveyRequest, TileShape
-from workers.survey.schema import SAMPLED, Group, Quantity
 from workers.survey.tiles import MACHINE_FAILURES
+from workers.survey.values.cells import Cells
+from workers.survey.values.evaluate import FAILED
+from workers.survey.values.quantities import QUANTITIES, shape_of, stored
+from workers.survey.values.schema import SAMPLED, Group, Quantity
 
 HALVINGS = 5  # from the coarsest level to the whole grid
 MOST_PIXELS = 4096

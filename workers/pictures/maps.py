@@ -15,8 +15,8 @@ from rattle.orbits.period_one import PAPER_REGIONS
 from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
-from workers.survey.evaluate import FAILED
-from workers.survey.schema import CELL
+from workers.survey.values.evaluate import FAILED
+from workers.survey.values.schema import CELL
 
 NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"
 #: What it means that a computed cell of a map has no value, or the value 0, if that is not a number among others.

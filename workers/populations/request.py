@@ -17,7 +17,7 @@ from rattle.populations.tolerances import Tolerances
 from workers.populations.numbers import AnyDistribution, GearNumbers, meant
 from workers.survey.axes import Real, Strict
 from workers.survey.request import DEFAULT_SAMPLES, LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES, STIFF_SAMPLES
-from workers.survey.schema import Group
+from workers.survey.values.schema import Group
 from workers.survey.version import code_version
 
 MAX_TILE_GEARS = 65_536

@@ -9,9 +9,9 @@ from zarr.storage import MemoryStore
 
 from workers.populations.request import PopulationRequest
 from workers.populations.variables import SAMPLE, Variable, variables_of
-from workers.survey.quantities import DOI
 from workers.survey.seals import TILES
 from workers.survey.template import CODECS, WHOLE, Template, completed, create_checksums, now
+from workers.survey.values.quantities import DOI
 from workers.survey.version import code_version
 
 KIND = "population"

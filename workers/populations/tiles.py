@@ -10,8 +10,8 @@ import numpy as np
 from rattle.populations.gears import Gears, computed
 from workers.populations.request import PopulationRequest
 from workers.populations.variables import Variable, variables_of
-from workers.survey.evaluate import FAILED, SOME_UNDECIDED
 from workers.survey.tiles import LONGEST_MESSAGE, MACHINE_FAILURES, CellOutcome, FailedCell, TileArrays, TileRecord
+from workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
 
 
 @dataclass(frozen=True)

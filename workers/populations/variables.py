@@ -11,8 +11,8 @@ from rattle.populations.answers import means
 from rattle.populations.gears import VERDICTS, Gears
 from rattle.populations.tolerances import is_machine
 from workers.populations.request import PopulationRequest
-from workers.survey.evaluate import OK, SOME_UNDECIDED, STATUS
-from workers.survey.quantities import DOI
+from workers.survey.values.evaluate import OK, SOME_UNDECIDED, STATUS
+from workers.survey.values.quantities import DOI
 
 GEAR, SAMPLE = "gear", "sample"
 NAMES = {"delta": "damping δ", "epsilon": "eccentricity ε", "beta": "half-backlash β", "kappa": "stiffness κ"}

@@ -10,7 +10,7 @@ import xarray as xr
 
 from workers.errors import reading
 from workers.survey.machine import AXES
-from workers.survey.schema import CELL
+from workers.survey.values.schema import CELL
 
 ROWS = 32  # of the grid, where the store does not say how many its chunks have
 CELLS = 16_384  # that are text at the same time

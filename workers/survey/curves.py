@@ -16,7 +16,7 @@ from rattle import RattleError
 from rattle.curves import CodimensionTwo, Curve
 from rattle.models import AnyModel
 from workers.survey.axes import Window
-from workers.survey.quantities import DOI
+from workers.survey.values.quantities import DOI
 
 LOWEST_DELTA = 0.1  # of the axis' start: where half a cell reaches 0, which no curve does
 NARROWEST = 1e-9  # half of a window, as a share of its parameter: below, a curve takes minutes

@@ -11,8 +11,8 @@ from rattle import KINDS, Attractors, Families
 from rattle.families.table import NO_FAMILY
 from workers.survey.curves import Variable
 from workers.survey.request import SurveyRequest
-from workers.survey.schema import CELL
 from workers.survey.template import CODECS, WHOLE, Template, consolidate, contents, write_variables
+from workers.survey.values.schema import CELL
 
 #: What a survey's attractors are read from.
 STORED = (

@@ -21,8 +21,8 @@ from rattle.attractors.table import LARGEST_BUDGET
 from rattle.models import AnyModel, Model, model_of
 from workers.survey.axes import Axis, Real, Strict
 from workers.survey.machine import SurveyedMachine, in_the_model
-from workers.survey.quantities import groups_of
-from workers.survey.schema import DEFAULT, JOINED, SAMPLED, Group
+from workers.survey.values.quantities import groups_of
+from workers.survey.values.schema import DEFAULT, JOINED, SAMPLED, Group
 from workers.survey.version import code_version
 
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]

@@ -16,11 +16,11 @@ from zarr.storage import MemoryStore, StoreLike
 
 from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
 from workers.survey.machine import AXES
-from workers.survey.quantities import COORDINATES, DOI, labels_of, shape_of, stored
 from workers.survey.request import SurveyRequest
-from workers.survey.schema import Quantity
 from workers.survey.seals import GROUP, OWN, ROOT, TILES, files_of, sealed
 from workers.survey.tiles import cells_of
+from workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of, stored
+from workers.survey.values.schema import Quantity
 from workers.survey.version import code_version
 
 #: Every chunk ends in a checksum, so that any reader fails loudly on a damaged one instead of showing other numbers.

@@ -7,11 +7,11 @@ from types import EllipsisType
 
 import numpy as np
 
-from workers.survey.cells import Cells
-from workers.survey.evaluate import FAILED, SOME_UNDECIDED
-from workers.survey.quantities import shape_of, stored
 from workers.survey.request import SurveyRequest
-from workers.survey.schema import SAMPLED
+from workers.survey.values.cells import Cells
+from workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
+from workers.survey.values.quantities import shape_of, stored
+from workers.survey.values.schema import SAMPLED
 
 LONGEST_MESSAGE = 300
 POLL_SECONDS = 0.2  # between two questions whether a run shall stop

@@ -18,7 +18,7 @@ from service.explorer.common.address import Pair, Ranges
 from service.state import Front
 from workers import SurveyRequest, open_survey, tiles_of
 from workers.pictures.maps import numbers, plane_of
-from workers.survey.schema import CELL
+from workers.survey.values.schema import CELL
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # maps, and cells of them all, which take 5 bytes each
 SIDE = 1024  # cells along an axis that are drawn at once: more than a screen has room for
@@ -197,7 +197,7 @@ class Atlas:
 
 def maps_of(request: SurveyRequest) -> dict[str, Any]:
     """The variables of a survey that are maps, in the order of the store; each with the names of its several maps."""
-    from workers.survey.quantities import labels_of, stored
+    from workers.survey.values.quantities import labels_of, stored
 
     return {
         quantity.name: labels_of(quantity.dims[0], request.n_slots) if len(quantity.dims) > 2 else ()

@@ -17,8 +17,8 @@ from service.explorer.map.axes import written
 from service.explorer.map.planes import Plane
 from workers import QUANTITIES
 from workers.pictures.maps import WITHOUT_VALUE, title_of
-from workers.survey.evaluate import FAILED, KINDS, STATUS
-from workers.survey.schema import CELL
+from workers.survey.values.evaluate import FAILED, KINDS, STATUS
+from workers.survey.values.schema import CELL
 
 Row = tuple[str, str]
 

@@ -22,8 +22,8 @@ from service.operations.limits import check_limits
 from service.operations.surveys import submit_survey
 from service.web.problems import field_errors_of
 from workers import SurveyRequest
-from workers.survey.quantities import groups_of
-from workers.survey.schema import DEFAULT, Group
+from workers.survey.values.quantities import groups_of
+from workers.survey.values.schema import DEFAULT, Group
 
 STIFFNESS = 1e4  # offered at first
 PATIENCE = 0.4  # seconds without a change, then the cost is estimated

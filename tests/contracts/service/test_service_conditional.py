@@ -10,7 +10,7 @@ from service_support import BODY, front_end, front_of
 
 from service.database import DoneTile
 from service.database.tables import State
-from service.routes import points
+from service.routes.model import points
 from service.web import conditional
 from workers import SurveyRequest, compute_tile, create_store, finish_store, tiles_of
 from workers.storage.store import write_tile

@@ -144,7 +144,7 @@ from service.operations.estimate import cell_seconds
 from service.explorer.point import parts as point_parts
 from service.compilation import compile_all
 from service.kernels import KAPPA
-from service.routes.basins import _draw
+from service.routes.model.basins import _draw
 from service.operations.points import curves_document, intensities, orbits_document
 from workers import SurveyRequest, compute_tile, tiles_of
 from workers.survey.template import template_of

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from workers import Axis, SurveyRequest, TileShape, tiles_of
-from workers.survey.evaluate import FAILED, KINDS
-from workers.survey.quantities import stored
 from workers.survey.tiles import cells_of, compute_tile
+from workers.survey.values.evaluate import FAILED, KINDS
+from workers.survey.values.quantities import stored
 
 FIELDS = {
     "delta": Axis(start=0.5, stop=0.9, num=5),

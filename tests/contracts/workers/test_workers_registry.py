@@ -9,8 +9,8 @@ import xarray as xr
 
 from workers import QUANTITIES, Axis, Group, Quantity, SurveyRequest, create_store
 from workers.cluster.runner import compute_and_write
-from workers.survey.quantities import COORDINATES
 from workers.survey.tiles import tiles_of
+from workers.survey.values.quantities import COORDINATES
 
 CELL = ("epsilon", "delta")
 ORBIT, SLOT, CURVE = ("orbit", *CELL), ("attractor", *CELL), ("grazing_curve", "delta")

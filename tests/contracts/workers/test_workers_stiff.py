@@ -15,7 +15,7 @@ from workers.boundaries.explain import explain
 from workers.cluster.runner import compute_and_write
 from workers.errors import SurveyError
 from workers.pictures.figure import survey_figure
-from workers.survey.schema import OPTIONAL
+from workers.survey.values.schema import OPTIONAL
 
 KAPPA = 1e4
 FIELDS = {

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import workers.cluster.window
-import workers.survey.quantities
+import workers.survey.values.quantities
 from rattle import RattleError
 from workers import (
     SurveyError,

@@ -17,7 +17,7 @@ from service.errors import LimitError
 from service.kernels import Part
 from service.operations.points import number, orbits_document
 from service.operations.turns import in_turn
-from service.routes.machine import Place, PlaceQuery
+from service.routes.model.machine import Place, PlaceQuery
 from service.state import Front, FrontState
 from service.web import examples
 from service.web.conditional import NOT_MODIFIED, function_of_query

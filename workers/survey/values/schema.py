@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rattle.models import Model
-from workers.survey.evaluate import Evaluate
+from workers.survey.values.evaluate import Evaluate
 
 CELL = ("epsilon", "delta")
 

@@ -7,9 +7,9 @@ from collections.abc import Iterable
 
 import rattle
 from rattle.models import Model
-from workers.survey import evaluate, intensity
-from workers.survey.cells import GRAZING_CURVES
-from workers.survey.schema import CELL, Coordinate, Group, Quantity
+from workers.survey.values import evaluate, intensity
+from workers.survey.values.cells import GRAZING_CURVES
+from workers.survey.values.schema import CELL, Coordinate, Group, Quantity
 
 DOI = "10.1137/090759641"
 

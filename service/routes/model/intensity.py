@@ -15,8 +15,8 @@ from rattle.models import model_at
 from service.kernels import Part
 from service.operations.points import intensities, number
 from service.operations.turns import in_turn
-from service.routes.machine import Place, PlaceQuery
-from service.routes.points import (
+from service.routes.model.machine import Place, PlaceQuery
+from service.routes.model.points import (
     MostImpacts,
     Point,
     SampleCount,

@@ -11,7 +11,7 @@ from rattle.models import AnyGear, model_at
 from service.errors import LimitError
 from service.kernels import Part
 from service.operations.turns import in_turn
-from service.routes.machine import PlaceQuery
+from service.routes.model.machine import PlaceQuery
 from service.routes.picture import PNG
 from service.state import FrontState
 from service.web.conditional import NOT_MODIFIED, function_of_query

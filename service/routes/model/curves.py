@@ -13,7 +13,7 @@ from rattle.models import model_of
 from service.kernels import Part
 from service.operations.points import curves_document
 from service.operations.turns import in_turn
-from service.routes.points import Backlash, Multiplier, Stiffness
+from service.routes.model.points import Backlash, Multiplier, Stiffness
 from service.state import FrontState
 from service.web import examples
 from service.web.conditional import NOT_MODIFIED, function_of_query

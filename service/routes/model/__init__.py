@@ -1,0 +1,1 @@
+"""What asks the model, and no survey: points, curves, basins, machines."""
