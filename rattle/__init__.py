@@ -45,6 +45,12 @@ from rattle.numerics.states import sampled_states
 from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
 from rattle.orbits.period_one import REGIONS, Orbit, PeriodOne
 from rattle.orbits.period_one import classify as classify_regions
+from rattle.populations.answers import Estimate, Index, Population
+from rattle.populations.distributions import LogNormal, Measured, Normal, Triangular, Uniform
+from rattle.populations.limit import Limit, design_limit, design_limits
+from rattle.populations.measured import read_gears
+from rattle.populations.plan import Shock
+from rattle.populations.population import population
 from rattle.proof.certificate import Certificate
 from rattle.proof.certify import certify
 from rattle.warm import warm_up
@@ -54,7 +60,7 @@ if TYPE_CHECKING:
     from rattle.resilience.convergence import Convergence, convergence
     from rattle.resilience.edges import EdgeState, edge_state
     from rattle.resilience.path import Change, GlobalContinuation, global_continuation
-    from rattle.resilience.shocks import Shock, smallest_shock
+    from rattle.resilience.shocks import LeastShock, smallest_shock
     from rattle.resilience.tipping import Tipping, tipping
 
 #: What takes both gears, which not everybody has a use for: half as long again to load.
@@ -68,7 +74,7 @@ _OF_BOTH_GEARS = {
     "Change": "rattle.resilience.path",
     "GlobalContinuation": "rattle.resilience.path",
     "global_continuation": "rattle.resilience.path",
-    "Shock": "rattle.resilience.shocks",
+    "LeastShock": "rattle.resilience.shocks",
     "smallest_shock": "rattle.resilience.shocks",
     "Tipping": "rattle.resilience.tipping",
     "tipping": "rattle.resilience.tipping",
@@ -91,6 +97,7 @@ __all__ = [
     "Density",
     "Diagram",
     "EdgeState",
+    "Estimate",
     "Event",
     "Families",
     "FamilyTable",
@@ -101,23 +108,32 @@ __all__ = [
     "Grazing",
     "Impact",
     "Impacts",
+    "Index",
     "Intensity",
     "Iterates",
+    "LeastShock",
+    "Limit",
     "Lines",
+    "LogNormal",
     "Machine",
+    "Measured",
     "MissingExtraError",
+    "Normal",
     "NotProvedError",
     "Orbit",
     "ParameterError",
     "PeriodOne",
     "PeriodicOrbit",
+    "Population",
     "RattleError",
     "Reached",
     "Shock",
     "Stretched",
     "Tipping",
     "Trajectory",
+    "Triangular",
     "Uncertainty",
+    "Uniform",
     "__version__",
     "accumulated",
     "attractors_of",
@@ -131,6 +147,8 @@ __all__ = [
     "convergence",
     "crisis_side",
     "curves",
+    "design_limit",
+    "design_limits",
     "diagram",
     "differing",
     "disagreement",
@@ -145,7 +163,9 @@ __all__ = [
     "iterate_tangent",
     "period_one",
     "periodic_orbit",
+    "population",
     "quiet_limit",
+    "read_gears",
     "regions",
     "robust_chaos_interval",
     "sampled_states",

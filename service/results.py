@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 KEY_VARIABLE, URL_VARIABLE = "RATTLE_API_KEY", "RATTLE_URL"
-STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/surveys/[0-9a-f]+/store/?")
+STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/(surveys|populations)/[0-9a-f]+/store/?")
 
 
 def key_headers(key: str | None = None) -> dict[str, str]:

@@ -41,11 +41,27 @@ def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return x ^ (x >> np.uint64(31))
 
 
+def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
+    """Independent numbers in [0, 1), (n, columns), of these rows (n,) of a stream: each follows from the seed (up to
+    128 bits), the stream, its row and its column alone.
+    """
+    state = np.zeros(rows.size, np.uint64)
+    words: list[NDArray[np.uint64]] = [*_halves(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
+    for word in words:
+        state = _mixed((state ^ word) + GOLDEN)
+    steps = GOLDEN * np.arange(1, columns + 1, dtype=np.uint64)
+    drawn = _mixed(np.asarray(state[:, None] + steps, np.uint64))
+    return (drawn >> np.uint64(11)) / 2.0**53
+
+
+def _halves(seed: int) -> list[NDArray[np.uint64]]:
+    return [np.array([half], np.uint64) for half in (seed & (2**64 - 1), seed >> 64)]
+
+
 def _shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
     """Two numbers in [0, 1) for each element, (n, 2), from the seed (up to 128 bits) and the element's parameters."""
     state = np.zeros(parameters[0].size, np.uint64)
-    halves = np.array([seed & (2**64 - 1), seed >> 64], np.uint64)
-    words: list[NDArray[np.uint64]] = [halves[:1], halves[1:], *((p + 0.0).view(np.uint64) for p in parameters)]
+    words: list[NDArray[np.uint64]] = [*_halves(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
     for word in words:
         state = _mixed((state ^ word) + GOLDEN)
     drawn = np.stack([_mixed(state + GOLDEN), _mixed(state + GOLDEN + GOLDEN)], axis=1)
@@ -74,12 +90,16 @@ def initial_conditions(
     return phases, np.maximum(v_min + (speeds - v_min) * points[..., 1], np.spacing(speeds))
 
 
-def wilson_interval(successes: ArrayLike, count: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """95 % Wilson score interval (lower, upper) of a fraction, for successes out of count (arrays that broadcast)."""
+def wilson_interval(
+    successes: ArrayLike, count: ArrayLike, z: float = Z_95
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """95 % Wilson score interval (lower, upper) of a fraction, for successes out of count (arrays that broadcast); z:
+    another point of the normal distribution.
+    """
     n, k = real_array("count", count), real_array("successes", successes)
     require(bool(np.all((n > 0) & (k >= 0) & (k <= n))), "successes must be from 0 to count, and count above 0")
     p = k / n
-    z2 = Z_95 * Z_95
+    z2 = z * z
     centre = (p + z2 / (2 * n)) / (1 + z2 / n)
-    half = Z_95 * np.sqrt(p * (1 - p) / n + z2 / (4 * n * n)) / (1 + z2 / n)
+    half = z * np.sqrt(p * (1 - p) / n + z2 / (4 * n * n)) / (1 + z2 / n)
     return np.where(k > 0, np.maximum(centre - half, 0.0), 0.0), np.where(k < n, np.minimum(centre + half, 1.0), 1.0)

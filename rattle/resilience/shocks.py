@@ -19,7 +19,7 @@ AT_REST = 1e-6  # units of speed of a departure that stands for a motion at rest
 MOST_STATES = 64  # of a chaotic attractor, or a long orbit
 
 
-class Shock(NamedTuple):
+class LeastShock(NamedTuple):
     """The least change of speed that was found to take a motion to another attractor; inf, and none, if there is none.
 
     change: of Φ'; a departure from Σ⁺ that is faster by x has −x. tau: phase of the shock. position, velocity: Φ and Φ'
@@ -43,7 +43,9 @@ class _State(NamedTuple):
 Departure = Callable[[_State, float], tuple[float, float] | None]
 
 
-def smallest_shock(gear: AnyGear, attractor: Attractor, phase: float | None = None, v_max: SpeedLimit = None) -> Shock:
+def smallest_shock(
+    gear: AnyGear, attractor: Attractor, phase: float | None = None, v_max: SpeedLimit = None
+) -> LeastShock:
     """The least shock, a change of Φ' at one moment, that takes a motion on an attractor to another one.
 
     At a departure from Σ⁺, whichever of the attractor's it is (of a chaotic one, 64 of them), or at this phase of the
@@ -121,12 +123,12 @@ class _Search:
         for _ in range(HALVINGS):
             self._scan(np.array([self.state]), np.array([self.way]), self.low, self.high)
 
-    def found(self) -> Shock:
+    def found(self) -> LeastShock:
         """The shock."""
         state = self.states[self.state]
         if self.to is None:
-            return Shock(np.inf, np.nan, np.nan, np.nan, None, np.nan)
-        return Shock(self.way * self.high, *state, self.to, self.high - self.low)
+            return LeastShock(np.inf, np.nan, np.nan, np.nan, None, np.nan)
+        return LeastShock(self.way * self.high, *state, self.to, self.high - self.low)
 
     def _scan(self, states: NDArray[np.int64], ways: Array, low: float, high: float) -> None:
         """Try so many shocks of each of these states each of these ways, above low and up to high."""

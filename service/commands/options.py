@@ -96,6 +96,14 @@ Quantity = Annotated[
     ),
 ]
 Url = Annotated[str, typer.Option(envvar="RATTLE_URL", help="Where the service is.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="Processes of the embedded cluster.",
+        show_default="2; for a few seconds of work none but this one",
+    ),
+]
 Scheduler = Annotated[
     str | None,
     typer.Option(envvar="RATTLE_SCHEDULER", metavar="URL", help="An existing dask scheduler, such as tcp://host:8786."),

@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter
 
-from service.routes import download, events, metrics, picture, store, surveys
+from service.routes import download, events, limits, metrics, picture, populations, store, surveys
 from service.routes.model import (
     basins,
     curves,
@@ -14,6 +14,8 @@ from service.routes.model import (
 
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
+    populations.router,
+    populations.estimates,
     events.router,
     store.router,
     picture.router,
@@ -22,6 +24,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     reached.router,
     intensity.router,
     machine.router,
+    limits.router,
     basins.router,
     curves.router,
     metrics.router,

@@ -1,7 +1,7 @@
 """A survey as a file for other programs, a band of rows at a time: however large it is, it takes little memory."""
 
 import tempfile
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from workers.errors import reading
+from workers.survey.machine import AXES
 from workers.survey.values.schema import CELL
 
 ROWS = 32  # of the grid, where the store does not say how many its chunks have
@@ -74,18 +75,30 @@ def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = Non
 
 
 def csv_lines(dataset: xr.Dataset) -> Iterator[str]:
-    """The variables of an open survey over (epsilon, delta) alone as lines of CSV, a cell each, δ running first."""
+    """The variables of an open survey over (epsilon, delta) alone as lines of CSV, a cell each, δ running first; of a
+    machine's survey the speeds and eccentricities beside δ and ε.
+    """
     names = csv_names(dataset)
     delta, epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
+    beside = [name for name in AXES if name in dataset.variables]
     rows = _rows(dataset)
-    yield ",".join(["delta", "epsilon", *names]) + "\r\n"
+    yield ",".join(["delta", "epsilon", *beside, *names]) + "\r\n"
     for start in range(0, epsilon.size, rows):
-        some = dataset[names].isel(epsilon=slice(start, start + rows)).load()
+        band = slice(start, start + rows)
+        some = dataset[names].isel(epsilon=band).load()
         columns = [np.tile(delta, some.sizes["epsilon"]), np.repeat(some["epsilon"].values, delta.size)]
+        columns += [_along(dataset[name].isel(epsilon=band, missing_dims="ignore"), some.sizes) for name in beside]
         columns += [some[name].values.ravel() for name in names]
         for first in range(0, columns[0].size, CELLS):
             texts = [_texts(column[first : first + CELLS]) for column in columns]
             yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
+
+
+def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
+    """What stands along one axis, in every cell of a band."""
+    if values.dims == ("delta",):
+        return np.tile(values.values, sizes["epsilon"])
+    return np.repeat(values.values, sizes["delta"])
 
 
 def csv_names(dataset: xr.Dataset) -> list[str]:

@@ -12,6 +12,8 @@ import numpy as np
 import zarr
 
 from workers.errors import StorageError, SurveyError, storage_error
+from workers.kinds import AnyRequest, AnyTile, blank, template_of
+from workers.populations.request import PopulationRequest
 from workers.storage.bucket import SCHEME
 from workers.storage.integrity import STATUS, Manifest, damaged_template, examine_tiles, manifest_of, read, read_sealed
 from workers.storage.location import Place, place_of
@@ -19,7 +21,7 @@ from workers.survey.families import FAMILY
 from workers.survey.families import GROUP as FAMILIES
 from workers.survey.request import SurveyRequest
 from workers.survey.seals import GROUP, OWN, ROOT, TILES, checksums_of, files_of, sealed, tile_key
-from workers.survey.template import Template, blank, now, template_of
+from workers.survey.template import Template, now
 from workers.survey.tiles import Tile
 from workers.survey.values.quantities import stored
 from workers.survey.values.schema import SLOT
@@ -29,12 +31,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 
-Make = Callable[[SurveyRequest, str | None], Template]
+Make = Callable[[AnyRequest, str | None], Template]
 COMPLETED = "date_completed"
 _blank = lru_cache(maxsize=16)(blank)
 
 
-def create_store(request: SurveyRequest, where: str | Path | Place, make: Make | None = None) -> None:
+def create_store(request: AnyRequest, where: str | Path | Place, make: Make | None = None) -> None:
     """Create the empty store of a survey, or accept the one that an earlier run of the same survey left.
 
     Whatever else is there is left as it is. The store appears at once and whole. Of a survey's own store, what tiles do
@@ -59,7 +61,7 @@ def create_store(request: SurveyRequest, where: str | Path | Place, make: Make |
         raise storage_error(f"{place} cannot be created", error) from error
 
 
-def _template_whole(request: SurveyRequest, place: Place, manifest: Manifest) -> bool:
+def _template_whole(request: AnyRequest, place: Place, manifest: Manifest) -> bool:
     if damaged_template(place, manifest):
         return False
     described = (read_sealed(place, ROOT) or {})["consolidated_metadata"]["metadata"]
@@ -77,7 +79,7 @@ def _mend(place: Place, template: Template) -> None:
     place.put(ROOT, sealed(root))
 
 
-def _require_same(request: SurveyRequest, place: Place) -> Manifest:
+def _require_same(request: AnyRequest, place: Place) -> Manifest:
     manifest = manifest_of(place)
     if manifest is not None and manifest.content_hash == request.content_hash():
         return manifest
@@ -107,7 +109,7 @@ def _attributes(place: Place) -> dict[str, Any]:
 
 
 def tiles_done(
-    request: SurveyRequest, where: str | Path | Place, should_stop: Callable[[], bool] | None = None
+    request: AnyRequest, where: str | Path | Place, should_stop: Callable[[], bool] | None = None
 ) -> set[int]:
     """Return the indices of the tiles that are computed and undamaged.
 
@@ -121,15 +123,15 @@ def tiles_done(
     return examine_tiles(place, _require_same(request, place), should_stop)[0]
 
 
-def require_aligned(request: SurveyRequest, tile: Tile) -> None:
+def require_aligned(request: AnyRequest, tile: AnyTile) -> None:
     """Raise SurveyError unless the tile is one whole chunk: two writers inside one chunk lose data silently."""
-    axes = zip((tile.epsilon, tile.delta), request.tile_shape, request.shape, strict=True)
+    axes = zip(tile.spans, request.tile_shape, request.shape, strict=True)
     for span, size, num in axes:
         if span.start % size or not 0 <= span.start < num or span.stop != min(span.start + size, num) or span.step:
             raise SurveyError(f"tile {tile.index} ({span}) is not a chunk of {size}: use the tiles of tiles_of")
 
 
-def write_tile(request: SurveyRequest, path: str, tile: Tile, values: Mapping[str, np.ndarray]) -> None:
+def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[str, np.ndarray]) -> None:
     """Write every variable of a tile, `status` last: a tile that was interrupted is not done.
 
     Raises:
@@ -145,7 +147,7 @@ def write_tile(request: SurveyRequest, path: str, tile: Tile, values: Mapping[st
 
 
 @lru_cache(maxsize=16)
-def _place(path: str, request: SurveyRequest) -> Place:
+def _place(path: str, request: AnyRequest) -> Place:
     """Look once a process whether the store is this survey's."""
     _require_same(request, place_of(path))
     return place_of(path)
@@ -164,20 +166,19 @@ def rewrite_tile(request: SurveyRequest, place: Place, tile: Tile, values: Mappi
             place.put(key, content)
 
 
-def _encoded(request: SurveyRequest, tile: Tile, values: Mapping[str, np.ndarray]) -> list[tuple[str, bytes]]:
+def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray]) -> list[tuple[str, bytes]]:
     """Return the files of a tile, in the order in which they are to be written."""
     kept, arrays, chunks = _blank(request)
-    cells = (tile.epsilon.stop - tile.epsilon.start, tile.delta.stop - tile.delta.start)
     for name, given in values.items():
-        if given.shape != (*arrays[name].shape[:-2], *cells):
+        if given.shape != np.broadcast_to(0, arrays[name].shape)[tile.at].shape:
             raise SurveyError(f"tile {tile.index}: {name} has shape {given.shape}, not that of its chunk")
     if missing := chunks.keys() - values.keys():
         raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}")
-    row, column = (span.start // n for span, n in zip((tile.epsilon, tile.delta), request.tile_shape, strict=True))
+    row, column = (0, *(span.start // n for span, n in zip(tile.spans, request.tile_shape, strict=True)))[-2:]
     keys = {name: key.format(row=row, column=column) for name, key in chunks.items()}
     contents = {}
     for name, key in keys.items():
-        arrays[name][..., tile.epsilon, tile.delta] = values[name]
+        arrays[name][tile.at] = values[name]
         contents[name] = kept.pop(key).to_bytes()
     sums = tile_key(row, column)
     arrays[TILES][:, row : row + 1, column : column + 1] = checksums_of(row, column, keys, contents)
@@ -239,14 +240,14 @@ def added_to_store(where: str | Path | Place, added: Template) -> None:
     place.put(ROOT, sealed(root))
 
 
-def before_tiles(request: SurveyRequest, place: Place) -> None:
+def before_tiles(request: AnyRequest, place: Place) -> None:
     """Take from a store what was added to it and would not be true of tiles that are computed anew: their slots are by
     share until they are joined. The caller holds the store.
 
     Raises:
         StorageError: it cannot be written now.
     """
-    if not (request.slots_follow_families and has_added(place, FAMILIES)):
+    if isinstance(request, PopulationRequest) or not (request.slots_follow_families and has_added(place, FAMILIES)):
         return
     root, own = read_sealed(place, ROOT), read_sealed(place, OWN)
     if root is None or own is None:

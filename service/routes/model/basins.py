@@ -12,7 +12,7 @@ from rattle.models import AnyGear, model_at
 from service.errors import LimitError
 from service.kernels import Part
 from service.operations.turns import in_turn
-from service.routes.model.points import GearQuery
+from service.routes.model.machine import PlaceQuery
 from service.routes.picture import PNG
 from service.state import FrontState
 from service.web.conditional import NOT_MODIFIED, function_of_query
@@ -34,7 +34,7 @@ router = APIRouter(prefix="/v1", tags=["points"])
 )
 async def basins(
     front: FrontState,
-    gear: GearQuery,
+    place: PlaceQuery,
     response: Response,
     resolution: Annotated[int, Query(ge=1, description="cells a side", examples=[50])] = 300,
     tau_min: Annotated[float, Query(ge=0, lt=1, description="least phase")] = 0.0,
@@ -44,8 +44,10 @@ async def basins(
         float | None, Query(gt=0, allow_inf_nan=False, description="largest speed; by default as in the paper")
     ] = None,
 ) -> Response:
-    """Each cell is followed on its own, as in Figure 4 of the paper; white: the grazing curve Γ (impacting model)."""
-    speeds = v_min, highest_speed(gear) if v_max is None else v_max
+    """Of a point, or of a machine in SI units; speeds are the model's. Each cell is followed on its own, as in Figure 4
+    of the paper; white: the grazing curve Γ (impacting model).
+    """
+    speeds = v_min, highest_speed(place.gear) if v_max is None else v_max
     for name, low, high in (("tau", tau_min, tau_max), ("v", *speeds)):
         if not low < high:
             raise LimitError(f"query.{name}_min", f"{name}_min must be less than {name}_max, which is {high:g}.")
@@ -55,11 +57,11 @@ async def basins(
     png = await in_turn(
         front,
         _draw,
-        gear,
+        place.gear,
         resolution,
         (tau_min, tau_max),
         speeds,
-        needs=(model_at(gear).name, Part.POINT),
+        needs=(model_at(place.gear).name, Part.POINT),
         what="The basins",
         advice="Ask for fewer cells a side (resolution).",
     )
