@@ -46,7 +46,7 @@ test-install: $(INSTALLED)
 
 # The tests start hundreds of processes: where Python may not keep bytecode, each would compile every module again.
 bytecode: $(INSTALLED)
-	$(BIN)/python -m compileall -q rattle workers service
+	$(BIN)/python -m compileall -q rattle workers service gear_rattle
 
 # Compiled once and before, so that the tests find them: either model's beside the other's.
 kernels: impacting-kernels stiff-kernels
@@ -80,7 +80,7 @@ $(INSTALLED): $(SURVEY)
 constraints: $(INSTALLED)
 	$(BIN)/uv pip compile --quiet --upgrade $(COMPILE) --output-file constraints.txt
 
-COMPILE := pyproject.toml --extra dev --extra peers --universal --python-version 3.11 --fork-strategy fewest \
+COMPILE := pyproject.toml --extra dev --extra peers --extra docs --universal --python-version 3.11 --fork-strategy fewest \
 	--no-annotate --custom-compile-command 'make constraints'
 
 $(S3_INSTALLED): tests/s3-server.txt

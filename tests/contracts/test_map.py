@@ -97,7 +97,9 @@ def test_nobody_asks_which_gear_it_is() -> None:
 def test_a_room_holds_a_dozen_files_at_most() -> None:
     """But one with a file for each command, or for each part of the paper."""
     rooms = [path for package in PACKAGES for path in (ROOT / package).rglob("*/") if path.name != "__pycache__"]
-    files = {str(room.relative_to(ROOT)): len([*room.glob("*.py")]) - (room / "__init__.py").is_file() for room in rooms}
+    files = {
+        str(room.relative_to(ROOT)): len([*room.glob("*.py")]) - (room / "__init__.py").is_file() for room in rooms
+    }
     crowded = {room for room, count in files.items() if count > 12}
     assert crowded <= {"service/commands", "rattle/paper"}
 
