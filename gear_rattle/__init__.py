@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rattle import __version__
     from service.client import Client, Job
-    from workers import SurveyRequest, open_survey
+    from workers import SurveyRequest, open_survey, run_survey
 
 _PLACES = {
     "Client": "service.client",
@@ -18,9 +18,10 @@ _PLACES = {
     "SurveyRequest": "workers.survey.request",
     "__version__": "rattle",
     "open_survey": "workers.storage.store",
+    "run_survey": "workers.run",
 }
 
-__all__ = ["Client", "Job", "SurveyRequest", "__version__", "open_survey"]
+__all__ = ["Client", "Job", "SurveyRequest", "__version__", "open_survey", "run_survey"]
 
 
 def __getattr__(name: str) -> Any:

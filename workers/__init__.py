@@ -11,6 +11,7 @@ from workers.cluster.window import Frame, compute_part, map_quantity, window_sur
 from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
 from workers.families import join_survey, lacks_families
 from workers.in_process import is_short, run_tiles_here
+from workers.run import run_survey
 from workers.storage.bucket import Bucket
 from workers.storage.integrity import Integrity, examine
 from workers.storage.location import Directory, Place, place_of
@@ -71,6 +72,7 @@ __all__ = [
     "open_survey",
     "place_of",
     "refined",
+    "run_survey",
     "run_tiles",
     "run_tiles_here",
     "template_on",

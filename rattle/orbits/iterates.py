@@ -1,5 +1,7 @@
 """What a return map gives for arrays of states, and motions sampled in time."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -33,7 +35,7 @@ class Stretched(NamedTuple):
     lyapunov: NDArray[np.float64]
 
     @classmethod
-    def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> "Stretched":
+    def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> Stretched:
         """From the flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each trajectory."""
         time = growth[0]
         with np.errstate(divide="ignore", invalid="ignore"):
