@@ -21,7 +21,7 @@ install = $(1)/bin/python -m pip install --quiet --disable-pip-version-check
 endif
 
 .PHONY: survey figures map test test-deep test-install test-under-load bytecode kernels impacting-kernels stiff-kernels lint bench \
-	constraints clean
+	constraints readers clean
 
 survey: $(SURVEY)
 	$(BIN)/rattle run --delta 0.4:1.0:61 --epsilon 0.005:0.3:60 --count 64 --out survey.zarr --figure survey.png
@@ -87,6 +87,10 @@ $(S3_INSTALLED): tests/s3-server.txt
 	$(call environment,$(S3))
 	$(call install,$(S3)) --requirement tests/s3-server.txt
 	touch $@
+
+# Libraries of other languages that read stores in tests.
+readers: tests/readers/package.json
+	npm install --prefix tests/readers --silent --no-audit --no-fund --no-package-lock
 
 clean:
 	rm -rf $(VENV) $(S3) survey.zarr survey.png figures

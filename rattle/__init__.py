@@ -35,7 +35,7 @@ from rattle.intensity.intensity import Intensity
 from rattle.intensity.spectrum import Density, Lines
 from rattle.intensity.visit import Impacts
 from rattle.machine import Machine
-from rattle.numerics.compile import source_hash
+from rattle.numerics.compile import source_hash, toolchain
 from rattle.numerics.sampling import wilson_interval
 from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
 from rattle.orbits.period_one import REGIONS, Orbit, PeriodOne
@@ -108,6 +108,7 @@ __all__ = [
     "robust_chaos_interval",
     "sn1",
     "source_hash",
+    "toolchain",
     "warm_up",
     "wilson_interval",
 ]

@@ -52,6 +52,19 @@ def source_hash() -> str:
     return digest.hexdigest()
 
 
+def toolchain() -> dict[str, str]:
+    """What the last bits of numbers depend on beside the sources: versions, and the processor with its features."""
+    features = binding.get_host_cpu_features()
+    return {
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "llvmlite": llvmlite.__version__,
+        "processor": f"{platform.machine()} {binding.get_host_cpu_name()}",
+        "processor_features": " ".join(sorted(name for name, there in features.items() if there)),
+    }
+
+
 def _cache_directory() -> str:
     root = os.environ.get("RATTLE_CACHE_DIR") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "rattle"
