@@ -1,7 +1,12 @@
 """Load or compile kernels now, so that later calls do not pay for it."""
 
+from typing import Any
+
 import numpy as np
 
+from rattle.attractors.classify import begun
+from rattle.attractors.recurrence import mark_footprints
+from rattle.attractors.samples import GRID
 from rattle.impacting.attractors.classifier import attractors_of, cells_of
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
@@ -31,6 +36,7 @@ def _impacting() -> None:
     table, cells = attractors_of(*POINT, count=16), cells_of(*COLUMNS)
     impulse_balance_errors(table, cells)
     intensities_of(table, cells, stretch)
+    _footprints(cells)
     grazing("G1", 0.6)
     robust_chaos_interval()
 
@@ -44,3 +50,10 @@ def _stiff(kappa: float) -> None:
     table = stiff.attractors_of(*POINT, kappa, count=16)
     impulse_balance_errors(table, cells)
     intensities_of(table, cells, one_by_one)
+    _footprints(cells)
+
+
+def _footprints(cells: Any) -> None:
+    """What only cells need whose chaos seems to be of several attractors."""
+    states = begun(np.zeros(1, np.int64), np.zeros(1), np.ones(1), 0)
+    mark_footprints(np.arange(1), 1, cells, states, np.zeros((1, GRID), np.uint64))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 import rattle
 from rattle.attractors.classify import BUDGET
 from rattle.models import AnyModel, Model
@@ -22,6 +24,8 @@ def _curves(model: AnyModel) -> None:
 def _attractors(model: AnyModel) -> None:
     rattle.warm_up(model.stiffness)
     intensities(model.gear(*AT), 16, None, 0, BUDGET)
+    delta, epsilon = np.array(AT[:1]), np.array(AT[1:])
+    model.families(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], 16))
 
 
 def _point(model: AnyModel) -> None:

@@ -133,8 +133,10 @@ def parts(cluster: Client) -> int:
     ("variable", "index"), [("region", 0), ("orbit_velocity", 2), ("quiet_fraction", 0), ("attractor_kind", 1)]
 )
 def test_frames_become_the_survey_of_the_window(
-    tmp_path: Path, cluster: Client, gate: Path, variable: str, index: int
+    tmp_path: Path, cluster: Client, gate: Path, monkeypatch: pytest.MonkeyPatch, variable: str, index: int
 ) -> None:
+    monkeypatch.setattr(workers.cluster.refinement, "FRAME_SECONDS", 0.0)  # as where every part takes long
+
     async def body(front: Front, _: Any) -> None:
         survey = window_survey(REQUEST, WINDOW, PIXELS)
         delta, epsilon = survey.delta.values(), survey.epsilon.values()

@@ -43,14 +43,17 @@ def refined(
         for level in grid.levels:
             shown = time.monotonic()
             parts = work.parts(grid, level, FIRST_CELLS if len(grid.levels) > 1 else FIRST_CLOSED_FORM)
+            unseen = True
             for part, values in work.run(parts, should_stop):
                 grid.put(part, values)
+                unseen = True
                 if level != grid.levels[0] and time.monotonic() - shown > FRAME_SECONDS and not grid.known.all():
-                    shown = time.monotonic()
+                    shown, unseen = time.monotonic(), False
                     yield grid.frame(level)
             if should_stop():
                 return
-            yield grid.frame(level)
+            if unseen:
+                yield grid.frame(level)
     finally:
         work.drop(lambda _: True)
 

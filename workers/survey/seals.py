@@ -23,7 +23,7 @@ def checksum(key: str, content: bytes) -> bytes:
 def sealed(document: Mapping[str, Any]) -> bytes:
     """Return a JSON document of metadata with its own checksum among its attributes."""
     attributes = {**document.get("attributes", {}), SEAL: seal_of(document)}
-    return json.dumps({**document, "attributes": attributes}, indent=2).encode()
+    return json.dumps({**document, "attributes": attributes}).encode()
 
 
 def seal_of(document: Mapping[str, Any]) -> str:

@@ -138,6 +138,8 @@ EVERYTHING = """
 import logging
 import sys
 
+import numpy as np
+
 from rattle import RattleError
 from rattle.models import Model, model_of
 from service.operations.estimate import cell_seconds
@@ -186,6 +188,8 @@ cell_seconds(SurveyRequest(**axes, initial_conditions={"count": 4}, quantities=g
 usual = SurveyRequest(**axes, initial_conditions={"count": 4}, **fields)
 template_of(usual)
 compute_tile(usual, tiles_of(usual)[0])
+delta, epsilon = np.linspace(0.35, 0.4, 3), np.linspace(0.2, 0.3, 3)
+model.families(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], 16))
 print("needed:", needed)
 """
 
