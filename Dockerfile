@@ -1,12 +1,16 @@
 # One image for the scheduler, the workers and the front end: dask needs the same code on all of them.
 FROM python:3.11-slim AS builder
 WORKDIR /build
-COPY pyproject.toml constraints.txt README.md ./
+# What others have written, first and of an empty package: an edit of ours does not install it again.
+COPY pyproject.toml setup.py constraints.txt README.md LICENSE ./
+COPY rattle/_version.py rattle/_version.py
+RUN python -m venv /venv && touch rattle/__init__.py
+RUN /venv/bin/pip install --no-cache-dir --constraint constraints.txt ".[service,postgres,s3]"
 COPY rattle rattle
 COPY workers workers
 COPY service service
-RUN python -m venv /venv
-RUN /venv/bin/pip install --no-cache-dir --constraint constraints.txt ".[service,postgres,s3]"
+COPY gear_rattle gear_rattle
+RUN /venv/bin/pip install --no-cache-dir --no-deps --force-reinstall .
 
 FROM python:3.11-slim
 RUN useradd --uid 1000 rattle && mkdir /data /cache && chown rattle /data /cache

@@ -21,7 +21,7 @@ install = $(1)/bin/python -m pip install --quiet --disable-pip-version-check
 endif
 
 .PHONY: survey figures map test test-deep test-install test-under-load bytecode kernels impacting-kernels stiff-kernels lint bench \
-	constraints clean
+	constraints readers clean
 
 survey: $(SURVEY)
 	$(BIN)/rattle run --delta 0.4:1.0:61 --epsilon 0.005:0.3:60 --count 64 --out survey.zarr --figure survey.png
@@ -46,7 +46,7 @@ test-install: $(INSTALLED)
 
 # The tests start hundreds of processes: where Python may not keep bytecode, each would compile every module again.
 bytecode: $(INSTALLED)
-	$(BIN)/python -m compileall -q rattle workers service
+	$(BIN)/python -m compileall -q rattle workers service gear_rattle
 
 # Compiled once and before, so that the tests find them: either model's beside the other's.
 kernels: impacting-kernels stiff-kernels
@@ -80,13 +80,17 @@ $(INSTALLED): $(SURVEY)
 constraints: $(INSTALLED)
 	$(BIN)/uv pip compile --quiet --upgrade $(COMPILE) --output-file constraints.txt
 
-COMPILE := pyproject.toml --extra dev --extra peers --universal --python-version 3.11 --fork-strategy fewest \
+COMPILE := pyproject.toml --extra dev --extra peers --extra docs --universal --python-version 3.11 --fork-strategy fewest \
 	--no-annotate --custom-compile-command 'make constraints'
 
 $(S3_INSTALLED): tests/s3-server.txt
 	$(call environment,$(S3))
 	$(call install,$(S3)) --requirement tests/s3-server.txt
 	touch $@
+
+# Libraries of other languages that read stores in tests.
+readers: tests/readers/package.json
+	npm install --prefix tests/readers --silent --no-audit --no-fund --no-package-lock
 
 clean:
 	rm -rf $(VENV) $(S3) survey.zarr survey.png figures

@@ -39,7 +39,7 @@ from rattle.intensity.intensity import Intensity
 from rattle.intensity.spectrum import Density, Lines
 from rattle.intensity.visit import Impacts
 from rattle.machine import Machine
-from rattle.numerics.compile import source_hash
+from rattle.numerics.compile import source_hash, toolchain
 from rattle.numerics.sampling import wilson_interval
 from rattle.numerics.states import sampled_states
 from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
@@ -173,6 +173,7 @@ __all__ = [
     "sn1",
     "source_hash",
     "tipping",
+    "toolchain",
     "warm_up",
     "wilson_interval",
 ]

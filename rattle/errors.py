@@ -1,5 +1,7 @@
 """The library's exceptions: one base, so that a caller can catch everything of ours in one clause."""
 
+from __future__ import annotations
+
 import math
 from typing import Any
 

@@ -1,5 +1,7 @@
 """The two models of the gear over the (δ, ε) plane, with one interface; `model_of` gives the one that is meant."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum

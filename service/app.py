@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, nullcontext
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from anyio import CapacityLimiter
 from fastapi import Depends, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.body_limit import RequestBodyLimitMiddleware
+from starlette.middleware.cors import CORSMiddleware
 
 import rattle
 import workers
@@ -36,6 +37,12 @@ from service.web.queries import refuse_unknown
 if TYPE_CHECKING:
     from distributed import Client
 
+#: What pages of the origins in the settings may do.
+READING: dict[str, Any] = {
+    "allow_methods": ["GET", "HEAD"],
+    "allow_headers": ["Authorization", "If-None-Match", "Range"],
+    "expose_headers": ["Content-Disposition", "Content-Range", "ETag", "Link", "Retry-After"],
+}
 WORKERS_NICE = 5  # answers come before tiles; at 19, beside two busy programs, a worker has 1.4 % of a core
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
@@ -67,6 +74,8 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     app.add_middleware(RequestBodyLimitMiddleware, max_body_size=settings.max_body_bytes)
     app.add_middleware(problems.ProblemMiddleware)
     app.add_middleware(AccessMiddleware, settings=settings)
+    if settings.cors_origins:  # pages of others read then, and never write
+        app.add_middleware(CORSMiddleware, allow_origins=settings.cors_origins, **READING)
     app.add_middleware(RequestLogMiddleware, metrics=metrics)
     problems.install(app)
     app.include_router(health.router, dependencies=[Depends(refuse_unknown)])

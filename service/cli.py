@@ -8,6 +8,8 @@ import os
 import sys
 import threading
 from contextlib import suppress
+from importlib.metadata import version
+from typing import Annotated
 
 import typer
 
@@ -39,6 +41,23 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"rattle {version('gear-rattle')}")  # the library itself would load the compiler
+        raise typer.Exit
+
+
+@app.callback()
+def _rattle(
+    _: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    pass
+
+
 app.command()(run)
 app.command()(serve)
 app.command()(submit)

@@ -9,15 +9,17 @@ dataset = job.open()
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Iterator, Mapping
+from html import escape
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import httpx
 from httpx_sse import SSEError, connect_sse
 
-from service.errors import ResponseError, ServiceError
+from service.errors import ResponseError, ServiceError, WaitTimeoutError
 from service.results import key_headers, open_results
 
 if TYPE_CHECKING:
@@ -184,37 +186,57 @@ class Job:
         self.document = self._client.call("GET", self.document["links"]["self"]).json()
         return self
 
-    def wait(self, progress: Progress | None = None, patience: float = 60.0) -> Self:
+    def _repr_html_(self) -> str:
+        names = ("id", "name", "state", "progress", "cells_done", "cells", "cells_failed", "message")
+        rows = (f"<tr><th>{name}</th><td>{escape(str(self.document.get(name, '')))}</td></tr>" for name in names)
+        return f"<table>{''.join(rows)}</table>"
+
+    def wait(self, progress: Progress | None = None, patience: float = 60.0, timeout: float | None = None) -> Self:
         """Wait until the survey is successful, through lost connections and restarts of the service.
 
         Args:
             progress: called with the data of each event (``progress``, ``cells_done``, ``cells``, …).
             patience: seconds that the service may be away.
+            timeout: seconds to wait at most; the survey goes on afterwards, and can be waited for again.
 
         Raises:
             ServiceError: the survey failed, was dismissed or deleted, or the service stayed away.
+            WaitTimeoutError: it has not ended in this time.
         """
         seen = 0
+        deadline = math.inf if timeout is None else time.monotonic() + timeout
         last_contact = time.monotonic()
         while True:
             try:
                 if self.refresh().state in FINAL:
                     break
-                for number, data in self._client.events(self.document["links"]["events"], after=seen):
+                if time.monotonic() >= deadline:
+                    raise WaitTimeoutError(f"Survey {self.id} is {self.state} after {timeout:g} s. Wait for it again.")
+                for number, data in self._news(seen, deadline):
                     seen, last_contact = number, time.monotonic()
                     if progress:
                         progress(data)
                 last_contact = time.monotonic()
+            except WaitTimeoutError:
+                raise
             except (httpx.HTTPError, SSEError, ServiceError) as error:
                 lost = time.monotonic() - last_contact > patience
                 refused = isinstance(error, ResponseError) and error.status < httpx.codes.INTERNAL_SERVER_ERROR
                 if lost or refused:
                     raise _as_service_error(error) from error
-                time.sleep(RECONNECT_SECONDS)
+                time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
         if self.state != "successful":
             what = "Population" if "answers" in self.document["links"] else "Survey"
             raise ServiceError(f"{what} {self.id} is {self.state}: {self.document['message']}")
         return self
+
+    def _news(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
+        """Events; of who waits for some time only, what the survey is a moment later: a stream ends when it likes."""
+        if deadline == math.inf:
+            yield from self._client.events(self.document["links"]["events"], after=seen)
+        else:
+            time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
+            yield seen, self.document
 
     def open(self) -> xr.Dataset:
         """The results, read over HTTP as they are used."""

@@ -38,6 +38,10 @@ class QuotaError(ForbiddenError):
     """The key has used up what it may."""
 
 
+class WaitTimeoutError(ServiceError, TimeoutError):
+    """A survey has not ended in the time for which somebody waited."""
+
+
 class MissingError(ServiceError):
     """The survey exists, what was asked of it does not."""
 

@@ -57,10 +57,11 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
         return open_survey(store, group)
     import xarray as xr
 
+    from workers.storage.complex import joined
+
     try:
-        return xr.open_zarr(
-            str(store), chunks=None, consolidated=True, group=group, storage_options={"headers": dict(headers)}
-        )
+        options = {"headers": dict(headers)}
+        return joined(xr.open_zarr(str(store), chunks=None, consolidated=True, group=group, storage_options=options))
     except Exception as error:  # what the network or a foreign format raises
         raise ServiceError(f"No survey can be opened at {store}: {error}") from error
 

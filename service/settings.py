@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -25,6 +26,9 @@ class Settings(BaseSettings):
     require_keys: bool = Field(default=False, description="ask for API keys on loopback too, as behind a proxy")
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(), description="further names of this service, after commas; for requests without a key"
+    )
+    cors_origins: Annotated[tuple[str, ...], NoDecode] = Field(
+        default=(), description="origins whose pages may read, after commas, such as https://maps.example"
     )
     session_seconds: float = Field(
         default=7 * 86_400, gt=0, le=10 * 365 * 86_400, description="a browser that has signed in stays so, at most"
@@ -63,10 +67,18 @@ class Settings(BaseSettings):
     heartbeat_seconds: float = Field(default=15.0, gt=0, description="comment line on silent event streams")
     shutdown_seconds: int = Field(default=2, ge=1, le=3, description="open requests may take this long at shutdown")
 
-    @field_validator("allowed_hosts", mode="before")
+    @field_validator("allowed_hosts", "cors_origins", mode="before")
     @classmethod
     def _split(cls, given: object) -> object:
         return [name.strip() for name in given.split(",") if name.strip()] if isinstance(given, str) else given
+
+    @field_validator("cors_origins")
+    @classmethod
+    def _origins(cls, given: tuple[str, ...]) -> tuple[str, ...]:
+        for origin in given:
+            if not re.fullmatch(r"https?://[^/*\s]+", origin):
+                raise ValueError(f"{origin!r} is no origin: write each as https://HOST or http://HOST:PORT")
+        return given
 
     @model_validator(mode="after")
     def _decided(self) -> Self:

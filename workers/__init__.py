@@ -14,6 +14,7 @@ from workers.families import join_survey, lacks_families, open_family
 from workers.in_process import is_short, run_tiles_here
 from workers.kinds import AnyRequest, compute_tile, request_of, tiles_of
 from workers.populations.request import PopulationRequest
+from workers.run import run_survey
 from workers.storage.bucket import Bucket
 from workers.storage.integrity import Integrity, examine
 from workers.storage.location import Directory, Place, place_of
@@ -78,6 +79,7 @@ __all__ = [
     "place_of",
     "refined",
     "request_of",
+    "run_survey",
     "run_tiles",
     "run_tiles_here",
     "template_on",

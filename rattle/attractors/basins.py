@@ -16,9 +16,19 @@ from numpy.typing import NDArray
 from rattle.attractors.cell_map import Box, groups_of_map
 from rattle.attractors.classify import BUDGET, WEAK, Classifier
 from rattle.attractors.recurrence import SAME_POINT
-from rattle.attractors.table import CHAOTIC, QUIET, UNDECIDED, Attractor, Attractors, listed, tabulated
+from rattle.attractors.table import (
+    CHAOTIC,
+    QUIET,
+    UNDECIDED,
+    Attractor,
+    Attractors,
+    attractor_columns,
+    listed,
+    tabulated,
+)
 from rattle.errors import require, require_integer, require_number
 from rattle.flight.law import wrapped
+from rattle.notebook import Columns, DataFrame, Dataset, dataframe_of, dataset_of, html_of, line_of
 from rattle.numerics.states import box_of
 
 Array = NDArray[np.float64]
@@ -63,7 +73,7 @@ class Plane(Protocol):
         """So many initial conditions."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Basins:
     """Basins of attraction on n × n cells of a box of (τ, v).
 
@@ -85,6 +95,33 @@ class Basins:
     def v_max(self) -> float:
         """The end of the box."""
         return self.box.v_high
+
+    def _caption(self) -> str:
+        size = f"{self.v.size} × {self.tau.size} cells of (τ, v) ∈ [0, 1) × (0, {self.v_max:g})"
+        return f"basins of {len(self.attractors)} attractors on {size}, method {self.method!r}"
+
+    def _columns(self) -> Columns:
+        return attractor_columns(self.attractors)
+
+    def __repr__(self) -> str:
+        return line_of(self)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """A row for each attractor, in the order of the labels. Raises MissingExtraError without pandas."""
+        return dataframe_of(self)
+
+    def to_xarray(self) -> Dataset:
+        """labels and steps over (v, tau). Raises MissingExtraError without xarray."""
+        names = [each.name for each in self.attractors]
+        coded = {"flag_values": list(range(len(names))), "flag_meanings": " ".join(names), "long_name": "attractor"}
+        return dataset_of(
+            {"labels": (("v", "tau"), self.labels, coded), "steps": (("v", "tau"), self.steps)},
+            {"v": self.v, "tau": self.tau},
+            {"method": self.method, "v_max": self.v_max},
+        )
 
 
 def classified(plane: Plane, tau: Array, v: Array) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:

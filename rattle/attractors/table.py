@@ -1,5 +1,7 @@
 """The attractors of cells of the parameter plane, with the share of initial conditions that each one wins."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,6 +15,7 @@ from rattle.attractors.samples import LEFT, ORBIT
 from rattle.attractors.samples import QUIET as SETTLED_QUIET
 from rattle.attractors.speeds import SpeedLimit, sampled_speeds
 from rattle.errors import require, require_integer
+from rattle.notebook import Columns, DataFrame, dataframe_of, html, html_of, line_of
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.numerics.states import box_of
 
@@ -45,6 +48,29 @@ class Attractor:
     tau: float
     v: float
 
+    @property
+    def name(self) -> str:
+        """What it is in a word: the label of a periodic motion without blanks, or the kind."""
+        return f"P({self.m},{self.n_plus},{self.n_minus})" if self.kind == KINDS[PERIODIC] else self.kind
+
+    def _repr_html_(self) -> str:
+        return html(self.name, attractor_columns((self,)))
+
+
+def attractor_columns(attractors: Sequence[Attractor]) -> Columns:
+    """The table of attractors, a row each."""
+    return {
+        "kind": [each.kind for each in attractors],
+        "m": [each.m for each in attractors],
+        "n_plus": [each.n_plus for each in attractors],
+        "n_minus": [each.n_minus for each in attractors],
+        "fraction": [each.fraction for each in attractors],
+        "lyapunov_1": [each.lyapunov[0] for each in attractors],
+        "lyapunov_2": [each.lyapunov[1] for each in attractors],
+        "tau": [each.tau for each in attractors],
+        "v": [each.v for each in attractors],
+    }
+
 
 class Attractors(NamedTuple):
     """The attractors of many cells, all arrays (n,): cell by cell, in each by falling number of samples.
@@ -67,6 +93,22 @@ class Attractors(NamedTuple):
     error: NDArray[np.float64]
     impacts: NDArray[np.int64]
     watched: NDArray[np.float64]
+
+    def _caption(self) -> str:
+        return f"{self.cell.size} attractors of {np.unique(self.cell).size} cells"
+
+    def _columns(self) -> Columns:
+        return self._asdict() | {"kind": np.array(KINDS)[self.kind]}
+
+    def __repr__(self) -> str:
+        return line_of(self)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """A row for each attractor, kinds in words. Raises MissingExtraError without pandas."""
+        return dataframe_of(self)
 
 
 def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

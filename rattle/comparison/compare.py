@@ -1,5 +1,7 @@
 """Measured impacts beside the attractors of a gear."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

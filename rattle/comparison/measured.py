@@ -1,5 +1,7 @@
 """Impacts that were measured: checked, read from a table, and the period with which they repeat."""
 
+from __future__ import annotations
+
 import math
 from pathlib import Path
 from typing import NamedTuple

@@ -22,6 +22,7 @@ from rattle.continuation.arclength import (
     with_value,
 )
 from rattle.errors import require, require_number, require_pair
+from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of
 from rattle.numerics.complex_step import Array
 
 SAME_POINT = 1e-9
@@ -58,7 +59,7 @@ class Described(NamedTuple):
     multipliers: NDArray[np.complex128]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Curve:
     """A bifurcation curve at half-backlash beta, n points in the order of its pieces; n = 0 where it does not exist.
 
@@ -85,6 +86,32 @@ class Curve:
     def __len__(self) -> int:
         """Number of points."""
         return self.delta.size
+
+    def _caption(self) -> str:
+        reasons = ", ".join(end.reason for end in self.ends) or "it does not exist here"
+        return f"{self.name} at β = {self.beta:g}, {len(self)} points; ends: {reasons}"
+
+    def _columns(self) -> Columns:
+        return {
+            "delta": self.delta,
+            "epsilon": self.epsilon,
+            "tau": self.tau,
+            "v": self.v,
+            "multiplier_1": self.multipliers[0],
+            "multiplier_2": self.multipliers[1],
+            "arclength": self.arclength,
+            "piece": self.piece,
+        }
+
+    def __repr__(self) -> str:
+        return line_of(self)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """A row for each point. Raises MissingExtraError without pandas."""
+        return dataframe_of(self)
 
     def at(self, delta: float | None = None, epsilon: float | None = None) -> tuple[float, ...]:
         """Every ε of the curve at this damping, or every δ at this eccentricity: rising, each solved for to rounding.

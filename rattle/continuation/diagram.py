@@ -9,6 +9,8 @@ attractors that sweeps forward and backward see (paper, Figures 5 and 9).
         add the stable parts of branches that no sweep has met to what is known: basins may be small
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
@@ -17,13 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit, sampled_speeds
-from rattle.attractors.table import PERIODIC, Attractors
+from rattle.attractors.table import KINDS, PERIODIC, Attractors
 from rattle.continuation.arclength import plane_scale
 from rattle.continuation.motions import Motion, Motions, Segment, runs
 from rattle.continuation.search import Search
 from rattle.continuation.sweeps import Known, Points, Sweeps
 from rattle.errors import require, require_integer, require_number, require_pair
 from rattle.flight.law import wrapped
+from rattle.notebook import Columns, DataFrame, Dataset, dataframe_of, dataset_of, html_of, line_of
 
 LEAST_LENGTH = 1e-6  # of the scale of the plane
 MOST_STEPS = 20_000
@@ -37,11 +40,19 @@ Array = NDArray[np.float64]
 
 
 class HasParameters(Protocol):
-    """What is somewhere along a segment: a branch, or an event."""
+    """What is somewhere along a segment."""
 
     @property
     def parameters(self) -> Array:
         """Those of the segment, (…, d)."""
+
+
+class IsEvent(HasParameters, Protocol):
+    """What happens somewhere along a segment."""
+
+    @property
+    def kind(self) -> Any:
+        """Saddle-node, flip or graze."""
 
 
 class HasEvents(HasParameters, Protocol):
@@ -56,7 +67,7 @@ class HasEvents(HasParameters, Protocol):
 
 
 AnyBranch = TypeVar("AnyBranch", bound=HasEvents)
-AnyEvent = TypeVar("AnyEvent", bound=HasParameters)
+AnyEvent = TypeVar("AnyEvent", bound=IsEvent)
 
 
 @dataclass(frozen=True)
@@ -68,7 +79,7 @@ class Piece:
     high: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagram(Generic[AnyBranch, AnyEvent]):
     """A bifurcation diagram along a segment of parameters, at half-backlash beta (dimensionless).
 
@@ -92,6 +103,41 @@ class Diagram(Generic[AnyBranch, AnyEvent]):
     sampled: Attractors
     small: tuple[Piece, ...]
     left_out: tuple[tuple[int, int, int], ...]
+
+    def _caption(self) -> str:
+        ends = " to ".join(f"({delta:g}, {epsilon:g})" for delta, epsilon in (self.start, self.end))
+        return (
+            f"diagram from (δ, ε) = {ends}, {self.position.size} steps: {len(self.branches)} branches, "
+            f"{len(self.events)} events, {self.points.step.size} points of attractors"
+        )
+
+    def _columns(self) -> Columns:
+        events = [(event, float(self.positions(event))) for event in self.events]
+        return {
+            "event": [str(event.kind) for event, _ in events],
+            "curve": [self.curve_of(event) or "" for event, _ in events],
+            "position": [position for _, position in events],
+            "delta": [event.parameters[0] for event, _ in events],
+            "epsilon": [event.parameters[1] for event, _ in events],
+        }
+
+    def __repr__(self) -> str:
+        return line_of(self)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """A row for each event: what happens, on which curve, and where. Raises MissingExtraError without pandas."""
+        return dataframe_of(self)
+
+    def to_xarray(self) -> Dataset:
+        """The impacts on Σ⁺ of the attractors that were followed, along a dimension impact, and the steps; a branch has
+        its own `to_xarray`. Raises MissingExtraError without xarray.
+        """
+        points = {name: ("impact", values) for name, values in self.points._asdict().items()}
+        steps = {name: ("number", getattr(self, name)) for name in ("delta", "epsilon", "kappa")}
+        return dataset_of(points, {**steps, "beta": self.beta}, {"kinds": list(KINDS)})
 
     def curve_of(self, event: AnyEvent) -> str | None:
         """The name of the curve of the (δ, ε) plane that an event is on, None if it is on none that has one."""

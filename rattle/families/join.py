@@ -1,5 +1,7 @@
 """Join the attractors of neighbouring cells: orbits are continued themselves, chaotic attractors by what they visit."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

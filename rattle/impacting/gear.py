@@ -1,5 +1,7 @@
 """Gear: one parameter point of the impacting gear model, and everything that can be asked of it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -28,7 +30,7 @@ from rattle.impacting.orbits.period_one import orbits_at, regions
 from rattle.impacting.orbits.periodic import PeriodicOrbit, period_one_saddle, periodic_orbit
 from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.period_one import Orbit
+from rattle.orbits.period_one import Orbit, html_of_point
 from rattle.orbits.periodic import Periodic
 
 
@@ -68,6 +70,9 @@ class Gear(Rattling):
         object.__setattr__(self, "delta", require_number("delta", self.delta, positive=True))
         object.__setattr__(self, "epsilon", require_number("epsilon", self.epsilon))
         object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
+
+    def _repr_html_(self) -> str:
+        return html_of_point(self)
 
     @property
     def sn1(self) -> float:

@@ -8,6 +8,8 @@ the stiff gear has x'' + δx' + 2κx = h from depth 0, entered with speed u at t
 exactly; for κ → ∞, T = 1 and d = 0, these are the impulses u + w = 2u.
 """
 
+from __future__ import annotations
+
 import math
 from typing import Any, NamedTuple
 

@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
 LOCK_POLL_SECONDS, SAID_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 600.0
 OBJECTS = 50_000  # that are made between two collections of garbage; Python's own default is 700
 
-COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience"}  # folders that compute nothing that a survey holds
+COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py"}  # of what a survey holds
 
 
 @cache
@@ -50,6 +50,19 @@ def source_hash() -> str:
         if name.parts[0] not in COMPUTE_NOTHING:
             digest.update(name.as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()
+
+
+def toolchain() -> dict[str, str]:
+    """What the last bits of numbers depend on beside the sources: versions, and the processor with its features."""
+    features = binding.get_host_cpu_features()
+    return {
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "numba": numba.__version__,
+        "llvmlite": llvmlite.__version__,
+        "processor": f"{platform.machine()} {binding.get_host_cpu_name()}",
+        "processor_features": " ".join(sorted(name for name, there in features.items() if there)),
+    }
 
 
 def _cache_directory() -> str:

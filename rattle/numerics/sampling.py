@@ -1,5 +1,7 @@
 """Initial conditions and the uncertainty of the fractions that they estimate."""
 
+from __future__ import annotations
+
 from functools import lru_cache
 
 import numpy as np

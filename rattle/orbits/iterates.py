@@ -1,5 +1,7 @@
 """What a return map gives for arrays of states, and motions sampled in time."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -31,7 +33,7 @@ class Returned(NamedTuple):
     goes: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, found: "Stretched") -> "Returned":
+    def of(cls, found: Stretched) -> Returned:
         """From trajectories of one impact."""
         goes = found.n_plus > 0
         return cls(found.tau, found.v, np.where(goes, found.time, 0.0), goes)
@@ -48,7 +50,7 @@ class Stretched(NamedTuple):
     lyapunov: NDArray[np.float64]
 
     @classmethod
-    def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> "Stretched":
+    def of(cls, flat: Sequence[NDArray[Any]], growth: NDArray[np.float64], shape: tuple[int, ...]) -> Stretched:
         """From the flat (τ, v, n₊, n₋) and growth (3, k): time, ln stretch and ln|det| of each trajectory."""
         time = growth[0]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,10 +1,15 @@
 """The period-one motions A to D as any gear has them, and the regions of the plane that they make."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from itertools import product
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from rattle.notebook import Columns, html, html_of, line_of, motion
 
 NAMES = ("A", "B", "C", "D")
 N_MINUS = (0, 1, 0, 1)
@@ -14,7 +19,8 @@ class Orbit(NamedTuple):
     """A period-one orbit P(m, n_plus, n_minus) of the impact map, at one of its impacts on Σ⁺.
 
     tau is the phase in [0, 1), v > 0 the speed after impact (units: gap coordinate per forcing period), multipliers
-    the two Floquet multipliers over m forcing periods (complex, product e^(−δm)).
+    the two Floquet multipliers over m forcing periods (complex, product e^(−δm)). delta, epsilon, beta, kappa: where it
+    is, stiffness infinite in the impacting model.
     """
 
     name: str
@@ -25,6 +31,36 @@ class Orbit(NamedTuple):
     v: float
     multipliers: tuple[complex, complex]
     stable: bool
+    delta: float
+    epsilon: float
+    beta: float
+    kappa: float
+
+    def _caption(self) -> str:
+        kind = "stable" if self.stable else "unstable"
+        return f"{self.name}: {motion(self.m, self.n_plus, self.n_minus)}, {kind}, τ = {self.tau:.6g}, v = {self.v:.6g}"
+
+    def _columns(self) -> Columns:
+        return orbit_columns((self,))
+
+    def __repr__(self) -> str:
+        return line_of(self)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
+
+
+def orbit_columns(orbits: Sequence[Orbit]) -> Columns:
+    """The table of orbits, a row each."""
+    return {
+        "orbit": [each.name for each in orbits],
+        "motion": [motion(each.m, each.n_plus, each.n_minus) for each in orbits],
+        "tau": [each.tau for each in orbits],
+        "v": [each.v for each in orbits],
+        "multiplier_1": [each.multipliers[0] for each in orbits],
+        "multiplier_2": [each.multipliers[1] for each in orbits],
+        "stable": [each.stable for each in orbits],
+    }
 
 
 class PeriodOne(NamedTuple):
@@ -74,3 +110,23 @@ def in_words(region: int) -> str:
     if len(name) == 1:
         return f"orbit {name}, no region of the paper"
     return f"orbits {', '.join(name[:-1])} and {name[-1]}, no region of the paper"
+
+
+class HasOrbits(Protocol):
+    """A gear at a parameter point."""
+
+    @property
+    def quiet_limit(self) -> float:
+        """ε from which permanent contact is impossible."""
+
+    def region(self) -> int:
+        """Its code in REGIONS."""
+
+    def orbits(self) -> tuple[Orbit, ...]:
+        """Those of period one that happen."""
+
+
+def html_of_point(gear: HasOrbits) -> str:
+    """What a notebook shows of a gear."""
+    caption = f"{gear!r}: {in_words(gear.region())}, quiet limit ε = {gear.quiet_limit:.6g}"
+    return html(caption, orbit_columns(gear.orbits()))

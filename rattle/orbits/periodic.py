@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight import law
+from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of, motion
 from rattle.numerics.complex_step import Array, derivatives
 
 
@@ -69,6 +70,9 @@ MOST_NEWTON = 30
 class Periodic(ABC):
     """What a periodic motion of either model says of itself."""
 
+    delta: float
+    epsilon: float
+
     m: int
     walls: tuple[int, ...]
     times: NDArray[np.float64]
@@ -115,6 +119,25 @@ class Periodic(ABC):
     def stable(self) -> bool:
         """Whether the motion exists and attracts."""
         return self.admissible and abs(self.multipliers[0]) < 1.0
+
+    def _caption(self) -> str:
+        kind = "stable" if self.stable else "unstable" if self.admissible else "virtual"
+        return f"{motion(*self.label)} at δ = {self.delta:.6g}, ε = {self.epsilon:.6g}, {kind}"
+
+    def _columns(self) -> Columns:
+        return {"wall": self.walls, "departure": self.departures, "speed": self.speeds}
+
+    def __repr__(self) -> str:
+        return line_of(self)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
+
+    def to_dataframe(self) -> DataFrame:
+        """A row for each impact or contact: its wall, and when and how fast the motion leaves it. Raises
+        MissingExtraError without pandas.
+        """
+        return dataframe_of(self)
 
 
 def at_parameters(itinerary: Equations, x: Array) -> Array | None:

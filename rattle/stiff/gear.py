@@ -1,5 +1,7 @@
 """StiffGear: one parameter point of the gear model with stiff contact, and what can be asked of it."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,7 +20,7 @@ from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.period_one import Orbit
+from rattle.orbits.period_one import Orbit, html_of_point
 from rattle.stiff.attractors.classifier import attractors_of
 from rattle.stiff.attractors.plane import StiffPlane
 from rattle.stiff.map import quiet, return_map
@@ -58,6 +60,9 @@ class StiffGear(Rattling):
     epsilon: float
     beta: float = 0.6
     kappa: float = 1e4
+
+    def _repr_html_(self) -> str:
+        return html_of_point(self)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "delta", require_number("delta", self.delta, positive=True))
@@ -132,7 +137,7 @@ class StiffGear(Rattling):
     def orbits(self) -> tuple[Orbit, ...]:
         """The counterparts of A, B, C and D that happen, by their letters; "P": another P(1,1,0)."""
         return tuple(
-            Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable)
+            Orbit(name, *found.label, found.tau, found.v, found.multipliers, found.stable, *self._point)
             for name, found in period_one.orbits_at(*self._point)
         )
 

@@ -1,70 +1,98 @@
-"""A survey as a file: NetCDF with everything, CSV with a row per cell."""
+"""A survey as a file: NetCDF with everything, CSV and Parquet with a row per cell, attractor or orbit."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
-from typing import IO
+from typing import IO, Annotated, Any
 
 import anyio
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 
+from rattle import MissingExtraError
 from service.errors import MissingError
 from service.routes.documents import SurveyId
 from service.state import Front, FrontState
 from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
 from service.web.problems import declared
 from workers import Bucket, open_survey
+from workers.survey.values.schema import Form
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
-NETCDF, CSV = "application/x-netcdf", "text/csv"
+NETCDF, CSV, PARQUET = "application/x-netcdf", "text/csv", "application/vnd.apache.parquet"
 BLOCK = 1 << 18
+
+
+Formed = Annotated[Form, Query(description="what a row is: a cell, or one of its attractors or orbits, with its cell")]
+
+
+def _binary(media_type: str) -> dict[int | str, dict[str, Any]]:
+    return {200: {"content": {media_type: {"schema": {"type": "string", "format": "binary"}}}}, **NOT_MODIFIED}
 
 
 @router.get(
     "/{survey_id}/download.nc",
     summary="Everything of a survey as NetCDF 4, also of a running survey",
     response_class=Response,
-    responses={
-        200: {"content": {NETCDF: {"schema": {"type": "string", "format": "binary"}}}},
-        **NOT_MODIFIED,
-        **declared(404, 422),
-    },
+    responses={**_binary(NETCDF), **declared(404, 422)},
 )
 async def netcdf(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    """Complex variables are pairs of variables, `…_real` and `…_imag`."""
-    place, headers = await _of(front, survey_id, "nc")
-    if is_known(request, headers):
-        return Response(status_code=304, headers=headers)
-    with front.interruptible():
-        file = await anyio.to_thread.run_sync(_written, place, limiter=front.exports, abandon_on_cancel=True)
-    size = await run_in_threadpool(file.seek, 0, 2)
-    file.seek(0)
-    return StreamingResponse(
-        _blocks(file),
-        media_type=NETCDF,
-        headers=headers | {"Content-Length": str(size)},
-        background=BackgroundTask(file.close),  # of HEAD no block is asked for
-    )
+    """With the groups of the store. Complex variables are pairs of variables, `…_real` and `…_imag`."""
+    return await _file(request, front, survey_id, "nc", NETCDF, _netcdf)
+
+
+@router.get(
+    "/{survey_id}/download.parquet",
+    summary="The table of download.csv as Parquet, if this service can write it",
+    response_class=Response,
+    responses={**_binary(PARQUET), **declared(404, 422)},
+)
+async def parquet(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = Form.CELLS) -> Response:
+    """The attributes of the survey are the metadata of the file. Needs the extra `parquet`, else 404."""
+    return await _file(request, front, survey_id, f"{form}.parquet", PARQUET, partial(_parquet, form=form))
 
 
 @router.get(
     "/{survey_id}/download.csv",
-    summary="The variables over (delta, epsilon) alone as CSV, a row per cell, also of a running survey",
+    summary="A table of a survey as CSV, also of a running survey: by default a row per cell",
     response_class=Response,
     responses={200: {"content": {CSV: {"schema": {"type": "string"}}}}, **NOT_MODIFIED, **declared(404, 422)},
 )
-async def csv(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
+async def csv(request: Request, front: FrontState, survey_id: SurveyId, form: Formed = Form.CELLS) -> Response:
     """Codes are written as numbers; a cell whose `status` is 0 is not computed yet."""
-    place, headers = await _of(front, survey_id, "csv")
+    place, headers = await _of(front, survey_id, "csv" if form is Form.CELLS else f"{form}.csv")
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
-    lines = await run_in_threadpool(_lines, place)
+    lines = await run_in_threadpool(_lines, place, form)
     return StreamingResponse(lines, media_type=CSV, headers=headers)
+
+
+async def _file(
+    request: Request,
+    front: Front,
+    survey_id: str,
+    ending: str,
+    media_type: str,
+    write: Callable[[Path | Bucket], IO[bytes]],
+) -> Response:
+    place, headers = await _of(front, survey_id, ending)
+    if is_known(request, headers):
+        return Response(status_code=304, headers=headers)
+    with front.interruptible():
+        file = await anyio.to_thread.run_sync(write, place, limiter=front.exports, abandon_on_cancel=True)
+    size = await run_in_threadpool(file.seek, 0, 2)
+    file.seek(0)
+    return StreamingResponse(
+        _blocks(file),
+        media_type=media_type,
+        headers=headers | {"Content-Length": str(size)},
+        background=BackgroundTask(file.close),  # of HEAD no block is asked for
+    )
 
 
 async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket, dict[str, str]]:
@@ -78,12 +106,24 @@ async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket,
     }
 
 
-def _written(place: Path | Bucket) -> IO[bytes]:
+def _netcdf(place: Path | Bucket) -> IO[bytes]:
     from workers.storage.export import require_readable, write_netcdf  # xarray
+    from workers.storage.store import open_groups
 
-    with open_survey(place) as dataset:
+    with open_survey(place, as_stored=True) as dataset:
         require_readable(dataset)
-        return write_netcdf(dataset)
+        return write_netcdf(dataset, open_groups(place))
+
+
+def _parquet(place: Path | Bucket, form: Form) -> IO[bytes]:
+    from workers.storage.export import require_readable, table_names, write_parquet
+
+    with open_survey(place, as_stored=True) as dataset:
+        require_readable(dataset, table_names(dataset, form))
+        try:
+            return write_parquet(dataset, form)
+        except MissingExtraError as error:
+            raise MissingError(f"This service writes no Parquet. {error}") from error
 
 
 def _blocks(file: IO[bytes]) -> Iterator[bytes]:
@@ -92,18 +132,18 @@ def _blocks(file: IO[bytes]) -> Iterator[bytes]:
             yield block
 
 
-def _lines(place: Path | Bucket) -> Iterator[str]:
-    from workers.storage.export import csv_lines, csv_names, require_readable
+def _lines(place: Path | Bucket, form: Form) -> Iterator[str]:
+    from workers.storage.export import csv_lines, require_readable, table_names
 
-    dataset = open_survey(place)  # here, so that what is wrong is answered as a problem
+    dataset = open_survey(place, as_stored=True)  # here, so that what is wrong is answered as a problem
     try:
-        require_readable(dataset, csv_names(dataset))
+        require_readable(dataset, table_names(dataset, form))
     except BaseException:
         dataset.close()
         raise
 
     def lines() -> Iterator[str]:
         with dataset:
-            yield from csv_lines(dataset)
+            yield from csv_lines(dataset, form)
 
     return lines()

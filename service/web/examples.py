@@ -191,7 +191,7 @@ CURVES: dict[str, Any] = {
 }
 HEALTH: dict[str, Any] = {
     "status": "ok",
-    "version": "0.1.0",
+    "version": "1.0.0rc1",
     "cluster": "ready",
     "storage": "ok",
     "accepted": 2,

@@ -19,6 +19,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import ZipFile
 
 from packaging.requirements import Requirement
 
@@ -27,6 +28,17 @@ PYTHONS = ("3.11", "3.12", "3.13")
 RESOLUTIONS = {"newest": "highest", "lowest": "lowest-direct"}
 SERVICE = ("plot", "workers", "cli", "service")  # the extras that the service holds
 AT_ONCE = 2
+PACKAGES = ("rattle", "workers", "service", "gear_rattle")
+FOREIGN = ("service", "workers")  # that other people may have, too
+DOCUMENTS = (
+    "README.md",
+    "LICENSE",
+    "CHANGELOG.md",
+    "CITATION.cff",
+    "CODE_OF_CONDUCT.md",
+    "CONTRIBUTING.md",
+    "SECURITY.md",
+)
 HANG = 900  # seconds: nothing takes as long unless it hangs
 #: What the lines name: where versions differ most, and what broke before.
 NAMED = ("numpy", "numba", "zarr", "xarray", "dask", "fastapi", "starlette", "sqlalchemy", "panel", "bokeh")
@@ -66,6 +78,7 @@ class Environment:
         versions = dict(re.findall(r"^([\w.-]+)==(\S+)$", listed, re.M))
         if self.which == "lowest":
             self._require_lowest(versions)
+        self._put_foreign_packages(python)
         inside = shutil.copy(Path(__file__).with_name("inside.py"), self.where)
         said = self._run(python, "-I", "-u", str(inside), str(ROOT))
         named = ", ".join(f"{name} {versions[name]}" for name in NAMED if name in versions)
@@ -73,6 +86,13 @@ class Environment:
             f"Python {self.python}, {self.which}: {installed - began:.0f} s to install {len(versions) + 1} packages, "
             f"{time.monotonic() - installed:.0f} s ({said.splitlines()[-1]}) to use them: {named}"
         )
+
+    def _put_foreign_packages(self, python: str) -> None:
+        """Other people's packages of the names that ours have in the checkout; `inside.py` imports both."""
+        library = Path(self._run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
+        for name in FOREIGN:
+            (library / name).mkdir()
+            (library / name / "__init__.py").write_text("WHOSE = 'somebody else'\n")
 
     def _require_lowest(self, versions: dict[str, str]) -> None:
         """The bounds of pyproject.toml are releases that exist, and were installed."""
@@ -148,7 +168,7 @@ def main() -> int:
     failures = 0
     with tempfile.TemporaryDirectory(prefix="gear-rattle-") as temporary, ThreadPoolExecutor(AT_ONCE) as pool:
         top = Path(temporary)
-        wheel = build(uv, top)
+        wheel = build(top)
         jobs = {}
         for which in sys.argv[1:] or RESOLUTIONS:
             for version, interpreter in pythons.items():
@@ -168,19 +188,35 @@ def main() -> int:
     return 1 if failures or not jobs else 0
 
 
-def build(uv: str, top: Path) -> Path:
-    """The wheel of the checkout, built from a copy: setuptools leaves files where it builds."""
-    source = top / "source"
+def build(top: Path) -> Path:
+    """The wheel of the checkout, of its source distribution; from a copy: setuptools leaves files where it builds.
+
+    Raises FailedError: either is not what an index takes, or puts other names into a user's site-packages.
+    """
+    source, made = top / "source", top / "dist"
     source.mkdir()
-    for name in ("pyproject.toml", "README.md"):
+    for name in (*DOCUMENTS, "pyproject.toml", "setup.py", "MANIFEST.in", "constraints.txt"):
         shutil.copy(ROOT / name, source)
-    for package in ("rattle", "workers", "service"):
+    for package in PACKAGES:
         shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
-    command = [uv, "build", "--quiet", "--wheel", "--out-dir", str(top / "dist"), str(source)]
-    subprocess.run(command, check=True, timeout=HANG)
+    _made(sys.executable, "-m", "build", "--installer", "uv", "--outdir", str(made), str(source))
+    _made(sys.executable, "-m", "twine", "check", "--strict", *map(str, made.iterdir()))
     shutil.rmtree(source)
-    (wheel,) = (top / "dist").glob("*.whl")
+    (wheel,) = made.glob("*.whl")
+    with ZipFile(wheel) as files:
+        names = {name.partition("/")[0] for name in files.namelist()}
+        notes = {name for name in names if name.endswith(".dist-info")}
+        if names - notes != {"rattle", "gear_rattle"} or "rattle/py.typed" not in files.namelist():
+            raise FailedError(f"{wheel.name} holds {', '.join(sorted(names))}")
     return wheel
+
+
+def _made(*command: str) -> None:
+    done = subprocess.run(
+        command, timeout=HANG, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False
+    )
+    if done.returncode:
+        raise FailedError(f"{' '.join(command)}\n{done.stdout}")
 
 
 if __name__ == "__main__":

@@ -1,5 +1,7 @@
 """What somebody does who has installed the service: open the page, submit a survey, read its store; and `rattle run`.
 
+All beside packages of other people that have the names of ours in the checkout.
+
 Runs in the environment that is checked, in an empty directory, with the path of the checkout, which must be far away.
 """
 
@@ -22,8 +24,9 @@ from bokeh.protocol import Protocol
 from websockets.sync.client import connect
 
 import rattle
-import service
-import workers
+import service as foreign_service
+import workers as foreign_workers
+from gear_rattle import service, workers
 
 RATTLE = str(Path(sys.executable).with_name("rattle"))
 HANG = 600.0  # seconds: nothing takes as long unless it hangs
@@ -72,6 +75,14 @@ def is_installed(checkout: Path) -> None:
         where = Path(str(package.__file__)).resolve()
         assert where.is_relative_to(Path(sys.prefix).resolve()), where
         assert not where.is_relative_to(checkout), where
+    assert foreign_service.WHOSE == foreign_workers.WHOSE == "somebody else"
+
+
+def is_the_version_of(checkout: Path) -> None:
+    """A survey of the checkout is resumed by the wheel, and the other way round."""
+    asked = "import sys; sys.path.insert(0, sys.argv[1]); from workers.survey.version import *; print(code_version())"
+    said = subprocess.run([sys.executable, "-c", asked, str(checkout)], check=True, capture_output=True, text=True)
+    assert said.stdout.strip() == workers.survey.version.code_version()
 
 
 def survey_is_right(client: httpx.Client) -> None:
@@ -143,6 +154,7 @@ def command_is_right() -> None:
 
 def main() -> None:
     is_installed(Path(sys.argv[1]))
+    is_the_version_of(Path(sys.argv[1]))
     command_is_right()
     with served() as url, httpx.Client(base_url=url, timeout=HANG) as client:
         survey_is_right(client)

@@ -1,6 +1,6 @@
 """dask: submit, repeat, isolate, refine.
 
-`dask worker --preload workers.cluster` imports what tiles need before the worker's heart has to beat.
+`dask worker --preload gear_rattle.cluster` imports what tiles need before the worker's heart has to beat.
 """
 
 from importlib import import_module

@@ -8,16 +8,21 @@ from typing import IO
 import numpy as np
 import xarray as xr
 
+from rattle import MissingExtraError
 from workers.errors import reading
 from workers.survey.machine import AXES
-from workers.survey.values.schema import CELL
+from workers.survey.values.schema import CELL, Form
 
 ROWS = 32  # of the grid, where the store does not say how many its chunks have
 CELLS = 16_384  # that are text at the same time
 
 
-def write_netcdf(dataset: xr.Dataset) -> IO[bytes]:
-    """Write an open survey as NetCDF 4; complex variables as pairs `…_real` and `…_imag`, which NetCDF has none of.
+#: The dimension of which each entry gets a row of its own, and what says that it is one.
+OWN_ROWS = {Form.ATTRACTORS: ("attractor", "attractor_kind"), Form.ORBITS: ("orbit", "orbit_exists")}
+
+
+def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = None) -> IO[bytes]:
+    """Write an open survey, as it is stored, as NetCDF 4 that keeps the CF conventions, with groups by their paths.
 
     Returns:
         The file, open at its beginning. It has no name any more: it is gone when it is closed, whatever happens.
@@ -30,37 +35,30 @@ def write_netcdf(dataset: xr.Dataset) -> IO[bytes]:
         _append(bare, path, "w", rows)
         for name in dataset.data_vars:
             one = dataset[[name]]
-            _append(_without_complex(one.chunk(epsilon=rows) if "epsilon" in one.dims else one), path, "a", rows)
+            _append(one.chunk(epsilon=rows) if "epsilon" in one.dims else one, path, "a", rows)
+        for group, each in (groups or {}).items():
+            _append(each, path, "a", rows, group)
         return path.open("rb")
 
 
-def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int) -> None:
-    encoding: dict[Hashable, dict[str, object]] = {}
+def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | None = None) -> None:
+    encoding: dict[Hashable, dict[str, object]] = {name: {"_FillValue": None} for name in dataset.coords}
     for each in dataset.variables.values():
         each.encoding = {}  # zarr's means nothing here
+        if "flag_values" in each.attrs:  # of the variable's own type
+            each.attrs["flag_values"] = np.array(each.attrs["flag_values"], each.dtype)
     for name, values in dataset.data_vars.items():
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
         if values.dims[-2:] == CELL:  # or HDF5 would compress what a band is a part of again and again
             height, width = min(rows, values.shape[-2]), values.shape[-1]
             encoding[name]["chunksizes"] = (*(1 for _ in values.shape[:-2]), height, width)
-    written = dataset.to_netcdf(path, mode=mode, engine="h5netcdf", encoding=encoding, compute=False)  # type: ignore[call-overload]
+    written = dataset.to_netcdf(path, mode=mode, group=group, engine="h5netcdf", encoding=encoding, compute=False)  # type: ignore[call-overload]
     written.compute(scheduler="synchronous")  # one band after the other, here, whatever cluster this process knows
 
 
 def _rows(dataset: xr.Dataset) -> int:
     """Rows of the grid that one row of tiles has."""
     return int(dataset["status"].encoding.get("preferred_chunks", {}).get("epsilon", ROWS))
-
-
-def _without_complex(dataset: xr.Dataset) -> xr.Dataset:
-    for name in [name for name, values in dataset.data_vars.items() if np.iscomplexobj(values)]:
-        values = dataset[name]
-        for part in ("real", "imag"):
-            dataset[f"{name}_{part}"] = getattr(values, part).assign_attrs(
-                values.attrs | {"long_name": f"{values.attrs.get('long_name', name)}, {part} part"}
-            )
-        dataset = dataset.drop_vars([name])
-    return dataset
 
 
 def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = None) -> None:
@@ -74,36 +72,96 @@ def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = Non
                 np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
 
 
-def csv_lines(dataset: xr.Dataset) -> Iterator[str]:
-    """The variables of an open survey over (epsilon, delta) alone as lines of CSV, a cell each, δ running first; of a
-    machine's survey the speeds and eccentricities beside δ and ε.
+def table_names(dataset: xr.Dataset, form: Form = Form.CELLS) -> list[str]:
+    """The variables that a table has."""
+    own = OWN_ROWS.get(form, (None,))[0]
+
+    def belongs(dims: tuple[Hashable, ...]) -> bool:
+        return dims[-2:] == CELL and (dims == CELL if own is None else dims[0] == own)
+
+    return [str(name) for name, values in dataset.data_vars.items() if belongs(values.dims)]
+
+
+def tables(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[dict[str, np.ndarray]]:
+    """The table of an open survey, as it is stored, in bands: columns by their names, δ running first, then ε.
+
+    Of a tidy form only entries that are one have a row, and what has a number or a name besides, as of an exponent, is
+    a column for each.
     """
-    names = csv_names(dataset)
-    delta, epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
+    names, rows = table_names(dataset, form), _rows(dataset)
     beside = [name for name in AXES if name in dataset.variables]
-    rows = _rows(dataset)
-    yield ",".join(["delta", "epsilon", *beside, *names]) + "\r\n"
-    for start in range(0, epsilon.size, rows):
+    fixed = {name: float(dataset[name]) for name in ("beta", "kappa") if name in dataset.coords}
+    for start in range(0, dataset.sizes["epsilon"], rows):
         band = slice(start, start + rows)
         some = dataset[names].isel(epsilon=band).load()
-        columns = [np.tile(delta, some.sizes["epsilon"]), np.repeat(some["epsilon"].values, delta.size)]
-        columns += [_along(dataset[name].isel(epsilon=band, missing_dims="ignore"), some.sizes) for name in beside]
-        columns += [some[name].values.ravel() for name in names]
-        for first in range(0, columns[0].size, CELLS):
-            texts = [_texts(column[first : first + CELLS]) for column in columns]
-            yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
+        height, width = some.sizes["epsilon"], some.sizes["delta"]
+        columns = {"delta": np.tile(some["delta"].values, height), "epsilon": np.repeat(some["epsilon"].values, width)}
+        columns |= {name: np.full(height * width, value) for name, value in fixed.items()}
+        columns |= {
+            name: _along(dataset[name].isel(epsilon=band, missing_dims="ignore"), some.sizes) for name in beside
+        }
+        if form in OWN_ROWS:
+            yield _tidy(some, names, columns, *OWN_ROWS[form])
+        else:
+            yield columns | {name: some[name].values.ravel() for name in names}
 
 
 def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
-    """What stands along one axis, in every cell of a band."""
+    """What stands along one axis, in every cell of a band: the speeds and eccentricities of a machine's survey."""
     if values.dims == ("delta",):
         return np.tile(values.values, sizes["epsilon"])
     return np.repeat(values.values, sizes["delta"])
 
 
-def csv_names(dataset: xr.Dataset) -> list[str]:
-    """The variables that CSV has."""
-    return [str(name) for name, values in dataset.data_vars.items() if values.dims == CELL]
+def _tidy(
+    some: xr.Dataset, names: Sequence[str], of_cell: Mapping[str, np.ndarray], own: str, one: str
+) -> dict[str, np.ndarray]:
+    there = some[one].transpose(*CELL, own).values.ravel() != 0 if one in some else None
+    labels = some[own].values
+    columns = {name: np.repeat(values, labels.size) for name, values in of_cell.items()}
+    columns[own] = np.tile(labels, next(iter(of_cell.values())).size)
+    for name in names:
+        values = some[name].transpose(*CELL, *some[name].dims[:-2])
+        if values.ndim == len(CELL) + 1:
+            columns[name] = values.values.ravel()
+            continue
+        besides = values.dims[-1]
+        for label in some[besides].values:
+            columns[f"{name}_{label}"] = values.sel({besides: label}).values.ravel()
+    return columns if there is None else {name: values[there] for name, values in columns.items()}
+
+
+def csv_lines(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[str]:
+    """A table as lines of CSV."""
+    for number, columns in enumerate(tables(dataset, form)):
+        if number == 0:
+            yield ",".join(columns) + "\r\n"
+        for first in range(0, next(iter(columns.values())).size, CELLS):
+            texts = [_texts(column[first : first + CELLS]) for column in columns.values()]
+            yield "".join(",".join(row) + "\r\n" for row in zip(*texts, strict=True))
+
+
+def write_parquet(dataset: xr.Dataset, form: Form = Form.CELLS) -> IO[bytes]:
+    """A table as Parquet, the attributes of the survey as its metadata; as the file of `write_netcdf`.
+
+    Raises MissingExtraError without pyarrow.
+    """
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("Parquet needs pyarrow: pip install 'gear-rattle[parquet]'") from error
+    about = {name: str(value) for name, value in dataset.attrs.items()}
+    with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
+        path = Path(directory) / "survey.parquet"
+        writer = None
+        for columns in tables(dataset, form):
+            table = pyarrow.table({name: np.asarray(values) for name, values in columns.items()})
+            writer = writer or parquet.ParquetWriter(path, table.schema.with_metadata(about))
+            writer.write_table(table)
+        if writer is not None:
+            writer.close()
+        return path.open("rb")
 
 
 def _texts(column: np.ndarray) -> list[str]:
@@ -112,4 +170,6 @@ def _texts(column: np.ndarray) -> list[str]:
         column = column.astype(np.int8)
     if column.dtype == np.float32:  # or 0.1 would become 0.10000000149011612
         return ["" if np.isnan(value) else str(value) for value in column]
+    if column.dtype.kind not in "iuf":
+        return [str(value) for value in column]
     return ["" if value != value else repr(value) for value in column.tolist()]

@@ -282,11 +282,15 @@ def _missing_cells(place: Place) -> int:
         raise SurveyError(f"{place} is damaged ({error}): run the survey again to repair it") from error
 
 
-def open_survey(path_or_url: str | Path | Place, group: str | None = None) -> xr.Dataset:
+def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_stored: bool = False) -> xr.Dataset:
     """Open a survey, or a group of it, from disk, a bucket or over HTTP, finished or not; values are read when asked
     for.
 
-    `xarray.open_zarr(path_or_url, group=group)` shows the same; this one says what is wrong when there is no survey.
+    `xarray.open_zarr(path_or_url, group=group)` shows the same, but complex variables as `…_real` and `…_imag`; this one says what
+    is wrong when there is no survey.
+
+    Args:
+        as_stored: leave complex variables in their two parts, which NetCDF can hold.
 
     Raises:
         SurveyError: there is no survey, or it cannot be read.
@@ -300,7 +304,25 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None) -> xr
     if group is None and "content_hash" not in dataset.attrs:
         dataset.close()
         raise SurveyError(f"{path_or_url} is not a survey")
-    return dataset
+    if as_stored:
+        return dataset
+    from workers.storage.complex import joined
+
+    return joined(dataset)
+
+
+def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
+    """Open what a survey has beside its cells, as it is stored: curves, their points and families, by their paths.
+
+    Raises SurveyError: they cannot be read.
+    """
+    import xarray as xr
+
+    try:
+        found = xr.open_groups(_readable(path_or_url), engine="zarr", chunks=None, consolidated=True)
+    except Exception as error:  # what the disk, the network or a foreign format raises
+        raise SurveyError(f"no survey can be opened at {path_or_url}: {error}") from error
+    return {path.strip("/"): each for path, each in found.items() if path.strip("/") not in ("", GROUP)}
 
 
 def _readable(path_or_url: str | Path | Place) -> Any:

@@ -1,6 +1,6 @@
 """The axes of a survey's grid, and what all parts of a request have in common."""
 
-from typing import Annotated, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -23,6 +23,13 @@ class Axis(Strict):
     start: Real
     stop: Real
     num: Annotated[int, Field(strict=True, ge=2, le=1_000_000)]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _triple(cls, given: Any) -> Any:
+        """(start, stop, num), as it is shortest in Python."""
+        named = isinstance(given, tuple) and len(given) == len(cls.model_fields)
+        return dict(zip(cls.model_fields, given, strict=True)) if named else given
 
     @model_validator(mode="after")
     def _increasing(self) -> Self:

@@ -6,7 +6,7 @@ that name in a group would be hidden. So theirs begin with `point_`.
 
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -17,6 +17,7 @@ from rattle.curves import CodimensionTwo, Curve
 from rattle.models import AnyModel
 from workers.survey.axes import Window
 from workers.survey.values.quantities import DOI
+from workers.survey.values.schema import PARTS
 
 LOWEST_DELTA = 0.1  # of the axis' start: where half a cell reaches 0, which no curve does
 NARROWEST = 1e-9  # half of a window, as a share of its parameter: below, a curve takes minutes
@@ -44,6 +45,22 @@ class Variable:
         if isinstance(item, Missing):
             return np.empty([2 if dim == "multiplier" else 0 for dim in self.dims], self.dtype)
         return np.asarray(self.values(item), self.dtype)
+
+    @property
+    def parts(self) -> tuple["Variable", ...]:
+        """What is stored of it, as of a `Quantity`."""
+        if self.dtype is not complex:
+            return (self,)
+
+        def one(part: str) -> Callable[[Any], Any]:
+            return lambda item: getattr(np.asarray(self.values(item), complex), part)
+
+        return tuple(
+            replace(
+                self, name=f"{self.name}_{part}", dtype=float, long_name=f"{self.long_name}, {words}", values=one(part)
+            )
+            for part, words in PARTS.items()
+        )
 
     @property
     def attributes(self) -> dict[str, str]:

@@ -14,6 +14,7 @@ from zarr.core.buffer import Buffer, cpu
 from zarr.errors import ZarrUserWarning
 from zarr.storage import MemoryStore, StoreLike
 
+import rattle
 from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
 from workers.survey.machine import AXES
 from workers.survey.request import SurveyRequest
@@ -123,6 +124,11 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
     """Return the attributes of the whole survey: text and numbers, which NetCDF can hold too."""
     return {
         "Conventions": "CF-1.11",
+        "history": f"{created}: computed by gear-rattle {code_version()}",
+        "institution": "not stated",
+        "creator_name": "gear-rattle, at the request of its user",
+        "license": "CC0-1.0: these numbers may be used without restriction; gear-rattle itself is BSD-3-Clause",
+        "citation": f"gear-rattle {rattle.__version__}; J. F. Mason and P. T. Piiroinen, doi:{DOI}",
         "title": request.name or f"Survey of the (delta, epsilon) plane of the {request.model} gear model",
         "source": f"gear-rattle {code_version()}",
         "references": f"https://doi.org/{DOI}",
@@ -131,6 +137,7 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
         "request": json.dumps(request.model_dump(mode="json")),
         "content_hash": request.content_hash(),
         "code_version": code_version(),
+        **{f"computed_with_{name}": value for name, value in rattle.toolchain().items()},
         **_model_attributes(request),
         **_machine_attributes(request),
     }
@@ -138,10 +145,15 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
 
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
     """Return the numbers of the machine, and which arrays are coordinates beside the axes (CF, for a whole file)."""
-    if request.machine is None:
-        return {}
-    numbers = {f"machine_{name}": value for name, value in request.machine.model_dump().items()}
-    return {"coordinates": " ".join(AXES), **numbers}
+    machine = {} if request.machine is None else request.machine.model_dump()
+    names = [*_fixed(request), *(AXES if machine else ())]
+    return {"coordinates": " ".join(names), **{f"machine_{name}": value for name, value in machine.items()}}
+
+
+def _fixed(request: SurveyRequest) -> dict[str, tuple[float, str]]:
+    """Return the parameters that all cells have, and what they are: coordinates without a dimension."""
+    stiffness = {} if request.kappa is None else {"kappa": (request.kappa, "stiffness κ")}
+    return {"beta": (request.beta, "half-backlash β"), **stiffness}
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
@@ -164,6 +176,8 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
             if dim == SLOT and request.slots_follow_families:
                 long_name = "slot of the attractor: that of its family, as far as there are slots"
             write(root, dim, (dim,), values, {"long_name": long_name, "units": "1"})
+    for name, (value, long_name) in _fixed(request).items():
+        write(root, name, (), np.array(value), {"long_name": long_name, "units": "1"})
     if request.machine is not None:
         rpm = request.machine.rpm(request.delta.values())
         eccentricity = request.machine.eccentricity(request.epsilon.values())
@@ -225,7 +239,7 @@ def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:
 
 
 def write_variables(group: zarr.Group, variables: Iterable[Variable], item: Any) -> None:
-    for variable in variables:
+    for variable in (part for each in variables for part in each.parts):
         write(group, variable.name, variable.dims, variable.of(item), variable.attributes)
 
 

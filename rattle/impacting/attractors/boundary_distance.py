@@ -6,6 +6,8 @@ that it found, since all preimages of a basin belong to it, however thin they ar
 the least speed so far; then a pattern search from the lowest states found. Whatever counts is an exact trajectory.
 """
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

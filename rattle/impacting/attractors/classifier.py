@@ -1,5 +1,7 @@
 """Which attractors the samples of cells of the impacting gear go to: its impact map, flown in lanes."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

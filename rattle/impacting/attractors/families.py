@@ -1,5 +1,7 @@
 """Families of attractors of the impacting gear over a grid of its plane."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, newton, plane_scale, tangent_at
 from rattle.continuation.conditions import Kind
+from rattle.continuation.followed import Followed
 from rattle.continuation.line import (
     FIRST_OF_DOUBLED,
     HALF_PERIOD,
@@ -26,8 +27,9 @@ from rattle.errors import RattleError, require, require_number
 from rattle.impacting.bifurcations.events import Event, between_twins, find_events, is_twice, origin_of_doubling
 from rattle.impacting.bifurcations.registry import name_of
 from rattle.impacting.orbits.equations import Itinerary, on_line
-from rattle.impacting.orbits.periodic import PeriodicOrbit, orbit_of
+from rattle.impacting.orbits.periodic import PeriodicOrbit, as_periodic, orbit_of
 from rattle.numerics.complex_step import Array
+from rattle.orbits.period_one import Orbit
 from rattle.orbits.periodic import at_parameters, twins
 
 LONGEST = 0.05  # of a step, in the unknowns
@@ -38,8 +40,8 @@ SAME_PLACE = 1e-9  # in the plane, of its scale
 SAME_MOTION = 1e-6  # in times
 
 
-@dataclass(frozen=True)
-class Branch:
+@dataclass(frozen=True, repr=False)
+class Branch(Followed):
     """A branch of motions with one itinerary, k points in order, n impacts each.
 
     delta, epsilon, tau, v (k,), multipliers (2, k), times and speeds (k, n) as in `PeriodicOrbit`; stable, admissible
@@ -74,6 +76,11 @@ class Branch:
     def departures(self) -> Array:
         """When the motions leave the walls (k, n): at the impacts."""
         return self.times
+
+    @property
+    def kappa(self) -> Array:
+        """Stiffness (k,): infinite."""
+        return np.full(len(self), np.inf)
 
     @property
     def parameters(self) -> Array:
@@ -111,16 +118,17 @@ class Branch:
 
 
 def branch(
-    orbit: PeriodicOrbit, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
+    orbit: PeriodicOrbit | Orbit, parameter: Parameter = "epsilon", span: Span = None, resolution: int = POINTS_ACROSS
 ) -> Branch:
     """The branch of a periodic motion in one parameter, both ways from it.
 
-    parameter: "epsilon" or "delta", and span its (low, high), by default 0.02 either way, below δ = 0.25 in proportion
-    less; or a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1. resolution:
-    points over the span, at least. The branch goes on beyond grazes, where the motion does not happen. Raises
-    ParameterError, and RattleError if the orbit is no solution.
+    orbit: one of `Gear.orbits`, `Gear.orbit` or `periodic_orbit`. parameter: "epsilon" or "delta", and span its (low,
+    high), by default 0.02 either way, below δ = 0.25 in proportion less; or a direction (dδ, dε), and span the
+    multiples of it that may be added, by default −1 to 1. resolution: points over the span, at least. The branch
+    goes on beyond grazes, where the motion does not happen. Raises ParameterError, and RattleError if the orbit is no
+    solution.
     """
-    require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
+    orbit = as_periodic(orbit)
     line = line_through(orbit.delta, orbit.epsilon, parameter, span, resolution)
     start = np.append(orbit.times, 0.0)
     fixed = np.append(np.zeros(orbit.times.size), 1.0)
@@ -169,7 +177,7 @@ def through(itinerary: Itinerary, x: Array, parameter: Parameter, span: Span, re
     return _both_ways(itinerary, line, np.append(x[:-2], 0.0))
 
 
-def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
+def fate(orbit: PeriodicOrbit | Orbit, delta: float, epsilon: float) -> PeriodicOrbit | Event | None:
     """What becomes of a motion on the straight way to other parameters: itself there, or the first event at which it
     ceases to happen or its stability changes; None if neither can be found.
 
@@ -177,7 +185,7 @@ def fate(orbit: PeriodicOrbit, delta: float, epsilon: float) -> PeriodicOrbit | 
     looked for on the way.
     Raises ParameterError, and RattleError if the orbit is no solution.
     """
-    require(isinstance(orbit, PeriodicOrbit), f"orbit must be a PeriodicOrbit, got {type(orbit).__name__}")
+    orbit = as_periodic(orbit)
     delta, epsilon = require_number("delta", delta, positive=True), require_number("epsilon", epsilon)
     there = at_parameters(orbit.itinerary, np.append(orbit.times, [delta, epsilon]))
     if there is not None and np.max(np.abs(there[:-2] - orbit.times)) < LONGEST:

@@ -1,5 +1,7 @@
 """What diagrams ask of the impacting gear, and its diagram."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,5 +1,7 @@
 """On which side of its boundary crisis a parameter point is: whether a part of W^u(A) goes to rest."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,5 +1,7 @@
 """The impact map on whole arrays: every element its own trajectory and its own parameters, all flown in lanes."""
 
+from __future__ import annotations
+
 import threading
 from typing import Any
 

@@ -3,6 +3,8 @@
 All take damping δ > 0 (scalar or array, dimensionless) and return ε of the same shape.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

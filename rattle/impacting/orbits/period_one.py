@@ -6,6 +6,8 @@ it is also A or C, so v = 2πδ, and the multipliers on the non-square-root side
 E) ε cos 2πτ/δ², determinant E = e^(−δ).
 """
 
+from __future__ import annotations
+
 from typing import NamedTuple
 
 import numpy as np
@@ -84,6 +86,10 @@ def orbits_at(delta: float, epsilon: float, beta: float) -> tuple[Orbit, ...]:
             float(found.v[i]),
             (complex(found.multipliers[i, 0]), complex(found.multipliers[i, 1])),
             bool(found.stable[i]),
+            delta,
+            epsilon,
+            beta,
+            np.inf,
         )
         for i, name in enumerate(NAMES)
         if found.exists[i]

@@ -2,6 +2,7 @@
 that each flight is a true first impact.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from rattle.impacting.map.impact_map import Point
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one import multipliers_of
+from rattle.orbits.period_one import Orbit, multipliers_of
 from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters
 
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight
@@ -21,7 +22,7 @@ GRAZING_SPEED = 1e-6  # at a graze: what rounding makes of speed 0, in a depth o
 GRAZING_TIME = 1e-4  # and what that speed does to the time, and to the speed of arrival
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PeriodicOrbit(Periodic):
     """A periodic motion P(m, n_plus, n_minus) at one parameter point.
 
@@ -173,6 +174,15 @@ def periodic_orbit(
         raise RattleError(f"no periodic motion with {n_plus} impacts on Σ⁺ near tau = {tau}, v = {v}: start closer")
     require(bool(np.isfinite(found).all()), "the periodic motion is beyond double precision")
     return orbit_of(itinerary, found)
+
+
+def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:
+    """A motion as its impact equations; an `Orbit` is solved for. Raises ParameterError if it is another gear's."""
+    if isinstance(orbit, PeriodicOrbit):
+        return orbit
+    require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a PeriodicOrbit, got {type(orbit).__name__}")
+    require(math.isinf(orbit.kappa), "this orbit is of the stiff gear: follow it with rattle.stiff.stiff_branch")
+    return periodic_orbit(orbit.delta, orbit.epsilon, orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 
 def admissible_or_why(itinerary: Itinerary, x: Array, grazed: int | None = None) -> str | None:

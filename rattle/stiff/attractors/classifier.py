@@ -1,5 +1,7 @@
 """Which attractors the samples of cells of the stiff gear go to, by the stages of `rattle.attractors.classify`."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -13,10 +13,11 @@ from rattle.continuation.conditions import Kind, condition
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
+from rattle.orbits.period_one import Orbit
 from rattle.stiff.bifurcations.grazes import LIGHT, Graze, graze
 from rattle.stiff.bifurcations.line import TWICE, MotionsOnLine
 from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of
-from rattle.stiff.orbits.periodic import LONGEST, StiffOrbit, admissible, softness
+from rattle.stiff.orbits.periodic import LONGEST, StiffOrbit, admissible, as_stiff, softness
 
 __all__ = ["StiffBranch", "StiffEvent", "both_ways", "doubled", "stiff_branch", "stiff_curve"]
 
@@ -29,7 +30,7 @@ LOST = "is lost"  # what ends a branch at a graze
 
 
 def stiff_branch(
-    orbit: StiffOrbit,
+    orbit: StiffOrbit | Orbit,
     parameter: Parameter = "epsilon",
     span: tuple[float, float] | None = None,
     resolution: int = POINTS_ACROSS,
@@ -40,7 +41,7 @@ def stiff_branch(
     be a direction (dδ, dε), and span the multiples of it that may be added, by default −1 to 1. resolution: points over
     the span, at least. Raises ParameterError, and RattleError if the orbit is no solution.
     """
-    require(isinstance(orbit, StiffOrbit), f"orbit must be a StiffOrbit, got {type(orbit).__name__}")
+    orbit = as_stiff(orbit)
     resolution = require_integer("resolution", resolution, 1, MOST_POINTS)
     here = unknowns_of(orbit)
     if parameter == "kappa":

@@ -1,5 +1,7 @@
 """Bifurcation diagrams of the stiff gear along segments of (δ, ε, κ): what `rattle.continuation.diagram` asks of it."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from dataclasses import dataclass
 

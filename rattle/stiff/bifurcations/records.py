@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rattle.continuation.arclength import root_between
 from rattle.continuation.conditions import Kind
+from rattle.continuation.followed import Followed
 from rattle.flight.law import wrapped
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import NAMES
@@ -65,8 +66,8 @@ def unknowns_of(orbit: StiffOrbit) -> Array:
     return np.append(orbit.unknowns, softness(orbit.kappa))
 
 
-@dataclass(frozen=True)
-class StiffBranch:
+@dataclass(frozen=True, repr=False)
+class StiffBranch(Followed):
     """A branch of motions with one itinerary along a line of parameters: its k points in order, each a solution.
 
     unknowns (k, 2c + 3): times, durations times √(2κ), δ, ε and κ^(−1/2)/√2. multipliers (2, k). start: the point it

@@ -1,5 +1,7 @@
 """The return map of the stiff gear on whole arrays: every element its own trajectory and its own parameters."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np

@@ -4,6 +4,8 @@ x = 2πδ/κ + ε (P cos 2πt + Q sin 2πt) with D = (2κ − 4π²)² + (2πδ)
 motion of the gear while x ≥ 0, so exactly for ε ≤ 2πδ/(κ √(P² + Q²)), and then it attracts.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,5 +1,7 @@
 """The counterparts of A, B, C and D of the stiff gear: at one point, over whole parameter arrays, and the regions."""
 
+from __future__ import annotations
+
 from itertools import pairwise
 from typing import NamedTuple
 

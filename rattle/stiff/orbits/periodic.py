@@ -1,5 +1,6 @@
 """Periodic motions P(m, n₊, n₋) of the stiff gear: solved for, checked, followed from the impacting limit."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,7 +13,7 @@ from rattle.errors import RattleError, require, require_finite, require_integer,
 from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one import multipliers_of
+from rattle.orbits.period_one import Orbit, multipliers_of
 from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters
 from rattle.stiff.map.flow import OK, QUIET, departs, piece
 from rattle.stiff.map.return_map import StiffPoint
@@ -25,7 +26,7 @@ STEPS_TO_LIMIT = 20  # at least
 MOST_STEPS = 200
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class StiffOrbit(Periodic):
     """A periodic motion P(m, n_plus, n_minus) of the stiff gear at one parameter point.
 
@@ -189,6 +190,15 @@ def follow_contacts(
     itinerary = StiffItinerary((last, *walls), m, beta, p)
     times = [begins[-1] - m, *begins[:-1]]
     return itinerary, np.array([*times, durations[-1], *durations[:-1], delta, epsilon])
+
+
+def as_stiff(orbit: StiffOrbit | Orbit) -> StiffOrbit:
+    """A motion as its contact equations; an `Orbit` is solved for. Raises ParameterError if it is another gear's."""
+    if isinstance(orbit, StiffOrbit):
+        return orbit
+    require(isinstance(orbit, Orbit), f"orbit must be an Orbit or a StiffOrbit, got {type(orbit).__name__}")
+    require(math.isfinite(orbit.kappa), "this orbit is of the impacting gear: follow it with rattle.branch")
+    return stiff_orbit(orbit.delta, orbit.epsilon, orbit.kappa, orbit.tau, orbit.v, orbit.n_plus, orbit.beta)
 
 
 def stiff_orbit(

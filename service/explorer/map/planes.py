@@ -197,10 +197,10 @@ class Atlas:
 
 def maps_of(request: SurveyRequest) -> dict[str, Any]:
     """The variables of a survey that are maps, in the order of the store; each with the names of its several maps."""
-    from workers.survey.values.quantities import labels_of, stored
+    from workers.survey.values.quantities import held, labels_of
 
     return {
         quantity.name: labels_of(quantity.dims[0], request.n_slots) if len(quantity.dims) > 2 else ()
-        for quantity in stored(request.quantities, request.model)
+        for quantity in held(request.quantities, request.model)
         if quantity.per_cell
     }

@@ -2,10 +2,12 @@
 
 import csv
 import io
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pandas
 import pytest
 import xarray as xr
 from fastapi.testclient import TestClient
@@ -17,7 +19,8 @@ from service.explorer.map.colouring import colouring
 from service.explorer.map.planes import Atlas
 from service.operations.estimate import cell_seconds, most_like
 from workers import SurveyRequest, compute_tile, create_store, open_survey, tiles_of
-from workers.storage.store import write_tile
+from workers.storage.store import open_groups, write_tile
+from workers.survey.values.schema import Form
 
 REQUEST = SurveyRequest(**BODY)
 
@@ -56,13 +59,21 @@ def test_netcdf_holds_every_number(client: TestClient, running: str, tmp_path: P
         for name, values in store.data_vars.items():
             if np.iscomplexobj(values):
                 np.testing.assert_array_equal(found[f"{name}_real"] + 1j * found[f"{name}_imag"], values)
-                assert found[f"{name}_imag"].attrs["long_name"].endswith("imag part")
+                assert found[f"{name}_imag"].attrs["long_name"].endswith("imaginary part")
             else:
                 np.testing.assert_array_equal(found[name], values)
                 assert found[name].attrs["long_name"] == values.attrs["long_name"]
         assert np.iscomplexobj(store["orbit_multiplier"])
+        assert found.beta == store.beta == 0.6
+        assert found["region"].attrs["flag_values"].dtype == np.int8
+        assert not [name for name in found.coords if "_FillValue" in found[name].encoding]
+        assert {"history", "institution", "license", "citation"} <= set(found.attrs)
         assert found.attrs["content_hash"] == store.attrs["content_hash"]
         assert found["orbit"].values.tolist() == ["A", "B", "C", "D"]
+    with xr.open_dataset(tmp_path / "survey.nc", engine="h5netcdf", group="curves/G1") as curve:
+        groups = open_groups(front_of(client).directory.store(running))
+        np.testing.assert_array_equal(curve.point_epsilon, groups["curves/G1"].point_epsilon)
+        assert "codimension_two" in groups
     again = client.get(f"/v1/surveys/{running}/download.nc", headers={"If-None-Match": answer.headers["etag"]})
     assert (again.status_code, again.content) == (304, b"")
 
@@ -84,7 +95,49 @@ def test_csv_has_a_row_for_each_cell(client: TestClient, running: str) -> None:
     assert "attractor_fraction" not in rows[0]
 
 
-@pytest.mark.parametrize("ending", ["nc", "csv"])
+def test_a_tidy_table_has_a_row_for_each_attractor_or_orbit(client: TestClient, running: str) -> None:
+    here = f"/v1/surveys/{running}/download.csv"
+    attractors, orbits = (
+        list(csv.DictReader(io.StringIO(client.get(here, params={"form": form}).text)))
+        for form in ("attractors", "orbits")
+    )
+    with open_survey(front_of(client).directory.store(running)) as store:
+        assert len(attractors) == int((store.attractor_kind > 0).sum())
+        assert len(orbits) == int(store.orbit_exists.sum())
+        for row in attractors:
+            one = store.sel(delta=float(row["delta"]), epsilon=float(row["epsilon"]), attractor=int(row["attractor"]))
+            assert int(row["attractor_kind"]) == one.attractor_kind
+            assert np.float32(row["attractor_fraction"]) == one.attractor_fraction
+            second = float(one.attractor_lyapunov.sel(exponent=2))
+            assert float(row["attractor_lyapunov_2"] or "nan") == pytest.approx(second, abs=0, nan_ok=True)
+            assert float(row["beta"]) == 0.6
+        for row in orbits:
+            one = store.sel(delta=float(row["delta"]), epsilon=float(row["epsilon"]), orbit=row["orbit"])
+            assert float(row["orbit_multiplier_real_1"]) == one.orbit_multiplier.sel(multiplier=1).real
+
+
+@pytest.mark.parametrize("form", Form)
+def test_parquet_holds_the_same_table(client: TestClient, running: str, form: Form) -> None:
+    here = f"/v1/surveys/{running}/download"
+    answer = client.get(f"{here}.parquet", params={"form": form})
+    assert answer.status_code == 200, answer.text
+    binary, text = (
+        pandas.read_parquet(io.BytesIO(answer.content)),
+        client.get(f"{here}.csv", params={"form": form}).text,
+    )
+    read = pandas.read_csv(io.StringIO(text))
+    assert list(binary) == list(read)
+    for name in binary:
+        if binary[name].dtype.kind in "iuf":
+            np.testing.assert_array_equal(binary[name].to_numpy(), read[name].to_numpy(binary[name].dtype))
+
+
+def test_who_cannot_write_parquet_says_so(client: TestClient, running: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert_problem(client.get(f"/v1/surveys/{running}/download.parquet"), 404, "gear-rattle[parquet]")
+
+
+@pytest.mark.parametrize("ending", ["nc", "csv", "parquet"])
 def test_what_has_no_numbers_cannot_be_downloaded(client: TestClient, ending: str) -> None:
     assert_problem(client.get(f"/v1/surveys/nothing/download.{ending}"), 404, "no survey")
     waiting = client.post("/v1/surveys?force=true", json=BODY | {"seed": 9}).json()["id"]

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
+from pydantic import ValidationError
 from service_support import BODY, HERE, NOBODY, assert_problem, front_end, front_of, key, peer, submit
 from starlette.websockets import WebSocketDisconnect
 
@@ -167,6 +168,27 @@ def test_no_page_of_another_site_is_allowed_to_read(local: TestClient) -> None:
         assert response.headers["x-content-type-options"] == "nosniff"
         assert response.headers["cross-origin-resource-policy"] == "same-origin"
         assert response.headers["content-security-policy"] == "frame-ancestors 'self'"
+
+
+def test_a_page_of_an_origin_in_the_settings_reads_and_does_not_write(tmp_path: Path) -> None:
+    friend = "https://maps.example"
+    with front_end(tmp_path, cors_origins=(friend,)) as client:
+        for origin, allowed in ((friend, friend), ("https://evil.example", None)):
+            asked = {"Origin": origin, "Sec-Fetch-Site": "cross-site"}
+            read = client.get("/v1/surveys", headers=asked)
+            assert read.headers.get("access-control-allow-origin") == allowed
+            assert "access-control-allow-credentials" not in read.headers
+            assert_problem(client.post("/v1/surveys", json=BODY, headers=asked), 403, "another site")
+            wish = asked | {"Access-Control-Request-Method": "GET", "Access-Control-Request-Headers": "authorization"}
+            assert client.options("/v1/surveys", headers=wish).status_code == (200 if allowed else 400)
+            wish["Access-Control-Request-Method"] = "POST"
+            assert client.options("/v1/surveys", headers=wish).status_code == 400
+
+
+@pytest.mark.parametrize("origin", ["*", "maps.example", "https://maps.example/path"])
+def test_an_origin_is_named_in_full(origin: str) -> None:
+    with pytest.raises(ValidationError, match="is no origin"):
+        Settings(cors_origins=(origin,))
 
 
 def test_websockets_are_refused_like_writes(local: TestClient, client: TestClient) -> None:

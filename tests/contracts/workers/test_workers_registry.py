@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from workers import QUANTITIES, Axis, Group, Quantity, SurveyRequest, create_store
+import rattle
+from workers import QUANTITIES, Axis, Group, Quantity, SurveyRequest, create_store, open_survey
 from workers.cluster.runner import compute_and_write
 from workers.survey.tiles import tiles_of
 from workers.survey.values.quantities import COORDINATES
@@ -90,7 +91,7 @@ def template(request_: SurveyRequest, tmp_path_factory: pytest.TempPathFactory) 
 
 @pytest.fixture(scope="module")
 def empty(template: Path) -> xr.Dataset:
-    return xr.open_zarr(template, chunks=None)
+    return open_survey(template)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +100,7 @@ def survey(request_: SurveyRequest, tmp_path_factory: pytest.TempPathFactory) ->
     create_store(request_, path)
     for tile in tiles_of(request_):
         compute_and_write(request_, str(path), tile)
-    return xr.open_zarr(path, chunks=None).load()
+    return open_survey(path).load()
 
 
 def test_the_registry_is_the_schema() -> None:
@@ -166,9 +167,51 @@ def test_attributes_tell_where_it_comes_from(empty: xr.Dataset, request_: Survey
 def test_only_what_is_asked_for_is_stored(tmp_path: Path, request_: SurveyRequest, group: Group) -> None:
     path = tmp_path / "survey.zarr"
     create_store(request_.model_copy(update={"quantities": (group,)}), path)
-    dataset = xr.open_zarr(path)
+    dataset = open_survey(path)
     assert set(dataset.data_vars) == {q.name for q in QUANTITIES if q.group == group} | {"status"}
-    assert set(dataset.coords) == {dim for name in dataset.data_vars for dim in dataset[name].dims}
+    assert set(dataset.coords) == {dim for name in dataset.data_vars for dim in dataset[name].dims} | {"beta"}
+
+
+def test_no_stored_number_is_complex(survey: xr.Dataset, template: Path, tmp_path: Path) -> None:
+    """So that any reader reads all, and plain xarray writes NetCDF."""
+    with xr.open_datatree(template, engine="zarr") as tree:
+        stored = {array.dtype.kind for node in tree.subtree for array in node.dataset.variables.values()}
+    assert stored <= set("biufOUT")
+    with xr.open_zarr(template) as plain:
+        plain.to_netcdf(tmp_path / "survey.nc", engine="h5netcdf")
+    assert survey.orbit_multiplier.dtype == np.complex128
+    wrong = survey.orbit_multiplier.prod("multiplier", skipna=False) - np.exp(-survey.delta)
+    assert float(abs(wrong).max()) < 1e-12
+
+
+def test_complex_numbers_are_read_when_asked_for(survey: xr.Dataset, tmp_path: Path, request_: SurveyRequest) -> None:
+    path = tmp_path / "survey.zarr"
+    create_store(request_, path)
+    with open_survey(path) as lazy:
+        compute_and_write(request_, str(path), tiles_of(request_)[0])  # after it was opened
+        some = tiles_of(request_)[0]
+        here = {"epsilon": some.epsilon, "delta": some.delta}
+        np.testing.assert_array_equal(lazy.orbit_multiplier.isel(here), survey.orbit_multiplier.isel(here))
+        one = lazy.orbit_multiplier.isel(orbit=[3, 0], multiplier=1, epsilon=0, delta=slice(None, None, 2))
+        expected = survey.orbit_multiplier.isel(orbit=[3, 0], multiplier=1, epsilon=0, delta=slice(None, None, 2))
+        inside = slice(0, len(range(0, some.delta.stop, 2)))
+        np.testing.assert_array_equal(one.values[:, inside], expected.values[:, inside])
+
+
+def test_parameters_that_all_cells_have_are_coordinates(empty: xr.Dataset, request_: SurveyRequest) -> None:
+    assert empty.coords["beta"].shape == ()
+    assert float(empty.beta) == request_.beta
+    other = empty.assign_coords(beta=0.7)
+    assert xr.concat([empty.quiet_fraction, other.quiet_fraction], "beta").beta.values.tolist() == [request_.beta, 0.7]
+
+
+def test_attributes_tell_on_what_the_last_bits_depend(empty: xr.Dataset) -> None:
+    toolchain = rattle.toolchain()
+    assert {f"computed_with_{name}": value for name, value in toolchain.items()}.items() <= empty.attrs.items()
+    assert toolchain["numpy"] == np.__version__
+    assert toolchain["processor_features"]
+    assert "CC0-1.0" in empty.attrs["license"]
+    assert rattle.__version__ in empty.attrs["citation"]
 
 
 def test_fractions_add_to_one(survey: xr.Dataset) -> None:

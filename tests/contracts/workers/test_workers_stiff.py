@@ -10,7 +10,17 @@ from pydantic import ValidationError
 import rattle
 from rattle import stiff
 from rattle.models import Model, Stiff
-from workers import Axis, SurveyRequest, Window, compute_part, create_store, finish_store, tiles_of, window_survey
+from workers import (
+    Axis,
+    SurveyRequest,
+    Window,
+    compute_part,
+    create_store,
+    finish_store,
+    open_survey,
+    tiles_of,
+    window_survey,
+)
 from workers.boundaries.explain import explain
 from workers.cluster.runner import compute_and_write
 from workers.errors import SurveyError
@@ -34,7 +44,7 @@ def survey_of(request: SurveyRequest, path: Path) -> xr.Dataset:
     for tile in tiles_of(request):
         assert not compute_and_write(request, str(path), tile).failed_cells
     finish_store(path)
-    return xr.open_zarr(path, chunks=None).load()
+    return open_survey(path).load()
 
 
 @pytest.fixture(scope="module")

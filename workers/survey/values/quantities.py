@@ -384,6 +384,11 @@ def groups_of(model: Model) -> tuple[Group, ...]:
 
 
 def stored(groups: Iterable[Group], model: Model) -> tuple[Quantity, ...]:
+    """Return the variables that a store has of `held`: of complex ones both parts."""
+    return tuple(part for quantity in held(groups, model) for part in quantity.parts)
+
+
+def held(groups: Iterable[Group], model: Model) -> tuple[Quantity, ...]:
     """Return the variables of these groups that a model has, and `status`."""
     wanted = {*groups, None}
     return tuple(quantity for quantity in QUANTITIES if quantity.group in wanted and model in quantity.models)

@@ -1,7 +1,8 @@
 """The words of the registry: groups that a request names, variables, and dimensions."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from workers.survey.values.evaluate import Evaluate
 
 CELL = ("epsilon", "delta")
 SLOT = "attractor"  # the dimension of slots
+PARTS = {"real": "real part", "imag": "imaginary part"}  # of a complex variable, each stored as one of its own
 
 
 class Group(StrEnum):
@@ -24,6 +26,14 @@ class Group(StrEnum):
     BASINS = "basins"
     INTENSITY = "intensity"
     FAMILIES = "families"
+
+
+class Form(StrEnum):
+    """What a row of a table is: a cell, or one of the attractors or of the orbits A to D of a cell."""
+
+    CELLS = "cells"
+    ATTRACTORS = "attractors"
+    ORBITS = "orbits"
 
 
 #: The groups that need every cell sampled.
@@ -70,9 +80,29 @@ class Quantity:
         return self.dims[-2:] == CELL
 
     @property
+    def parts(self) -> tuple["Quantity", ...]:
+        """What is stored of it: itself, or both parts of complex numbers, which few readers know."""
+        if np.dtype(self.dtype).kind != "c":
+            return (self,)
+        return tuple(
+            replace(
+                self,
+                name=f"{self.name}_{part}",
+                dtype="float64",
+                long_name=f"{self.long_name}, {words}",
+                evaluate=partial(_part, self.evaluate, part),
+            )
+            for part, words in PARTS.items()
+        )
+
+    @property
     def attributes(self) -> dict[str, Any]:
         """CF attributes."""
         attributes: dict[str, Any] = {"long_name": self.long_name, "units": "1", "references": self.reference}
         if self.flags:
             attributes |= {"flag_values": list(range(len(self.flags))), "flag_meanings": " ".join(self.flags)}
         return attributes
+
+
+def _part(evaluate: Evaluate, part: str, cells: Any) -> np.ndarray:
+    return np.asarray(getattr(np.asarray(evaluate(cells)), part))

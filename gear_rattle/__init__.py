@@ -1,0 +1,34 @@
+"""gear-rattle as other people's code imports it, beside the library `rattle`.
+
+`run_survey` makes a survey and opens it, `open_survey` opens one that is there, and `Client` talks to a service. In an
+installed wheel the packages `workers` and `service` stand in here (setup.py): in the checkout they stand beside it.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rattle import __version__
+    from service.client import Client, Job
+    from workers import SurveyRequest, open_survey, run_survey
+
+_PLACES = {
+    "Client": "service.client",
+    "Job": "service.client",
+    "SurveyRequest": "workers.survey.request",
+    "__version__": "rattle",
+    "open_survey": "workers.storage.store",
+    "run_survey": "workers.run",
+}
+
+__all__ = ["Client", "Job", "SurveyRequest", "__version__", "open_survey", "run_survey"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_PLACES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,91 @@
+"""How results show themselves: in a line, in a notebook as a table, and as what pandas and xarray work with."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+    from xarray import Dataset
+else:
+    DataFrame = Dataset = Any  # who asks for one has them
+
+ROWS = 12  # of a table in a notebook; of longer ones the first and the last
+
+Columns = Mapping[str, Sequence[Any] | NDArray[Any]]
+
+
+class Shown(Protocol):
+    """A result that can say what it is."""
+
+    def _caption(self) -> str:
+        """In a line."""
+
+    def _columns(self) -> Columns:
+        """Its table, columns of the same length by their names."""
+
+
+def line_of(result: Shown) -> str:
+    """What `repr` says of a result."""
+    return f"<{result._caption()}>"
+
+
+def html_of(result: Shown) -> str:
+    """What a notebook shows of a result."""
+    return html(result._caption(), result._columns())
+
+
+def dataframe_of(result: Shown) -> DataFrame:
+    """The table of a result. Raises MissingExtraError without pandas."""
+    try:
+        import pandas
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("tables need pandas: pip install 'gear-rattle[workers]'") from error
+    return pandas.DataFrame({name: np.asarray(values) for name, values in result._columns().items()})
+
+
+def dataset_of(
+    variables: Mapping[str, tuple[Any, ...]], coordinates: Mapping[str, Any], attributes: Mapping[str, Any]
+) -> Dataset:
+    """An xarray.Dataset; arguments as its own. Raises MissingExtraError without xarray."""
+    try:
+        import xarray
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("labelled arrays need xarray: pip install 'gear-rattle[workers]'") from error
+    return xarray.Dataset(dict(variables), dict(coordinates), dict(attributes))
+
+
+def motion(m: int, n_plus: int, n_minus: int) -> str:
+    """The label P(m, n₊, n₋) of a periodic motion."""
+    return f"P({m}, {n_plus}, {n_minus})"
+
+
+def html(caption: str, columns: Columns) -> str:
+    """A table; of a long one the first and the last rows."""
+    length = max((len(values) for values in columns.values()), default=0)
+    shown: Iterable[int | None] = range(length)
+    if length > ROWS:
+        shown = [*range(ROWS // 2), None, *range(length - ROWS // 2, length)]
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    rows = "".join(f"<tr>{_cells(columns, row)}</tr>" for row in shown)
+    return f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _cells(columns: Columns, row: int | None) -> str:
+    texts = ("…" if row is None else _text(values[row]) for values in columns.values())
+    return "".join(f"<td>{escape(text)}</td>" for text in texts)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, complex | np.complexfloating):
+        return f"{value.real:.6g}" if value.imag == 0 else f"{value.real:.6g} {value.imag:+.6g}i"
+    return f"{value:.6g}" if isinstance(value, float | np.floating) else str(value)

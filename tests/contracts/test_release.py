@@ -1,0 +1,75 @@
+"""What makes this a release: its documents, and the command where only the library is installed."""
+
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import metadata
+from pathlib import Path
+
+import yaml
+
+import gear_rattle
+import rattle
+from service.client import Client
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def said_by(code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code, *arguments], cwd=ROOT, capture_output=True, text=True)
+
+
+def test_the_citation_is_of_this_version_and_licence() -> None:
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert cited["version"] == rattle.__version__ == metadata("gear-rattle")["Version"]
+    assert cited["license"] == PROJECT["license"] == "BSD-3-Clause"
+    assert "BSD 3-Clause" in (ROOT / "LICENSE").read_text()
+    assert cited["authors"] == PROJECT["authors"]
+    assert all(rattle_url.startswith("https://doi.org/") for rattle_url in PROJECT["urls"].values())
+
+
+def test_the_version_is_said_without_the_compiler() -> None:
+    told = "import sys, atexit; atexit.register(lambda: print('numba' in sys.modules))"
+    done = said_by(f"{told}; from gear_rattle.cli import main; main()", "--version")
+    assert done.stdout.split() == ["rattle", rattle.__version__, "False"], done.stderr
+
+
+def test_the_command_without_its_extra_says_which() -> None:
+    done = said_by("import sys; sys.modules['typer'] = None; from gear_rattle.cli import main; main()", "run")
+    assert done.returncode == 2
+    assert "pip install 'gear-rattle[cli]'" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_what_else_is_missing_is_told_as_it_is() -> None:
+    done = said_by("import sys; sys.modules['service.cli'] = None; from gear_rattle.cli import main; main()", "run")
+    assert "ModuleNotFoundError" in done.stderr
+
+
+def test_the_face_has_what_it_lists() -> None:
+    assert all(getattr(gear_rattle, name) for name in gear_rattle.__all__)
+    assert gear_rattle.Client is Client
+    assert dir(gear_rattle) == gear_rattle.__all__
+
+
+def test_a_wheel_imports_what_is_moved_by_its_new_name() -> None:
+    """Every import of the checkout, and every module that is named in text (`tests/install` uses the wheel)."""
+    code = """
+import ast, re, sys
+from pathlib import Path
+import setuptools
+setuptools.setup = lambda **_: None
+import setup
+for package in ("service", "workers", "gear_rattle"):
+    for path in Path(package).rglob("*.py"):
+        source = setup.moved(path.read_text())
+        for node in ast.walk(ast.parse(source)):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [each.name for each in node.names] if isinstance(node, ast.Import) else []
+            text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+            names += re.findall("^[a-z_]+[.:][a-z_.]+$", node.value) if text else []
+            assert not [each for each in names if re.match("(service|workers)([.:]|$)", each)], (path, names)
+"""
+    done = said_by(code)
+    assert done.returncode == 0, done.stderr

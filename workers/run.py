@@ -1,0 +1,127 @@
+"""A survey from Python in one call."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from workers.errors import SurveyError
+from workers.families import join_survey, lacks_families
+from workers.in_process import is_short, run_tiles_here
+from workers.storage.location import Place, place_of
+from workers.storage.store import create_store, finish_store, open_survey, tiles_done
+from workers.survey.axes import reason
+from workers.survey.request import SurveyRequest
+from workers.survey.tiles import Tile, TileRecord, tiles_of
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from distributed import Client
+
+PROCESSES = 2
+
+Progress = Callable[[int, int], None]
+
+
+def run_survey(
+    request: SurveyRequest | Mapping[str, Any] | None = None,
+    *,
+    out: str | Path | Place | None = None,
+    cluster: str | Client | int | None = None,
+    progress: Progress | None = None,
+    **fields: Any,
+) -> xr.Dataset:
+    """Compute a survey and open it: `run_survey(delta=(0.4, 1.0, 61), epsilon=(0.005, 0.3, 60), out="survey.zarr")`.
+
+    What is interrupted is resumed by the same call with the same `out`, and ends bit for bit the same; what is there
+    already is opened.
+
+    Args:
+        request: what to compute, or fields of a `SurveyRequest`.
+        out: where its store is to be, a path or "s3://BUCKET/PREFIX"; by default nowhere: the values are in memory
+            alone, and an interrupted survey is lost.
+        cluster: the URL of a dask scheduler or a client of it, whose workers see `out`; or how many processes to start
+            here. By default a survey of a few seconds is computed in this process, a longer one in two others.
+        progress: called with the numbers of cells that are computed and that there are, again and again.
+        fields: of the request, beside or instead of it; an axis may be a (start, stop, num) triple.
+
+    Raises:
+        SurveyError: the request cannot be meant; something else is at `out`, or it cannot be written; no cluster.
+    """
+    wanted = _request(request, fields)
+    if out is not None:
+        return _run(wanted, place_of(out), cluster, progress)
+    with (
+        tempfile.TemporaryDirectory(prefix="rattle-") as directory,
+        _run(wanted, place_of(Path(directory) / "survey.zarr"), cluster, progress) as survey,
+    ):
+        return survey.load()
+
+
+def _request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> SurveyRequest:
+    given = request.model_dump(exclude_unset=True) if isinstance(request, SurveyRequest) else request or {}
+    try:
+        return SurveyRequest.model_validate({**given, **fields})
+    except ValidationError as error:
+        where = ".".join(str(part) for part in error.errors()[0]["loc"])
+        raise SurveyError(f"{where}: {reason(error)}" if where else reason(error)) from None
+
+
+def _run(
+    request: SurveyRequest, place: Place, cluster: str | Client | int | None, progress: Progress | None
+) -> xr.Dataset:
+    create_store(request, place)
+    done = tiles_done(request, place)
+    missing = [tile for tile in tiles_of(request) if tile.index not in done]
+    if missing or lacks_families(request, place):
+        _compute(request, place, missing, cluster, progress)
+    finish_store(place)
+    return open_survey(place)
+
+
+def _compute(
+    request: SurveyRequest,
+    place: Place,
+    missing: list[Tile],
+    cluster: str | Client | int | None,
+    progress: Progress | None,
+) -> None:
+    done = request.n_cells - sum(tile.n_cells for tile in missing)
+
+    def on_tile(record: TileRecord) -> None:
+        nonlocal done
+        done += record.cells
+        if progress:
+            progress(done, request.n_cells)
+
+    if cluster is None and is_short(request, request.n_cells):
+        run_tiles_here(request, place, missing, on_tile, _never)
+        if lacks_families(request, place):
+            with place.writing():
+                join_survey(request, place)
+        return
+    from workers.cluster.runner import join_on, run_tiles
+
+    with _client(cluster) as client:
+        run_tiles(request, place, missing, client, on_tile, _never)
+        if lacks_families(request, place):
+            join_on(client, request, place, _never)
+
+
+def _client(cluster: str | Client | int | None) -> AbstractContextManager[Client]:
+    from workers.cluster.cluster import connect, embedded_cluster
+
+    if isinstance(cluster, str):
+        return connect(cluster)
+    if cluster is None or isinstance(cluster, int):
+        return embedded_cluster(PROCESSES if cluster is None else cluster)
+    return nullcontext(cluster)
+
+
+def _never() -> bool:
+    return False
