@@ -286,8 +286,8 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     """Open a survey, or a group of it, from disk, a bucket or over HTTP, finished or not; values are read when asked
     for.
 
-    `xarray.open_zarr(path_or_url, group=group)` shows the same, but complex variables as `…_real` and `…_imag`; this one says what
-    is wrong when there is no survey.
+    `xarray.open_zarr(path_or_url, group=group)` shows the same, but complex variables as `…_real` and `…_imag`; this
+    one says what is wrong when there is no survey.
 
     Args:
         as_stored: leave complex variables in their two parts, which NetCDF can hold.
