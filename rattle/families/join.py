@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from rattle.attractors.table import CHAOTIC, PERIODIC, Attractors
 from rattle.errors import real_array, require
@@ -43,6 +41,9 @@ def joined_rows(
     table: Attractors, shape: tuple[int, int], cells: Any
 ) -> tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]:
     """The table of the cells of a grid with what entered them, whether each row did (rows,), and its family (rows,)."""
+    from scipy.sparse import coo_array  # an eighth of a second to load
+    from scipy.sparse.csgraph import connected_components
+
     orbits, n = continued(table, shape, cells)
     periodic, chaotic = (np.flatnonzero(table.kind == kind) for kind in (PERIODIC, CHAOTIC))
     whole = _with_entered(table, orbits, periodic.size, n)
