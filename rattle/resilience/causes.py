@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 SADDLE_NODE, FLIP, GRAZE = "saddle-node", "flip", "graze"
 CRISIS, QUIET_LIMIT, SAMPLING, CONTINUES, UNKNOWN = "crisis", "quiet limit", "sampling", "continues", "unknown"
 LEAST_STEP = 1e-9  # of the way from one point to the next
+LONGEST = 32  # impacts of an orbit that is followed; one of a hundred takes half a minute
 FARTHEST = 0.1  # from an orbit's departure to that of its continuation, speeds in their unit
 AT_ONE = 0.01  # a multiplier this near to ±1 is there, so near to where the orbit ends
 CLEARLY = 1.5  # times as large: what is extrapolated from
@@ -55,7 +56,7 @@ def end_of(start: Array, end: Array, orbit: Orbit) -> End:
     extrapolated from the multipliers, and lies in the middle between low and high.
     """
     at, step, share = orbit, 1.0, 0.0
-    last = _solved(between(start, end, 0.0), at)
+    last = _solved(between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
     if last is None:
         return End(UNKNOWN, 0.0, 1.0)
     trail = [(share, last.multipliers)]

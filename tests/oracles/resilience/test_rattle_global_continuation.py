@@ -5,6 +5,7 @@ import pytest
 
 import rattle
 from rattle import stiff
+from rattle.resilience.causes import Orbit, end_of
 from rattle.resilience.path import GlobalContinuation
 
 QUIET = ("quiet", 0, 0, 0)
@@ -139,6 +140,13 @@ def test_what_a_long_step_cuts_is_told() -> None:
     assert not changes_of(whole, C)
     assert {cause for _, cause, _ in changes_of(cut, C)} <= {"continues"}
     assert sorted(each.begins for each in cut.changes if each.cause == "continues") == [False, True]
+
+
+def test_a_motion_of_very_many_impacts_is_not_followed() -> None:
+    """P(1,107,0), of which each step would take half a second."""
+    long = Orbit((1, 107, 0), 0.48698548922191587, 0.039303353146466116)
+    end = end_of(np.array([0.57333333, 0.178, 0.6]), np.array([0.58, 0.176, 0.6]), long)
+    assert (end.cause, end.low, end.high) == ("unknown", 0.0, 1.0)
 
 
 def test_own_states_are_followed_at_every_step() -> None:
