@@ -13,10 +13,10 @@ from rattle.attractors.speeds import SpeedLimit, sampled_speeds
 from rattle.attractors.table import CHAOTIC, KINDS, MOST_SAMPLES, PERIODIC, QUIET, Attractor, Attractors, tabulated
 from rattle.errors import require, require_integer
 from rattle.flight.law import wrapped
-from rattle.models import AnyGear, Columns
+from rattle.models import AnyGear, Columns, model_at
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.resilience.accumulate import Make, accumulated_at
-from rattle.resilience.causes import CRISIS, QUIET_LIMIT, SAMPLING, UNKNOWN, End, Orbit, end_of
+from rattle.resilience.causes import CONTINUES, CRISIS, QUIET_LIMIT, SAMPLING, UNKNOWN, End, Orbit, end_of
 from rattle.resilience.gears import States, gear_at, model_on, path_of, unit_of
 
 Array = NDArray[np.float64]
@@ -31,7 +31,8 @@ class Change(NamedTuple):
     """A family that begins or ends between two steps of a path.
 
     step: the last one before; begins: it is there after it, and not before. cause: saddle-node, flip, graze, crisis,
-    quiet limit; sampling: it is there on both sides, and no sample of one went to it; unknown. low, high: between which
+    quiet limit; sampling: it is there on both sides, and no sample of one went to it; continues: it is there as the
+    family `other`; unknown. low, high: between which
     positions, steps and parts of them. other: the family that a motion on it goes to where it is not, −1 if unknown.
     """
 
@@ -198,6 +199,8 @@ class _Changes:
             label = tuple(int(column[row]) for column in self.rows[2:5])
             orbit = Orbit((label[0], label[1], label[2]), float(self.rows.tau[row]), float(self.rows.v[row]))
             end = end_of(self.points[where], self.points[away], orbit)
+            if end.orbit is not None and (goes_on := self._listed(end.orbit, away, gears[1])) >= 0:
+                end, other = End(CONTINUES, 0.0, 1.0), goes_on
         elif other in self.here[where]:
             end = End(CRISIS, 0.0, 1.0)
         elif (because := others.get((other, step, not begins))) is not None:
@@ -217,6 +220,8 @@ class _Changes:
         chaotic and there is none.
         """
         tau, v = float(self.rows.tau[row]), float(self.rows.v[row])
+        if self.rows.kind[row] == CHAOTIC and model_at(there).rests_late(there.delta, there.epsilon):
+            return -1  # what is on its way to rest there makes impacts without end
         many = CHAOTIC_STATES if self.rows.kind[row] == CHAOTIC else 1
         on = gear.iterate(tau, v, 7 * np.arange(many))
         goes = there.reached(on.tau, on.v).attractors[0]
@@ -224,6 +229,17 @@ class _Changes:
             if self._is(goes, other, unit_of(there)):
                 return family
         return CHAOS_THERE if goes.kind == KINDS[CHAOTIC] else -1
+
+    def _listed(self, orbit: Orbit, step: int, gear: AnyGear) -> int:
+        """The family at a step that an orbit belongs to, −1 if it is not listed there."""
+        all_of_it = gear.iterate(orbit.tau, orbit.v, np.arange(orbit.label[1]))
+        for family, row in self.here[step].items():
+            if tuple(int(column[row]) for column in self.rows[2:5]) == orbit.label:
+                far = abs(wrapped(all_of_it.tau - self.rows.tau[row]))
+                far = np.maximum(far, abs(all_of_it.v - self.rows.v[row]) / unit_of(gear))
+                if far.min() < SAME_POINT:
+                    return family
+        return -1
 
     def _is(self, goes: Attractor, row: int, unit: float) -> bool:
         kind, m, plus, minus = (int(column[row]) for column in self.rows[1:5])

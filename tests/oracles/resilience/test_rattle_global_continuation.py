@@ -5,6 +5,7 @@ import pytest
 
 import rattle
 from rattle import stiff
+from rattle.resilience.causes import Orbit, end_of
 from rattle.resilience.path import GlobalContinuation
 
 QUIET = ("quiet", 0, 0, 0)
@@ -41,6 +42,7 @@ def test_c_and_d_begin_and_end_where_the_curves_are(births: GlobalContinuation) 
     assert (sn2, pd1) == pytest.approx((0.06874679, 0.07615571), abs=1e-8)
     lost = next(each for each in births.changes if each.cause == "flip" and not each.begins)
     assert births.label(lost.other) == ("periodic", 2, 2, 2)
+    assert changes_of(births, ("periodic", 2, 2, 2)) == [(True, "flip", pytest.approx(pd1, abs=2e-9))]
 
 
 def test_families_are_those_of_a_grid_of_one_column() -> None:
@@ -64,6 +66,22 @@ def test_c_ends_at_a_graze() -> None:
     found = rattle.global_continuation([(0.6, 0.14), (0.6, 0.149)], count=16, steps=3)
     g1 = float(rattle.grazing("G1", 0.6).epsilon)
     assert changes_of(found, C) == [(False, "graze", pytest.approx(g1, abs=2e-9))]
+
+
+def test_causes_are_the_events_of_the_diagram() -> None:
+    """Pseudo-arclength continuation of the branches meets the same saddle-nodes, flips and grazes."""
+    ends = (0.6, 0.12), (0.6, 0.16)
+    found = rattle.global_continuation(ends, count=16, steps=8)
+    diagram = rattle.diagram(*ends, steps=8, count=16)
+    kinds, compared = {"saddle-node": "SN", "flip": "PD", "graze": "GR"}, set()
+    for each in found.changes:
+        kind, _m, plus, minus = found.label(each.family)
+        if kind == "periodic" and plus + minus <= 4 and each.cause in kinds:
+            epsilon = np.interp(0.5 * (each.low + each.high), np.arange(9), found.parameters[:, 1])
+            events = [event.epsilon for event in diagram.events if event.kind == kinds[each.cause]]
+            assert np.abs(np.array(events) - epsilon).min() < 1e-8, (each, found.label(each.family))
+            compared.add(each.cause)
+    assert compared == kinds.keys()
 
 
 def test_half_backlash_is_a_parameter_too() -> None:
@@ -112,6 +130,23 @@ def test_the_stiff_gear_has_paths_too() -> None:
     softer = rattle.global_continuation([(0.6, 0.07, 0.6, 1e4), (0.6, 0.07, 0.6, 3e3)], count=32, steps=2)
     assert np.isfinite(softer.fractions(number_of(softer, C))).all()
     assert softer.parameters[1, 3] == 6.5e3
+
+
+def test_what_a_long_step_cuts_is_told() -> None:
+    """From just above C's birth: one step is too long for Newton's method; with more it is one family."""
+    path = [(0.45, 0.0345), (0.45, 0.09)]
+    cut = rattle.global_continuation(path, count=64, steps=1)
+    whole = rattle.global_continuation(path, count=16, steps=20)
+    assert not changes_of(whole, C)
+    assert {cause for _, cause, _ in changes_of(cut, C)} <= {"continues"}
+    assert sorted(each.begins for each in cut.changes if each.cause == "continues") == [False, True]
+
+
+def test_a_motion_of_very_many_impacts_is_not_followed() -> None:
+    """P(1,107,0), of which each step would take half a second."""
+    long = Orbit((1, 107, 0), 0.48698548922191587, 0.039303353146466116)
+    end = end_of(np.array([0.57333333, 0.178, 0.6]), np.array([0.58, 0.176, 0.6]), long)
+    assert (end.cause, end.low, end.high) == ("unknown", 0.0, 1.0)
 
 
 def test_own_states_are_followed_at_every_step() -> None:
