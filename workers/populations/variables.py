@@ -56,6 +56,8 @@ def variables_of(request: PopulationRequest) -> tuple[Variable, ...]:
     names = request.plan.tolerances.names
     alone, but = ([f"{way}_{name}" for name in names] for way in ("sharing", "sharing_all_but"))
     one = (GEAR,)
+    power = Variable("power", one, "float64", "mean power that the impacts hand over", _power, "W")
+    powers = (power,) if is_machine(request.plan.tolerances.given) else ()
     return (
         Variable(
             "part",
@@ -95,10 +97,7 @@ def variables_of(request: PopulationRequest) -> tuple[Variable, ...]:
             "share of the sample left undecided",
             lambda _, x: np.isnan(x.energy).mean(axis=1),
         ),
-        *(
-            (Variable("power", one, "float64", "mean power that the impacts hand over", _power, "W"),)
-            * is_machine(request.plan.tolerances.given)
-        ),
+        *powers,
         Variable("verdict", one, "int8", "whether the gear passes", lambda _, x: x.verdict, flags=VERDICTS),
         Variable("status", one, "int8", "what became of the gear", _status, flags=STATUS),
     )
