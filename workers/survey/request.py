@@ -39,9 +39,11 @@ def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
 OneSpeed = WrapValidator(_one_of_both)
 
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
-LEAST_TILES = 64  # by default, so that the workers end together and progress is seen
+LEAST_TILES = 16  # by default, so that the workers end together and progress is seen
+MOST_TILES = 100  # of a large survey by default: each is some 35 files
 DEFAULT_SAMPLES = 65_536  # of a default tile: some seconds where all is chaotic, so that a stop is soon obeyed
 STIFF_SAMPLES = 4096  # the same of the stiff model, whose returns take a hundred times as long
+LARGER = 16  # times as many, at most, in a tile of a large survey
 BASIN_SIDE = 8  # cells along a side of a default tile with basins: a second or two
 BASIN_SAMPLES = 4096  # states at a time of each such cell
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
@@ -86,7 +88,7 @@ class InitialConditions(Strict):
 
 
 class TileShape(Strict):
-    """Cells along each axis of a tile; not given means at most 32, fewer in a small survey or with large samples."""
+    """Cells along each axis of a tile; not given means 32, more in a survey of more than 100,000 cells, fewer in a small one or with large samples."""
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
     epsilon: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -245,9 +247,11 @@ class SurveyRequest(Strict):
 
     @property
     def _default_side(self) -> int:
-        side = min(DEFAULT_TILE, math.isqrt(self.n_cells // LEAST_TILES))
+        larger = math.isqrt(self.n_cells // MOST_TILES)
+        side = min(max(DEFAULT_TILE, larger), math.isqrt(self.n_cells // LEAST_TILES))
         if SAMPLED.intersection(self.quantities):
             samples = DEFAULT_SAMPLES if self.model is Model.IMPACTING else STIFF_SAMPLES
+            samples = min(max(samples, self.n_cells * self.initial_conditions.count // MOST_TILES), LARGER * samples)
             longer = max(1.0, WATCH / (PERIODS * self.delta.start))
             side = min(side, math.isqrt(int(samples / longer) // self.initial_conditions.count))
         if Group.BASINS in self.quantities:
