@@ -88,8 +88,8 @@ class InitialConditions(Strict):
 
 
 class TileShape(Strict):
-    """Cells along each axis of a tile; not given means 32, more in a survey of more than 100,000 cells, fewer in a small
-    one or with large samples.
+    """Cells along each axis of a tile; not given means 32, more in a survey of more than 100,000 cells, fewer in a
+    small one or with large samples.
     """
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
