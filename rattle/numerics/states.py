@@ -1,5 +1,7 @@
 """Own samples of states: uniform in a box, or of a density."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 
 import numpy as np

@@ -1,5 +1,7 @@
 """From the gears of a population to what was asked of it, each with a 95 % interval."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,5 +1,7 @@
 """Numbers that vary together: a Gaussian copula, with draws that share some of them."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,5 +1,7 @@
 """How a number of a gear varies from one to the next."""
 
+from __future__ import annotations
+
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 from typing import Any

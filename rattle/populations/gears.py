@@ -1,5 +1,7 @@
 """What becomes of the gears of a population: many at once, each as it would alone."""
 
+from __future__ import annotations
+
 from typing import Any, NamedTuple
 
 import numpy as np

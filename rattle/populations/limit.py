@@ -1,5 +1,7 @@
 """How far one number of a gear may go until it does not run quietly often enough, solved for."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple

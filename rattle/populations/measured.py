@@ -1,5 +1,7 @@
 """Tables of gears that were measured."""
 
+from __future__ import annotations
+
 from pathlib import Path
 
 import numpy as np

@@ -1,5 +1,7 @@
 """The standard normal distribution."""
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np

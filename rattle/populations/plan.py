@@ -1,5 +1,7 @@
 """Which gears a population consists of, and what is computed of them: each row by its number alone."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from functools import cached_property

@@ -1,5 +1,7 @@
 """Populations of gears: how many run quietly, pass, how hard they rattle, and which tolerance makes the difference."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Which numbers of a gear are given, and how they vary: from random numbers to gears."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,7 +35,7 @@ class Points(NamedTuple):
     kappa: Array | None
     units: Units | None
 
-    def some(self, which: Any) -> "Points":
+    def some(self, which: Any) -> Points:
         """Those of an index or a mask."""
         kappa = None if self.kappa is None else self.kappa[which]
         units = (

@@ -1,5 +1,7 @@
 """What is gathered from the impacts of samples: one interface for this library's quantities and for anybody's own."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import Protocol
 

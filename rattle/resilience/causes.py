@@ -1,5 +1,7 @@
 """Why an attractor is lost between two points of a path: its orbit is followed to where it ends."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

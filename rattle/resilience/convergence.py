@@ -1,5 +1,7 @@
 """How long samples take to get to their attractors, and which share has got there by when."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np

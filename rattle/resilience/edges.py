@@ -4,6 +4,8 @@ Two states on either side of the boundary are brought together by bisection, fol
 together again. Source: J. D. Skufca, J. A. Yorke and B. Eckhardt, Physical Review Letters 96 (2006) 174101.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,5 +1,7 @@
 """Parameters of either gear as columns, (δ, ε, β) and of the stiff one κ, and gears at them."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -1,5 +1,7 @@
 """Attractors along a path of parameters: which there are at each step, with their shares, and why they come and go."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType

@@ -1,5 +1,7 @@
 """The least shock that takes an attractor's motion to another attractor: the distance of its basin's boundary."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -1,5 +1,7 @@
 """Where states of one parameter point go when the parameters jump to another."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
