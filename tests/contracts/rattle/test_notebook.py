@@ -130,7 +130,7 @@ def test_a_branch_begins_at_what_orbits_gives() -> None:
 @pytest.mark.parametrize("name", [name for name in rattle.__all__ if inspect.isroutine(getattr(rattle, name))])
 def test_signatures_can_be_read(name: str) -> None:
     signature = inspect.signature(getattr(rattle, name))
-    assert max([len(str(each)) for each in signature.parameters.values()], default=0) <= 60
+    assert max([len(str(each)) for each in signature.parameters.values()], default=0) <= 90
     assert "Buffer" not in str(signature)
 
 
