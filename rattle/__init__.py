@@ -8,10 +8,14 @@ periodic motions of both. `Machine` is a pair of gears in SI units; `rattle.comp
 model's.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from rattle import curves
 from rattle._version import __version__
 from rattle.attractors.basins import Basins
 from rattle.attractors.measures import BasinEntropy, Uncertainty, basin_entropy, differing, disagreement
+from rattle.attractors.reached import Reached
 from rattle.attractors.table import KINDS, Attractor, Attractors
 from rattle.continuation.diagram import Diagram
 from rattle.errors import MissingExtraError, NotProvedError, ParameterError, RattleError
@@ -37,17 +41,50 @@ from rattle.intensity.visit import Impacts
 from rattle.machine import Machine
 from rattle.numerics.compile import source_hash, toolchain
 from rattle.numerics.sampling import wilson_interval
+from rattle.numerics.states import sampled_states
 from rattle.orbits.iterates import Impact, Iterates, Stretched, Trajectory
 from rattle.orbits.period_one import REGIONS, Orbit, PeriodOne
 from rattle.orbits.period_one import classify as classify_regions
+from rattle.populations.answers import Estimate, Index, Population
+from rattle.populations.distributions import LogNormal, Measured, Normal, Triangular, Uniform
+from rattle.populations.limit import Limit, design_limit, design_limits
+from rattle.populations.measured import read_gears
+from rattle.populations.plan import Shock
+from rattle.populations.population import population
 from rattle.proof.certificate import Certificate
 from rattle.proof.certify import certify
 from rattle.warm import warm_up
+
+if TYPE_CHECKING:
+    from rattle.resilience.accumulate import Accumulator, accumulated
+    from rattle.resilience.convergence import Convergence, convergence
+    from rattle.resilience.edges import EdgeState, edge_state
+    from rattle.resilience.path import Change, GlobalContinuation, global_continuation
+    from rattle.resilience.shocks import LeastShock, smallest_shock
+    from rattle.resilience.tipping import Tipping, tipping
+
+#: What takes both gears, which not everybody has a use for: half as long again to load.
+_OF_BOTH_GEARS = {
+    "Accumulator": "rattle.resilience.accumulate",
+    "accumulated": "rattle.resilience.accumulate",
+    "Convergence": "rattle.resilience.convergence",
+    "convergence": "rattle.resilience.convergence",
+    "EdgeState": "rattle.resilience.edges",
+    "edge_state": "rattle.resilience.edges",
+    "Change": "rattle.resilience.path",
+    "GlobalContinuation": "rattle.resilience.path",
+    "global_continuation": "rattle.resilience.path",
+    "LeastShock": "rattle.resilience.shocks",
+    "smallest_shock": "rattle.resilience.shocks",
+    "Tipping": "rattle.resilience.tipping",
+    "tipping": "rattle.resilience.tipping",
+}
 
 __all__ = [
     "CRISIS_SIDES",
     "KINDS",
     "REGIONS",
+    "Accumulator",
     "Attractor",
     "Attractors",
     "BasinEntropy",
@@ -55,32 +92,50 @@ __all__ = [
     "BoundaryDistance",
     "Branch",
     "Certificate",
+    "Change",
+    "Convergence",
     "Density",
     "Diagram",
+    "EdgeState",
+    "Estimate",
     "Event",
     "Families",
     "FamilyTable",
     "FirstImpact",
     "GammaPiece",
     "Gear",
+    "GlobalContinuation",
     "Grazing",
     "Impact",
     "Impacts",
+    "Index",
     "Intensity",
     "Iterates",
+    "LeastShock",
+    "Limit",
     "Lines",
+    "LogNormal",
     "Machine",
+    "Measured",
     "MissingExtraError",
+    "Normal",
     "NotProvedError",
     "Orbit",
     "ParameterError",
     "PeriodOne",
     "PeriodicOrbit",
+    "Population",
     "RattleError",
+    "Reached",
+    "Shock",
     "Stretched",
+    "Tipping",
     "Trajectory",
+    "Triangular",
     "Uncertainty",
+    "Uniform",
     "__version__",
+    "accumulated",
     "attractors_of",
     "basin_entropy",
     "beyond",
@@ -89,26 +144,42 @@ __all__ = [
     "cascade",
     "certify",
     "classify_regions",
+    "convergence",
     "crisis_side",
     "curves",
+    "design_limit",
+    "design_limits",
     "diagram",
     "differing",
     "disagreement",
     "doubled",
+    "edge_state",
     "families_of",
     "fate",
     "flip",
+    "global_continuation",
     "grazing",
     "iterate",
     "iterate_tangent",
     "period_one",
     "periodic_orbit",
+    "population",
     "quiet_limit",
+    "read_gears",
     "regions",
     "robust_chaos_interval",
+    "sampled_states",
+    "smallest_shock",
     "sn1",
     "source_hash",
+    "tipping",
     "toolchain",
     "warm_up",
     "wilson_interval",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _OF_BOTH_GEARS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_OF_BOTH_GEARS[name]), name)

@@ -11,29 +11,35 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle import curves, stiff
-from rattle.attractors.classify import BUDGET
+from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractors
 from rattle.continuation.diagram import Diagram
 from rattle.curves import CodimensionTwo, Curve
 from rattle.errors import RattleError, parameters, require_number
+from rattle.families.join import joined_rows
 from rattle.families.table import Families
-from rattle.impacting.attractors.classifier import attractors_of, cells_of
+from rattle.impacting.attractors.classifier import attractors_of, cells_of, classify
 from rattle.impacting.attractors.families import joined_at
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.branches import Branch
 from rattle.impacting.bifurcations.diagram import diagram
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.gear import Gear
+from rattle.impacting.map.iterate import iterate_tangent
 from rattle.impacting.map.quiet import rests_late
 from rattle.impacting.orbits.period_one import period_one
 from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.table import Intensities, intensities_of, one_by_one
+from rattle.orbits.iterates import Returned
 from rattle.orbits.period_one import PeriodOne
 from rattle.stiff.attractors.classifier import cells_of as stiff_cells_of
+from rattle.stiff.attractors.classifier import classify as stiff_classify
 from rattle.stiff.attractors.families import joined_at as stiff_joined_at
 
 Range = tuple[float, float]
+Columns = tuple[NDArray[np.float64], ...]
+Rows = tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]
 
 
 class Limits(NamedTuple):
@@ -87,15 +93,31 @@ class Impacting:
         v_max: SpeedLimit = None,
         seed: int = 0,
         budget: int = BUDGET,
+        tau: Range = (0.0, 1.0),
+        v_min: float = 0.0,
     ) -> Attractors:
         """The attractors of all cells."""
-        return attractors_of(delta, epsilon, self.beta, count, v_max, seed, budget)
+        return attractors_of(delta, epsilon, self.beta, count, v_max, seed, budget, tau, v_min)
 
     def families(
         self, delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: Attractors
     ) -> Families:
         """The families of a table of attractors, of the cells epsilon (m,) × delta (n,) with so many samples each."""
         return joined_at(delta, epsilon, self.beta, count, table)
+
+    def classified(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Classifier:
+        """States (n, k) of cells with parameters (n,) δ, ε, β, each followed to its end."""
+        delta, epsilon, beta = columns
+        return classify(delta, epsilon, beta, tau, v)
+
+    def returned(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Returned:
+        """States (n,) after one return to Σ⁺, at parameters (n,)."""
+        delta, epsilon, beta = columns
+        return Returned.of(iterate_tangent(delta, epsilon, tau, v, 1, beta))
+
+    def joined_rows(self, columns: Columns, table: Attractors) -> Rows:
+        """The attractors of a row of cells with these parameters joined: see `rattle.families.join.joined_rows`."""
+        return joined_rows(table, (1, columns[0].size), cells_of(*columns))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> NDArray[np.float64]:
         """|(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones."""
@@ -178,15 +200,31 @@ class Stiff:
         v_max: SpeedLimit = None,
         seed: int = 0,
         budget: int = BUDGET,
+        tau: Range = (0.0, 1.0),
+        v_min: float = 0.0,
     ) -> Attractors:
         """The attractors of all cells."""
-        return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed, budget)
+        return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed, budget, tau, v_min)
 
     def families(
         self, delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: Attractors
     ) -> Families:
         """The families of a table of attractors."""
         return stiff_joined_at(delta, epsilon, self.beta, self.kappa, count, table)
+
+    def classified(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Classifier:
+        """States (n, k) of cells with parameters (n,) δ, ε, β, κ."""
+        delta, epsilon, beta, kappa = columns
+        return stiff_classify(delta, epsilon, beta, kappa, tau, v)
+
+    def returned(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Returned:
+        """States (n,) after one return to Σ⁺, at parameters (n,)."""
+        delta, epsilon, beta, kappa = columns
+        return Returned.of(stiff.iterate_tangent(delta, epsilon, tau, v, 1, beta, kappa))
+
+    def joined_rows(self, columns: Columns, table: Attractors) -> Rows:
+        """The attractors of a row of cells with these parameters joined."""
+        return joined_rows(table, (1, columns[0].size), stiff_cells_of(*columns))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> NDArray[np.float64]:
         """The same of contacts, whose impulses are those of the springs."""

@@ -21,6 +21,7 @@ from service.commands.compare import compare
 from service.commands.curves import curves
 from service.commands.explain import explain
 from service.commands.figure import figure
+from service.commands.limit import limit
 from service.commands.opening import open_
 from service.commands.orbits import orbits
 from service.commands.paper import paper
@@ -28,6 +29,7 @@ from service.commands.remote import list_, submit, watch
 from service.commands.run import run
 from service.commands.serve import serve
 from service.commands.sound import sound
+from service.commands.tolerance import tolerance
 from service.commands.verify import verify
 
 FAILED, REFUSED = 1, 2
@@ -70,6 +72,8 @@ app.command()(orbits)
 app.command()(attractors)
 app.command()(sound)
 app.command()(compare)
+app.command()(tolerance)
+app.command()(limit)
 app.command()(paper)
 app.command()(curves)
 app.command()(bench)

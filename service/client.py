@@ -25,7 +25,7 @@ from service.results import key_headers, open_results
 if TYPE_CHECKING:
     import xarray as xr
 
-    from workers import SurveyRequest
+    from workers import AnyRequest, PopulationRequest, SurveyRequest
 
 FINAL = ("successful", "failed", "dismissed")
 RECONNECT_SECONDS = 1.0
@@ -88,9 +88,26 @@ class Client:
         answer = self.call("POST", "/v1/surveys", json=_body(request, fields), headers=headers, params=params)
         return Job(self, answer.json())
 
+    def submit_population(
+        self,
+        request: PopulationRequest | Mapping[str, Any],
+        *,
+        idempotency_key: str | None = None,
+        force: bool = False,
+    ) -> Job:
+        """Submit a population of gears; otherwise as :meth:`submit`. Its answers are those of :meth:`Job.answers`."""
+        headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
+        params = {"force": "true"} if force else {}
+        body = _body(request, {})
+        return Job(self, self.call("POST", "/v1/populations", json=body, headers=headers, params=params).json())
+
     def job(self, survey_id: str) -> Job:
         """A survey by its id."""
         return Job(self, self.call("GET", f"/v1/surveys/{survey_id}").json())
+
+    def population(self, population_id: str) -> Job:
+        """A population by its id."""
+        return Job(self, self.call("GET", f"/v1/populations/{population_id}").json())
 
     def surveys(self) -> Iterator[Job]:
         """Every survey of the service, newest first."""
@@ -138,7 +155,7 @@ class Client:
 
 
 class Job:
-    """A survey of a service.
+    """A survey or a population of a service.
 
     Attributes:
         document: the survey as the service last showed it.
@@ -209,7 +226,8 @@ class Job:
                     raise _as_service_error(error) from error
                 time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
         if self.state != "successful":
-            raise ServiceError(f"Survey {self.id} is {self.state}: {self.document['message']}")
+            what = "Population" if "answers" in self.document["links"] else "Survey"
+            raise ServiceError(f"{what} {self.id} is {self.state}: {self.document['message']}")
         return self
 
     def _news(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
@@ -224,6 +242,15 @@ class Job:
         """The results, read over HTTP as they are used."""
         return open_results(self.store_url, self._client.headers)
 
+    def answers(self) -> Document:
+        """What follows from a population that has ended: the answer of `GET /v1/populations/{population_id}/answers`.
+
+        Raises:
+            ServiceError: it has not ended.
+        """
+        found: Document = self._client.call("GET", f"{self.document['links']['self']}/answers").json()
+        return found
+
     def verify(self) -> Self:
         """Let the service check every tile, and compute again what is damaged or missing; :meth:`wait` for it."""
         self.document = self._client.call("POST", f"{self.document['links']['self']}/verify").json()
@@ -234,7 +261,7 @@ class Job:
         self._client.call("DELETE", self.document["links"]["self"])
 
 
-def _body(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Document:
+def _body(request: AnyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Document:
     given = request if isinstance(request, Mapping) else request.model_dump(mode="json") if request else {}
     both = {**given, **fields}
     return {name: _axis(value) if name in ("delta", "epsilon") else value for name, value in both.items()}

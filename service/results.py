@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 KEY_VARIABLE, URL_VARIABLE = "RATTLE_API_KEY", "RATTLE_URL"
-STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/surveys/[0-9a-f]+/store/?")
+STORE_URL = re.compile(r"https?://[^/]+/(.*/)?v1/(surveys|populations)/[0-9a-f]+/store/?")
 
 
 def key_headers(key: str | None = None) -> dict[str, str]:
@@ -33,8 +33,8 @@ def key_headers(key: str | None = None) -> dict[str, str]:
     return {"Authorization": f"Bearer {key}"}
 
 
-def open_results(store: str | Path, headers: Mapping[str, str] | None = None) -> xr.Dataset:
-    """Open a survey from disk or from a service.
+def open_results(store: str | Path, headers: Mapping[str, str] | None = None, group: str | None = None) -> xr.Dataset:
+    """Open a survey, or a group of it, from disk or from a service.
 
     Args:
         store: path or URL.
@@ -54,14 +54,14 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None) ->
             )
         headers = key
     if not headers:
-        return open_survey(store)
+        return open_survey(store, group)
     import xarray as xr
 
     from workers.storage.complex import joined
 
     try:
         options = {"headers": dict(headers)}
-        return joined(xr.open_zarr(str(store), chunks=None, consolidated=True, storage_options=options))
+        return joined(xr.open_zarr(str(store), chunks=None, consolidated=True, group=group, storage_options=options))
     except Exception as error:  # what the network or a foreign format raises
         raise ServiceError(f"No survey can be opened at {store}: {error}") from error
 

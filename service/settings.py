@@ -50,7 +50,7 @@ class Settings(BaseSettings):
         default=256_000_000, ge=1, description="cells times initial conditions of one survey; basins count as 4096"
     )
     # A task cannot be interrupted: this bounds how long a dismissed survey still holds a worker.
-    max_tile_samples: int = Field(default=262_144, ge=1, description="cells times initial conditions of one tile")
+    max_tile_samples: int = Field(default=1_048_576, ge=1, description="cells times initial conditions of one tile")
     max_jobs: int = Field(default=32, ge=1, description="surveys waiting or running")
 
     max_point_count: int = Field(default=1024, ge=1, description="initial conditions of GET /v1/attractors")

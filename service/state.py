@@ -18,7 +18,7 @@ from fastapi import Depends, Request
 
 from service.access.revocation import Revocations
 from service.database import Database
-from service.database.tables import JobRow
+from service.database.tables import JobRow, Kind
 from service.errors import UnavailableError
 from service.jobs.broadcast import Broadcast
 from service.jobs.directory import DataDirectory
@@ -46,14 +46,14 @@ class Front:
     revocations: Revocations
     _interruptible: set[CancelScope] = field(default_factory=set)
 
-    def stored(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
-        """A survey, and the place of its store. Blocks: for a thread.
+    def stored(self, survey_id: str, kind: Kind = Kind.SURVEY) -> tuple[JobRow, Path | Bucket]:
+        """A survey, or a population, and the place of its store. Blocks: for a thread.
 
         Raises:
-            UnknownSurveyError: there is no such survey.
+            UnknownSurveyError: there is none of this kind.
             DirectoryAwayError: the data directory is not there.
         """
-        return self.database.job(survey_id), self.directory.store(survey_id)
+        return self.database.job(survey_id, kind), self.directory.store(survey_id)
 
     @cached_property
     def windows(self) -> CapacityLimiter:

@@ -1,4 +1,5 @@
-"""A survey of the (δ, ε) plane: its request, its tiles, its zarr store, and the dask cluster that fills it.
+"""A survey of the (δ, ε) plane, or a population of gears: its request, its tiles, its zarr store, and the dask cluster
+that fills it.
 
 Pictures are apart, in `workers.pictures.figure` and `workers.pictures.maps`: processes that compute need not load what
 draws.
@@ -9,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from workers.cluster.window import Frame, compute_part, map_quantity, window_survey
 from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
-from workers.families import join_survey, lacks_families
+from workers.families import join_survey, lacks_families, open_family
 from workers.in_process import is_short, run_tiles_here
+from workers.kinds import AnyRequest, compute_tile, request_of, tiles_of
+from workers.populations.request import PopulationRequest
 from workers.run import run_survey
 from workers.storage.bucket import Bucket
 from workers.storage.integrity import Integrity, examine
@@ -18,7 +21,7 @@ from workers.storage.location import Directory, Place, place_of
 from workers.storage.store import create_store, finish_store, open_survey, tiles_done
 from workers.survey.axes import Axis, Window
 from workers.survey.request import InitialConditions, SurveyRequest, TileShape
-from workers.survey.tiles import Tile, TileRecord, compute_tile, tiles_of
+from workers.survey.tiles import Tile, TileRecord
 from workers.survey.values.quantities import QUANTITIES
 from workers.survey.values.schema import Group, Quantity
 
@@ -39,6 +42,7 @@ _ON_CLUSTERS = {
 
 __all__ = [
     "QUANTITIES",
+    "AnyRequest",
     "Axis",
     "Bucket",
     "ClusterLostError",
@@ -48,6 +52,7 @@ __all__ = [
     "InitialConditions",
     "Integrity",
     "Place",
+    "PopulationRequest",
     "Quantity",
     "StoppedError",
     "StorageError",
@@ -69,9 +74,11 @@ __all__ = [
     "join_survey",
     "lacks_families",
     "map_quantity",
+    "open_family",
     "open_survey",
     "place_of",
     "refined",
+    "request_of",
     "run_survey",
     "run_tiles",
     "run_tiles_here",

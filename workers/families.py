@@ -1,17 +1,41 @@
-"""The attractors of a survey joined to families, after its tiles: read from the store, and written to it."""
+"""The attractors of a survey joined to families, after its tiles: read from the store, and written to it; and one
+family of a survey as a map.
+"""
 
+from __future__ import annotations
+
+import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import zarr
 
-from rattle import Attractors
-from workers.errors import reading, storage_error
+from rattle import KINDS, Attractors, wilson_interval
+from workers.boundaries.edges import Polyline, edges_of
+from workers.errors import SurveyError, reading, storage_error
 from workers.storage.location import Place, place_of
-from workers.storage.store import added_to_store, has_added
-from workers.survey.families import GROUP, STORED, Slots, files_of_families, joined_slots, listed
+from workers.storage.store import added_to_store, has_added, open_survey, rewrite_tile
+from workers.survey.families import FAMILY, GROUP, STORED, Slots, files_of_families, joined_slots, listed, with_empty
 from workers.survey.request import SurveyRequest
-from workers.survey.values.schema import Group
+from workers.survey.tiles import tiles_of
+from workers.survey.values.quantities import stored
+from workers.survey.values.schema import CELL, SLOT, Group
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Of a curve in the store: its points and what joins them.
+CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
+PER_CELL = {
+    "fraction": "share of the sampled initial conditions; 0 of an orbit that exists and that none of them found",
+    "fraction_upper": "upper end of the 95 % Wilson interval of fraction",
+    "phase": "phase τ of a representative point, in forcing periods",
+    "velocity": "speed v of a representative point",
+    "lyapunov": "Lyapunov exponent per forcing period, natural logarithm",
+    "multiplier": "size of the Floquet multiplier of a periodic motion",
+    "attractors": "attractors of the cell that are of this family: more than one where monodromy is",
+}
 
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
@@ -30,9 +54,11 @@ def join_survey(request: SurveyRequest, where: str | Path | Place) -> None:
         SurveyError: there is no survey, or it is damaged.
     """
     place = place_of(where)
-    families, numbers = joined_slots(request, _slots(request, place))
+    joined = joined_slots(request, _slots(request, place))
+    edges = edges_of(joined.families, _curves(request, place))
     try:
-        added_to_store(place, files_of_families(request, families, numbers))
+        _move(request, place, joined.source)
+        added_to_store(place, files_of_families(request, joined, edges))
     except OSError as error:
         raise storage_error(f"the families of {place} cannot be written", error) from error
 
@@ -49,3 +75,99 @@ def _slots(request: SurveyRequest, place: Place) -> Slots:
     columns = zip(*(part.attractors for part in parts), strict=True)
     attractors = Attractors._make(np.concatenate(column) for column in columns)
     return Slots(attractors, np.concatenate([part.slot for part in parts]))
+
+
+def _move(request: SurveyRequest, place: Place, source: np.ndarray) -> None:
+    """Move what is in the slots of the tiles; tiles in which everything is in place are left as they are."""
+    quantities = [each for each in stored(request.quantities, request.model) if each.per_cell]
+    arrays = {each.name: zarr.open_array(place.zarr(), path=each.name, mode="r") for each in quantities}
+    slots = np.arange(request.n_slots)[:, None, None]
+    for tile in tiles_of(request):
+        here = with_empty(source[:, tile.epsilon, tile.delta])
+        if (here == slots).all():
+            continue
+        with reading(f"tile {tile.index} of {place}"):
+            values = {name: np.asarray(each[..., tile.epsilon, tile.delta]) for name, each in arrays.items()}
+        for each in quantities:
+            if each.dims[0] == SLOT:
+                index = here.reshape(here.shape[0], *(1,) * (len(each.dims) - 3), *here.shape[1:])
+                values[each.name] = np.take_along_axis(values[each.name], index, 0)
+        rewrite_tile(request, place, tile, values)
+
+
+def _curves(request: SurveyRequest, place: Place) -> dict[str, Polyline]:
+    """The curves of a survey, as they were traced for its template."""
+    found: dict[str, Polyline] = {}
+    with reading(f"the curves of {place}"):
+        for name in request.gear_model.curve_names:
+            delta, epsilon, piece = (
+                np.asarray(zarr.open_array(place.zarr(), path=f"curves/{name}/{each}", mode="r")[:])
+                for each in CURVE_POINTS
+            )
+            found[name] = delta, epsilon, piece
+    return found
+
+
+def open_family(path_or_url: str | Path | Place, number: int) -> xr.Dataset:
+    """One family of a survey that was computed with families, as a map over (epsilon, delta).
+
+    fraction, with its upper bound: NaN where the family is not; 0 where its orbit exists and no sample went to it.
+    phase, velocity: a point of it; lyapunov and, of a periodic one, multiplier, the size of each (exponent, …);
+    attractors: how many of them the cell has, whose shares are added and of which the largest is told. Attributes: its
+    row of the group `families`.
+
+    Raises:
+        SurveyError: there is no survey, it has no families, or none of this number.
+    """
+    import xarray as xr
+
+    with open_survey(path_or_url) as survey:
+        if FAMILY not in survey:
+            raise SurveyError(f"{path_or_url} has no families: compute it with --quantity {Group.FAMILIES}")
+        with open_survey(path_or_url, GROUP) as table:
+            if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
+                raise SurveyError(f"there are families 0 to {table.sizes['family'] - 1}, and no {number!r}")
+            row = {
+                str(name): values.item() for name, values in table.isel(family=int(number)).items() if not values.ndim
+            }
+            entered = table.isel(entered=np.flatnonzero(np.asarray(table["entered_family"]) == number)).load()
+        values = _map_of(survey, int(number), entered)
+        count = json.loads(survey.attrs["request"])["initial_conditions"]["count"]
+        coords = {name: survey[name].load() for name in CELL} | {"exponent": [1, 2]}
+    there = values["attractors"] > 0
+    won = np.where(there, np.rint(np.nan_to_num(values["fraction"]) * count), 0.0)
+    values["fraction_upper"] = np.where(there, wilson_interval(won, count)[1], np.nan)
+    m = int(row["m"])
+    values["multiplier"] = np.exp(m * values["lyapunov"]) if m else np.full_like(values["lyapunov"], np.nan)
+    dims = {name: (("exponent", *CELL) if values[name].ndim == 3 else CELL) for name in PER_CELL}
+    data = {name: (dims[name], values[name], {"long_name": PER_CELL[name], "units": "1"}) for name in PER_CELL}
+    kind = KINDS[row.pop("kind")]
+    label = f"P({m},{row['n_plus']},{row['n_minus']})" if m else kind
+    return xr.Dataset(data, coords, {"family": int(number), "kind": kind, "label": label, **row})
+
+
+def _map_of(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, np.ndarray]:
+    """Fraction, point, exponents and number of a family's attractors, from its slots and from what was entered."""
+    of = np.asarray(survey[FAMILY]) == number
+    share = np.where(of, np.asarray(survey["attractor_fraction"], float), -1.0)
+    slot, there = share.argmax(axis=0), of.any(axis=0)
+    at = entered["entered_row"].values, entered["entered_column"].values
+
+    def best(name: str, of_entered: np.ndarray) -> np.ndarray:
+        """Of the attractor with the largest share, or else of the entered orbit."""
+        values = np.asarray(survey[f"attractor_{name}"], float)
+        index = slot.reshape(1, *(1,) * (values.ndim - 3), *slot.shape)
+        found: np.ndarray = np.where(there, np.take_along_axis(values, index, 0)[0], np.nan)
+        fresh = ~there[at]
+        found[..., at[0][fresh], at[1][fresh]] = of_entered[fresh].T
+        return found
+
+    attractors = of.sum(axis=0)
+    np.add.at(attractors, at, 1)
+    return {
+        "fraction": np.where(attractors > 0, np.where(of, share, 0.0).sum(axis=0), np.nan),
+        "phase": best("phase", entered["entered_phase"].values),
+        "velocity": best("velocity", entered["entered_velocity"].values),
+        "lyapunov": best("lyapunov", entered["entered_lyapunov"].values),
+        "attractors": attractors,
+    }

@@ -8,10 +8,11 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 
 from rattle.models import Model
+from workers.kinds import AnyRequest, AnyTile, compute_tile, tile_error
+from workers.populations.request import PopulationRequest
 from workers.storage.location import Place, place_of
-from workers.storage.store import require_aligned, write_tile
-from workers.survey.request import SurveyRequest
-from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile, tile_error
+from workers.storage.store import before_tiles, require_aligned, write_tile
+from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
 from workers.survey.values.schema import SAMPLED, Group
 
 #: Milliseconds of a cell, in round numbers: the same command does the same on every machine.
@@ -20,9 +21,12 @@ SLOW_BELOW = 0.3  # δ: transients last some multiple of 1/δ
 FEW_SECONDS = 3.0
 
 
-def is_short(request: SurveyRequest, cells: int) -> bool:
+def is_short(request: AnyRequest, cells: int) -> bool:
     """Whether so many cells of a survey take a few seconds at most, by their number and kind."""
     groups = set(request.quantities)
+    if isinstance(request, PopulationRequest):
+        samples = STIFF if request.model is Model.STIFF else SAMPLE * request.samples / request.n_cells
+        return cells * samples * max(1.0, SLOW_BELOW / request.least_damping) <= 1000 * FEW_SECONDS
     if request.model is Model.STIFF:
         each = STIFF
     elif SAMPLED & groups:
@@ -33,9 +37,9 @@ def is_short(request: SurveyRequest, cells: int) -> bool:
 
 
 def run_tiles_here(
-    request: SurveyRequest,
+    request: AnyRequest,
     where: str | Path | Place,
-    tiles: Iterable[Tile],
+    tiles: Iterable[AnyTile],
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
 ) -> None:
@@ -74,6 +78,8 @@ def run_tiles_here(
         ended.put(None)
 
     with place.writing():
+        if tiles:
+            before_tiles(request, place)
         threading.Thread(target=compute, name="tiles", daemon=True).start()
         try:
             deadline = math.inf

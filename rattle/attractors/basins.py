@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.cell_map import groups_of_map
+from rattle.attractors.cell_map import Box, groups_of_map
 from rattle.attractors.classify import BUDGET, WEAK, Classifier
 from rattle.attractors.recurrence import SAME_POINT
 from rattle.attractors.table import (
@@ -29,8 +29,11 @@ from rattle.attractors.table import (
 from rattle.errors import require, require_integer, require_number
 from rattle.flight.law import wrapped
 from rattle.notebook import Columns, DataFrame, Dataset, dataframe_of, dataset_of, html_of, line_of
+from rattle.numerics.states import box_of
 
 Array = NDArray[np.float64]
+
+Range = tuple[float, float] | None
 
 METHODS = ("cells", "direct", "refined")
 FINEST = 4096  # cells a side: 16 million trajectories, some gigabytes
@@ -63,8 +66,8 @@ class Plane(Protocol):
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The states after so many returns, and whether they have become quiet on the way."""
 
-    def cell_of(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:
-        """The cell of every state: row-major (v, τ) of n × n, n² if it is sure to become quiet, −1 above v_max."""
+    def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
+        """The cell of every state: row-major (v, τ) of n × n of a box, n² if it is sure to become quiet, −1 outside."""
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
         """So many initial conditions."""
@@ -72,12 +75,12 @@ class Plane(Protocol):
 
 @dataclass(frozen=True, repr=False)
 class Basins:
-    """Basins of attraction on n × n cells of (τ, v) ∈ [0, 1) × (0, v_max).
+    """Basins of attraction on n × n cells of a box of (τ, v).
 
     tau, v (n,): centres of the cells (phase in forcing periods, dimensionless speed). labels (n, n), row by row of v:
     index into attractors, which are sorted by falling fraction of the cells. steps (n, n): impacts on Σ⁺ until the
     trajectory was certain to converge, in whole steps of the cell map where one was used; −1 if chaotic or undecided.
-    v_max: the end of the plane.
+    box: the ranges of τ and v, [0, 1) × (0, v_max) unless others were asked for.
     """
 
     tau: NDArray[np.float64]
@@ -86,7 +89,12 @@ class Basins:
     attractors: tuple[Attractor, ...]
     steps: NDArray[np.int64]
     method: str
-    v_max: float
+    box: Box
+
+    @property
+    def v_max(self) -> float:
+        """The end of the box."""
+        return self.box.v_high
 
     def _caption(self) -> str:
         size = f"{self.v.size} × {self.tau.size} cells of (τ, v) ∈ [0, 1) × (0, {self.v_max:g})"
@@ -129,9 +137,12 @@ def _without_chaos(steps: NDArray[np.int64], table: Attractors, rows: NDArray[np
     return np.where((kind == CHAOTIC) | (kind == UNDECIDED), -1, steps)
 
 
-def boundary(labels: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """The cells (n_v, n_tau) with another label among their eight neighbours; phases are periodic, speeds are not."""
-    wide = np.pad(np.pad(labels, ((0, 0), (1, 1)), mode="wrap"), ((1, 1), (0, 0)), mode="edge")
+def boundary(labels: NDArray[np.int64], all_phases: bool = True) -> NDArray[np.bool_]:
+    """The cells (n_v, n_tau) with another label among their eight neighbours; speeds are not periodic, phases are if
+    all of them are there.
+    """
+    wide = np.pad(labels, ((0, 0), (1, 1)), mode="wrap" if all_phases else "edge")
+    wide = np.pad(wide, ((1, 1), (0, 0)), mode="edge")
     rows, columns = labels.shape
     found = np.zeros(labels.shape, np.bool_)
     for i in range(3):
@@ -140,18 +151,18 @@ def boundary(labels: NDArray[np.int64]) -> NDArray[np.bool_]:
     return found
 
 
-def _images(plane: Plane, tau: Array, v: Array, n: int, v_max: float, impacts: int) -> NDArray[np.int64]:
-    """The map of cells (n² + 1,), the last the sink of quiet capture. A cell whose motion does not return below v_max
+def _images(plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int) -> NDArray[np.int64]:
+    """The map of cells (n² + 1,), the last the sink of quiet capture. A cell whose motion does not return to the box
     maps to itself: a group of its own, which is then followed exactly.
     """
     sink = tau.size
     t, speed, rests = plane.iterated(tau, v, impacts)
-    image = np.append(np.where(rests, sink, plane.cell_of(t, speed, n, v_max)), sink)
-    image[:-1][plane.cell_of(tau, v, n, v_max) == sink] = sink
+    image = np.append(np.where(rests, sink, plane.cell_of(t, speed, n, box)), sink)
+    image[:-1][plane.cell_of(tau, v, n, box) == sink] = sink
     outside = np.flatnonzero(image < 0)
     for _ in range(RETURNS):
         t[outside], speed[outside], rests = plane.iterated(t[outside], speed[outside], impacts)
-        image[outside] = np.where(rests, sink, plane.cell_of(t[outside], speed[outside], n, v_max))
+        image[outside] = np.where(rests, sink, plane.cell_of(t[outside], speed[outside], n, box))
         outside = outside[image[outside] < 0]
     image[outside] = outside
     return image
@@ -194,20 +205,20 @@ class States:
 
 
 def _by_cells(
-    plane: Plane, tau: Array, v: Array, n: int, v_max: float, impacts: int, refine: bool
+    plane: Plane, tau: Array, v: Array, n: int, box: Box, impacts: int, refine: bool
 ) -> tuple[Attractors, NDArray[np.int64], NDArray[np.int64]]:
     """As `classified` for the centres of all cells, by simple cell mapping; if refine, a lattice of cells by their own
     trajectories, and every cell with another label among its neighbours, until there is none left.
     """
     impacts = round(impacts * max(1.0, WEAK / plane.delta))  # a step moves states nearer to attractors than a cell is
-    image = _images(plane, tau, v, n, v_max, impacts)
+    image = _images(plane, tau, v, n, box, impacts)
     group, steps, members = groups_of_map(image)
     sink, on_sink = tau.size, np.flatnonzero(image[:-1] == tau.size)[:1]
     chosen = np.concatenate([members[:-1], on_sink])  # the sink's group is the last, and may be empty
     if refine:
         each = np.arange(min(LATTICE, n) // 2, n, LATTICE)
         chosen = np.concatenate([chosen, np.setdiff1d(n * each[:, None] + each, chosen)])
-    first, second = plane.sample(SAMPLE, v_max)
+    first, second = plane.sample(SAMPLE, box.v_high)
     states = States(plane)
     found, made = states.follow(np.append(first, tau[chosen]), np.append(second, v[chosen]))
     # what is known of a cell that has been followed, and of the sink: its row, and impacts until it is certain
@@ -217,7 +228,8 @@ def _by_cells(
     while refine:
         image[known] = np.flatnonzero(known)
         group, steps, members = groups_of_map(image)
-        edge = np.flatnonzero(boundary(row[members][group[:-1]].reshape(n, n)).ravel() & ~known[:-1])
+        meet = boundary(row[members][group[:-1]].reshape(n, n), box.tau_high - box.tau_low == 1.0)
+        edge = np.flatnonzero(meet.ravel() & ~known[:-1])
         if not edge.size:
             break
         row[edge], needed[edge] = states.follow(tau[edge], v[edge])
@@ -227,24 +239,29 @@ def _by_cells(
     return states.table, rows, _without_chaos(steps, states.table, rows)
 
 
-def basins(plane: Plane, resolution: int, v_max: float, method: str, impacts: int) -> Basins:
+def basins(
+    plane: Plane, resolution: int, v_max: float, method: str, impacts: int, tau: Range = None, v: Range = None
+) -> Basins:
     """See `rattle.Gear.basins`."""
     n = require_integer("resolution", resolution, 1, FINEST)
     v_max = require_number("v_max", v_max, positive=True)
+    phases, speeds = box_of((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)
+    box = Box(*phases, *speeds)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
     require(
         isinstance(method, str) and method in METHODS, f"method must be one of {', '.join(METHODS)}, got {method!r}"
     )
     centres = (np.arange(n) + 0.5) / n
-    tau, v = np.tile(centres, n), np.repeat(v_max * centres, n)
+    across, up = phases[0] + (phases[1] - phases[0]) * centres, speeds[0] + (speeds[1] - speeds[0]) * centres
+    first, second = np.tile(across, n), np.repeat(up, n)
     if method == "direct":
-        table, rows, steps = classified(plane, tau, v)
+        table, rows, steps = classified(plane, first, second)
         steps = _without_chaos(steps, table, rows)
     else:
-        table, rows, steps = _by_cells(plane, tau, v, n, v_max, impacts, method == "refined")
+        table, rows, steps = _by_cells(plane, first, second, n, box, impacts, method == "refined")
     count = np.bincount(rows, minlength=table.kind.size)
     order = np.argsort(-count, kind="stable")[: np.count_nonzero(count)]
     label = np.zeros(count.size, np.int64)
     label[order] = np.arange(order.size)
     found = listed(Attractors._make(x[order] for x in table), count[order])
-    return Basins(centres, v_max * centres, label[rows].reshape(n, n), found, steps.reshape(n, n), method, v_max)
+    return Basins(across, up, label[rows].reshape(n, n), found, steps.reshape(n, n), method, box)

@@ -4,6 +4,8 @@
 Source: C. S. Hsu, Cell-to-Cell Mapping (Springer 1987), chapters 8 and 11: simple cell mapping.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,20 +15,30 @@ from rattle.numerics.compile import kernel
 UNSEEN, ON_THE_WAY = -1, -2
 
 
+class Box(NamedTuple):
+    """A box of states: from low to below high in phase and in speed."""
+
+    tau_low: float
+    tau_high: float
+    v_low: float
+    v_high: float
+
+
 @kernel
-def cell_of(tau, v, n, v_max, delta, epsilon, capture, cell):
-    """Write to cell the cell of every state: row-major (v, τ) of n × n, n² if it is certain to become quiet, −1 if its
-    speed is v_max or more.
+def cell_of(tau, v, n, box, delta, epsilon, capture, cell):
+    """Write to cell the cell of every state: row-major (v, τ) of n × n of a box, n² if it is certain to become quiet,
+    −1 if it is outside.
     """
     for i in range(tau.size):
         versine, sine, _defect = versines(tau[i])
         speed = v[i]
         if speed * speed * speed <= capture * contact_force(sine, 1.0 - versine, delta, epsilon, DRIFT):
             cell[i] = n * n
-        elif speed >= v_max:
+        elif not (box.v_low <= speed < box.v_high and box.tau_low <= tau[i] < box.tau_high):
             cell[i] = -1
         else:
-            row, column = int(speed / v_max * n), int(tau[i] * n)
+            row = int((speed - box.v_low) / (box.v_high - box.v_low) * n)
+            column = int((tau[i] - box.tau_low) / (box.tau_high - box.tau_low) * n)
             cell[i] = min(row, n - 1) * n + min(column, n - 1)
 
 

@@ -17,10 +17,12 @@ from rattle.attractors.speeds import SpeedLimit, sampled_speeds
 from rattle.errors import require, require_integer
 from rattle.notebook import Columns, DataFrame, dataframe_of, html, html_of, line_of
 from rattle.numerics.sampling import initial_conditions, wilson_interval
+from rattle.numerics.states import box_of
 
 KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
 QUIET, PERIODIC, CHAOTIC, UNDECIDED = range(1, 5)
 MOST_SAMPLES = 1 << 20
+WHOLE = (0.0, 1.0, 0.0)  # all phases, and speeds from 0 on
 LARGEST_BUDGET = 1_000_000_000
 LARGEST_SEED = (1 << 128) - 1
 
@@ -169,9 +171,12 @@ def of_samples(
     v_max: SpeedLimit,
     seed: int,
     budget: int = BUDGET,
+    tau: tuple[float, float] = (0.0, 1.0),
+    v_min: float = 0.0,
 ) -> Attractors:
     """The attractors of cells with these parameters (δ, ε, β and what the model has besides), where `classify` takes
-    them, the sample of each and the most impacts of one. Raises ParameterError.
+    them, the sample of each and the most impacts of one. tau, v_min: the box of states that the sample is of begins and
+    ends there. Raises ParameterError.
     """
     budget = require_integer("budget", budget, 1, LARGEST_BUDGET)
     count = require_integer("count", count, 1, MOST_SAMPLES)
@@ -180,7 +185,10 @@ def of_samples(
     n = flat[0].size
     require(n * count <= 64 * MOST_SAMPLES, f"{n} cells of {count} samples are too many at once: use tiles")
     d, e, b = flat[:3]
-    sample = initial_conditions(d, e, b, count, sampled_speeds(v_max, d, e, b), seed)
+    highest = sampled_speeds(v_max, d, e, b)
+    if (*tau, v_min) != WHOLE and n:
+        box_of(tau, (v_min, float(highest.min())))
+    sample = initial_conditions(d, e, b, count, highest, seed, tau, v_min)
     found = classify(*flat, *sample, budget)
     table, _rows = tabulated(found, missed=True)
     return table

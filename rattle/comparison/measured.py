@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from pathlib import Path
 from typing import NamedTuple
@@ -10,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import ParameterError, RattleError, real_array, require
+from rattle.errors import real_array, require
+from rattle.numerics.tables import read_columns
 
 LEAST = 8  # impacts
 LONGEST = 512  # impacts of a period
@@ -69,29 +69,10 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
     `units.time` and `units.velocity` of a `Machine` for seconds and m/s. Raises ParameterError, and RattleError if the
     file cannot be read.
     """
-    try:
-        with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise RattleError(f"the table {path} cannot be read: {error}") from None
-    header = [name.strip().lower() for name in rows[0]] if rows else []
-    require("time" in header, f"the first line of {path} must name its columns: time, and speed and wall if there are")
-    table = [(number, row) for number, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)]
-    found = {
-        name: np.array([_number(path, line, row, header.index(name)) for line, row in table])
-        for name in COLUMNS
-        if name in header
-    }
+    found = read_columns(path, COLUMNS)
+    require("time" in found, f"the first line of {path} must name its columns: time, and speed and wall if there are")
     speed = found["speed"] / speed_unit if "speed" in found else None
     return measured(found["time"] / time_unit, speed, found.get("wall"))
-
-
-def _number(path: str | Path, line: int, row: list[str], column: int) -> float:
-    try:
-        return float(row[column])
-    except (ValueError, IndexError):
-        cell = row[column] if column < len(row) else ""
-        raise ParameterError(f"line {line} of {path}: {cell!r} in column {column + 1} is not a number") from None
 
 
 def period_of(time: Array, wall: NDArray[np.int64], tolerance: float) -> tuple[int, int, int] | None:

@@ -6,8 +6,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from rattle.attractors.table import CHAOTIC, PERIODIC, Attractors
 from rattle.errors import real_array, require
@@ -34,7 +32,18 @@ def joined(
     """The families of the attractors of cells `epsilon` (m,) × `delta` (n,) with so many samples each, row by row of
     the grid; cells: as kernels take them.
     """
-    shape = epsilon.size, delta.size
+    attractors, entered, family = joined_rows(table, (epsilon.size, delta.size), cells)
+    described = tabulated(delta, epsilon, count, attractors, family)
+    return Families(delta, epsilon, count, attractors, entered, family, described)
+
+
+def joined_rows(
+    table: Attractors, shape: tuple[int, int], cells: Any
+) -> tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]:
+    """The table of the cells of a grid with what entered them, whether each row did (rows,), and its family (rows,)."""
+    from scipy.sparse import coo_array  # an eighth of a second to load
+    from scipy.sparse.csgraph import connected_components
+
     orbits, n = continued(table, shape, cells)
     periodic, chaotic = (np.flatnonzero(table.kind == kind) for kind in (PERIODIC, CHAOTIC))
     whole = _with_entered(table, orbits, periodic.size, n)
@@ -46,9 +55,7 @@ def joined(
     component = connected_components(graph, directed=False)[1]
     order = np.lexsort((whole.tau, whole.v, *whole[4:0:-1], -whole.samples, whole.cell))
     attractors, entered = Attractors._make(x[order] for x in whole), order >= table.cell.size
-    family = numbered(attractors, component[order])
-    described = tabulated(delta, epsilon, count, attractors, family)
-    return Families(delta, epsilon, count, attractors, entered, family, described)
+    return attractors, entered, numbered(attractors, component[order])
 
 
 def continued(table: Attractors, shape: tuple[int, int], cells: Any) -> tuple[Linked, int]:

@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattle.attractors.basins import Basins, basins
+from rattle.attractors.basins import Basins, Range, basins
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.measures import Uncertainty, uncertainty
+from rattle.attractors.reached import Reached, reached
 from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit, sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require, require_finite, require_number
@@ -19,6 +20,7 @@ from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boun
 from rattle.impacting.attractors.classifier import attractors
 from rattle.impacting.attractors.plane import ImpactingPlane
 from rattle.impacting.map import impact_map
+from rattle.impacting.map.departure import departure
 from rattle.impacting.map.gamma import GammaPiece, gamma
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.map.quiet import capture_invariant, capture_speed
@@ -130,6 +132,15 @@ class Gear(Rattling):
         tangent = np.asarray(np.linalg.inv(forward.tangent), np.float64)
         return Impact(tau0, v0, n_minus, tangent, time)
 
+    def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
+        """The first departure from Σ⁺, (τ, v), of the motion that is at Φ = position, Φ' = velocity at this phase.
+
+        v is 0 if it comes to rest there before it departs. On a wall the velocity may be that before the impact, or
+        that after it. Raises ParameterError, and RattleError if there is no impact.
+        """
+        position, velocity = require_finite("position", position), require_finite("velocity", velocity)
+        return departure(self.delta, self.epsilon, self.beta, _phase(phase), position, velocity)
+
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast.
 
@@ -181,9 +192,16 @@ class Gear(Rattling):
         return attractors(self.delta, self.epsilon, self.beta, count, v_max, seed, budget)
 
     def basins(
-        self, resolution: int = 1000, v_max: SpeedLimit = None, method: str = "cells", impacts: int = 16
+        self,
+        resolution: int = 1000,
+        v_max: SpeedLimit = None,
+        method: str = "cells",
+        impacts: int = 16,
+        tau: Range = None,
+        v: Range = None,
     ) -> Basins:
-        """Basins of attraction on resolution × resolution cells of (τ, v) ∈ [0, 1) × (0, v_max) (paper Figures 4, 6).
+        """Basins of attraction on resolution × resolution cells of (τ, v) ∈ [0, 1) × (0, v_max) (paper Figures 4, 6),
+        or of the box of these ranges (low, high) of tau and v.
 
         method "direct": each cell centre is followed as `attractors` follows its sample. "cells": simple cell mapping
         (Hsu 1987) of Π^impacts; a state that is certain to become quiet goes to a sink, one above v_max is followed
@@ -192,7 +210,15 @@ class Gear(Rattling):
         "refined" one of eight cells across (docs/decisions/0009-basins.md). v_max: a number, "natural" for 1.5 √(16πδβ)
         + 2πε, or None, which is 7 in the paper's plane and natural elsewhere. Raises ParameterError.
         """
-        return basins(self._plane, resolution, self._speed(v_max), method, impacts)
+        return basins(self._plane, resolution, self._speed(v_max), method, impacts, tau, v)
+
+    def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
+        """The attractors that states go to, told apart as `attractors` tells those of its sample; tau and v broadcast.
+
+        attractors: by falling share of these states; which: index into them, of the broadcast shape; impacts: until it
+        was certain. `rattle.sampled_states` makes states of a box or a density. Raises ParameterError.
+        """
+        return reached(self._plane, tau, v)
 
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:
         """The least speed v < v_max, over all phases τ, of an impact that takes quiet motion to another attractor.

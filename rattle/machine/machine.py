@@ -21,33 +21,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
 from rattle.errors import require, require_number
-from rattle.flight.law import TWO_PI
 from rattle.intensity.intensity import Intensity
 from rattle.intensity.motions import Motion
+from rattle.machine import conversion
+from rattle.machine.conversion import DRIVES, Units
 from rattle.machine.given import RPM, in_si, is_quantity, require_plausible, require_slow
 
 if TYPE_CHECKING:
     from rattle.models import AnyGear
 
-DRIVES = {"torque": 1.0, "speed": 2.0}  # Φ of the model over φ + (e/r) cos Ωt
 PICOWATT = 1e-12  # W, reference of sound power levels (ISO 1683)
-
-
-class Units(NamedTuple):
-    """What one unit of the model is in SI units; multiply by it.
-
-    length (m): of Φ along the line of action. time (s): a forcing period. velocity (m/s): of speeds, along the line of
-    action. energy (J): of v²/2, for the kinetic energy of an impact. power (W): of v²/2 per forcing period. force (N):
-    between the teeth. frequency (Hz): of orders.
-    """
-
-    length: float
-    time: float
-    velocity: float
-    energy: float
-    power: float
-    force: float
-    frequency: float
 
 
 class MachineIntensity(NamedTuple):
@@ -124,26 +107,25 @@ class Machine:
     @property
     def delta(self) -> float:
         """Damping δ."""
-        turning = self.inertia * self.speed
-        return TWO_PI * self.drag / turning if turning > 0.0 else math.inf
+        return float(conversion.damping(self.inertia, self.drag, self.speed))
 
     @property
     def epsilon(self) -> float:
         """Eccentricity ε."""
-        return DRIVES[self.drive] * self.eccentricity / self.radius
+        return float(conversion.over_radius(self.eccentricity, self.radius, self.drive))
 
     @property
     def beta(self) -> float:
         """Half-backlash β."""
-        return DRIVES[self.drive] * self.backlash / (2.0 * self.radius)
+        return float(conversion.half_backlash(self.backlash, self.radius, self.drive))
 
     @property
     def kappa(self) -> float | None:
         """Stiffness κ, None where teeth do not give way."""
         if self.stiffness is None:
             return None
-        turned = TWO_PI * self.radius / self.speed
-        return self.stiffness * turned * turned / (DRIVES[self.drive] * self.inertia)
+        numbers = self.stiffness, self.inertia, self.radius, self.speed
+        return float(conversion.wall_stiffness(*numbers, self.drive))
 
     @property
     def gear(self) -> "AnyGear":
@@ -155,10 +137,7 @@ class Machine:
     @property
     def units(self) -> Units:
         """From the model back to SI units."""
-        length, time = self.radius / DRIVES[self.drive], TWO_PI / self.speed
-        force = 0.5 * self.inertia / (self.radius * time * time)
-        energy = force * length
-        return Units(length, time, length / time, energy, energy / time, force, 1.0 / time)
+        return conversion.units(self.inertia, self.radius, self.speed, self.drive)
 
     def attractors(self, count: int = 256, seed: int = 0) -> tuple[Attractor, ...]:
         """`Gear.attractors` of its gear, from speeds on the scale of its motions."""

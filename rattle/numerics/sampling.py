@@ -11,6 +11,7 @@ from rattle.errors import real_array, require
 
 GOLDEN = np.array([0x9E3779B97F4A7C15], np.uint64)
 SOBOL_BITS = 32  # of a coordinate
+LAST_PHASE = float(np.nextafter(1.0, 0.0))
 Z_95 = 1.959963984540054  # 97.5 % point of the normal distribution
 
 
@@ -42,11 +43,27 @@ def _mixed(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return x ^ (x >> np.uint64(31))
 
 
+def uniforms(seed: int, stream: int, rows: NDArray[np.int64], columns: int) -> NDArray[np.float64]:
+    """Independent numbers in [0, 1), (n, columns), of these rows (n,) of a stream: each follows from the seed (up to
+    128 bits), the stream, its row and its column alone.
+    """
+    state = np.zeros(rows.size, np.uint64)
+    words: list[NDArray[np.uint64]] = [*_halves(seed), np.array([stream], np.uint64), rows.astype(np.uint64)]
+    for word in words:
+        state = _mixed((state ^ word) + GOLDEN)
+    steps = GOLDEN * np.arange(1, columns + 1, dtype=np.uint64)
+    drawn = _mixed(np.asarray(state[:, None] + steps, np.uint64))
+    return (drawn >> np.uint64(11)) / 2.0**53
+
+
+def _halves(seed: int) -> list[NDArray[np.uint64]]:
+    return [np.array([half], np.uint64) for half in (seed & (2**64 - 1), seed >> 64)]
+
+
 def _shifts(seed: int, *parameters: NDArray[np.float64]) -> NDArray[np.float64]:
     """Two numbers in [0, 1) for each element, (n, 2), from the seed (up to 128 bits) and the element's parameters."""
     state = np.zeros(parameters[0].size, np.uint64)
-    halves = np.array([seed & (2**64 - 1), seed >> 64], np.uint64)
-    words: list[NDArray[np.uint64]] = [halves[:1], halves[1:], *((p + 0.0).view(np.uint64) for p in parameters)]
+    words: list[NDArray[np.uint64]] = [*_halves(seed), *((p + 0.0).view(np.uint64) for p in parameters)]
     for word in words:
         state = _mixed((state ^ word) + GOLDEN)
     drawn = np.stack([_mixed(state + GOLDEN), _mixed(state + GOLDEN + GOLDEN)], axis=1)
@@ -60,23 +77,31 @@ def initial_conditions(
     count: int,
     v_max: ArrayLike,
     seed: int,
+    tau: tuple[float, float] = (0.0, 1.0),
+    v_min: float = 0.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Uniform low-discrepancy samples of (τ, v) ∈ [0, 1) × (0, v_max) for cells (n,): two arrays of shape (n, count).
+    """Uniform low-discrepancy samples of (τ, v) ∈ [0, 1) × (0, v_max), or of this range of phases and from this speed
+    on, for cells (n,): two arrays of shape (n, count).
 
     Sobol points, shifted modulo 1 by an amount that depends on the seed and the cell's parameters alone. So a cell's
     sample depends on nothing but the request and the cell, and cells have independent sampling errors.
     """
     points = (sobol(count) + _shifts(seed, delta, epsilon, beta)[:, None, :]) % 1.0
     speeds = np.broadcast_to(np.asarray(v_max, np.float64), delta.shape)[:, None]
-    return np.ascontiguousarray(points[..., 0]), np.maximum(speeds * points[..., 1], np.spacing(speeds))
+    phases = np.minimum(tau[0] + (tau[1] - tau[0]) * points[..., 0], LAST_PHASE)
+    return phases, np.maximum(v_min + (speeds - v_min) * points[..., 1], np.spacing(speeds))
 
 
-def wilson_interval(successes: ArrayLike, count: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """95 % Wilson score interval (lower, upper) of a fraction, for successes out of count (arrays that broadcast)."""
+def wilson_interval(
+    successes: ArrayLike, count: ArrayLike, z: float = Z_95
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """95 % Wilson score interval (lower, upper) of a fraction, for successes out of count (arrays that broadcast); z:
+    another point of the normal distribution.
+    """
     n, k = real_array("count", count), real_array("successes", successes)
     require(bool(np.all((n > 0) & (k >= 0) & (k <= n))), "successes must be from 0 to count, and count above 0")
     p = k / n
-    z2 = Z_95 * Z_95
+    z2 = z * z
     centre = (p + z2 / (2 * n)) / (1 + z2 / n)
-    half = Z_95 * np.sqrt(p * (1 - p) / n + z2 / (4 * n * n)) / (1 + z2 / n)
+    half = z * np.sqrt(p * (1 - p) / n + z2 / (4 * n * n)) / (1 + z2 / n)
     return np.where(k > 0, np.maximum(centre - half, 0.0), 0.0), np.where(k < n, np.minimum(centre + half, 1.0), 1.0)

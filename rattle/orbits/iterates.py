@@ -24,6 +24,21 @@ class Iterates(NamedTuple):
     n_minus: NDArray[np.int64]
 
 
+class Returned(NamedTuple):
+    """States (n,) after one return to Σ⁺, with its time; goes: whether there was one, else the state is as before."""
+
+    tau: NDArray[np.float64]
+    v: NDArray[np.float64]
+    time: NDArray[np.float64]
+    goes: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, found: Stretched) -> Returned:
+        """From trajectories of one impact."""
+        goes = found.n_plus > 0
+        return cls(found.tau, found.v, np.where(goes, found.time, 0.0), goes)
+
+
 class Stretched(NamedTuple):
     """As `Iterates`, with the time taken and both Lyapunov exponents, (2, *shape), per forcing period."""
 

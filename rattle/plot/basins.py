@@ -12,7 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from rattle.attractors.basins import Basins
+from rattle.attractors.basins import Basins, Range
+from rattle.attractors.cell_map import Box
 from rattle.attractors.speeds import PAPER_SPEED, sampled_speed
 from rattle.attractors.table import Attractor
 from rattle.errors import RattleError, require
@@ -71,8 +72,9 @@ def draw_basins(axes: Axes, basins: Basins, palette: Palette) -> None:
     """Draw basins as pixels, one a cell."""
     colours = np.array([to_rgb(palette.colour(each)) for each in basins.attractors])
     pixels = np.round(255 * colours).astype(np.uint8)[basins.labels]
-    axes.imshow(pixels, extent=(0.0, 1.0, basins.v_max, 0.0), aspect="auto", interpolation="none", origin="upper")
-    axes.set(xlim=(0.0, 1.0), ylim=(basins.v_max, 0.0))
+    left, right, low, high = basins.box
+    axes.imshow(pixels, extent=(left, right, high, low), aspect="auto", interpolation="none", origin="upper")
+    axes.set(xlim=(left, right), ylim=(high, low))
 
 
 def gamma_line(gear: Any, v_max: float, spacing: float = SPACING) -> Array:
@@ -129,11 +131,13 @@ def panels(
     beta: float = BETA,
     resolution: int = RESOLUTION,
     kappa: float | None = None,
+    tau: Range = None,
+    v: Range = None,
 ) -> Drawing:
     """Figure 4: a panel of basins for each ε, each cell followed on its own; one legend of types for all.
 
-    resolution: cells a side. kappa: stiffness of the walls, None for the impacting model, which alone has Γ. Raises
-    ParameterError.
+    resolution: cells a side. kappa: stiffness of the walls, None for the impacting model, which alone has Γ. tau, v:
+    ranges (low, high), by default the plane of `Gear.basins`. Raises ParameterError.
     """
     require(1 <= len(epsilon) <= MOST_PANELS, f"epsilon must be 1 to {MOST_PANELS} numbers, got {len(epsilon)}")
     model = model_of(beta, kappa)
@@ -146,25 +150,26 @@ def panels(
     v_max = max(map(highest, gears))
     for i, gear in enumerate(gears):
         axes = figure.add_subplot(rows, columns, i + 1)
-        basins = gear.basins(resolution, v_max, "direct")
+        basins = gear.basins(resolution, v_max, "direct", tau=tau, v=v)
         found += basins.attractors
         draw_basins(axes, basins, palette)
         if model.has_gamma:
-            draw_gamma(axes, gear, 0.7, v_max)
+            draw_gamma(axes, gear, 0.7, basins.v_max)
         axes.set_title(f"({'abcdefghi'[i]}) ε = {gear.epsilon:g}", fontsize=9, pad=4)
-        _few_ticks(axes, v_max, first=i % columns == 0, last=i >= len(gears) - columns)
+        _few_ticks(axes, basins.box, first=i % columns == 0, last=i >= len(gears) - columns)
     if beta != BETA or kappa is not None:
         figure.suptitle(str(model), fontsize=10)
     _legend(figure, found, palette, [_white_line(1.2)] if kappa is None else [], 5)
     return Drawing(figure)
 
 
-def _few_ticks(axes: Axes, v_max: float, first: bool, last: bool) -> None:
+def _few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
     """Numbers and names at the first panel of a row and the last of a column only."""
-    axes.set_xticks([0, 0.5, 1], ["0", "0.5", "1"] if last else [""] * 3)
-    axes.set_yticks([0, v_max], ["0", f"{v_max:.3g}"] if first else ["", ""])
-    if v_max <= MOST_TICKS:
-        axes.set_yticks(np.arange(1.0, v_max), minor=True)
+    phases, speeds = [box.tau_low, 0.5 * (box.tau_low + box.tau_high), box.tau_high], [box.v_low, box.v_high]
+    axes.set_xticks(phases, [f"{x:.4g}" if last else "" for x in phases])
+    axes.set_yticks(speeds, [f"{x:.3g}" if first else "" for x in speeds])
+    if box.v_high - box.v_low <= MOST_TICKS:
+        axes.set_yticks(np.arange(np.floor(box.v_low) + 1.0, box.v_high), minor=True)
     axes.tick_params(labelsize=8)
     axes.set_xlabel("τ" if last else "", fontsize=10, labelpad=0)
     axes.set_ylabel("v" if first else "", fontsize=10, labelpad=0, rotation=0)

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.basins import Basins, basins
+from rattle.attractors.basins import Basins, Range, basins
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.measures import Uncertainty, uncertainty
+from rattle.attractors.reached import Reached, reached
 from rattle.attractors.speeds import SpeedLimit, sampled_speed
 from rattle.attractors.table import Attractor, listed
 from rattle.errors import RattleError, require, require_finite, require_number
@@ -23,6 +24,7 @@ from rattle.orbits.period_one import Orbit, html_of_point
 from rattle.stiff.attractors.classifier import attractors_of
 from rattle.stiff.attractors.plane import StiffPlane
 from rattle.stiff.map import quiet, return_map
+from rattle.stiff.map.departure import departure
 from rattle.stiff.map.flow import GAP, QUIET, flow
 from rattle.stiff.map.iterate import iterate
 from rattle.stiff.map.trajectory import trajectory
@@ -112,6 +114,14 @@ class StiffGear(Rattling):
             raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         return Impact(tau1, v1, n_minus, np.array(tangent).reshape(2, 2), time)
 
+    def departure(self, phase: float, position: float, velocity: float) -> tuple[float, float]:
+        """The first departure from Σ⁺, (τ, v), of the motion that is at Φ = position, Φ' = velocity at this phase, in
+        the gap or in contact. v is 0 if its contact with Σ⁺ never ends. Raises ParameterError, and RattleError where
+        the numbers leave double precision.
+        """
+        position, velocity = require_finite("position", position), require_finite("velocity", velocity)
+        return departure(*self._point, _phase(phase), position, velocity)
+
     def iterate(self, tau: ArrayLike, v: ArrayLike, n: ArrayLike) -> Iterates:
         """Π^n of arrays of states; tau, v > 0 and n ≥ 0 broadcast; see `rattle.stiff`. Raises ParameterError."""
         return iterate(self.delta, self.epsilon, tau, v, n, self.beta, self.kappa)
@@ -155,10 +165,20 @@ class StiffGear(Rattling):
         return listed(table, table.samples)
 
     def basins(
-        self, resolution: int = 400, v_max: SpeedLimit = None, method: str = "cells", impacts: int = 16
+        self,
+        resolution: int = 400,
+        v_max: SpeedLimit = None,
+        method: str = "cells",
+        impacts: int = 16,
+        tau: Range = None,
+        v: Range = None,
     ) -> Basins:
         """Basins of attraction on cells of (τ, v), by the methods of `Gear.basins`. Raises ParameterError."""
-        return basins(StiffPlane(*self._point), resolution, self._speed(v_max), method, impacts)
+        return basins(StiffPlane(*self._point), resolution, self._speed(v_max), method, impacts, tau, v)
+
+    def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
+        """The attractors that states go to, as `Gear.reached`. Raises ParameterError."""
+        return reached(StiffPlane(*self._point), tau, v)
 
     def uncertainty(self, pairs: int = 2048, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
         """The uncertainty exponent of the basin boundary, as `Gear.uncertainty`. Raises ParameterError."""

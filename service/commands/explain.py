@@ -22,13 +22,15 @@ def explain(
 ) -> None:
     """Say which bifurcation curve passes between each two neighbouring cells of a survey that differ.
 
-    Cells differ in their region or in their set of attractors. Exits with 1 if a boundary of regions has no curve.
+    Cells differ in their region or in their set of attractors. Of a survey with families it is told where they differ
+    because samples missed a motion. Exits with 1 if a boundary of regions has no curve.
     """
     from service.results import open_results
     from workers.boundaries.explain import explain as explained
 
     with open_results(store) as dataset:
-        found = explained(dataset, most_curves)
+        families = open_results(store, group="families") if "attractor_family" in dataset else None
+        found = explained(dataset, most_curves, families)
     _print(found, rows)
     if found.region_explained.sum() < found.pairs.region.sum():
         raise typer.Exit(UNEXPLAINED)
@@ -44,7 +46,12 @@ def _print(found: Explanation, rows: int) -> None:
     for what, number, of in (
         ("between which a computed curve passes", found.crossed.sum(), len(pairs)),
         ("whose regions differ, explained", found.region_explained.sum(), pairs.region.sum()),
-        ("whose attractors differ, explained", found.attractors_explained.sum(), pairs.attractors.sum()),
+        ("whose attractors differ by the sample alone", found.sampling.sum(), pairs.attractors.sum()),
+        (
+            "whose attractors differ otherwise, explained",
+            found.attractors_explained.sum(),
+            pairs.attractors.sum() - found.sampling.sum(),
+        ),
     ):
         share = f"{100 * number / of:.1f} %" if of else "-"
         console.print(f"  {what}: {number} of {of} ({share})")

@@ -72,6 +72,14 @@ Budget = Annotated[
 Slots = Annotated[
     int | None, typer.Option(help="Attractors that a cell lists.", show_default="8; 24 where δ begins below 0.1")
 ]
+SlotsBy = Annotated[
+    str | None,
+    typer.Option(
+        metavar="fraction|family",
+        help="Which slot an attractor is in: the first of the largest share, or each family in one.",
+        show_default="family where families are asked for",
+    ),
+]
 Seed = Annotated[int, typer.Option(help="Seed of the samples.")]
 Name = Annotated[str, typer.Option(help="A name for people.")]
 Tile = Annotated[
@@ -88,6 +96,14 @@ Quantity = Annotated[
     ),
 ]
 Url = Annotated[str, typer.Option(envvar="RATTLE_URL", help="Where the service is.")]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        min=1,
+        help="Processes of the embedded cluster.",
+        show_default="2; for a few seconds of work none but this one",
+    ),
+]
 Scheduler = Annotated[
     str | None,
     typer.Option(envvar="RATTLE_SCHEDULER", metavar="URL", help="An existing dask scheduler, such as tcp://host:8786."),
@@ -119,6 +135,7 @@ def survey_request(
     v_max: str | None,
     budget: int | None,
     slots: int | None,
+    slots_by: str | None,
     seed: int,
     name: str,
     tile: str | None,
@@ -149,6 +166,7 @@ def survey_request(
                 **({} if budget is None else {"budget": budget}),
             },
             "slots": slots,
+            "slots_by": slots_by,
             "seed": seed,
             "name": name,
         }

@@ -12,7 +12,7 @@ from sqlalchemy import bindparam, delete, func, select, text
 from sqlalchemy.orm import Session
 
 from service.database.identity import NewJob, find_by_key, find_identical
-from service.database.tables import ACTIVE, EventRow, JobRow, KeyRow, ServiceRow, State, TileRow, now
+from service.database.tables import ACTIVE, EventRow, JobRow, KeyRow, Kind, ServiceRow, State, TileRow, now
 from service.database.transactions import Transactions
 from service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
 
@@ -57,24 +57,28 @@ class Surveys(Transactions):
             values = vars(new) | {"idempotency_key": new.stored_key}
             job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, **values)
             session.add(job)
-            service.surveys += 1
+            _count(service, job, 1)
             session.flush()
             _add_state_event(session, job)
         self._on_change(job.id)
         return job
 
-    def job(self, survey_id: str) -> JobRow:
-        """The survey with this id; UnknownSurveyError if there is none."""
+    def job(self, survey_id: str, kind: Kind | None = None) -> JobRow:
+        """The survey or population with this id; UnknownSurveyError if there is none, or it is not of this kind."""
         with self._read() as session:
-            return _find(session, survey_id)
+            job = _find(session, survey_id)
+        if kind not in (None, job.kind):
+            raise UnknownSurveyError(survey_id)
+        return job
 
-    def jobs(self, limit: int, before: int | None = None) -> tuple[Sequence[JobRow], int]:
+    def jobs(self, limit: int, before: int | None = None, kind: Kind = Kind.SURVEY) -> tuple[Sequence[JobRow], int]:
         """Surveys, newest first, from those with a number below ``before``; and how many there are in all."""
-        newest_first = select(JobRow).order_by(JobRow.number.desc()).limit(limit)
+        newest_first = select(JobRow).where(JobRow.kind == kind).order_by(JobRow.number.desc()).limit(limit)
         if before is not None:
             newest_first = newest_first.where(JobRow.number < before)
         with self._read() as session:
-            total = session.scalars(select(ServiceRow.surveys)).one()
+            counted = ServiceRow.surveys if kind == Kind.SURVEY else ServiceRow.populations
+            total = session.scalars(select(counted)).one()
             return session.scalars(newest_first).all(), total
 
     def known(self, survey_ids: Collection[str]) -> set[str]:
@@ -245,8 +249,15 @@ class Surveys(Transactions):
         with self._write() as (session, service):
             job = _find_ended(session, survey_id)
             session.execute(delete(JobRow).where(JobRow.number == job.number))
-            service.surveys -= 1
+            _count(service, job, -1)
         self._on_change(survey_id)
+
+
+def _count(service: ServiceRow, job: JobRow, more: int) -> None:
+    if job.kind == Kind.SURVEY:
+        service.surveys += more
+    else:
+        service.populations += more
 
 
 def _find(session: Session, survey_id: str) -> JobRow:

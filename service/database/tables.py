@@ -24,6 +24,13 @@ class State(StrEnum):
         return self not in ACTIVE
 
 
+class Kind(StrEnum):
+    """What a job computes."""
+
+    SURVEY = "survey"
+    POPULATION = "population"
+
+
 ACTIVE = (State.ACCEPTED, State.RUNNING)
 UNREADABLE = (
     "What this survey computes cannot be read: its row in the job database is damaged. DELETE it, and submit it anew."
@@ -41,7 +48,7 @@ class Table(DeclarativeBase):
 
 
 class JobRow(Table):
-    """A survey: its request and where it stands."""
+    """A survey, or a population: its request and where it stands."""
 
     __tablename__ = "jobs"
 
@@ -64,10 +71,12 @@ class JobRow(Table):
     started: Mapped[str | None]
     finished: Mapped[str | None]
     owner: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
+    kind: Mapped[str] = mapped_column(default=Kind.SURVEY)
 
     # Without autoincrement SQLite hands the number of a deleted last row out again.
     __table_args__ = (
         Index("ix_jobs_owner", "owner", "number"),
+        Index("ix_jobs_kind", "kind", "number"),
         Index("ix_jobs_content", "content_hash", "number"),
         Index("ix_jobs_active", "number", sqlite_where=text(IN_ACTIVE), postgresql_where=text(IN_ACTIVE)),
         {"sqlite_autoincrement": True},
@@ -174,8 +183,8 @@ class SessionRow(Table):
 class ServiceRow(Table):
     """The one row that every writer locks first: there is one writer at a time, on every database.
 
-    ``epoch`` grows with each service that takes the database; ``surveys`` is how many there are; ``directory`` is the
-    identity of the data directory with their stores, if the database is elsewhere.
+    ``epoch`` grows with each service that takes the database; ``surveys`` and ``populations`` are how many there are;
+    ``directory`` is the identity of the data directory with their stores, if the database is elsewhere.
     """
 
     __tablename__ = "service"
@@ -183,4 +192,5 @@ class ServiceRow(Table):
     id: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
     epoch: Mapped[int]
     surveys: Mapped[int]
+    populations: Mapped[int] = mapped_column(default=0)
     directory: Mapped[str | None]

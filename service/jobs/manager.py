@@ -27,16 +27,18 @@ from workers import (
     finish_store,
     join_on,
     lacks_families,
+    request_of,
     run_tiles,
     template_on,
     tiles_done,
     tiles_of,
 )
+from workers.kinds import place_of_cell
 
 if TYPE_CHECKING:
     from distributed import Client
 
-    from workers import TileRecord
+    from workers import AnyRequest, TileRecord
     from workers.survey.template import Template
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
@@ -251,7 +253,7 @@ class JobManager:
         path = self._directory.store(survey_id)
 
         # Curves take minutes in some windows: nothing is computed in this process.
-        def template(request: SurveyRequest, created: str | None) -> Template:
+        def template(request: AnyRequest, created: str | None) -> Template:
             return template_on(client, request, created, self._interrupted)
 
         create_store(request, path, template)
@@ -265,7 +267,7 @@ class JobManager:
 
         def on_tile(tile: TileRecord) -> None:
             nonlocal has_message
-            self._record(survey_id, tile)
+            self._record(survey_id, request, tile)
             if has_message:
                 self._database.set_state(survey_id, State.RUNNING)  # without the message
                 has_message = False
@@ -273,7 +275,7 @@ class JobManager:
 
         run_tiles(request, path, missing, client, on_tile, self._interrupted, self._dismissed.is_set)
         if not self._interrupted():
-            if lacks_families(request, path):
+            if isinstance(request, SurveyRequest) and lacks_families(request, path):
                 join_on(client, request, path, self._interrupted)
             finish_store(path)
             self._database.set_state(survey_id, State.SUCCESSFUL)
@@ -305,10 +307,10 @@ class JobManager:
     def _interrupted(self) -> bool:
         return self._stopping.is_set() or self._dismissed.is_set()
 
-    def _record(self, survey_id: str, tile: TileRecord) -> None:
+    def _record(self, survey_id: str, request: AnyRequest, tile: TileRecord) -> None:
         self._on_tile(tile)
         first = tile.failed_cells[:MAX_FAILURES]
-        failures = [{"epsilon": i, "delta": j, "message": message} for i, j, message in first]
+        failures = [{**place_of_cell(request, i, j), "message": message} for i, j, message in first]
         failed = len(tile.failed_cells)
         self._database.add_tile(survey_id, DoneTile(tile.index, tile.cells, tile.seconds, failed, failures))
 
@@ -320,11 +322,11 @@ def _is_of_this_version(job: JobRow) -> bool:
         return False
 
 
-def _request_of(job: JobRow) -> SurveyRequest:
+def _request_of(job: JobRow) -> AnyRequest:
     if not job.is_readable:
         raise ServiceError(UNREADABLE)
     try:
-        return SurveyRequest.model_validate(job.request)
+        return request_of(job.request)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])

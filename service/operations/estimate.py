@@ -14,7 +14,7 @@ from service.database.tables import JobRow
 from service.kernels import Part
 from service.operations.turns import in_turn
 from service.state import Front
-from workers import Axis, SurveyRequest, TileShape, compute_tile, tiles_of
+from workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
 from workers.survey.values.schema import SAMPLED, Group
 
 LOOKED_AT = 100  # newest surveys
@@ -33,14 +33,16 @@ class Estimate:
     basis: str
 
 
-async def estimate(front: Front, request: SurveyRequest) -> Estimate:
-    """What this survey will cost: by the one most like it among the newest here, else by nine of its cells.
+async def estimate(front: Front, request: AnyRequest) -> Estimate:
+    """What this survey will cost: by the one most like it among the newest here, else by nine of its cells. What a
+    population will cost: by nine of its gears.
 
     Raises:
         UnavailableError: it has to be measured, and that takes too long or has to wait.
     """
     workers = await run_in_threadpool(front.manager.workers) or front.settings.workers
-    if found := await run_in_threadpool(_by_others, front, request):
+    found = None if isinstance(request, PopulationRequest) else await run_in_threadpool(_by_others, front, request)
+    if found:
         seconds, basis = found
     else:
         seconds = await in_turn(
@@ -51,7 +53,9 @@ async def estimate(front: Front, request: SurveyRequest) -> Estimate:
             what="The cost",
             advice="Ask for fewer initial conditions in a cell.",
         )
-        basis = f"measured now on {TRIED * TRIED} cells of it"
+        basis = (
+            f"measured now on {TRIED * TRIED} {'gears' if isinstance(request, PopulationRequest) else 'cells'} of it"
+        )
     return Estimate(seconds * request.n_cells / workers, workers, basis)
 
 
@@ -100,20 +104,33 @@ def _same_watch(request: SurveyRequest, job: JobRow) -> bool:
     """Whether samples are watched for about as long: in relaxation times where damping is weak, within the budget."""
     other = SurveyRequest.model_validate(job.request)
     ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
-    same = request.initial_conditions.budget == other.initial_conditions.budget and request.v_max == other.v_max
+    sample, its = request.initial_conditions, other.initial_conditions
+    same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)
     return same and 1.0 / SIMILAR <= ratio <= SIMILAR
 
 
-def cell_seconds(request: SurveyRequest) -> float:
+def cell_seconds(request: AnyRequest) -> float:
     """Seconds of one process for a cell, by a few that are spread over the survey; the kernels are compiled before."""
-    axes = {
-        name: Axis(start=axis.start, stop=axis.stop, num=min(axis.num, TRIED))
-        for name, axis in (("delta", request.delta), ("epsilon", request.epsilon))
-    }
-    few = request.model_copy(update={**axes, "tile": TileShape()})
+    few = _few_gears(request) if isinstance(request, PopulationRequest) else _few_cells(request)
     for _ in range(2):
         began = time.perf_counter()
         for tile in tiles_of(few):
             compute_tile(few, tile)
         seconds = time.perf_counter() - began
     return seconds / few.n_cells
+
+
+def _few_gears(request: PopulationRequest) -> PopulationRequest:
+    """A few of its gears, as many of which are judged as of all."""
+    gears = min(request.gears, TRIED * TRIED)
+    judged = max(1, round(gears * request.plan.judging / request.n_cells))
+    few = {"gears": gears, "pairs": 0, "judged": judged, "tile": None}
+    return PopulationRequest.model_validate(request.model_dump(mode="json") | few)
+
+
+def _few_cells(request: SurveyRequest) -> SurveyRequest:
+    axes = {
+        name: Axis(start=axis.start, stop=axis.stop, num=min(axis.num, TRIED))
+        for name, axis in (("delta", request.delta), ("epsilon", request.epsilon))
+    }
+    return request.model_copy(update={**axes, "tile": TileShape()})

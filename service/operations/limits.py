@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from service.errors import LimitError
 from service.settings import Settings
-from workers import SurveyRequest
+from workers import AnyRequest, PopulationRequest
 
 
-def check_limits(request: SurveyRequest, settings: Settings) -> None:
-    """Refuse a survey that is larger than this service allows. Costs nothing, whatever the size of the axes.
+def check_limits(request: AnyRequest, settings: Settings) -> None:
+    """Refuse a survey, or a population, that is larger than this service allows. Costs nothing, whatever its size.
 
     Raises:
         LimitError: names the field and the limit.
     """
+    if isinstance(request, PopulationRequest):
+        _check_population(request, settings)
+        return
     count = request.initial_conditions.count
     tile_cells = request.tile_shape[0] * request.tile_shape[1]
     _at_most("initial_conditions.count", "initial conditions per cell", count, settings.max_count)
@@ -25,7 +28,18 @@ def check_limits(request: SurveyRequest, settings: Settings) -> None:
     _at_most("tile", f"samples per tile ({each})", tile_cells * samples, settings.max_tile_samples)
 
 
+def _check_population(request: PopulationRequest, settings: Settings) -> None:
+    _at_most("count", "initial conditions per gear", request.count, settings.max_count)
+    _at_most("gears", "gears, with those that share numbers", request.n_cells, settings.max_cells)
+    _at_most("count", "samples, with those of gears that are judged", request.samples, settings.max_samples)
+    _at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
+    each = -(-request.samples // request.n_cells)  # gears that are judged are spread over all tiles
+    _at_most("tile", "samples per tile", request.tile_shape[0] * each, settings.max_tile_samples)
+
+
 def _at_most(field: str, what: str, value: int, limit: int) -> None:
     if value > limit:
-        message = f"{value} {what}: this service allows {limit}. Ask for less, or use the command rattle run."
+        message = (
+            f"{value} {what}: this service allows {limit}. Ask for less, or use a command, rattle run or tolerance."
+        )
         raise LimitError(f"body.{field}", message)

@@ -6,17 +6,17 @@ import hashlib
 
 from service.access.keys import Caller
 from service.database import NewJob
-from service.database.tables import UNREADABLE, JobRow, State
+from service.database.tables import UNREADABLE, JobRow, Kind, State
 from service.errors import ForbiddenError
 from service.operations.limits import check_limits
 from service.state import Front
-from workers import SurveyRequest
+from workers import AnyRequest, PopulationRequest
 
 
 def submit_survey(
-    front: Front, caller: Caller, request: SurveyRequest, idempotency_key: str | None = None, force: bool = False
+    front: Front, caller: Caller, request: AnyRequest, idempotency_key: str | None = None, force: bool = False
 ) -> JobRow:
-    """Accept a survey, or find the one that is the same.
+    """Accept a survey, or a population, or find the one that is the same.
 
     Raises:
         LimitError: it is larger than this service allows.
@@ -35,6 +35,7 @@ def submit_survey(
             n_tiles=request.n_tiles,
             idempotency_key=idempotency_key,
             owner=caller.owner,
+            kind=Kind.POPULATION if isinstance(request, PopulationRequest) else Kind.SURVEY,
         ),
         front.settings.max_jobs,
         None if force else lambda survey_id: front.directory.store(survey_id).exists(),
@@ -43,7 +44,7 @@ def submit_survey(
     return job
 
 
-def remove_survey(front: Front, caller: Caller, survey_id: str) -> JobRow | None:
+def remove_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow | None:
     """Dismiss a survey that waits or runs, which is returned, or delete one that has ended.
 
     Raises:
@@ -51,13 +52,13 @@ def remove_survey(front: Front, caller: Caller, survey_id: str) -> JobRow | None
         ForbiddenError: it was submitted with another key.
         ConflictError: its last tiles still run.
     """
-    require_owner(front, caller, survey_id)
+    require_owner(front, caller, survey_id, kind)
     if not front.database.job(survey_id).is_readable:  # it is shown as one that has ended
         front.database.set_state(survey_id, State.FAILED, UNREADABLE)
     return front.manager.dismiss_or_delete(survey_id)
 
 
-def require_owner(front: Front, caller: Caller, survey_id: str) -> None:
+def require_owner(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> None:
     """Raise ForbiddenError unless the caller submitted this survey."""
-    if not caller.owns(front.database.job(survey_id)):
+    if not caller.owns(front.database.job(survey_id, kind)):
         raise ForbiddenError(f"Survey {survey_id} was not submitted with this API key. Use the key that submitted it.")

@@ -2,24 +2,29 @@
 
 from fastapi import APIRouter
 
-from service.routes import download, events, metrics, picture, store, surveys
+from service.routes import download, events, limits, metrics, picture, populations, store, surveys
 from service.routes.model import (
     basins,
     curves,
     intensity,
     machine,
     points,
+    reached,
 )
 
 ROUTERS: tuple[APIRouter, ...] = (
     surveys.router,
+    populations.router,
+    populations.estimates,
     events.router,
     store.router,
     picture.router,
     download.router,
     points.router,
+    reached.router,
     intensity.router,
     machine.router,
+    limits.router,
     basins.router,
     curves.router,
     metrics.router,

@@ -1,4 +1,4 @@
-"""What the service answers: the documents of a survey."""
+"""What the service answers: the documents of a survey, and what those of a population have in common with them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import Path
 from pydantic import BaseModel, Field
 
-from service.database.tables import JobRow, State
+from service.database.tables import JobRow, Kind, State
 from service.web import examples
 
 
@@ -20,8 +20,8 @@ class Links(BaseModel):
     map: str
 
 
-class Survey(BaseModel):
-    """A survey: where it stands, what was asked, where its results are."""
+class Standing(BaseModel):
+    """Where a job stands."""
 
     id: str
     name: str
@@ -37,11 +37,16 @@ class Survey(BaseModel):
     cells_done: int
     cells: int
     cells_failed: int = Field(description="cells whose status is 3; `failures` of the single document says why")
+
+
+class Survey(Standing):
+    """A survey: where it stands, what was asked, where its results are."""
+
     links: Links
 
     @classmethod
     def of(cls, job: JobRow) -> Survey:
-        return cls(**_fields(job))
+        return cls(**standing(job), links=_links(job))
 
 
 class SurveyDetail(Survey):
@@ -52,7 +57,7 @@ class SurveyDetail(Survey):
 
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> SurveyDetail:
-        return cls(**_fields(job), request=job.request if job.is_readable else {}, failures=failures)
+        return cls(**standing(job), links=_links(job), request=request_shown(job), failures=failures)
 
 
 class SurveyList(BaseModel):
@@ -68,13 +73,23 @@ SurveyId = Annotated[
 ]
 
 
-def path_of(survey_id: str) -> str:
-    """Path of a survey, the parent of everything that belongs to it."""
-    return f"/v1/surveys/{survey_id}"
+def path_of(survey_id: str, kind: Kind = Kind.SURVEY) -> str:
+    """Path of a survey or a population, the parent of everything that belongs to it."""
+    return f"/v1/{'surveys' if kind == Kind.SURVEY else 'populations'}/{survey_id}"
 
 
-def _fields(job: JobRow) -> dict[str, Any]:
+def request_shown(job: JobRow) -> dict[str, Any]:
+    """What was asked; nothing if the job database holds none that can be read."""
+    return job.request if job.is_readable else {}
+
+
+def _links(job: JobRow) -> Links:
     here = path_of(job.id)
+    return Links(self=here, events=f"{here}/events", store=f"{here}/store", map=f"{here}/map.png")
+
+
+def standing(job: JobRow) -> dict[str, Any]:
+    """The fields of `Standing`."""
     state, message = job.shown
     return {
         "id": job.id,
@@ -91,5 +106,4 @@ def _fields(job: JobRow) -> dict[str, Any]:
         "cells_done": job.cells_done,
         "cells": job.n_cells,
         "cells_failed": job.cells_failed,
-        "links": {"self": here, "events": f"{here}/events", "store": f"{here}/store", "map": f"{here}/map.png"},
     }

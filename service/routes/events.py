@@ -15,7 +15,7 @@ from starlette.types import Receive, Scope, Send
 from service.access.keys import Caller
 from service.access.middleware import CallerState
 from service.access.revocation import Revocations
-from service.database.tables import State
+from service.database.tables import Kind, State
 from service.errors import UnknownSurveyError
 from service.jobs.broadcast import written
 from service.routes.documents import SurveyId
@@ -59,7 +59,12 @@ async def follow(
     ] = 0,
 ) -> Response:
     """Events `state` and `tile`, numbered from 1; the stream closes after the event of the final state."""
-    job = await run_in_threadpool(front.database.job, survey_id)
+    return await stream(front, caller, survey_id, Kind.SURVEY, last_event_id)
+
+
+async def stream(front: Front, caller: Caller, survey_id: str, kind: Kind, last_event_id: int) -> Response:
+    """The events of a survey or a population."""
+    job = await run_in_threadpool(front.database.job, survey_id, kind)
     if State(job.state).final and last_event_id >= job.last_event:
         return Response(status_code=204)
     closing = anyio.Event()

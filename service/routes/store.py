@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pathlib
 import re
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Request, Response
 from starlette.concurrency import run_in_threadpool
@@ -12,11 +12,11 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from service.database.tables import State
+from service.database.tables import Kind, State
 from service.errors import MissingError
 from service.operations.chunks import is_owed
 from service.routes.documents import SurveyId, path_of
-from service.state import FrontState
+from service.state import Front, FrontState
 from service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE
 from service.web.objects import object_response
 from service.web.problems import declared
@@ -31,24 +31,28 @@ NOT_THERE = (401, 404)  # 401: StaticFiles' word for a file without permission
 KEY = re.compile(rf"{NAME}(/{NAME})*")
 
 
+#: What the files of a store are answered as.
+FILES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "content": {
+            "application/octet-stream": {"schema": {"type": "string", "format": "binary"}},
+            "application/json": {"schema": {"type": "object"}},
+        }
+    },
+    206: {
+        "description": "the requested range",
+        "content": {"application/octet-stream": {}, "application/json": {}, "multipart/byteranges": {}},
+    },
+    **NOT_MODIFIED,
+    **declared(404, 416, 422),
+}
+
+
 @router.get(
     "/{survey_id}/store/{key:path}",
     summary="Read the zarr store, also of a running survey",
     response_class=Response,
-    responses={
-        200: {
-            "content": {
-                "application/octet-stream": {"schema": {"type": "string", "format": "binary"}},
-                "application/json": {"schema": {"type": "object"}},
-            }
-        },
-        206: {
-            "description": "the requested range",
-            "content": {"application/octet-stream": {}, "application/json": {}, "multipart/byteranges": {}},
-        },
-        **NOT_MODIFIED,
-        **declared(404, 416, 422),
-    },
+    responses=FILES,
 )
 async def read(
     front: FrontState,
@@ -59,9 +63,14 @@ async def read(
     """A chunk that is not computed yet has no file: 404, which zarr reads as fill values. One that was computed and
     cannot be read is no fill value: 503, and POST …/verify computes it again.
     """
-    job, store = await run_in_threadpool(front.stored, survey_id)
+    return await stored_file(front, survey_id, Kind.SURVEY, key, request)
+
+
+async def stored_file(front: Front, survey_id: str, kind: Kind, key: str, request: Request) -> Response:
+    """The file of this key in the store of a survey or a population."""
+    job, store = await run_in_threadpool(front.stored, survey_id, kind)
     if not KEY.fullmatch(key) or key.endswith(".partial"):
-        raise MissingError(f"The store of survey {survey_id} has no key {key!r}.")
+        raise MissingError(f"The store of {kind} {survey_id} has no key {key!r}.")
     unchanging = job.state == State.SUCCESSFUL
     try:
         response = await _stored(store, key, request, unchanging)
@@ -74,8 +83,8 @@ async def read(
             response = await _stored(store, key, request, unchanging)  # it may have come meanwhile
         except (HTTPException, OSError):
             raise DamageError(
-                f"{key} of survey {survey_id} was computed and cannot be read now. POST {path_of(survey_id)}/verify "
-                "computes again what is damaged or lost."
+                f"{key} of {kind} {survey_id} was computed and cannot be read now. "
+                f"POST {path_of(survey_id, kind)}/verify computes again what is damaged or lost."
             ) from error
     if response.status_code == 200 and key.endswith("zarr.json"):
         response.headers["content-type"] = "application/json"

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
 
 from service.access.middleware import CallerState
-from service.database.tables import JobRow, State
+from service.database.tables import JobRow, Kind, State
 from service.operations.surveys import remove_survey, require_owner, submit_survey
 from service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of
 from service.state import Front, FrontState
@@ -101,7 +101,7 @@ def list_surveys(
     responses={200: {"links": examples.SURVEY_LINKS}, **NOT_MODIFIED, **declared(404, 422)},
 )
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
-    job = front.database.job(survey_id)
+    job = front.database.job(survey_id, Kind.SURVEY)
     return json_answer(request, _detail(front, job), job.finished)
 
 

@@ -40,12 +40,62 @@ DETAIL: dict[str, Any] = SURVEY | {
         "model": "impacting",
         "kappa": None,
         "quantities": ["region", "orbits", "attractors", "lyapunov", "grazing"],
-        "initial_conditions": REQUEST["initial_conditions"] | {"budget": 1_000_000},
+        "initial_conditions": REQUEST["initial_conditions"]
+        | {"budget": 1_000_000, "tau_min": 0.0, "tau_max": 1.0, "v_min": 0.0},
         "slots": None,
+        "slots_by": None,
         "machine": None,
     },
     "failures": [],
 }
+POPULATION_ID = "9a7be258364f1c0d"
+POPULATION_HERE = f"/v1/populations/{POPULATION_ID}"
+POPULATION_REQUEST: dict[str, Any] = {
+    "name": "drawing 17",
+    "gear": {
+        "inertia": 0.003,
+        "drag": 0.0015,
+        "backlash": {"distribution": "uniform", "low": 0.00028, "high": 0.00032},
+        "eccentricity": {"distribution": "normal", "mean": 0.000015, "deviation": 0.000005, "low": 0.0},
+        "radius": 0.05,
+        "rpm": 3000.0,
+    },
+    "correlation": [[1.0, 0.3], [0.3, 1.0]],
+    "gears": 1000,
+    "count": 4,
+    "pairs": 200,
+    "seed": 0,
+}
+POPULATION: dict[str, Any] = {
+    name: value for name, value in SURVEY.items() if name not in ("id", "name", "links", "tiles", "cells")
+} | {
+    "id": POPULATION_ID,
+    "name": "drawing 17",
+    "tiles": 32,
+    "cells": 2000,
+    "links": {
+        "self": POPULATION_HERE,
+        "events": f"{POPULATION_HERE}/events",
+        "store": f"{POPULATION_HERE}/store",
+        "answers": f"{POPULATION_HERE}/answers",
+    },
+}
+POPULATION_DETAIL: dict[str, Any] = POPULATION | {
+    "request": POPULATION_REQUEST
+    | {
+        "gear": dict.fromkeys(("delta", "epsilon", "beta", "kappa", "stiffness", "drive"))
+        | POPULATION_REQUEST["gear"]
+        | {"eccentricity": POPULATION_REQUEST["gear"]["eccentricity"] | {"high": None}},
+        "share": None,
+        "margin": None,
+        "shock": None,
+        "judged": 256,
+        "budget": 1_000_000,
+        "tile": None,
+    },
+    "failures": [],
+}
+POPULATION_LIST: dict[str, Any] = {"populations": [POPULATION], "count": 1, "next": None}
 LIST: dict[str, Any] = {"surveys": [SURVEY], "count": 1, "next": None}
 
 EVENTS = [
@@ -78,6 +128,7 @@ ORBITS: dict[str, Any] = {
             "stable": False,
         }
     ],
+    "si": None,
 }
 ATTRACTORS: dict[str, Any] = {
     "delta": 0.6,
@@ -159,6 +210,8 @@ PROBLEM: dict[str, Any] = {
 ANSWERS = {
     "SurveyDetail": DETAIL,
     "SurveyList": LIST,
+    "PopulationDetail": POPULATION_DETAIL,
+    "PopulationList": POPULATION_LIST,
     "Orbits": ORBITS,
     "Attractors": ATTRACTORS,
     "Curves": CURVES,

@@ -39,7 +39,7 @@ def test_every_line_is_executed_and_prints_what_it_says(tmp_path: Path, monkeypa
     names: dict[str, Any] = {}
     variables: dict[str, str] = {}
     out = ""
-    assert [kind for kind, _ in BLOCKS].count("python") == 9
+    assert [kind for kind, _ in BLOCKS].count("python") == 12
     for kind, block in BLOCKS:
         if kind == "python":
             printed = io.StringIO()

@@ -19,11 +19,11 @@ from rattle.impacting.bifurcations.branches import fate
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.models import Model
-from workers.boundaries.pairs import KINDS, Attractor, Grid, Label, Pairs, crossed, name_of
+from workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_of
+from workers.boundaries.pairs import KINDS, Attractor, Grid, Pairs, crossed, name_of
 from workers.errors import SurveyError
 
-QUIET, PERIODIC, CHAOTIC = (KINDS.index(kind) for kind in ("quiet", "periodic", "chaotic"))
-QUIET_LABEL: Label = (QUIET, 0, 0, 0)
+CHAOTIC = KINDS.index("chaotic")
 MOST_CURVES = 100
 WORTH_A_CURVE = 4  # pairs that differ by a motion
 LONGEST_TRACED = 16  # impacts of a motion whose curve is traced: many small bounces take seconds and explain little
@@ -59,30 +59,35 @@ class Explanation:
     """What explains a survey: its pairs that differ, the curves by falling number of pairs they explain, and the rest.
 
     region_explained, attractors_explained (n,): the pair differs in its region (attractors), and a curve of a motion
-    that changes there passes between. crossed (n,): some curve passes between. met: at so many of these pairs only the
-    point of the curve between the two cells was computed.
+    that changes there passes between. sampling (n,): the attractors that differ are in both cells, as their families
+    tell, and samples missed them: there is nothing to explain. crossed (n,): some curve passes between. met: at so many
+    of these pairs only the point of the curve between the two cells was computed.
     """
 
     pairs: Pairs
     known: tuple[Known, ...]
     region_explained: np.ndarray
     attractors_explained: np.ndarray
+    sampling: np.ndarray
     met: int
     rest: tuple[Rest, ...]
     crossed: np.ndarray
 
 
-def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES) -> Explanation:
+def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES, families: xr.Dataset | None = None) -> Explanation:
     """Explain the boundaries between the cells of an open survey, finished or not.
 
-    most_curves: how many curves of other than period-one motions may be computed. Raises SurveyError.
+    families: its group of that name, if it has one. most_curves: how many curves of other than period-one motions may
+    be computed. Raises SurveyError.
     """
     if dataset.attrs.get("model") == Model.STIFF:
         raise SurveyError("boundaries are explained in surveys of the impacting model only, which this one is not")
-    search = _Search(Grid(dataset), most_curves)
+    search = _Search(Grid(dataset, families), most_curves)
     why = dict(search.run())
     region = search.covers_region()
-    attractors = np.array([not search.uncovered(n) for n in range(len(search.pairs))], bool) & search.pairs.attractors
+    every = range(len(search.pairs))
+    sampling = np.array([not search.changes[n] for n in every], bool) & search.pairs.attractors
+    attractors = np.array([not search.uncovered(n) for n in every], bool) & search.pairs.attractors & ~sampling
     crossing = np.any([item.crosses for item in search.known], axis=0)
     met = np.array(sorted(search.met), np.int64)
     met = met[~crossing[met]]
@@ -92,8 +97,9 @@ def explain(dataset: xr.Dataset, most_curves: int = MOST_CURVES) -> Explanation:
         tuple(sorted(search.counted(), key=lambda item: -item.explains)),
         region,
         attractors,
+        sampling,
         met.size,
-        _grouped(search, why, region, attractors),
+        _grouped(search, why, region, attractors | sampling),
         crossing,
     )
 
@@ -110,7 +116,7 @@ class _Search:
         self.pairs = self.grid.differing()
         for name in curves.NAMES:
             curve = curves.trace(name, self.grid.beta, *self.window)
-            self._add(curve, _labels_of(name), name not in ("PDC", "quiet_limit"))
+            self._add(curve, labels_of(name), name not in ("PDC", "quiet_limit"))
         self.changes = [_changes(self.grid, self.pairs, n) for n in range(len(self.pairs))]
         self.often = Counter(label for n in range(len(self.pairs)) for label in self.uncovered(n))
 
@@ -218,35 +224,19 @@ class _Search:
         self.known.append(Known(curve, labels, bounds_regions, crossed(curve, self.grid, self.pairs)))
 
 
-def _labels_of(name: str) -> frozenset[Label]:
-    """The attractors that a period-one curve makes or ends."""
-    if name == curves.QUIET_LIMIT:
-        return frozenset({QUIET_LABEL})
-    definition = curves.CURVES[name]
-    return _labels(definition.walls, 1, definition.impact, definition.kind == "PD")
-
-
 def _labels_at(event: Event) -> frozenset[Label]:
-    return _labels(event.itinerary.walls, event.itinerary.m, event.impact, event.kind == "PD")
-
-
-def _labels(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
-    """The motion itself, what it becomes without the impact that grazes, and doubled by a flip."""
-    plus, minus = walls.count(1), walls.count(-1)
-    found = {(PERIODIC, m, plus, minus)}
-    if impact is not None:
-        found.add((PERIODIC, m, plus - (walls[impact] > 0), minus - (walls[impact] < 0)))
-    if flip:
-        found.add((PERIODIC, 2 * m, 2 * plus, 2 * minus))
-    return frozenset(found)
+    return labels(event.itinerary.walls, event.itinerary.m, event.impact, event.kind == "PD")
 
 
 def _changes(grid: Grid, pairs: Pairs, n: int) -> list[Label]:
-    """The labels of which the two cells of a pair have different numbers."""
+    """The labels of which the two cells of a pair have different numbers, and not because samples missed a motion."""
     if not pairs.attractors[n]:
         return []
-    one, other = (Counter(found.label for found in grid.attractors(cell)) for cell in (pairs.first[n], pairs.second[n]))
-    return sorted({*(one - other), *(other - one)})
+    cells = pairs.first[n], pairs.second[n]
+    one, other = (Counter(found.label for found in grid.attractors(cell)) for cell in cells)
+    told = grid.differing_labels(*cells)
+    changed = {*(one - other), *(other - one)}
+    return sorted(changed if told is None else changed & told)
 
 
 def _grouped(search: _Search, why: dict[int, str], region: np.ndarray, attractors: np.ndarray) -> tuple[Rest, ...]:

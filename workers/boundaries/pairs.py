@@ -6,7 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from rattle import quiet_limit
 from rattle.curves import Curve
+from workers.boundaries.labels import QUIET_LABEL, Label
 from workers.errors import SurveyError
 from workers.survey.values.evaluate import FAILED, KINDS
 
@@ -30,9 +32,6 @@ class Pairs:
         return len(self.first)
 
 
-Label = tuple[int, int, int, int]  # kind, m, n₊, n₋
-
-
 class Attractor(NamedTuple):
     """One attractor of a cell: its label, a state on it and its share of the sample."""
 
@@ -45,8 +44,10 @@ class Attractor(NamedTuple):
 class Grid:
     """The cells of an open survey: axes (n,), half-backlash, and per cell its region and its attractors."""
 
-    def __init__(self, dataset: xr.Dataset) -> None:
-        """Read what is compared. Raises SurveyError if the survey has neither regions nor attractors."""
+    def __init__(self, dataset: xr.Dataset, families: xr.Dataset | None = None) -> None:
+        """Read what is compared; families: the group of that name. Raises SurveyError if the survey has neither regions
+        nor attractors.
+        """
         self.delta, self.epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
         self.beta = float(dataset.attrs["beta"])
         status = np.asarray(dataset["status"])
@@ -61,6 +62,7 @@ class Grid:
             self.labels = np.sort(((kind * 2**15 + m) * 2**15 + plus) * 2**15 + minus, axis=0)
             self.slots = kind, m, plus, minus
             self.states = tuple(np.asarray(dataset[f"attractor_{name}"]) for name in ("phase", "velocity", "fraction"))
+        self.families = None if families is None else _Families(dataset, families)
         if "region" not in dataset and self.labels is None:
             raise SurveyError("nothing to explain: ask for a survey with region or attractors")
 
@@ -86,19 +88,53 @@ class Grid:
         """Cells whose set is not known: a sample was left undecided."""
         return (self.slots[0] == UNDECIDED).any(axis=0)
 
+    def differing_labels(self, one: np.ndarray, other: np.ndarray) -> frozenset[Label] | None:
+        """The labels of motions that are in one of two cells only, as far as families tell, whether or not a sample
+        went to them; None without families.
+        """
+        if self.families is None:
+            return None
+        both = [self.families.at(cell, self._quiet(cell)) for cell in (one, other)]
+        return frozenset(self.families.labels[number] for number in both[0] ^ both[1])
+
+    def _quiet(self, cell: np.ndarray) -> bool:
+        delta, epsilon = self.point(cell)
+        return bool(epsilon < quiet_limit(delta))
+
     def attractors(self, cell: np.ndarray) -> list[Attractor]:
         """The attractors of one cell (i, j), by falling fraction."""
         columns = (*self.slots, *self.states)
         rows = zip(*(values[:, cell[0], cell[1]] for values in columns), strict=True)
-        return [
+        found = [
             Attractor((int(kind), int(m), int(plus), int(minus)), float(tau), float(v), float(share))
             for kind, m, plus, minus, tau, v, share in rows
             if kind
         ]
+        return sorted(found, key=lambda each: -each.fraction)
 
     def point(self, cell: np.ndarray) -> tuple[float, float]:
         """(δ, ε) of a cell."""
         return float(self.delta[cell[1]]), float(self.epsilon[cell[0]])
+
+
+class _Families:
+    """Which families cells have: those in their slots, those that entered them, and quiet motion below its limit."""
+
+    def __init__(self, dataset: xr.Dataset, families: xr.Dataset) -> None:
+        self.slots = np.asarray(dataset["attractor_family"])
+        columns = (np.asarray(families[name]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
+        self.labels: list[Label] = list(zip(*columns, strict=True))
+        self.labels[0] = QUIET_LABEL
+        names = ("entered_row", "entered_column", "entered_family")
+        self.entered: dict[tuple[int, int], set[int]] = {}
+        for i, j, number in zip(*(np.asarray(families[name]).tolist() for name in names), strict=True):
+            self.entered.setdefault((i, j), set()).add(number)
+
+    def at(self, cell: np.ndarray, is_quiet: bool) -> set[int]:
+        """The families of a cell (i, j)."""
+        i, j = int(cell[0]), int(cell[1])
+        listed = {int(number) for number in self.slots[:, i, j] if number >= 0}
+        return listed | self.entered.get((i, j), set()) | ({0} if is_quiet else set())
 
 
 def crossed(curve: Curve, grid: Grid, pairs: Pairs) -> np.ndarray:

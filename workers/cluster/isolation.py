@@ -11,8 +11,8 @@ import time
 from collections.abc import Iterator
 from typing import IO
 
-from workers.survey.request import SurveyRequest
-from workers.survey.tiles import CellOutcome, Tile, TileArrays, TileRecord, cell_outcomes, cells_of, compute_tile
+from workers.kinds import AnyRequest, AnyTile, cell_outcomes, compute_tile
+from workers.survey.tiles import CellOutcome, TileArrays, TileRecord
 
 #: A cell is given up after this many processes that died of it: one death may be somebody else's doing.
 ATTEMPTS = 2
@@ -21,7 +21,7 @@ CELL_SECONDS = 600
 _START = [sys.executable, "-c", "from workers.cluster.isolation import serve; serve()"]
 
 
-def compute_tile_apart(request: SurveyRequest, tile: Tile, memory: int | None) -> tuple[TileArrays, TileRecord]:
+def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
     """Compute a tile as `compute_tile` does, to the bit, but survive what kills a process.
 
     A cell that kills it has status 3 and a message that names the signal, like any other cell that fails.
@@ -32,7 +32,7 @@ def compute_tile_apart(request: SurveyRequest, tile: Tile, memory: int | None) -
     return compute_tile(request, tile, outcomes=_outcomes(request, tile, memory))
 
 
-def _outcomes(request: SurveyRequest, tile: Tile, memory: int | None) -> Iterator[CellOutcome]:
+def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterator[CellOutcome]:
     first, deaths = 0, 0
     while first < tile.n_cells:
         child = subprocess.Popen(_START, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=_environment())
@@ -95,7 +95,7 @@ def serve() -> None:
     _send(out, None)
     try:
         _limit_next_cell()
-        for outcome in cell_outcomes(request, cells_of(request, tile), first, failing=(MemoryError,)):
+        for outcome in cell_outcomes(request, tile, first, failing=(MemoryError,)):
             _send(out, outcome)
             _limit_next_cell()
     except Exception as error:

@@ -17,17 +17,18 @@ from workers.cluster.isolation import compute_tile_apart
 from workers.cluster.submission import Submission
 from workers.errors import ClusterLostError, StoppedError, SurveyError
 from workers.families import join_survey
+from workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from workers.storage.location import Place, place_of
-from workers.storage.store import require_aligned, write_tile
+from workers.storage.store import before_tiles, require_aligned, write_tile
 from workers.survey.request import SurveyRequest
-from workers.survey.template import Template, template_of
-from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord, compute_tile
+from workers.survey.template import Template
+from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
 
 #: At a template, two deaths each: a process that has just been ended for another survey may still be given it.
 ATTEMPTS = 3
 
 
-def compute_and_write(request: SurveyRequest, path: str, tile: Tile, apart: bool = False) -> TileRecord:
+def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, apart: bool = False) -> TileRecord:
     """Compute a tile and write it to the store: the task that a cluster runs, again if it has to."""
     if apart:
         values, record = compute_tile_apart(request, tile, get_worker().memory_manager.memory_limit)
@@ -41,9 +42,7 @@ def _never() -> bool:
     return False
 
 
-def template_on(
-    client: Client, request: SurveyRequest, created: str | None, should_stop: Callable[[], bool]
-) -> Template:
+def template_on(client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]) -> Template:
     """Return what `template_of` does, computed on a cluster: some curves take minutes to trace.
 
     Args:
@@ -96,9 +95,9 @@ def _computed(
 
 
 def run_tiles(
-    request: SurveyRequest,
+    request: AnyRequest,
     where: str | Path | Place,
-    tiles: Iterable[Tile],
+    tiles: Iterable[AnyTile],
     client: Client,
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
@@ -125,6 +124,8 @@ def run_tiles(
         require_aligned(request, tile)
     place = place_of(where)
     with place.writing():
+        if tiles:
+            before_tiles(request, place)
         submission = Submission(compute_and_write, request, str(place), client)
         try:
             _run(submission, deque(tiles), on_tile, should_stop, unwanted)
@@ -134,7 +135,7 @@ def run_tiles(
 
 def _run(
     submission: Submission,
-    waiting: deque[Tile],
+    waiting: deque[AnyTile],
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
     unwanted: Callable[[], bool],

@@ -11,8 +11,8 @@ from distributed import Client, KilledWorker
 from workers.cluster.cluster import end_tasks
 from workers.cluster.in_flight import InFlight, Task
 from workers.errors import SurveyError
-from workers.survey.request import SurveyRequest
-from workers.survey.tiles import Tile, TileRecord, described, tile_error
+from workers.kinds import AnyRequest, AnyTile, described, tile_error
+from workers.survey.tiles import TileRecord
 
 #: A tile is late after this time, and after ten times the longest tile of the run: its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
@@ -29,14 +29,14 @@ LOST = "the dask scheduler is gone: start one and run the survey again, which re
 class Attempt:
     """At a tile; there may be more than one at the same tile, and they write the same bytes."""
 
-    tile: Tile
+    tile: AnyTile
     apart: bool
 
 
 class Submission(InFlight[Attempt, TileRecord]):
     """The tiles of one run that are on the cluster."""
 
-    def __init__(self, task: Callable[..., TileRecord], request: SurveyRequest, path: str, client: Client) -> None:
+    def __init__(self, task: Callable[..., TileRecord], request: AnyRequest, path: str, client: Client) -> None:
         """Take the task: of the request, the path, a tile, and whether it is computed apart."""
         super().__init__(client, "tile", LOST)
         self._task, self._request, self._path = task, request, path
@@ -50,7 +50,7 @@ class Submission(InFlight[Attempt, TileRecord]):
         """
         return max(self.threads(WORKERLESS_SECONDS) - len(self.in_flight), 0)
 
-    def submit(self, tile: Tile, apart: bool = False, workers: Iterable[str] | None = None) -> None:
+    def submit(self, tile: AnyTile, apart: bool = False, workers: Iterable[str] | None = None) -> None:
         """Put a tile on the cluster, apart from others in a process of its own if it kills its workers."""
         self.put(Attempt(tile, apart), self._task, self._request, self._path, tile, apart, workers=workers)
 
@@ -98,11 +98,11 @@ class Submission(InFlight[Attempt, TileRecord]):
             ) from error
         self._again_apart(tile)
 
-    def _again_apart(self, tile: Tile) -> None:
+    def _again_apart(self, tile: AnyTile) -> None:
         self._drop(tile)
         self.submit(tile, apart=True)
 
-    def _drop(self, tile: Tile) -> None:
+    def _drop(self, tile: AnyTile) -> None:
         """Forget every attempt at a tile."""
         self.drop(lambda attempt: attempt.tile.index == tile.index)
 

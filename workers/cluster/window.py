@@ -180,6 +180,8 @@ def compute_part(
         seed=request.seed,
         budget=sample.budget,
         slots=request.n_slots,
+        tau=sample.tau,
+        v_min=sample.v_min,
     )
     failed = 0
     try:

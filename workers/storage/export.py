@@ -10,6 +10,7 @@ import xarray as xr
 
 from rattle import MissingExtraError
 from workers.errors import reading
+from workers.survey.machine import AXES
 from workers.survey.values.schema import CELL, Form
 
 ROWS = 32  # of the grid, where the store does not say how many its chunks have
@@ -88,16 +89,28 @@ def tables(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[dict[str, n
     a column for each.
     """
     names, rows = table_names(dataset, form), _rows(dataset)
+    beside = [name for name in AXES if name in dataset.variables]
     fixed = {name: float(dataset[name]) for name in ("beta", "kappa") if name in dataset.coords}
     for start in range(0, dataset.sizes["epsilon"], rows):
-        some = dataset[names].isel(epsilon=slice(start, start + rows)).load()
+        band = slice(start, start + rows)
+        some = dataset[names].isel(epsilon=band).load()
         height, width = some.sizes["epsilon"], some.sizes["delta"]
         columns = {"delta": np.tile(some["delta"].values, height), "epsilon": np.repeat(some["epsilon"].values, width)}
         columns |= {name: np.full(height * width, value) for name, value in fixed.items()}
+        columns |= {
+            name: _along(dataset[name].isel(epsilon=band, missing_dims="ignore"), some.sizes) for name in beside
+        }
         if form in OWN_ROWS:
             yield _tidy(some, names, columns, *OWN_ROWS[form])
         else:
             yield columns | {name: some[name].values.ravel() for name in names}
+
+
+def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:
+    """What stands along one axis, in every cell of a band: the speeds and eccentricities of a machine's survey."""
+    if values.dims == ("delta",):
+        return np.tile(values.values, sizes["epsilon"])
+    return np.repeat(values.values, sizes["delta"])
 
 
 def _tidy(

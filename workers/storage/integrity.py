@@ -16,7 +16,19 @@ from typing import Any
 
 from workers.errors import StoppedError, StorageError, SurveyError
 from workers.storage.location import Place, place_of
-from workers.survey.seals import GROUP, OWN, ROOT, SEAL, SEALED, checksum, checksums_in, seal_of, tile_key
+from workers.survey.seals import (
+    GROUP,
+    OWN,
+    ROOT,
+    SEAL,
+    SEALED,
+    TILE_KEY,
+    TILES,
+    checksum,
+    checksums_in,
+    seal_of,
+    tile_key,
+)
 
 STATUS = "status"
 READERS = 8  # of files at a time: a bucket answers each after a while
@@ -65,15 +77,15 @@ class Manifest:
 
     def tile_of(self, key: str) -> int | None:
         """Return the index of the tile that has this chunk; None if it is no chunk of a tile."""
-        prefix, _, where = key.rpartition("/c/")
-        place = where.split("/")
-        if not prefix or not all(part.isdecimal() and len(part) < 10 for part in place) or len(place) < 2:
+        name = key.rpartition("/c/")[0]
+        pattern = TILE_KEY if name == TILES else self.chunks.get(name, "")
+        places = dict(zip(pattern.split("/"), key.split("/"), strict=False))
+        row, column = (places.get(part, "0") for part in ("{row}", "{column}"))
+        if not all(part.isdecimal() and len(part) < 10 for part in (row, column)):
             return None
-        row, column = int(place[-2]), int(place[-1])
-        if row >= self.grid[0] or column >= self.grid[1]:
-            return None
-        known = key in self.keys(row, column).values() or key == tile_key(row, column)
-        return row * self.grid[1] + column if known else None
+        i, j = int(row), int(column)
+        known = i < self.grid[0] and j < self.grid[1] and pattern.format(row=i, column=j) == key
+        return i * self.grid[1] + j if known else None
 
 
 def read_sealed(place: Place, key: str) -> dict[str, Any] | None:

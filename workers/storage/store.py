@@ -12,25 +12,31 @@ import numpy as np
 import zarr
 
 from workers.errors import StorageError, SurveyError, storage_error
+from workers.kinds import AnyRequest, AnyTile, blank, template_of
+from workers.populations.request import PopulationRequest
 from workers.storage.bucket import SCHEME
 from workers.storage.integrity import STATUS, Manifest, damaged_template, examine_tiles, manifest_of, read, read_sealed
 from workers.storage.location import Place, place_of
+from workers.survey.families import FAMILY
+from workers.survey.families import GROUP as FAMILIES
 from workers.survey.request import SurveyRequest
 from workers.survey.seals import GROUP, OWN, ROOT, TILES, checksums_of, files_of, sealed, tile_key
-from workers.survey.template import Template, blank, now, template_of
+from workers.survey.template import Template, now
 from workers.survey.tiles import Tile
+from workers.survey.values.quantities import stored
+from workers.survey.values.schema import SLOT
 from workers.survey.version import code_version
 
 if TYPE_CHECKING:
     import xarray as xr
 
 
-Make = Callable[[SurveyRequest, str | None], Template]
+Make = Callable[[AnyRequest, str | None], Template]
 COMPLETED = "date_completed"
 _blank = lru_cache(maxsize=16)(blank)
 
 
-def create_store(request: SurveyRequest, where: str | Path | Place, make: Make | None = None) -> None:
+def create_store(request: AnyRequest, where: str | Path | Place, make: Make | None = None) -> None:
     """Create the empty store of a survey, or accept the one that an earlier run of the same survey left.
 
     Whatever else is there is left as it is. The store appears at once and whole. Of a survey's own store, what tiles do
@@ -55,7 +61,7 @@ def create_store(request: SurveyRequest, where: str | Path | Place, make: Make |
         raise storage_error(f"{place} cannot be created", error) from error
 
 
-def _template_whole(request: SurveyRequest, place: Place, manifest: Manifest) -> bool:
+def _template_whole(request: AnyRequest, place: Place, manifest: Manifest) -> bool:
     if damaged_template(place, manifest):
         return False
     described = (read_sealed(place, ROOT) or {})["consolidated_metadata"]["metadata"]
@@ -73,7 +79,7 @@ def _mend(place: Place, template: Template) -> None:
     place.put(ROOT, sealed(root))
 
 
-def _require_same(request: SurveyRequest, place: Place) -> Manifest:
+def _require_same(request: AnyRequest, place: Place) -> Manifest:
     manifest = manifest_of(place)
     if manifest is not None and manifest.content_hash == request.content_hash():
         return manifest
@@ -103,7 +109,7 @@ def _attributes(place: Place) -> dict[str, Any]:
 
 
 def tiles_done(
-    request: SurveyRequest, where: str | Path | Place, should_stop: Callable[[], bool] | None = None
+    request: AnyRequest, where: str | Path | Place, should_stop: Callable[[], bool] | None = None
 ) -> set[int]:
     """Return the indices of the tiles that are computed and undamaged.
 
@@ -117,15 +123,15 @@ def tiles_done(
     return examine_tiles(place, _require_same(request, place), should_stop)[0]
 
 
-def require_aligned(request: SurveyRequest, tile: Tile) -> None:
+def require_aligned(request: AnyRequest, tile: AnyTile) -> None:
     """Raise SurveyError unless the tile is one whole chunk: two writers inside one chunk lose data silently."""
-    axes = zip((tile.epsilon, tile.delta), request.tile_shape, request.shape, strict=True)
+    axes = zip(tile.spans, request.tile_shape, request.shape, strict=True)
     for span, size, num in axes:
         if span.start % size or not 0 <= span.start < num or span.stop != min(span.start + size, num) or span.step:
             raise SurveyError(f"tile {tile.index} ({span}) is not a chunk of {size}: use the tiles of tiles_of")
 
 
-def write_tile(request: SurveyRequest, path: str, tile: Tile, values: Mapping[str, np.ndarray]) -> None:
+def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[str, np.ndarray]) -> None:
     """Write every variable of a tile, `status` last: a tile that was interrupted is not done.
 
     Raises:
@@ -141,26 +147,38 @@ def write_tile(request: SurveyRequest, path: str, tile: Tile, values: Mapping[st
 
 
 @lru_cache(maxsize=16)
-def _place(path: str, request: SurveyRequest) -> Place:
+def _place(path: str, request: AnyRequest) -> Place:
     """Look once a process whether the store is this survey's."""
     _require_same(request, place_of(path))
     return place_of(path)
 
 
-def _encoded(request: SurveyRequest, tile: Tile, values: Mapping[str, np.ndarray]) -> list[tuple[str, bytes]]:
+def rewrite_tile(request: SurveyRequest, place: Place, tile: Tile, values: Mapping[str, np.ndarray]) -> None:
+    """Write the slots of a computed tile anew; values: all of its variables. One that was interrupted is damaged.
+
+    Raises:
+        OSError: it cannot be written now.
+    """
+    quantities = stored(request.quantities, request.model)
+    same = tuple(f"{each.name}/" for each in quantities if each.dims[0] != SLOT)
+    for key, content in _encoded(request, tile, values):
+        if not key.startswith(same):
+            place.put(key, content)
+
+
+def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray]) -> list[tuple[str, bytes]]:
     """Return the files of a tile, in the order in which they are to be written."""
     kept, arrays, chunks = _blank(request)
-    cells = (tile.epsilon.stop - tile.epsilon.start, tile.delta.stop - tile.delta.start)
     for name, given in values.items():
-        if given.shape != (*arrays[name].shape[:-2], *cells):
+        if given.shape != np.broadcast_to(0, arrays[name].shape)[tile.at].shape:
             raise SurveyError(f"tile {tile.index}: {name} has shape {given.shape}, not that of its chunk")
     if missing := chunks.keys() - values.keys():
         raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}")
-    row, column = (span.start // n for span, n in zip((tile.epsilon, tile.delta), request.tile_shape, strict=True))
+    row, column = (0, *(span.start // n for span, n in zip(tile.spans, request.tile_shape, strict=True)))[-2:]
     keys = {name: key.format(row=row, column=column) for name, key in chunks.items()}
     contents = {}
     for name, key in keys.items():
-        arrays[name][..., tile.epsilon, tile.delta] = values[name]
+        arrays[name][tile.at] = values[name]
         contents[name] = kept.pop(key).to_bytes()
     sums = tile_key(row, column)
     arrays[TILES][:, row : row + 1, column : column + 1] = checksums_of(row, column, keys, contents)
@@ -222,6 +240,36 @@ def added_to_store(where: str | Path | Place, added: Template) -> None:
     place.put(ROOT, sealed(root))
 
 
+def before_tiles(request: AnyRequest, place: Place) -> None:
+    """Take from a store what was added to it and would not be true of tiles that are computed anew: their slots are by
+    share until they are joined. The caller holds the store.
+
+    Raises:
+        StorageError: it cannot be written now.
+    """
+    if isinstance(request, PopulationRequest) or not (request.slots_follow_families and has_added(place, FAMILIES)):
+        return
+    root, own = read_sealed(place, ROOT), read_sealed(place, OWN)
+    if root is None or own is None:
+        return
+    files, described = own["attributes"]["files"], root["consolidated_metadata"]["metadata"]
+    own["attributes"]["files"] = {key: sum_ for key, sum_ in files.items() if not _is_added(key)}
+    sums = sealed(own)
+    left = {key: of for key, of in described.items() if not _is_added(key)}
+    root["consolidated_metadata"]["metadata"] = left | {
+        GROUP: left[GROUP] | {"attributes": json.loads(sums)["attributes"]}
+    }
+    try:
+        place.put(OWN, sums)
+        place.put(ROOT, sealed(root))
+    except OSError as error:
+        raise storage_error(f"{place} cannot be written", error) from error
+
+
+def _is_added(key: str) -> bool:
+    return key.partition("/")[0] in (FAMILY, FAMILIES)
+
+
 def _missing_cells(place: Place) -> int:
     try:
         with place.reaching():
@@ -234,11 +282,12 @@ def _missing_cells(place: Place) -> int:
         raise SurveyError(f"{place} is damaged ({error}): run the survey again to repair it") from error
 
 
-def open_survey(path_or_url: str | Path | Place, as_stored: bool = False) -> xr.Dataset:
-    """Open a survey from disk, a bucket or over HTTP, finished or not; values are read when asked for.
+def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_stored: bool = False) -> xr.Dataset:
+    """Open a survey, or a group of it, from disk, a bucket or over HTTP, finished or not; values are read when asked
+    for.
 
-    `xarray.open_zarr(path_or_url)` shows the same, but complex variables as `…_real` and `…_imag`; this one says what
-    is wrong when there is no survey.
+    `xarray.open_zarr(path_or_url, group=group)` shows the same, but complex variables as `…_real` and `…_imag`; this
+    one says what is wrong when there is no survey.
 
     Args:
         as_stored: leave complex variables in their two parts, which NetCDF can hold.
@@ -249,10 +298,10 @@ def open_survey(path_or_url: str | Path | Place, as_stored: bool = False) -> xr.
     import xarray as xr  # a third of a second, which no process that only computes has to wait for
 
     try:
-        dataset = xr.open_zarr(_readable(path_or_url), chunks=None, consolidated=True)
+        dataset = xr.open_zarr(_readable(path_or_url), chunks=None, consolidated=True, group=group)
     except Exception as error:  # what the disk, the network or a foreign format raises
         raise SurveyError(f"no survey can be opened at {path_or_url}: {error}") from error
-    if "content_hash" not in dataset.attrs:
+    if group is None and "content_hash" not in dataset.attrs:
         dataset.close()
         raise SurveyError(f"{path_or_url} is not a survey")
     if as_stored:

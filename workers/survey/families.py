@@ -9,10 +9,10 @@ from zarr.storage import MemoryStore
 
 from rattle import KINDS, Attractors, Families
 from rattle.families.table import NO_FAMILY
-from workers.survey.curves import Variable
+from workers.survey.curves import TEXT, Variable
 from workers.survey.request import SurveyRequest
 from workers.survey.template import CODECS, WHOLE, Template, consolidate, contents, write_variables
-from workers.survey.values.schema import CELL
+from workers.survey.values.schema import CELL, SLOT
 
 #: What a survey's attractors are read from.
 STORED = (
@@ -47,6 +47,27 @@ FAMILY_VARIABLES: tuple[Variable, ...] = (
     Variable("entered_column", ENTERED, np.int32, "number of its cell along delta, from 0", lambda x: _places(x)[1]),
     Variable("entered_phase", ENTERED, float, "phase τ of its fastest impact", lambda x: x.attractors.tau[x.entered]),
     Variable("entered_velocity", ENTERED, float, "speed v of its fastest impact", lambda x: x.attractors.v[x.entered]),
+    Variable(
+        "entered_lyapunov",
+        ("entered", "exponent"),
+        float,
+        "Lyapunov exponent per forcing period, natural logarithm",
+        lambda x: np.column_stack([x.attractors.first[x.entered], x.attractors.second[x.entered]]),
+    ),
+)
+
+
+#: What is known of where families end: of `workers.boundaries.edges.Edges`.
+EDGE_VARIABLES: tuple[Variable, ...] = (
+    Variable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
+    Variable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),
+    Variable(
+        "edges_on",
+        ("family", "curve"),
+        np.int64,
+        "pairs of these between which a curve passes that makes or ends motions of its label",
+        lambda x: x.on,
+    ),
 )
 
 
@@ -62,7 +83,9 @@ def _places(families: Families) -> tuple[np.ndarray, np.ndarray]:
 
 
 def listed(values: dict[str, np.ndarray], count: int, first_cell: int = 0) -> Slots:
-    """Return the attractors in the slots of some rows of cells, from the variables of STORED (slots, …, rows, n)."""
+    """Return the attractors in the slots of some rows of cells, from the variables of STORED (slots, …, rows, n): in
+    each cell by falling share, whatever their slots.
+    """
     kind = np.moveaxis(values["attractor_kind"], 0, -1)
     flat = kind.reshape(-1, kind.shape[-1])
     cell, slot = np.nonzero(flat)
@@ -90,20 +113,79 @@ def listed(values: dict[str, np.ndarray], count: int, first_cell: int = 0) -> Sl
         impacts=nothing,
         watched=unknown,
     )
-    return Slots(table, slot)
+    order = np.lexsort((table.tau, table.v, *table[4:0:-1], -samples, table.cell))
+    return Slots(Attractors._make(x[order] for x in table), slot[order])
 
 
-def joined_slots(request: SurveyRequest, found: Slots) -> tuple[Families, np.ndarray]:
-    """Return the families of a whole survey, and the number of each slot, (slots, n_epsilon, n_delta)."""
+class Joined(NamedTuple):
+    """The families of a whole survey, the number of each slot (slots, n_epsilon, n_delta), and from which slot of its
+    tile what is there comes, −1 where nothing does.
+    """
+
+    families: Families
+    numbers: np.ndarray
+    source: np.ndarray
+
+
+def joined_slots(request: SurveyRequest, found: Slots) -> Joined:
+    """Return the families of the attractors of a whole survey, and their slots."""
     count = request.initial_conditions.count
     families = request.gear_model.families(request.delta.values(), request.epsilon.values(), count, found.attractors)
+    family, cell = families.family[~families.entered], found.attractors.cell
+    slot = slots_of(family, cell, request.n_slots) if request.slots_follow_families else found.slot
+    shape = request.n_slots, *request.shape
     numbers = np.full((request.n_slots, request.n_cells), NO_FAMILY, np.int32)
-    numbers[found.slot, found.attractors.cell] = families.family[~families.entered]
-    return families, numbers.reshape(request.n_slots, *request.shape)
+    source = np.full((request.n_slots, request.n_cells), -1, np.int8)
+    numbers[slot, cell], source[slot, cell] = family, found.slot
+    return Joined(families, numbers.reshape(shape), source.reshape(shape))
 
 
-def files_of_families(request: SurveyRequest, families: Families, numbers: np.ndarray) -> Template:
-    """Return the files that families add to a store, by their key, with a root that describes them."""
+def with_empty(source: np.ndarray) -> np.ndarray:
+    """Fill slots (slots, m, n) to which nothing is moved, −1, from those from which nothing is, in their order: so
+    empty ones stay as they are.
+    """
+    taken = np.zeros((source.shape[0] + 1, *source.shape[1:]), bool)
+    np.put_along_axis(taken, source.astype(np.int64), True, 0)  # −1 is the row more
+    to, of = (np.argsort(used, axis=0, kind="stable") for used in (source >= 0, taken[:-1]))
+    free = np.arange(source.shape[0])[:, None, None] < (source < 0).sum(axis=0)
+    moved = np.take_along_axis(source, to, 0)
+    whole = source.copy()
+    np.put_along_axis(whole, to, np.where(free, of, moved).astype(source.dtype), 0)
+    return whole
+
+
+def slots_of(family: np.ndarray, cell: np.ndarray, slots: int) -> np.ndarray:
+    """Return the slots of attractors (k,), in each cell by falling share, of which at most so many are in a cell.
+
+    One family after the other, by their numbers, gets the lowest slot that is free in all its cells. What finds none,
+    and what a cell has of a family besides the first, gets the lowest that is free in its cell.
+    """
+    slot = np.full(family.size, -1)
+    used = np.zeros(int(cell.max(initial=-1)) + 1, np.uint64)  # a bit for each slot of a cell
+    named = np.flatnonzero(family != NO_FAMILY)
+    _, first = np.unique(family[named].astype(np.int64) * used.size + cell[named], return_index=True)
+    first = named[first]  # of each family in each cell, by family
+    for rows in np.split(first, np.flatnonzero(np.diff(family[first])) + 1):
+        free = _lowest_free(int(np.bitwise_or.reduce(used[cell[rows]])))
+        if free < slots:
+            slot[rows] = free
+            used[cell[rows]] |= np.uint64(1 << free)
+    for i in np.flatnonzero(slot < 0):
+        slot[i] = _lowest_free(int(used[cell[i]]))
+        used[cell[i]] |= np.uint64(1 << int(slot[i]))
+    return slot
+
+
+def _lowest_free(used: int) -> int:
+    """The number of the lowest bit that is 0."""
+    return (~used & (used + 1)).bit_length() - 1
+
+
+def files_of_families(request: SurveyRequest, joined: Joined, edges: Any) -> Template:
+    """Return the files that families add to a store, by their key, with a root that describes them.
+
+    edges: what EDGE_VARIABLES are read from.
+    """
     kept: dict[str, Buffer] = {}
     store = MemoryStore(kept)
     root = zarr.create_group(store, zarr_format=3)
@@ -114,15 +196,16 @@ def files_of_families(request: SurveyRequest, families: Families, numbers: np.nd
     }
     root.create_array(
         FAMILY,
-        data=numbers,
+        data=joined.numbers,
         chunks=(request.n_slots, *(min(size, LARGEST_CHUNK) for size in request.shape)),
         compressors=CODECS,
         config=WHOLE,
         fill_value=NO_FAMILY,
-        dimension_names=("attractor", *CELL),
+        dimension_names=(SLOT, *CELL),
         attributes=described,
     )
     group = root.create_group(GROUP, attributes={"long_name": "families of attractors", "references": REFERENCE})
-    write_variables(group, FAMILY_VARIABLES, families)
+    write_variables(group, FAMILY_VARIABLES, joined.families)
+    write_variables(group, EDGE_VARIABLES, edges)
     consolidate(store)
     return contents(kept)

@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from rattle import Machine
+from rattle.machine.conversion import DRIVES
 from rattle.machine.given import RPM
-from rattle.machine.machine import DRIVES
 from workers.survey.axes import Axis, Real, Strict, reason
 
 Part = TypeVar("Part", bound=Strict)

@@ -39,14 +39,17 @@ def _one_of_both(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
 OneSpeed = WrapValidator(_one_of_both)
 
 DEFAULT_TILE, SMALLEST_DEFAULT = 32, 4
-LEAST_TILES = 64  # by default, so that the workers end together and progress is seen
+LEAST_TILES = 16  # by default, so that the workers end together and progress is seen
+MOST_TILES = 100  # of a large survey by default: each is some 35 files
 DEFAULT_SAMPLES = 65_536  # of a default tile: some seconds where all is chaotic, so that a stop is soon obeyed
 STIFF_SAMPLES = 4096  # the same of the stiff model, whose returns take a hundred times as long
+LARGER = 16  # times as many, at most, in a tile of a large survey
 BASIN_SIDE = 8  # cells along a side of a default tile with basins: a second or two
 BASIN_SAMPLES = 4096  # states at a time of each such cell
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
 MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
 MOST_STIFF = 1e8  # a motion needs some √κ returns to become quiet: beyond, samples are left undecided
+BY_FRACTION, BY_FAMILY = "fraction", "family"  # what decides in which slot an attractor is
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1  # attractors that a cell lists; more below this damping
 MAX_SLOTS = 64
 MAX_JOINED = 1_500_000  # cells of a survey with families: a kilobyte each in the memory of one worker
@@ -54,7 +57,7 @@ MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduli
 
 
 class InitialConditions(Strict):
-    """The sample of each cell: `count` points (τ, v) of [0, 1) × (0, v_max).
+    """The sample of each cell: `count` points (τ, v) of [0, 1) × (0, v_max), or of [tau_min, tau_max) × (v_min, v_max).
 
     v_max: a speed for all cells; "natural" for 1.5 √(16πδβ) + 2πε of each; by default 7 where all axes are in the
     paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2), natural elsewhere. budget: impacts on Σ⁺ after which
@@ -64,10 +67,30 @@ class InitialConditions(Strict):
     count: Count = 64
     v_max: Annotated[Annotated[Real, Field(gt=0)] | Literal["natural"] | None, OneSpeed] = None
     budget: Annotated[int, Field(strict=True, ge=1, le=LARGEST_BUDGET)] = BUDGET
+    tau_min: Annotated[Real, Field(ge=0, lt=1)] = 0.0
+    tau_max: Annotated[Real, Field(gt=0, le=1)] = 1.0
+    v_min: Annotated[Real, Field(ge=0)] = 0.0
+
+    @model_validator(mode="after")
+    def _is_a_box(self) -> Self:
+        if not self.tau_min < self.tau_max:
+            raise ValueError(f"tau_min ({self.tau_min}) must be less than tau_max ({self.tau_max})")
+        if self.v_min > 0 and not isinstance(self.v_max, float):
+            raise ValueError("v_min needs a v_max that is a speed: give one above it")
+        if isinstance(self.v_max, float) and not self.v_min < self.v_max:
+            raise ValueError(f"v_min ({self.v_min}) must be less than v_max ({self.v_max})")
+        return self
+
+    @property
+    def tau(self) -> tuple[float, float]:
+        """The phases."""
+        return self.tau_min, self.tau_max
 
 
 class TileShape(Strict):
-    """Cells along each axis of a tile; not given means at most 32, fewer in a small survey or with large samples."""
+    """Cells along each axis of a tile; not given means 32, more in a survey of more than 100,000 cells, fewer in a
+    small one or with large samples.
+    """
 
     delta: Annotated[int, Field(strict=True, ge=1)] | None = None
     epsilon: Annotated[int, Field(strict=True, ge=1)] | None = None
@@ -78,8 +101,10 @@ class SurveyRequest(Strict):
 
     model: the impacting one, or the stiff one, which needs the stiffness kappa of its walls. quantities: by default all
     that the model has, but those that cost several times what all others do. slots: attractors that a cell lists, by
-    default 8, or 24 where δ begins below 0.1; more are counted, and their share is told. machine: instead of β, and of
-    the axes where it has `rpm` and `eccentricity`, {"start", "stop", "num"} each; these become even steps of δ and ε.
+    default 8, or 24 where δ begins below 0.1; more are counted, and their share is told. slots_by: "fraction", the
+    largest share first, or "family", each family in one slot of all cells as far as there are slots; by default where
+    families are asked for. machine: instead of β, and of the axes where it has `rpm` and `eccentricity`, {"start",
+    "stop", "num"} each; these become even steps of δ and ε.
     """
 
     name: Annotated[str, Field(max_length=200)] = ""
@@ -91,6 +116,7 @@ class SurveyRequest(Strict):
     quantities: tuple[Group, ...] = DEFAULT
     initial_conditions: InitialConditions = InitialConditions()
     slots: Annotated[int, Field(strict=True, ge=1, le=MAX_SLOTS)] | None = None
+    slots_by: Literal["fraction", "family"] | None = None
     tile: TileShape = TileShape()
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
     machine: SurveyedMachine | None = None
@@ -151,6 +177,8 @@ class SurveyRequest(Strict):
             raise ValueError(f"families are made from {' and '.join(sorted(JOINED))}: name these too")
         if Group.FAMILIES in self.quantities and self.n_cells > MAX_JOINED:
             raise ValueError(f"families of {self.n_cells} cells, at most {MAX_JOINED}: leave them out, or lower num")
+        if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
+            raise ValueError("slots by family need the families: name these quantities too, or leave slots_by out")
         if unknown := set(self.quantities).difference(groups_of(self.model)):
             names = ", ".join(sorted(unknown))
             raise ValueError(f"the {self.model} model has no {names}: name some of {', '.join(groups_of(self.model))}")
@@ -204,6 +232,11 @@ class SurveyRequest(Strict):
         return self.slots or (SLOTS if self.delta.start >= MANY_ATTRACTORS else MORE_SLOTS)
 
     @property
+    def slots_follow_families(self) -> bool:
+        """Whether an attractor's slot is that of its family, once these are joined."""
+        return (self.slots_by or BY_FAMILY) == BY_FAMILY and Group.FAMILIES in self.quantities
+
+    @property
     def shape(self) -> tuple[int, int]:
         """Cells of the grid along (epsilon, delta)."""
         return self.epsilon.num, self.delta.num
@@ -216,9 +249,11 @@ class SurveyRequest(Strict):
 
     @property
     def _default_side(self) -> int:
-        side = min(DEFAULT_TILE, math.isqrt(self.n_cells // LEAST_TILES))
+        larger = math.isqrt(self.n_cells // MOST_TILES)
+        side = min(max(DEFAULT_TILE, larger), math.isqrt(self.n_cells // LEAST_TILES))
         if SAMPLED.intersection(self.quantities):
             samples = DEFAULT_SAMPLES if self.model is Model.IMPACTING else STIFF_SAMPLES
+            samples = min(max(samples, self.n_cells * self.initial_conditions.count // MOST_TILES), LARGER * samples)
             longer = max(1.0, WATCH / (PERIODS * self.delta.start))
             side = min(side, math.isqrt(int(samples / longer) // self.initial_conditions.count))
         if Group.BASINS in self.quantities:
@@ -253,7 +288,8 @@ class SurveyRequest(Strict):
         The name is left out: renaming a survey does not make it another one. The tile shape counts, though no cell
         depends on it, because it is the chunk shape of the store that a resumed run writes to.
         """
-        content = self.model_dump(mode="json", exclude={"name", "tile", "slots"})
+        content = self.model_dump(mode="json", exclude={"name", "tile", "slots", "slots_by"})
         content["initial_conditions"]["v_max"] = self.v_max
-        content |= {"tile": self.tile_shape, "slots": self.n_slots, "code": code_version()}
+        slots = {"slots": self.n_slots, "slots_by": BY_FAMILY if self.slots_follow_families else BY_FRACTION}
+        content |= {"tile": self.tile_shape, **slots, "code": code_version()}
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -13,6 +13,7 @@ TILES = f"{GROUP}/tiles"
 OWN = f"{GROUP}/{ROOT}"
 SEALED = (ROOT, OWN)
 SEAL = "checksum"
+TILE_KEY = f"{TILES}/c/0/{{row}}/{{column}}"
 
 
 def checksum(key: str, content: bytes) -> bytes:
@@ -34,7 +35,7 @@ def seal_of(document: Mapping[str, Any]) -> str:
 
 def tile_key(row: int, column: int) -> str:
     """Where the checksums of a tile are."""
-    return f"{TILES}/c/0/{row}/{column}"
+    return TILE_KEY.format(row=row, column=column)
 
 
 def checksums_of(row: int, column: int, keys: Mapping[str, str], contents: Mapping[str, bytes]) -> np.ndarray:

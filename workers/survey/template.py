@@ -21,7 +21,7 @@ from workers.survey.request import SurveyRequest
 from workers.survey.seals import GROUP, OWN, ROOT, TILES, files_of, sealed
 from workers.survey.tiles import cells_of
 from workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of, stored
-from workers.survey.values.schema import Quantity
+from workers.survey.values.schema import SLOT, Quantity
 from workers.survey.version import code_version
 
 #: Every chunk ends in a checksum, so that any reader fails loudly on a damaged one instead of showing other numbers.
@@ -40,15 +40,22 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
     runs, and nothing is left to go stale.
     """
     kept: dict[str, Buffer] = {}
-    store = MemoryStore(kept)
     created = created or now()
-    root = zarr.create_group(store, zarr_format=3, attributes=_attributes(request, created))
+    root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_attributes(request, created))
     quantities = stored(request.quantities, request.model)
     _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
     for quantity in quantities:
         _create(root, request, quantity)
     _write_curves(root, request)
-    _, chunks = _create_checksums(root, request, quantities)
+    chunks = _chunks(quantities)
+    create_checksums(root, request.tile_grid, len(chunks))
+    return completed(kept, request, created, chunks)
+
+
+def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
+    """Return a store that is kept in memory as the template of a request's: with its checksums, its metadata
+    consolidated, and sealed. chunks: each variable's key of chunks, with {row} and {column}.
+    """
     template = contents(kept)
     attributes = {
         "long_name": "checksums of every file (workers/survey/seals.py)",
@@ -59,7 +66,7 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
         "files": files_of(template),
     }
     kept[OWN] = cpu.Buffer.from_bytes(sealed({**json.loads(template[OWN]), "attributes": attributes}))
-    consolidate(store)
+    consolidate(MemoryStore(kept))
     consolidated = contents(kept)
     return consolidated | {ROOT: sealed(json.loads(consolidated[ROOT]))}
 
@@ -73,23 +80,25 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
     arrays = {quantity.name: _create_per_cell(root, request, quantity) for quantity in quantities}
-    sums, chunks = _create_checksums(root, request, quantities)
-    return kept, arrays | {TILES: sums}, chunks
+    chunks = _chunks(quantities)
+    return kept, arrays | {TILES: create_checksums(root, request.tile_grid, len(chunks))}, chunks
 
 
-def _create_checksums(
-    root: zarr.Group, request: SurveyRequest, quantities: Iterable[Quantity]
-) -> tuple[zarr.Array, dict[str, str]]:
-    """Create the group of checksums. Returns its array, and each variable's key of chunks, with {row} and {column}."""
-    chunks = {
+def _chunks(quantities: Iterable[Quantity]) -> dict[str, str]:
+    """Return each variable's key of chunks, with {row} and {column}."""
+    return {
         quantity.name: "/".join([quantity.name, "c", *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
         for quantity in quantities
         if quantity.per_cell
     }
-    sums = root.create_group(GROUP).create_array(
+
+
+def create_checksums(root: zarr.Group, grid: tuple[int, int], variables: int) -> zarr.Array:
+    """Create the group of checksums of so many variables and tiles. Returns its array."""
+    return root.create_group(GROUP).create_array(
         TILES.rpartition("/")[2],
-        shape=(len(chunks) + 1, *request.tile_grid),
-        chunks=(len(chunks) + 1, 1, 1),
+        shape=(variables + 1, *grid),
+        chunks=(variables + 1, 1, 1),
         dtype="uint64",
         fill_value=0,
         compressors=(Crc32cCodec(),),
@@ -97,7 +106,6 @@ def _create_checksums(
         dimension_names=("checksum", "tile_epsilon", "tile_delta"),
         attributes={"long_name": "checksums of the chunks of a tile, by variable, and one of these"},
     )
-    return sums, chunks
 
 
 def contents(kept: Mapping[str, Buffer]) -> Template:
@@ -164,7 +172,10 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
     for dim, coordinate in COORDINATES.items():
         if dim in dims:
             values = axes[dim].values() if dim in axes else coordinate_values(labels_of(dim, request.n_slots))
-            write(root, dim, (dim,), values, {"long_name": coordinate.long_name, "units": "1"})
+            long_name = coordinate.long_name
+            if dim == SLOT and request.slots_follow_families:
+                long_name = "slot of the attractor: that of its family, as far as there are slots"
+            write(root, dim, (dim,), values, {"long_name": long_name, "units": "1"})
     for name, (value, long_name) in _fixed(request).items():
         write(root, name, (), np.array(value), {"long_name": long_name, "units": "1"})
     if request.machine is not None:

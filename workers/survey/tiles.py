@@ -3,10 +3,10 @@
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from types import EllipsisType
 
 import numpy as np
 
-from workers.errors import StorageError, SurveyError, storage_error
 from workers.survey.request import SurveyRequest
 from workers.survey.values.cells import Cells
 from workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
@@ -37,6 +37,16 @@ class Tile:
     def n_cells(self) -> int:
         """Cells of the tile."""
         return (self.delta.stop - self.delta.start) * (self.epsilon.stop - self.epsilon.start)
+
+    @property
+    def spans(self) -> tuple[slice, slice]:
+        """Its part of the grid, along (epsilon, delta)."""
+        return self.epsilon, self.delta
+
+    @property
+    def at(self) -> tuple[EllipsisType, slice, slice]:
+        """Its part of a variable."""
+        return ..., self.epsilon, self.delta
 
 
 @dataclass(frozen=True)
@@ -74,6 +84,8 @@ def cells_of(request: SurveyRequest, tile: Tile | None = None) -> Cells:
         seed=request.seed,
         budget=sample.budget,
         slots=request.n_slots,
+        tau=sample.tau,
+        v_min=sample.v_min,
     )
 
 
@@ -103,7 +115,7 @@ def compute_tile(
         except MACHINE_FAILURES:
             raise
         except Exception:  # whatever the model raises is that cell's result
-            arrays, failed = _gather(request, cells, cell_outcomes(request, cells))
+            arrays, failed = _gather(request, cells, cell_outcomes(request, tile))
     record = TileRecord(
         index=tile.index,
         cells=tile.n_cells,
@@ -121,13 +133,14 @@ def _evaluate(request: SurveyRequest, cells: Cells) -> TileArrays:
 
 
 def cell_outcomes(
-    request: SurveyRequest, cells: Cells, first: int = 0, failing: tuple[type[Exception], ...] = ()
+    request: SurveyRequest, tile: Tile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell alone, row by row from number `first`, so that one which fails is the only one lost.
 
     Args:
         failing: failures of the machine that are a cell's failure here.
     """
+    cells = cells_of(request, tile)
     for number in range(first, cells.delta.size * cells.epsilon.size):
         try:
             yield _evaluate(request, cells.one(*divmod(number, cells.delta.size)))
@@ -155,16 +168,6 @@ def _gather(
 def _fills(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
     quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
     return {each.name: np.full(shape_of(each, shape, request.n_slots), each.fill, each.dtype) for each in quantities}
-
-
-def tile_error(request: SurveyRequest, tile: Tile, error: BaseException) -> SurveyError:
-    """Return what a run raises for a tile that could not be computed or written."""
-    what = described(request, tile)
-    if isinstance(error, StorageError):
-        return StorageError(f"{what} cannot be written: {error}")
-    if isinstance(error, OSError):
-        return storage_error(f"{what} cannot be written", error)
-    return SurveyError(f"{what} failed: {type(error).__name__}: {error}")
 
 
 def described(request: SurveyRequest, tile: Tile) -> str:

@@ -6,13 +6,18 @@ from pathlib import Path
 
 import rattle
 
+FOLDERS = ("survey", "populations")
+
 
 @cache
 def code_version() -> str:
-    """Return the version of the library with a digest of every source that decides what a cell holds: this room's."""
+    """Return the version of the library with a digest of every source that decides what a cell holds: those of surveys
+    and of populations.
+    """
     digest = sha256(rattle.source_hash().encode())
-    room = Path(__file__).parent
-    for path in sorted(room.rglob("*.py")):
-        source = path.read_bytes().replace(b"gear_rattle.", b"")  # where a wheel has the packages (setup.py)
-        digest.update(path.relative_to(room).as_posix().encode() + b"\0" + source + b"\0")
+    for folder in FOLDERS:
+        room = Path(__file__).parents[1] / folder
+        for path in sorted(room.rglob("*.py")):
+            source = path.read_bytes().replace(b"gear_rattle.", b"")  # where a wheel has the packages (setup.py)
+            digest.update(path.relative_to(room).as_posix().encode() + b"\0" + source + b"\0")
     return f"{rattle.__version__}+{digest.hexdigest()[:16]}"

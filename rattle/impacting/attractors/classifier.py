@@ -82,12 +82,15 @@ def attractors_of(
     v_max: SpeedLimit = None,
     seed: int = 0,
     budget: int = BUDGET,
+    tau: tuple[float, float] = (0.0, 1.0),
+    v_min: float = 0.0,
 ) -> Attractors:
     """The attractors of all cells at once; delta, epsilon and beta broadcast, and cells are counted in C order.
 
-    A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
+    A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. tau (low, high), v_min:
+    a part of the plane of states, that is sampled instead of [0, 1) × (0, v_max). Raises ParameterError.
     """
-    return of_samples(classify, parameters(delta, epsilon, beta), count, v_max, seed, budget)
+    return of_samples(classify, parameters(delta, epsilon, beta), count, v_max, seed, budget, tau, v_min)
 
 
 def attractors(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.basins import Array, budget_of
-from rattle.attractors.cell_map import cell_of
+from rattle.attractors.cell_map import Box, cell_of
 from rattle.attractors.classify import Classifier
 from rattle.flight.law import speed_unit
 from rattle.impacting.attractors.classifier import classify
@@ -41,10 +41,10 @@ class ImpactingPlane(NamedTuple):
         moved = iterate(self.delta, self.epsilon, tau, v, returns, self.beta)
         return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
-    def cell_of(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:
+    def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
         """See `Plane`."""
         cell = np.empty(tau.size, np.int64)
-        cell_of(tau, v, n, v_max, self.delta, self.epsilon, capture_invariant(*self), cell)
+        cell_of(tau, v, n, box, self.delta, self.epsilon, capture_invariant(*self), cell)
         return cell
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:

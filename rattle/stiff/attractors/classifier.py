@@ -68,8 +68,10 @@ def attractors_of(
     v_max: SpeedLimit = None,
     seed: int = 0,
     budget: int = BUDGET,
+    tau: tuple[float, float] = (0.0, 1.0),
+    v_min: float = 0.0,
 ) -> Attractors:
     """The attractors of all cells at once, as `rattle.attractors_of`: the parameters broadcast, the samples are the
     same. A cell's are those of `StiffGear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
     """
-    return of_samples(classify, parameters(delta, epsilon, beta, kappa=kappa), count, v_max, seed, budget)
+    return of_samples(classify, parameters(delta, epsilon, beta, kappa=kappa), count, v_max, seed, budget, tau, v_min)

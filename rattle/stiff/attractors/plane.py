@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.basins import budget_of
-from rattle.attractors.cell_map import cell_of
+from rattle.attractors.cell_map import Box, cell_of
 from rattle.flight.law import speed_unit
 from rattle.numerics.complex_step import Array
 from rattle.numerics.sampling import initial_conditions
@@ -41,10 +41,10 @@ class StiffPlane(NamedTuple):
         returned(tau, v, np.full(tau.size, float(returns)), *(np.full(tau.size, x) for x in self), quiet, *counts)
         return tau, v, quiet > 0
 
-    def cell_of(self, tau: Array, v: Array, n: int, v_max: float) -> NDArray[np.int64]:
+    def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
         """See `rattle.attractors.basins.Plane`."""
         cell = np.empty(tau.size, np.int64)
-        cell_of(tau, v, n, v_max, self.delta, self.epsilon, NEVER, cell)
+        cell_of(tau, v, n, box, self.delta, self.epsilon, NEVER, cell)
         return cell
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:

@@ -7,11 +7,12 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Response
 
+from rattle.attractors.speeds import sampled_speed
 from rattle.models import AnyGear, model_at
 from service.errors import LimitError
 from service.kernels import Part
 from service.operations.turns import in_turn
-from service.routes.model.points import GearQuery
+from service.routes.model.machine import PlaceQuery
 from service.routes.picture import PNG
 from service.state import FrontState
 from service.web.conditional import NOT_MODIFIED, function_of_query
@@ -33,30 +34,49 @@ router = APIRouter(prefix="/v1", tags=["points"])
 )
 async def basins(
     front: FrontState,
-    gear: GearQuery,
+    place: PlaceQuery,
     response: Response,
     resolution: Annotated[int, Query(ge=1, description="cells a side", examples=[50])] = 300,
+    tau_min: Annotated[float, Query(ge=0, lt=1, description="least phase")] = 0.0,
+    tau_max: Annotated[float, Query(gt=0, le=1, description="largest phase")] = 1.0,
+    v_min: Annotated[float, Query(ge=0, allow_inf_nan=False, description="least speed")] = 0.0,
+    v_max: Annotated[
+        float | None, Query(gt=0, allow_inf_nan=False, description="largest speed; by default as in the paper")
+    ] = None,
 ) -> Response:
-    """Each cell is followed on its own, as in Figure 4 of the paper; white: the grazing curve Γ (impacting model)."""
+    """Of a point, or of a machine in SI units; speeds are the model's. Each cell is followed on its own, as in Figure 4
+    of the paper; white: the grazing curve Γ (impacting model).
+    """
+    speeds = v_min, highest_speed(place.gear) if v_max is None else v_max
+    for name, low, high in (("tau", tau_min, tau_max), ("v", *speeds)):
+        if not low < high:
+            raise LimitError(f"query.{name}_min", f"{name}_min must be less than {name}_max, which is {high:g}.")
     limit = front.settings.max_basin_resolution
     if resolution > limit:
         raise LimitError("query.resolution", f"resolution may be at most {limit} here; use the command rattle figure.")
     png = await in_turn(
         front,
         _draw,
-        gear,
+        place.gear,
         resolution,
-        needs=(model_at(gear).name, Part.POINT),
+        (tau_min, tau_max),
+        speeds,
+        needs=(model_at(place.gear).name, Part.POINT),
         what="The basins",
         advice="Ask for fewer cells a side (resolution).",
     )
     return Response(png, media_type=PNG, headers=dict(response.headers))
 
 
-def _draw(gear: AnyGear, resolution: int) -> bytes:
+def highest_speed(gear: AnyGear) -> float:
+    """The end of the plane of states that is shown by default."""
+    return sampled_speed(None, gear.delta, gear.epsilon, gear.beta)
+
+
+def _draw(gear: AnyGear, resolution: int, tau: tuple[float, float], v: tuple[float, float]) -> bytes:
     from rattle.plot.basins import panels  # matplotlib, in the process that draws
 
-    figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, model_at(gear).stiffness).figure
+    figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, model_at(gear).stiffness, tau, v).figure
     figure.set_size_inches(6.4, 6.2)
     with BytesIO() as png:
         figure.savefig(png, format="png")

@@ -20,7 +20,7 @@ from workers.survey.request import MOST_STIFF
 router = APIRouter(prefix="/v1", tags=["points"])
 
 
-def _number(description: str, example: float | None = None, *, zero: bool = False) -> Any:
+def positive(description: str, example: float | None = None, *, zero: bool = False) -> Any:
     """A parameter above 0, or of at least 0."""
     above, least = (None, 0.0) if zero else (0.0, None)
     examples = None if example is None else [example]
@@ -36,14 +36,14 @@ Drive = Annotated[Literal["torque", "speed"], Query(description=DRIVE)]
 
 
 async def machine_of_query(
-    inertia: Annotated[float, _number(INERTIA, 0.003)],
-    drag: Annotated[float, _number(DRAG, 0.0005)],
-    backlash: Annotated[float, _number(LINE, 0.0001)],
-    eccentricity: Annotated[float, _number(ECCENTRICITY, 0.000015, zero=True)],
-    radius: Annotated[float, _number("m, of the base circle", 0.05)],
-    rpm: Annotated[float, _number("revolutions per minute", 3000.0)],
+    inertia: Annotated[float, positive(INERTIA, 0.003)],
+    drag: Annotated[float, positive(DRAG, 0.0005)],
+    backlash: Annotated[float, positive(LINE, 0.0001)],
+    eccentricity: Annotated[float, positive(ECCENTRICITY, 0.000015, zero=True)],
+    radius: Annotated[float, positive("m, of the base circle", 0.05)],
+    rpm: Annotated[float, positive("revolutions per minute", 3000.0)],
     drive: Drive = "torque",
-    stiffness: Annotated[float | None, _number(STIFFNESS)] = None,
+    stiffness: Annotated[float | None, positive(STIFFNESS)] = None,
 ) -> Machine:
     """The machine of the query. Raises ParameterError on what can only be in other units."""
     return Machine(inertia, drag, backlash, eccentricity, radius, drive=drive, stiffness=stiffness, rpm=rpm)
@@ -58,21 +58,21 @@ class Place:
 
 
 async def place_of_query(
-    delta: Annotated[float | None, _number("damping; needed without a machine", 0.6)] = None,
-    epsilon: Annotated[float | None, _number("eccentricity; needed without a machine", 0.1, zero=True)] = None,
-    beta: Annotated[float | None, _number("half-backlash, by default 0.6", 0.6)] = None,
+    delta: Annotated[float | None, positive("damping; needed without a machine", 0.6)] = None,
+    epsilon: Annotated[float | None, positive("eccentricity; needed without a machine", 0.1, zero=True)] = None,
+    beta: Annotated[float | None, positive("half-backlash, by default 0.6", 0.6)] = None,
     kappa: Annotated[
         float | None,
         Query(gt=0, le=MOST_STIFF, allow_inf_nan=False, description="of the walls: the stiff model; else impacting"),
     ] = None,
-    inertia: Annotated[float | None, _number(f"a machine instead: {INERTIA}")] = None,
-    drag: Annotated[float | None, _number(DRAG)] = None,
-    backlash: Annotated[float | None, _number(LINE)] = None,
-    eccentricity: Annotated[float | None, _number(ECCENTRICITY, zero=True)] = None,
-    radius: Annotated[float | None, _number("m, of the base circle")] = None,
-    rpm: Annotated[float | None, _number("revolutions per minute")] = None,
+    inertia: Annotated[float | None, positive(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, positive(DRAG)] = None,
+    backlash: Annotated[float | None, positive(LINE)] = None,
+    eccentricity: Annotated[float | None, positive(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, positive("m, of the base circle")] = None,
+    rpm: Annotated[float | None, positive("revolutions per minute")] = None,
     drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
-    stiffness: Annotated[float | None, _number(STIFFNESS)] = None,
+    stiffness: Annotated[float | None, positive(STIFFNESS)] = None,
 ) -> Place:
     """The point of the query, dimensionless or of a machine. Raises ParameterError, RequestValidationError."""
     needed = {"inertia": inertia, "drag": drag, "backlash": backlash, "eccentricity": eccentricity, "radius": radius}

@@ -12,12 +12,12 @@ import rattle
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.speeds import sampled_speed
 from rattle.attractors.table import LARGEST_BUDGET
-from rattle.models import AnyGear, model_at, model_of
+from rattle.models import AnyGear, model_at
 from service.errors import LimitError
 from service.kernels import Part
 from service.operations.points import number, orbits_document
 from service.operations.turns import in_turn
-from service.routes.model.machine import PlaceQuery
+from service.routes.model.machine import Place, PlaceQuery
 from service.state import Front, FrontState
 from service.web import examples
 from service.web.conditional import NOT_MODIFIED, function_of_query
@@ -26,8 +26,6 @@ from workers.survey.request import MOST_STIFF, OneSpeed
 
 router = APIRouter(prefix="/v1", tags=["points"])
 
-Damping = Annotated[float, Query(gt=0, allow_inf_nan=False, description="damping", examples=[0.6])]
-Eccentricity = Annotated[float, Query(ge=0, allow_inf_nan=False, description="eccentricity", examples=[0.1])]
 Backlash = Annotated[float, Query(gt=0, allow_inf_nan=False, description="half-backlash", examples=[0.6])]
 Stiffness = Annotated[
     float | None,
@@ -83,6 +81,15 @@ class OrbitDocument(BaseModel):
     stable: bool
 
 
+class OrbitsInSI(BaseModel):
+    """Limits and speeds of a machine."""
+
+    sn1: float | None = Field(description="eccentricity in m, as are the other limits")
+    flip: float | None
+    quiet_limit: float | None
+    velocities: list[float | None] = Field(description="of the departures of the orbits, m/s along the line of action")
+
+
 class Orbits(Point):
     """Period-one orbits and analytic limits of one parameter point."""
 
@@ -92,6 +99,7 @@ class Orbits(Point):
     flip: float | None = Field(description="epsilon above which C is unstable; null for the stiff model")
     quiet_limit: float | None = Field(description="epsilon above which nothing is quiet")
     orbits: list[OrbitDocument]
+    si: OrbitsInSI | None = Field(description="the same of a machine; null without one")
 
 
 class AttractorDocument(BaseModel):
@@ -119,23 +127,15 @@ class Attractors(Point):
     attractors: list[AttractorDocument]
 
 
-async def gear_of_query(
-    delta: Damping, epsilon: Eccentricity, beta: Backlash = 0.6, kappa: Stiffness = None
-) -> AnyGear:
-    """The model at the parameters of the query."""
-    return model_of(beta, kappa).gear(delta, epsilon)
-
-
-GearQuery = Annotated[AnyGear, Depends(gear_of_query)]
-
-
 @router.get(
     "/orbits",
     summary="Period-one orbits of one parameter point",
     dependencies=[Depends(function_of_query)],
     responses={200: {"links": examples.ORBITS_LINKS}, **NOT_MODIFIED, **declared(422)},
 )
-async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
+async def orbits(front: FrontState, place: PlaceQuery) -> Orbits:
+    """Of a point, or of a machine in SI units."""
+    gear = place.gear
     model = model_at(gear)
     if model.in_closed_form:
         await front.kernels.require(model.name, Part.ORBITS)
@@ -149,7 +149,19 @@ async def orbits(front: FrontState, gear: GearQuery) -> Orbits:
             what="The orbits",
             advice="Choose another point.",
         )
-    return Orbits(**point_document(gear), **found)
+    return Orbits(**point_document(gear), **found, si=_orbits_in_si(place, found))
+
+
+def _orbits_in_si(place: Place, found: dict[str, Any]) -> OrbitsInSI | None:
+    if place.machine is None:
+        return None
+    units = place.machine.units
+
+    def of(value: float | None, unit: float) -> float | None:
+        return None if value is None else number(value * unit)
+
+    limits = {name: of(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
+    return OrbitsInSI(**limits, velocities=[of(orbit["v"], units.velocity) for orbit in found["orbits"]])
 
 
 @router.get(
@@ -186,7 +198,7 @@ async def attractors(
         v_max=sampled_speed(v_max, gear.delta, gear.epsilon, gear.beta),
         seed=seed,
         budget=budget,
-        attractors=[_attractor(item) for item in found],
+        attractors=[attractor_document(item) for item in found],
     )
 
 
@@ -195,7 +207,8 @@ def point_document(gear: AnyGear) -> dict[str, Any]:
     return {"delta": gear.delta, "epsilon": gear.epsilon, "beta": gear.beta, "kappa": model_at(gear).stiffness}
 
 
-def _attractor(item: rattle.Attractor) -> AttractorDocument:
+def attractor_document(item: rattle.Attractor) -> AttractorDocument:
+    """An attractor as it is answered."""
     return AttractorDocument(
         kind=item.kind,
         m=item.m,

@@ -102,3 +102,56 @@ def test_of_a_machine_intensities_are_in_si_units_too(client: TestClient) -> Non
 )
 def test_what_cannot_be_meant_is_refused(client: TestClient, route: str, query: dict[str, Any], message: str) -> None:
     assert_problem(client.get(f"/v1/{route}", params=query), 422, message)
+
+
+def test_orbits_of_a_machine_are_those_of_its_point_and_in_its_units(client: TestClient) -> None:
+    machine = rattle.Machine(**SI)
+    of_machine = found(client, "orbits", **SI)
+    of_point = found(client, "orbits", delta=machine.delta, epsilon=machine.epsilon, beta=machine.beta)
+    si = of_machine.pop("si")
+    assert of_point.pop("si") is None
+    assert of_machine == of_point
+    assert si["velocities"] == [orbit.v * machine.units.velocity for orbit in machine.gear.orbits()]
+    assert si["quiet_limit"] == machine.gear.quiet_limit * machine.units.length
+    assert si["sn1"] == machine.gear.sn1 * machine.units.length
+    stiff = found(client, "orbits", **SI, stiffness=1e6)
+    assert stiff["si"]["flip"] is None
+
+
+def test_basins_of_a_machine_are_those_of_its_point(client: TestClient) -> None:
+    machine = rattle.Machine(**SI)
+    point = {"delta": machine.delta, "epsilon": machine.epsilon, "beta": machine.beta}
+    pictures = [client.get("/v1/basins.png", params=query | {"resolution": 8}) for query in (SI, point)]
+    assert [each.status_code for each in pictures] == [200, 200]
+    assert pictures[0].content == pictures[1].content
+    assert_problem(client.get("/v1/basins.png", params=SI | PLAIN), 422, "say it twice")
+    assert_problem(client.get("/v1/orbits", params={"delta": 0.6}), 422, "query.epsilon")
+
+
+def test_a_limit_is_that_of_the_library_and_in_metres(client: TestClient) -> None:
+    given = SI | {"drag": 1.5e-3, "backlash": 300e-6}
+    asked = {"share": 0.8, "count": 64}
+    at = found(client, "limits", **given, **asked, of="eccentricity")
+    exact = rattle.design_limit(given, "eccentricity", 0.8, count=64)
+    assert at["limits"] == [{"at": None, "value": exact.value, "low": exact.low, "high": exact.high}]
+    curve = found(client, "limits", **asked, of="epsilon", over="delta", values=[0.5, 0.6])
+    assert [each["at"] for each in curve["limits"]] == [0.5, 0.6]
+    assert curve["limits"][0]["value"] < curve["limits"][1]["value"]
+    none = found(client, "limits", **asked, of="epsilon", delta=0.6, low=0.01, high=0.02)
+    assert none["limits"] == [{"at": None, "value": None, "low": None, "high": None}]
+
+
+@pytest.mark.parametrize(
+    ("query", "words"),
+    [
+        ({"of": "epsilon"}, "delta must be given too"),
+        ({"of": "epsilon", "delta": 0.6, "rpm": 3000}, "say it twice"),
+        ({"of": "epsilon", "delta": 0.6, "count": 16}, "16 samples cannot tell a share of 0.99"),
+        ({"of": "epsilon", "delta": 0.6, "over": "beta"}, "give over with values"),
+        ({"of": "epsilon", "delta": 0.6, "low": 0.1}, "low with high"),
+        ({"of": "epsilon", "delta": 0.6, "count": 10**6}, "count may be at most"),
+        ({"of": "radius", "delta": 0.6}, "query.of"),
+    ],
+)
+def test_a_limit_that_cannot_be_is_refused(client: TestClient, query: dict[str, Any], words: str) -> None:
+    assert_problem(client.get("/v1/limits", params=query), 422, words)

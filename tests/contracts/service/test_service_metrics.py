@@ -52,7 +52,7 @@ def test_surveys_and_tiles(client: TestClient) -> None:
     front, tile = front_of(client), tiles_of(REQUEST)[1]
     front.database.set_state(survey_id, State.RUNNING)
     record = compute_tile(REQUEST, tile)[1]
-    front.manager._record(survey_id, record)
+    front.manager._record(survey_id, REQUEST, record)
     after = scrape(client)
     assert after["rattle_surveys"][(("state", "running"),)] == 1
     assert after["rattle_queue_length"][()] == after["rattle_surveys"][(("state", "accepted"),)] == 1

@@ -235,7 +235,7 @@ def test_a_database_that_does_not_answer_is_503_and_a_bug_is_500(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(error: Exception) -> None:
-        def raise_it(survey_id: str) -> None:
+        def raise_it(survey_id: str, *_: object) -> None:
             raise error from ValueError(survey_id)
 
         monkeypatch.setattr(front_of(client).database, "job", raise_it)

@@ -21,19 +21,21 @@ from service_support import BODY, idle_cluster
 from typer.testing import CliRunner
 from waiting import HANG, wait_until
 
-from rattle import Gear
+from rattle import Gear, Limit
 from rattle.models import Impacting
 from service.access.keys import add_key
 from service.app import create_app
 from service.cli import app as cli
 from service.client import Client
-from service.database.tables import Scope, State
+from service.database.tables import Kind, Scope, State
 from service.jobs import manager
+from service.operations import estimate
 from service.operations.points import curves_document, intensities, orbits_document
-from service.routes.model import basins, curves, intensity, points
+from service.routes import limits
+from service.routes.model import basins, curves, intensity, points, reached
 from service.settings import Settings
 from service.web import examples
-from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, tiles_of
+from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, request_of, tiles_of
 from workers.storage.store import write_tile
 
 HOW_TO = (Path(__file__).parents[3] / "docs" / "how-to" / "service.md").read_text()
@@ -64,15 +66,19 @@ phases.coverage.enabled = false
 """
 
 
+POPULATION = {"gear": {"delta": 0.6, "epsilon": {"distribution": "uniform", "low": 0.05, "high": 0.2}}, "gears": 40}
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The store of a survey, whole."""
-    path = tmp_path_factory.mktemp("finished") / "survey.zarr"
-    request = SurveyRequest(**BODY)
-    create_store(request, path)
-    for tile in tiles_of(request):
-        write_tile(request, str(path), tile, compute_tile(request, tile)[0])
-    finish_store(path)
+    """The stores of a survey and of a population, whole."""
+    path = tmp_path_factory.mktemp("finished")
+    for kind, request in ((Kind.SURVEY, SurveyRequest(**BODY)), (Kind.POPULATION, request_of(POPULATION))):
+        store = path / kind
+        create_store(request, store)
+        for tile in tiles_of(request):
+            write_tile(request, str(store), tile, compute_tile(request, tile)[0])
+        finish_store(store)
     return path
 
 
@@ -80,7 +86,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, FastAPI]]:
     """URL and application of a server in this process.
 
-    Its surveys are successful at once, with the numbers of another one; one seed in five fails.
+    Its surveys and populations are successful at once, with the numbers of another one; one seed in five fails.
     """
 
     def compute(manager: Any, survey_id: str, _: Any) -> None:
@@ -91,7 +97,7 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
             raise SurveyError("no luck")
         store = manager._directory.store(job.id)
         if not store.exists():  # it does after POST …/verify
-            shutil.copytree(finished, store, copy_function=os.link)
+            shutil.copytree(finished / job.kind, store, copy_function=os.link)
         manager._database.set_state(job.id, State.SUCCESSFUL)
 
     limits = {"max_jobs": 10**6, "max_point_count": 64, "max_point_seconds": HANG}
@@ -136,6 +142,9 @@ async def known(_: Any, compute: Any, *arguments: Any, what: str, **words: Any) 
         "The intensities": lambda: intensities(Gear(0.6, 0.1), 4, None, 0, 1000),
         "The curves": lambda: curves_document(Impacting(0.6), (0.7, 0.8), (0.0, 0.3)),
         "The basins": lambda: b"a picture",
+        "The ends of the states": lambda: Gear(0.6, 0.1).reached([0.2], [0.1]),
+        "The cost": lambda: 0.01,
+        "The limits": lambda: [Limit(0.1, 0.05, 0.2)] * len(arguments[4] or [0.0]),
     }
     return found[what]()
 
@@ -165,7 +174,7 @@ def try_everything(finished: Path, where: Path, config: str, *options: str, **se
 
 
 def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (basins, curves, intensity, points):
+    for module in (basins, curves, estimate, intensity, limits, points, reached):
         monkeypatch.setattr(module, "in_turn", known)
     # Requests without a key, or with a wrong one, are in test_service_access.py.
     options = either(["--max-examples", "1", "--exclude-checks", "ignored_auth"], ["--max-examples", "6"])
@@ -186,7 +195,9 @@ def operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, A
 
 
 def test_every_example_of_a_request_is_executed(http: httpx.Client, document: dict[str, Any]) -> None:
-    survey_id = Client(http=http).submit(BODY, force=True).wait().id
+    client = Client(http=http)
+    survey_id = client.submit(BODY, force=True).wait().id
+    population_id = client.submit_population(POPULATION, force=True).wait().id
     executed = set()
     for path, method, operation in sorted(operations(document), key=lambda each: each[1] == "delete"):
         examples: dict[str, dict[str, Any]] = {"path": {}, "query": {}, "header": {}}
@@ -194,7 +205,7 @@ def test_every_example_of_a_request_is_executed(http: httpx.Client, document: di
             if values := parameter["schema"].get("examples"):
                 examples[parameter["in"]][parameter["name"]] = values[0]
             assert values or not parameter["required"], (path, parameter["name"])
-        where = path.format(**examples["path"] | ({"survey_id": survey_id} if "survey_id" in path else {}))
+        where = path.format(**examples["path"] | {"survey_id": survey_id, "population_id": population_id})
         headers = {name: str(value) for name, value in examples["header"].items()}
         content = operation.get("requestBody", {}).get("content", {}).get("application/json", {})
         for body in content["schema"]["examples"] if "examples" in content.get("schema", {}) else [None]:
@@ -240,10 +251,14 @@ def test_every_example_of_an_answer_fits_its_schema_and_is_true(http: httpx.Clie
         for example in model["examples"]:
             jsonschema_rs.validate(schema, example)
             assert set(model["required"]) <= set(example), name
-    accepted = http.post("/v1/surveys?force=true", json=examples.REQUEST).json()
     changing = {"id", "created", "content_hash", "links", "state", "started", "finished", "progress", "message"}
-    for name in set(accepted) - changing:
-        assert accepted[name] == examples.DETAIL[name], name
+    for kind, request, detail in (
+        ("surveys", examples.REQUEST, examples.DETAIL),
+        ("populations", examples.POPULATION_REQUEST, examples.POPULATION_DETAIL),
+    ):
+        accepted = http.post(f"/v1/{kind}?force=true", json=request).json()
+        for name in set(accepted) - changing:
+            assert accepted[name] == detail[name], name
     for name, query, example in POINTS:
         answer = http.get(f"/v1/{name}", params=query).json()
         assert_close(first_of_each(answer), example)

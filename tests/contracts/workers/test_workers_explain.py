@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 import rattle
 from rattle import curves
 from service.cli import app
-from workers import Axis, SurveyError, SurveyRequest, create_store, open_survey, tiles_of
+from workers import Axis, SurveyError, SurveyRequest, create_store, join_survey, open_survey, tiles_of
 from workers.boundaries.explain import explain
+from workers.boundaries.labels import PERIODIC
 from workers.boundaries.pairs import Grid, crossed
 from workers.cluster.runner import compute_and_write
 
@@ -103,6 +104,54 @@ def test_what_changes_between_attractors(store: Path) -> None:
     assert any(item.explains for item in found.known if item.curve.name in others)
 
 
+@pytest.fixture(scope="module")
+def joined(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """With so few samples that motions of small basins are missed in some cells."""
+    path = tmp_path_factory.mktemp("explain") / "joined.zarr"
+    request = SurveyRequest(
+        delta=Axis(start=0.5, stop=0.66, num=COLUMNS),
+        epsilon=Axis(start=0.062, stop=0.1, num=ROWS),
+        quantities=("region", "attractors", "lyapunov", "families"),
+        initial_conditions={"count": 6},
+    )
+    create_store(request, path)
+    for tile in tiles_of(request):
+        compute_and_write(request, str(path), tile)
+    join_survey(request, path)
+    return path
+
+
+def test_what_samples_missed_is_told_by_families(joined: Path) -> None:
+    """Of each such pair the motion that one cell lacks is there, and stable, when followed from the other."""
+    with open_survey(joined) as dataset, open_survey(joined, "families") as families:
+        found, without, grid = explain(dataset, 0, families), explain(dataset, 0), Grid(dataset)
+    assert not without.sampling.any()
+    assert found.sampling.sum() > 3
+    assert not (found.sampling & found.attractors_explained).any()
+    left = found.pairs.attractors & ~found.attractors_explained & ~found.sampling
+    assert sum(rest.pairs for rest in found.rest) == left.sum()
+    followed = 0
+    for n in np.flatnonzero(found.sampling):
+        ends = [grid.attractors(cell) for cell in (found.pairs.first[n], found.pairs.second[n])]
+        points = [grid.point(cell) for cell in (found.pairs.first[n], found.pairs.second[n])]
+        for here, there in ((0, 1), (1, 0)):
+            for each in ends[here]:
+                if each.label[0] == PERIODIC and each.label not in [other.label for other in ends[there]]:
+                    orbit = rattle.periodic_orbit(*points[here], each.tau, each.v, each.label[2])
+                    beyond = rattle.fate(orbit, *points[there])
+                    assert isinstance(beyond, rattle.PeriodicOrbit)
+                    assert beyond.stable
+                    followed += 1
+    assert followed > 3
+
+
+def test_the_command_tells_what_samples_missed(joined: Path) -> None:
+    result = CliRunner().invoke(app, ["explain", str(joined), "--curves", "0"])
+    assert result.exit_code == 0, result.output
+    assert "whose attractors differ by the sample alone" in result.output
+    assert "whose attractors differ otherwise, explained" in result.output
+
+
 def test_the_command_prints_shares_and_the_rest(store: Path) -> None:
     result = CliRunner().invoke(app, ["explain", str(store), "--curves", "3", "--rows", "4"])
     assert result.exit_code == 0, result.output
@@ -115,7 +164,7 @@ def test_the_command_fails_where_a_region_has_no_boundary(store: Path, monkeypat
     with open_survey(store) as dataset:
         wrong = dataset.isel(delta=slice(-4, None), epsilon=slice(4)).load()
     wrong["region"][0, -1] = 5
-    monkeypatch.setattr("workers.open_survey", lambda _: wrong)
+    monkeypatch.setattr("workers.open_survey", lambda *_: wrong)
     assert CliRunner().invoke(app, ["explain", str(store), "--curves", "0"]).exit_code == 1
 
 

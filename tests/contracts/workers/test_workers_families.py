@@ -12,31 +12,36 @@ import rattle
 from workers import (
     Axis,
     Directory,
+    SurveyError,
     SurveyRequest,
     create_store,
     examine,
     finish_store,
     join_survey,
     lacks_families,
+    open_family,
     open_survey,
+    run_tiles_here,
     tiles_done,
     tiles_of,
 )
 from workers.cluster.runner import compute_and_write
-from workers.survey.families import FAMILY_VARIABLES
+from workers.survey.families import EDGE_VARIABLES, FAMILY_VARIABLES
 from workers.survey.request import MAX_JOINED
 
 GROUPS = ("attractors", "lyapunov", "families")
 TILES = ((12, 10), (5, 4), (3, 10))
 
 
-def survey(delta: int, epsilon: int) -> SurveyRequest:
+def survey(delta: int, epsilon: int, slots_by: str = "fraction", slots: int = 8) -> SurveyRequest:
     return SurveyRequest(
         delta=Axis(start=0.405, stop=0.5, num=12),
         epsilon=Axis(start=0.09, stop=0.14, num=10),
         quantities=GROUPS,
         initial_conditions={"count": 8},
         tile={"delta": delta, "epsilon": epsilon},
+        slots_by=slots_by,
+        slots=slots,
     )
 
 
@@ -90,7 +95,8 @@ def test_they_are_those_of_the_library(whole: Path) -> None:
     assert np.array_equal(families.entered_velocity, rows.v[found.entered])
     at = families.entered_row * delta.size + families.entered_column
     assert np.array_equal(at, rows.cell[found.entered])
-    assert set(families.data_vars) | set(families.coords) == {variable.name for variable in FAMILY_VARIABLES}
+    names = {variable.name for variable in (*FAMILY_VARIABLES, *EDGE_VARIABLES)}
+    assert set(families.data_vars) | set(families.coords) == names
     assert all({"long_name", "units"} <= set(values.attrs) for values in families.variables.values())
 
 
@@ -134,6 +140,145 @@ def test_damage_is_found_and_joined_anew(whole: Path, tmp_path: Path, lost: str)
     assert_same(finished(request, path), whole)
     assert examine(path).whole
     assert {"date_completed", "content_hash"} <= set(open_survey(path).attrs)
+
+
+def test_a_family_is_a_map(whole: Path) -> None:
+    """With the orbits that no slot has, whose multipliers are those of the equations of impact times."""
+    request, (numbers, families) = survey(*TILES[0]), read(whole)
+    delta, epsilon = request.delta.values(), request.epsilon.values()
+    found = rattle.families_of(delta, epsilon, count=8)
+    with open_survey(whole) as root:
+        share = root.attractor_fraction.load()
+    for number in (0, 1, 2, int(families.entered_family[0])):
+        one = open_family(whole, number)
+        assert np.allclose(one.fraction, found.fractions(number), rtol=1e-7, equal_nan=True)
+        listed = share.where(numbers == number).sum("attractor", min_count=1)
+        assert np.array_equal(listed.fillna(0.0), one.fraction.fillna(0.0))
+        assert np.array_equal(one.attractors > 0, np.isfinite(one.fraction))
+        there = np.isfinite(one.fraction)
+        assert (one.fraction_upper > one.fraction).where(there & (one.fraction < 1), True).all()
+        assert one.attrs["kind"] == rattle.KINDS[int(families.kind[number])]
+        assert one.attrs["cells"] == int(there.sum()) == int(families.cells[number])
+    assert one.attrs["label"] == f"P({one.attrs['m']},{one.attrs['n_plus']},{one.attrs['n_minus']})"
+    assert (one.fraction == 0).any()
+    for i, j in np.argwhere(there.values)[:4]:
+        tau, v = float(one.phase[i, j]), float(one.velocity[i, j])
+        orbit = rattle.periodic_orbit(delta[j], epsilon[i], tau, v, one.attrs["n_plus"])
+        sizes = np.sort(abs(np.array(orbit.multipliers)))[::-1]
+        assert np.allclose(one.multiplier[:, i, j], sizes, rtol=1e-5)
+
+
+def test_what_is_no_family_is_refused(whole: Path, tmp_path: Path) -> None:
+    for number in (-1, 10_000, 1.5):
+        with pytest.raises(SurveyError, match="there are families 0 to"):
+            open_family(whole, number)
+    plain = SurveyRequest(delta=Axis(start=0.5, stop=0.6, num=4), epsilon=Axis(start=0.1, stop=0.2, num=4))
+    create_store(plain, tmp_path / "plain.zarr")
+    with pytest.raises(SurveyError, match="has no families: compute it with --quantity families"):
+        open_family(tmp_path / "plain.zarr", 0)
+
+
+def by_family(tile: tuple[int, int] = TILES[0], slots: int = 8) -> SurveyRequest:
+    return survey(*tile, "family", slots)
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return finished(by_family(), tmp_path_factory.mktemp("families") / "survey.zarr")
+
+
+def slots_in(path: Path) -> xr.Dataset:
+    with open_survey(path) as root:
+        return root.drop_vars([name for name in root if "attractor" not in root[name].dims]).load()
+
+
+def test_slots_follow_families(whole: Path, followed: Path) -> None:
+    """What a cell lists is the same, and every family that has room is in one slot: quiet motion in the first."""
+    shares, families = slots_in(whole), slots_in(followed)
+    names = [name for name in shares if shares[name].ndim == 3]
+    assert len(names) > 8
+
+    def cells(found: xr.Dataset) -> np.ndarray:
+        stacked = np.stack([np.asarray(found[name], float) for name in names]).reshape(len(names), 8, -1)
+        return np.array([cell[:, np.lexsort(np.nan_to_num(cell, nan=-1.0))].T for cell in np.moveaxis(stacked, 2, 0)])
+
+    assert np.array_equal(cells(shares), cells(families), equal_nan=True)
+    assert_same_table(whole, followed)
+    numbers = families.attractor_family.values
+    slots = {n: {int(slot) for slot in np.unique(np.nonzero(numbers == n)[0])} for n in np.unique(numbers) if n >= 0}
+    assert slots[0] == {0}
+    alone = {n for n, table in enumerate(read(whole)[1].monodromy.values) if not table}
+    assert all(len(slots[n]) == 1 for n in alone & slots.keys())
+    assert any(len({*np.nonzero(shares.attractor_family.values == n)[0]}) > 1 for n in slots)
+
+
+def assert_same_table(first: Path, second: Path) -> None:
+    assert read(first)[1].equals(read(second)[1])
+
+
+@pytest.mark.parametrize("tile", TILES[1:])
+def test_tiles_do_not_show_in_slots(followed: Path, tmp_path: Path, tile: tuple[int, int]) -> None:
+    path = finished(by_family(tile), tmp_path / "survey.zarr")
+    assert slots_in(path).equals(slots_in(followed))
+
+
+def test_slots_that_are_few_are_shared(tmp_path: Path) -> None:
+    """With two slots the families that have no room take what is free; nothing is lost."""
+    few = slots_in(finished(by_family(slots=2), tmp_path / "few.zarr"))
+    shares = slots_in(finished(survey(*TILES[0], slots=2), tmp_path / "shares.zarr"))
+    assert np.array_equal(np.sort(few.attractor_phase, axis=0), np.sort(shares.attractor_phase, axis=0), equal_nan=True)
+    assert (few.attractor_family[0] <= 0).sum() > (shares.attractor_family[0] <= 0).sum()
+
+
+@pytest.mark.parametrize("puts", [3, 14])
+def test_slots_that_are_being_moved_when_a_run_is_killed(
+    followed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, puts: int
+) -> None:
+    request, path = by_family(TILES[1]), tmp_path / "survey.zarr"
+    computed(request, path)
+    put, written = Directory.put, []
+
+    def dying(self: Directory, key: str, content: bytes) -> None:
+        if len(written) == puts:
+            raise KeyboardInterrupt
+        written.append(key)
+        put(self, key, content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Directory, "put", dying)
+        with pytest.raises(KeyboardInterrupt):
+            join_survey(request, path)
+    assert lacks_families(request, path)
+    finished(request, path)
+    assert examine(path).whole
+    assert slots_in(path).equals(slots_in(followed))
+
+
+def test_a_tile_that_is_computed_again_is_joined_again(followed: Path, tmp_path: Path) -> None:
+    """Computed, its slots are by share: the families are taken from the store before, and come back after it."""
+    request, path = by_family(TILES[1]), tmp_path / "survey.zarr"
+    finished(request, path)
+    chunk = path / "attractor_m/c/0/0/1"
+    chunk.write_bytes(b"\0" + chunk.read_bytes()[1:])
+    missing = [tile for tile in tiles_of(request) if tile.index not in tiles_done(request, path)]
+    assert len(missing) == 1
+    run_tiles_here(request, path, missing, lambda _: None, lambda: False)
+    assert lacks_families(request, path)
+    assert examine(path).whole
+    with open_survey(path) as root:
+        assert "attractor_family" not in root
+    finished(request, path)
+    assert examine(path).whole
+    assert slots_in(path).equals(slots_in(followed))
+
+
+def test_slots_by_family_need_families() -> None:
+    assert by_family().slots_follow_families
+    assert SurveyRequest.model_validate(survey(*TILES[0]).model_dump() | {"slots_by": None}).slots_follow_families
+    assert not survey(*TILES[0]).slots_follow_families
+    assert by_family().content_hash() != survey(*TILES[0]).content_hash()
+    with pytest.raises(ValidationError, match="slots by family need the families"):
+        SurveyRequest(delta=by_family().delta, epsilon=by_family().epsilon, slots_by="family")
 
 
 def test_readers_see_them_in_the_metadata_of_the_root(whole: Path) -> None:

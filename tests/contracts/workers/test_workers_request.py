@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 import workers.survey.request
-from workers import Axis, Group, SurveyError, SurveyRequest
+from workers import Axis, Group, InitialConditions, SurveyError, SurveyRequest, compute_tile, tiles_of
+from workers.survey.values.quantities import stored
 
 AXES = {"delta": {"start": 0.4, "stop": 1.0, "num": 61}, "epsilon": {"start": 0.005, "stop": 0.3, "num": 60}}
 
@@ -24,7 +25,7 @@ def test_defaults() -> None:
     assert (request.initial_conditions.count, request.initial_conditions.v_max) == (64, None)
     assert (request.v_max, request.n_slots, request.initial_conditions.budget) == (7.0, 8, 1_000_000)
     assert request.quantities == ("region", "orbits", "attractors", "lyapunov", "grazing")  # what is cheap
-    assert (request.n_cells, request.tile_shape, request.n_tiles) == (3660, (7, 7), 81)
+    assert (request.n_cells, request.tile_shape, request.n_tiles) == (3660, (15, 15), 20)
 
 
 SMALL = {"delta": {"start": 0.001, "stop": 0.01, "num": 20}, "epsilon": {"start": 0.0001, "stop": 0.003, "num": 20}}
@@ -43,6 +44,33 @@ def test_speeds_are_natural_by_default_outside_the_papers_plane(outside) -> None
     assert survey(**outside).v_max == "natural"
     assert survey(**outside, initial_conditions={"v_max": 7.0}).v_max == 7.0
     assert survey(initial_conditions={"v_max": "natural"}).v_max == "natural"
+
+
+def test_the_sample_is_of_a_box() -> None:
+    box = {"count": 8, "tau_min": 0.77, "tau_max": 0.81, "v_min": 3.7, "v_max": 3.8}
+    axes = {"delta": {"start": 0.6, "stop": 0.601, "num": 2}, "epsilon": {"start": 0.0615, "stop": 0.062, "num": 2}}
+    request = SurveyRequest(**axes, quantities=("attractors",), initial_conditions=box)
+    assert request.initial_conditions.tau == (0.77, 0.81)
+    tile = tiles_of(request)[0]
+    arrays, _record = compute_tile(request, tile)
+    assert (arrays["quiet_fraction"] < 0.2).all()
+    whole, _record = compute_tile(request.model_copy(update={"initial_conditions": InitialConditions(count=8)}), tile)
+    assert (whole["quiet_fraction"] > 0.5).all()
+    assert request.content_hash() != survey().content_hash()
+
+
+@pytest.mark.parametrize(
+    ("sample", "message"),
+    [
+        ({"tau_min": 0.5, "tau_max": 0.5}, "tau_min .0.5. must be less than tau_max"),
+        ({"tau_max": 1.5}, "less than or equal to 1"),
+        ({"v_min": 1.0}, "v_min needs a v_max that is a speed"),
+        ({"v_min": 7.0, "v_max": 7.0}, "v_min .7.0. must be less than v_max"),
+    ],
+)
+def test_boxes_that_are_none_are_refused(sample: dict[str, float], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        survey(initial_conditions=sample)
 
 
 def test_more_slots_by_default_where_there_are_more_attractors() -> None:
@@ -69,12 +97,21 @@ def test_a_default_tile_shrinks_to_the_grid_and_a_given_one_does_not() -> None:
         survey(delta=small, tile={"delta": 6})
 
 
-@pytest.mark.parametrize(("count", "side"), [(1, 32), (64, 32), (256, 16), (4096, 4), (65_536, 4)])
+@pytest.mark.parametrize(("count", "side"), [(1, 100), (64, 100), (256, 64), (4096, 16), (65_536, 4)])
 def test_a_default_tile_holds_fewer_cells_the_more_samples_each_has(count: int, side: int) -> None:
     large = {"delta": AXIS | {"num": 1000}, "epsilon": AXIS | {"num": 1000}}
     assert survey(**large, initial_conditions={"count": count}).tile_shape == (side, side)
-    assert survey(**large, initial_conditions={"count": count}, quantities=["region"]).tile_shape == (32, 32)
+    assert survey(**large, initial_conditions={"count": count}, quantities=["region"]).tile_shape == (100, 100)
     assert survey(**large, initial_conditions={"count": count}, quantities=["basins"]).tile_shape == (8, 8)
+
+
+@pytest.mark.parametrize(("num", "side"), [(120, 30), (200, 32), (320, 32), (640, 64), (1000, 100), (4096, 128)])
+def test_a_large_survey_has_a_hundred_tiles_until_they_take_too_long(num: int, side: int) -> None:
+    large = {"delta": AXIS | {"num": num}, "epsilon": AXIS | {"num": num}}
+    request = survey(**large)
+    assert request.tile_shape == (side, side)
+    variables = sum(quantity.per_cell for quantity in stored(request.quantities, request.model)) + 1
+    assert num > 1000 or request.n_tiles * variables < 5000  # files
 
 
 AXIS = AXES["delta"]
@@ -106,7 +143,7 @@ BAD = [
     ({"tile": {"epsilon": 61}}, "exceeds the axis"),
     ({"tile": {"delta": 16.0}}, "integer"),
     ({"delta": AXIS | {"num": 300}, "epsilon": AXIS | {"num": 300}, "tile": {"delta": 300, "epsilon": 300}}, "smaller"),
-    ({"delta": AXIS | {"num": 10**6}, "tile": {"delta": 1}}, "larger tile"),
+    ({"delta": AXIS | {"num": 10**6}, "tile": {"delta": 1, "epsilon": 30}}, "larger tile"),
     (
         {
             "quantities": ["basins"],
@@ -178,7 +215,7 @@ def test_hash_is_of_the_content() -> None:
     same = [
         survey(name="another name"),
         survey(quantities=list(reversed(request.quantities))),
-        survey(tile={"delta": 7, "epsilon": 7}),
+        survey(tile={"delta": 15, "epsilon": 15}),
         SurveyRequest.model_validate_json(request.model_dump_json()),
     ]
     assert {other.content_hash() for other in same} == {request.content_hash()}
@@ -192,7 +229,7 @@ def test_hash_is_of_the_content() -> None:
         {"delta": AXIS | {"num": 62}},
         {"quantities": ["region"]},
         {"quantities": list(Group)},
-        {"tile": {"delta": 15}},
+        {"tile": {"delta": 14}},
         {"initial_conditions": {"count": 65}},
         {"initial_conditions": {"v_max": 8.0}},
     ],

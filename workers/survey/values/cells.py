@@ -18,8 +18,8 @@ BASIN_RESOLUTION = 100  # cells a side of the (τ, v) plane, in boxes of 5 × 5 
 class Cells:
     """The cells `epsilon` × `delta`; what is asked of them is evaluated once, when first asked for.
 
-    No cell knows its block: every value follows from (δ, ε), the model and, for attractors, the sample's count, v_max
-    and seed, so the same cell holds the same bits in any block.
+    No cell knows its block: every value follows from (δ, ε), the model and, for attractors, the sample's count, box and
+    seed, so the same cell holds the same bits in any block.
     """
 
     delta: np.ndarray  # (n_delta,)
@@ -30,6 +30,8 @@ class Cells:
     seed: int
     budget: int
     slots: int  # attractors that are listed
+    tau: tuple[float, float] = (0.0, 1.0)  # phases that are sampled
+    v_min: float = 0.0
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -53,7 +55,7 @@ class Cells:
     @cached_property
     def attractors(self) -> rattle.Attractors:
         """The attractors of all cells, row by row: each cell's are those of the gear at its point, to the bit."""
-        sample = self.count, self.v_max, self.seed, self.budget
+        sample = self.count, self.v_max, self.seed, self.budget, self.tau, self.v_min
         return self.model.attractors_of(self.delta, self.epsilon[:, None], *sample)
 
     @cached_property

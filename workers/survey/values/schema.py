@@ -11,6 +11,7 @@ from rattle.models import Model
 from workers.survey.values.evaluate import Evaluate
 
 CELL = ("epsilon", "delta")
+SLOT = "attractor"  # the dimension of slots
 PARTS = {"real": "real part", "imag": "imaginary part"}  # of a complex variable, each stored as one of its own
 
 

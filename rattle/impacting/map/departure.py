@@ -1,0 +1,29 @@
+"""From any state of the motion to its next departure from Σ⁺."""
+
+from rattle.errors import RattleError, require
+from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
+from rattle.flight.law import DRIFT, evaluate, folded, leaving
+
+
+def departure(
+    delta: float, epsilon: float, beta: float, tau: float, position: float, velocity: float
+) -> tuple[float, float]:
+    """See `rattle.Gear.departure`; tau ∈ [0, 1)."""
+    require(abs(position) <= beta, f"position must be from {-beta} to {beta}, the walls, got {position}")
+    wall = SIGMA_PLUS if position > 0.0 else SIGMA_MINUS
+    w = abs(velocity) if wall == SIGMA_PLUS else -abs(velocity)  # on a wall: before it is reflected
+    if abs(position) < beta:
+        flight = leaving(tau, velocity, delta, epsilon, DRIFT)
+        status, target, time = searched_crossing(tau, flight, -beta - position, beta - position)
+        _require_found(status)
+        wall, tau, w = SIGMA_PLUS if target > 0 else SIGMA_MINUS, folded(tau + time), evaluate(time, flight)[1]
+    while wall == SIGMA_MINUS:
+        status, time, wall, w, *_ = first_impact(wall, tau, -w, delta, epsilon, beta, DRIFT)
+        _require_found(status)
+        tau = folded(tau + time)
+    return float(tau), max(float(w), 0.0)
+
+
+def _require_found(status: int) -> None:
+    if status != OK:
+        raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")

@@ -1,0 +1,71 @@
+"""Own samples of states: uniform in a box, or of a density."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.errors import RattleError, require, require_integer, require_pair
+from rattle.numerics.sampling import sobol
+
+MOST_STATES = 1 << 20
+CELLS = 512  # along τ and along v, in each of which a density is taken to be even
+Array = NDArray[np.float64]
+Density = Callable[[Array, Array], ArrayLike]
+
+
+def box_of(tau: ArrayLike, v: ArrayLike) -> tuple[tuple[float, float], tuple[float, float]]:
+    """A box of states: ranges of phase within [0, 1] and of speed from 0 on. Raises ParameterError."""
+    phases, speeds = require_pair("tau", tau), require_pair("v", v)
+    require(0.0 <= phases[0] < phases[1] <= 1.0, f"tau must be (low, high) within [0, 1], got {phases}")
+    require(0.0 <= speeds[0] < speeds[1], f"v must be (low, high) with 0 <= low < high, got {speeds}")
+    return phases, speeds
+
+
+def sampled_states(
+    count: int, v: ArrayLike, tau: ArrayLike = (0.0, 1.0), density: Density | None = None, seed: int = 0
+) -> tuple[Array, Array]:
+    """So many states (τ, v), two arrays (count,): a low-discrepancy sample of the box of these ranges (low, high).
+
+    density: of arrays τ and v, not negative, to any scale; without one the sample is uniform. It is taken to be even in
+    each of 512 × 512 cells of the box, with its value at the centre. seed: shifts the sample. Raises ParameterError.
+    """
+    count = require_integer("count", count, 1, MOST_STATES)
+    seed = require_integer("seed", seed, 0, (1 << 128) - 1)
+    (t0, t1), (v0, v1) = box_of(tau, v)
+    points = (sobol(count) + np.random.default_rng(seed).random(2)) % 1.0
+    x, y = points.T if density is None else _by_density(points, density, (t0, t1), (v0, v1))
+    speeds = v0 + (v1 - v0) * y
+    return np.minimum(t0 + (t1 - t0) * x, np.nextafter(1.0, 0.0)), np.maximum(speeds, np.spacing(v1))
+
+
+def _by_density(
+    points: Array, density: Density, tau: tuple[float, float], v: tuple[float, float]
+) -> tuple[Array, Array]:
+    """Points of the unit square moved by the inverse of the distribution: first along τ, then along v given τ."""
+    centres = (np.arange(CELLS) + 0.5) / CELLS
+    phases, speeds = (low + (high - low) * centres for low, high in (tau, v))
+    try:
+        weight = np.broadcast_to(np.asarray(density(phases[:, None], speeds), np.float64), (CELLS, CELLS))
+    except (TypeError, ValueError) as error:
+        raise RattleError(f"density must take arrays of τ and v that broadcast: {error}") from error
+    good = bool(np.isfinite(weight).all() and (weight >= 0.0).all() and weight.sum() > 0.0)
+    require(good, "density must be finite, nowhere negative and somewhere above 0 in the box")
+    x, column = _inverse(weight.sum(axis=1)[None], np.zeros(len(points), np.int64), points[:, 0])
+    y, _ = _inverse(weight, column, points[:, 1])
+    return x, y
+
+
+def _inverse(weight: Array, row: NDArray[np.int64], share: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Where the distribution of these rows (rows, cells) of weights comes to a share (n,), and in which cell."""
+    total = np.cumsum(weight, axis=1)
+    ends = np.hstack([np.zeros((len(weight), 1)), total])
+    want = share * total[row, -1]
+    # rows one after the other on one rising line
+    offset = np.concatenate([[0.0], np.cumsum(ends[:, -1])])[:-1]
+    line = (ends[:, 1:] + offset[:, None]).ravel()
+    cell = np.searchsorted(line, want + offset[row], "right") - row * weight.shape[1]
+    cell = np.clip(cell, 0, weight.shape[1] - 1)
+    inside = weight[row, cell]
+    part = np.where(inside > 0.0, (want - ends[row, cell]) / np.where(inside > 0.0, inside, 1.0), 0.5)
+    return np.minimum((cell + np.clip(part, 0.0, 1.0)) / weight.shape[1], np.nextafter(1.0, 0.0)), cell

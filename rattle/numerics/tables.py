@@ -1,0 +1,38 @@
+"""Tables of numbers that people bring: CSV with a header."""
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.errors import ParameterError, RattleError
+
+
+def read_columns(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:
+    """Those of the columns of these names that a table has, each (n,), in its order; names are not case-sensitive.
+
+    Raises ParameterError on what is no number, and RattleError if the file cannot be read.
+    """
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise RattleError(f"the table {path} cannot be read: {error}") from None
+    header = [name.strip().lower() for name in rows[0]] if rows else []
+    table = [(number, row) for number, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)]
+    wanted = set(names)
+    return {
+        name: np.array([_number(path, line, row, column) for line, row in table])
+        for column, name in enumerate(header)
+        if name in wanted
+    }
+
+
+def _number(path: str | Path, line: int, row: list[str], column: int) -> float:
+    try:
+        return float(row[column])
+    except (ValueError, IndexError):
+        cell = row[column] if column < len(row) else ""
+        raise ParameterError(f"line {line} of {path}: {cell!r} in column {column + 1} is not a number") from None

@@ -1,0 +1,1 @@
+"""Populations of gears that differ within their tolerances."""

@@ -1,0 +1,200 @@
+"""How a number of a gear varies from one to the next."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.errors import ParameterError, real_array, require, require_finite, require_number
+from rattle.populations.normal import ndtr, ndtri
+
+LEAST = 2.0**-33  # no number is drawn from beyond these quantiles, LEAST and 1 − LEAST: 6.3 standard deviations
+HELD = 1e-6  # of its mass at least, between the ends that a distribution is cut at
+
+Array = NDArray[np.float64]
+
+
+class Distribution(ABC):
+    """How a number varies: the interface of Normal, Uniform, Triangular, LogNormal and Measured."""
+
+    @abstractmethod
+    def quantile(self, u: Array) -> Array:
+        """The numbers below which these shares of all are, u in (0, 1)."""
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """The least and the largest number that is drawn."""
+        low, high = self.quantile(np.array([LEAST, 1.0 - LEAST]))
+        return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class Normal(Distribution):
+    """The normal distribution, cut off at low and high where these are given: what an inspection lets pass.
+
+    Raises ParameterError unless deviation > 0 and some of it is between low and high.
+    """
+
+    mean: float
+    deviation: float
+    low: float = -np.inf
+    high: float = np.inf
+
+    def __post_init__(self) -> None:
+        _finite(self, "mean", "deviation")
+        require(
+            self.deviation > 0.0,
+            f"a normal distribution must have a deviation above 0, got {self.deviation:g}: for a number that does not "
+            f"vary give that, {self.mean:g}",
+        )
+        for name in ("low", "high"):
+            end = real_array(name, getattr(self, name))
+            require(end.ndim == 0 and not np.isnan(end), f"{name} must be a number, got {getattr(self, name)!r}")
+            object.__setattr__(self, name, float(end))
+        require(self.low < self.high, f"low must be below high, got {self.low:g} and {self.high:g}")
+        below, above = self._ends()
+        require(
+            above - below > HELD,
+            f"next to nothing of a normal distribution with mean {self.mean:g} and deviation {self.deviation:g} is "
+            f"from {self.low:g} to {self.high:g}: move these, or the mean",
+        )
+
+    def _ends(self) -> tuple[float, float]:
+        """The shares that are below low and high."""
+        return tuple(float(ndtr((end - self.mean) / self.deviation)) for end in (self.low, self.high))  # type: ignore[return-value]
+
+    def quantile(self, u: Array) -> Array:
+        """Of what is between both ends."""
+        below, above = self._ends()
+        found = self.mean + self.deviation * ndtri(below + u * (above - below))
+        return np.asarray(np.clip(found, self.low, self.high))
+
+
+@dataclass(frozen=True)
+class Uniform(Distribution):
+    """All numbers from low to high alike. Raises ParameterError unless low < high."""
+
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _finite(self, "low", "high")
+        _require_spread(self.low, self.high, "a uniform distribution")
+
+    def quantile(self, u: Array) -> Array:
+        """By its definition."""
+        return self.low + u * (self.high - self.low)
+
+
+@dataclass(frozen=True)
+class Triangular(Distribution):
+    """A density that rises from low to the mode, and falls to high. Raises ParameterError unless low ≤ mode ≤ high and
+    low < high.
+    """
+
+    low: float
+    mode: float
+    high: float
+
+    def __post_init__(self) -> None:
+        _finite(self, "low", "mode", "high")
+        _require_spread(self.low, self.high, "a triangular distribution")
+        require(
+            self.low <= self.mode <= self.high,
+            f"the mode must be from low to high, got {self.mode:g}, {self.low:g} and {self.high:g}",
+        )
+
+    def quantile(self, u: Array) -> Array:
+        """By its definition."""
+        width, left, right = self.high - self.low, self.mode - self.low, self.high - self.mode
+        rising = self.low + np.sqrt(u * width * left)
+        return np.where(u * width < left, rising, self.high - np.sqrt((1.0 - u) * width * right))
+
+
+@dataclass(frozen=True)
+class LogNormal(Distribution):
+    """A number whose natural logarithm is normal, with this deviation (0.1: about 10 %), about a median above 0.
+
+    Raises ParameterError.
+    """
+
+    median: float
+    deviation: float
+
+    def __post_init__(self) -> None:
+        for name in ("median", "deviation"):
+            object.__setattr__(self, name, require_number(name, getattr(self, name), positive=True))
+
+    def quantile(self, u: Array) -> Array:
+        """By its definition."""
+        return np.asarray(self.median * np.exp(self.deviation * ndtri(u)))
+
+
+@dataclass(frozen=True)
+class Measured(Distribution):
+    """What was measured on some gears, and between: each is as frequent, and ranks between two are interpolated.
+
+    Raises ParameterError unless there are two different numbers.
+    """
+
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        values = np.sort(real_array("values", self.values))
+        require(values.ndim == 1 and values.size >= 2, "measured values must be a list of two numbers at least")
+        require(bool(np.isfinite(values).all()), "measured values must be finite")
+        _require_spread(float(values[0]), float(values[-1]), "what was measured")
+        object.__setattr__(self, "values", tuple(values.tolist()))
+
+    def quantile(self, u: Array) -> Array:
+        """Between the numbers, of which the i-th of n is at (i + ½)/n."""
+        n = len(self.values)
+        return np.interp(u, (np.arange(n) + 0.5) / n, self.values)
+
+
+#: By the word for each.
+DISTRIBUTIONS: dict[str, type[Distribution]] = {
+    "normal": Normal,
+    "uniform": Uniform,
+    "triangular": Triangular,
+    "lognormal": LogNormal,
+    "measured": Measured,
+}
+
+
+def distribution_of(text: str) -> Distribution:
+    """Read WORD:NUMBER:NUMBER…, such as normal:15e-6:5e-6:0 (the third and fourth: the ends that it is cut at).
+
+    Raises ParameterError.
+    """
+    word, *rest = (part.strip() for part in text.split(":"))
+    kind: Any = DISTRIBUTIONS.get(word)
+    require(
+        kind is not None and kind is not Measured,
+        f"{text!r} is no distribution: write a number, or normal:MEAN:DEVIATION[:LOW[:HIGH]], uniform:LOW:HIGH, "
+        "triangular:LOW:MODE:HIGH or lognormal:MEDIAN:DEVIATION",
+    )
+    try:
+        numbers = [float(part) for part in rest]
+    except ValueError:
+        raise ParameterError(f"{text!r}: what follows {word} must be numbers, separated by colons") from None
+    names = [each.name for each in fields(kind)]
+    needed = [each.name for each in fields(kind) if each.name not in ("low", "high") or kind is not Normal]
+    require(
+        len(needed) <= len(numbers) <= len(names),
+        f"{text!r}: after {word} give {', '.join(needed)}" + (" and, if it is cut, low and high" * (kind is Normal)),
+    )
+    found: Distribution = kind(*numbers)
+    return found
+
+
+def _finite(of: Any, *names: str) -> None:
+    for name in names:
+        object.__setattr__(of, name, require_finite(name, getattr(of, name)))
+
+
+def _require_spread(low: float, high: float, what: str) -> None:
+    require(low <= high, f"low must be below high, got {low:g} and {high:g}")
+    require(low < high, f"{what} has no spread: for a number that does not vary give that, {low:g}")

@@ -1,0 +1,133 @@
+"""What becomes of the gears of a population: many at once, each as it would alone."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.attractors.classify import PERIODS, WATCH
+from rattle.attractors.speeds import NATURAL, sampled_speeds
+from rattle.attractors.table import UNDECIDED, Attractors, tabulated
+from rattle.impacting.attractors.boundary_distance import boundary_distances
+from rattle.impacting.attractors.classifier import cells_of, classify
+from rattle.impacting.attractors.stretch import stretch
+from rattle.intensity.table import Stretch, intensities_of, one_by_one
+from rattle.numerics.sampling import initial_conditions, wilson_interval
+from rattle.populations.distributions import LEAST, Distribution
+from rattle.populations.plan import Z_LOOKS, Plan
+from rattle.populations.tolerances import Points
+
+BLOCK = 65_536  # samples at once where damping is strong
+TOGETHER = 64  # gears whose margins are looked for at once
+NOT_ASKED, PASSES, FAILS, UNKNOWN = range(4)
+VERDICTS = ("not_asked", "passes", "fails", "unknown")
+
+Array = NDArray[np.float64]
+
+
+class Gears(NamedTuple):
+    """Rows of a population.
+
+    part (n,): as `Plan` counts them. values (n, d): the numbers that vary. delta, epsilon, beta (n,). energy (n,
+    count): Σv²/2 per revolution of what each sample comes to, rising: 0 if quiet, NaN if undecided. verdict (n,):
+    indexes VERDICTS.
+    """
+
+    part: NDArray[np.int64]
+    values: Array
+    delta: Array
+    epsilon: Array
+    beta: Array
+    energy: Array
+    verdict: NDArray[np.int64]
+
+
+def computed(plan: Plan, start: int, stop: int) -> Gears:
+    """These rows of a population; each row's numbers depend on nothing but the plan and its number."""
+    rows = np.arange(start, stop)
+    part, values = plan.parts(rows), plan.values(rows)
+    points = plan.tolerances.points(values)
+    energy = np.empty((rows.size, plan.count))
+    for here in blocks(points.delta, plan.count):
+        seeds = part[here]
+        for each in np.unique(seeds):
+            of = np.arange(here.start, here.stop)[seeds == each]
+            energy[of] = energies(plan, points.some(of), plan.count, plan.seed + int(each))
+    verdict = np.full(rows.size, NOT_ASKED)
+    asked = plan.asked(rows)
+    verdict[asked] = judged(plan, points.some(asked))
+    return Gears(part, values, points.delta, points.epsilon, points.beta, energy, verdict)
+
+
+def blocks(delta: Array, count: int) -> list[slice]:
+    """Rows that are followed at once: some seconds where all is chaotic."""
+    longer = np.maximum(1.0, WATCH / (PERIODS * delta.min(initial=1.0)))
+    size = max(1, int(BLOCK / longer) // count)
+    return [slice(start, min(start + size, delta.size)) for start in range(0, delta.size, size)]
+
+
+def energies(plan: Plan, points: Points, count: int, seed: int) -> Array:
+    """Σv²/2 per revolution of what so many samples of each gear come to, (n, count), rising, NaN last."""
+    tau, v = states(plan, points, count, seed)
+    table, row, cells, how = followed(points, tau, v, plan.budget)
+    energy = intensities_of(table, cells, how).energy
+    return np.sort(np.where(table.kind == UNDECIDED, np.nan, energy)[row].reshape(tau.shape), axis=1)
+
+
+def followed(points: Points, tau: Array, v: Array, budget: int) -> tuple[Attractors, NDArray[np.int64], Any, Stretch]:
+    """The attractors that states (n, count) of gears (n,) go to, the row of each state, and what intensities ask."""
+    d, e, b, k, _ = points
+    if k is None:
+        return *tabulated(classify(d, e, b, tau, v, budget)), cells_of(d, e, b), stretch
+    from rattle.stiff.attractors import classifier  # loads the stiff gear: only for who asks
+
+    found = classifier.classify(d, e, b, k, tau, v, budget)
+    return *tabulated(found), classifier.cells_of(d, e, b, k), one_by_one
+
+
+def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:
+    """The states (n, count) from which the gears begin: those of `Gear.attractors`, or what shocks make of rest."""
+    d, e, b = points[:3]
+    if plan.shock is None:
+        return initial_conditions(d, e, b, count, sampled_speeds(NATURAL, d, e, b), seed)
+    first, second = initial_conditions(d, e, b, count, 1.0, seed)
+    speed = of_shares(plan.shock.speed, second)
+    unit = 1.0 if points.units is None else np.broadcast_to(points.units.velocity, d.shape)[:, None]
+    return of_shares(plan.shock.phase, first) % 1.0, np.ascontiguousarray(speed / unit)
+
+
+def of_shares(given: float | str | Distribution, u: Array) -> Array:
+    """A number, or what has these shares of a distribution below it."""
+    if isinstance(given, Distribution):
+        return given.quantile(np.clip(u, LEAST, 1.0 - LEAST))
+    return np.full(u.shape, float(given))
+
+
+def judged(plan: Plan, points: Points) -> NDArray[np.int64]:
+    """Whether gears (n,) pass: by their share of quiet runs, with more and more samples until it is told with 95 %
+    confidence, or by the margin of quiet running.
+    """
+    if plan.margin is not None:
+        least = plan.margin if points.units is None else plan.margin / points.units.velocity
+        found = np.full(points.delta.size, np.nan)
+        for start in range(0, found.size, TOGETHER):
+            few = slice(start, start + TOGETHER)
+            d, e, b = (x[few] for x in points[:3])
+            found[few] = boundary_distances(d, e, b, NATURAL).v
+        return np.where(np.isnan(found), UNKNOWN, np.where(found > least, PASSES, FAILS))
+    verdict = np.full(points.delta.size, UNKNOWN)
+    quiet, rattling, before = np.zeros(verdict.size), np.zeros(verdict.size), 0
+    for look, after in enumerate(plan.looks):
+        open_ = np.flatnonzero(verdict == UNKNOWN)
+        here = points.some(open_)
+        for rows in blocks(here.delta, after - before):
+            seed = plan.seed + (look + 1 << 64)  # of no part
+            found = energies(plan, here.some(rows), after - before, seed)
+            quiet[open_[rows]] += (found == 0.0).sum(axis=1)
+            rattling[open_[rows]] += (found > 0.0).sum(axis=1)
+        low, _ = wilson_interval(quiet[open_], after, Z_LOOKS)
+        _, high = wilson_interval(after - rattling[open_], after, Z_LOOKS)
+        share = plan.share or 0.0
+        verdict[open_[low >= share]], verdict[open_[high < share]] = PASSES, FAILS
+        before = after
+    return verdict

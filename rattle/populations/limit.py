@@ -1,0 +1,223 @@
+"""How far one number of a gear may go until it does not run quietly often enough, solved for."""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rattle.attractors.classify import BUDGET
+from rattle.attractors.speeds import NATURAL, sampled_speeds
+from rattle.attractors.table import LARGEST_BUDGET, QUIET, UNDECIDED
+from rattle.errors import require, require_integer, require_number, require_pair
+from rattle.flight.law import TWO_PI
+from rattle.impacting.orbits.limits import quiet_limit
+from rattle.machine import Machine
+from rattle.machine.given import IMPOSSIBLE, RPM, WIDEST
+from rattle.numerics.sampling import initial_conditions, wilson_interval
+from rattle.populations.gears import followed
+from rattle.populations.plan import LARGEST_SEED, MOST_SHARE
+from rattle.populations.tolerances import is_machine, points_of, require_known
+
+#: What may be asked for, and whether small ones are the safe ones.
+SAFE_IF_SMALL = {
+    **dict.fromkeys(("epsilon", "eccentricity", "beta", "backlash", "rpm"), True),
+    **dict.fromkeys(("delta", "drag"), False),
+}
+SCANNED, FEW = 32, 256  # values that are looked at first, and samples of each
+MOST_COUNT = 65_536
+SPAN = 100.0  # of values other than eccentricities
+CLOSE = 2.0**-8  # of a step of the scan: a limit is solved for to this
+
+
+class Limit(NamedTuple):
+    """Until where gears run quietly often enough, in the unit of what was asked for, with its 95 % interval.
+
+    An end of the interval that is not between the values that were looked at is NaN, and so is a value: where the
+    safest one is too much already, or the last not yet.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+def design_limit(
+    given: Mapping[str, Any],
+    of: str,
+    share: float = 0.99,
+    *,
+    between: tuple[float, float] | None = None,
+    count: int = 2048,
+    seed: int = 0,
+    budget: int = BUDGET,
+) -> Limit:
+    """Up to which number `of` a gear runs quietly with a probability of `share` at least, there and at every safer one:
+    the largest epsilon or beta (eccentricity, backlash, rpm of a machine), the least delta (drag).
+
+    given: its other numbers by name, delta, epsilon, beta and kappa or those of a `Machine` with rpm. The probability
+    is that of states of [0, 1) × (0, natural speed), the same `count` for every value. First SCANNED values are looked
+    at from the safe side on, by default to where nothing is quiet; between two of them the limit is solved for, and the
+    interval is where the share is not told from what is asked. A window of rattling narrower than a step of that scan
+    can be missed: `between` makes it finer. Raises ParameterError.
+    """
+    solver = _Solver(given, of, share, between, count, seed, budget)
+    return solver.solved()
+
+
+def design_limits(
+    given: Mapping[str, Any], of: str, over: str, values: Iterable[float], share: float = 0.99, **more: Any
+) -> list[Limit]:
+    """The limit of one number as a curve over another, at these values of it: `design_limit` with its other arguments.
+
+    Raises ParameterError.
+    """
+    require(over != of, f"a limit of {of} is over another number")
+    return [design_limit({**given, over: value}, of, share, **more) for value in values]
+
+
+class Excess(NamedTuple):
+    """A share of quiet runs less what is asked: as found, and at both ends of its interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+class _Solver:
+    """One limit: shares by value, each computed once."""
+
+    def __init__(
+        self,
+        given: Mapping[str, Any],
+        of: str,
+        share: float,
+        between: tuple[float, float] | None,
+        count: int,
+        seed: int,
+        budget: int,
+    ) -> None:
+        require(of in SAFE_IF_SMALL, f"a limit is one of {', '.join(SAFE_IF_SMALL)}, got {of!r}")
+        self.share = require_number("share", share, positive=True)
+        require(share <= MOST_SHARE, f"share must be at most {MOST_SHARE}, got {share:g}: no sample tells more")
+        self.count = require_integer("count", count, 1, MOST_COUNT)
+        self.seed, self.budget = (
+            require_integer("seed", seed, 0, LARGEST_SEED),
+            require_integer("budget", budget, 1, LARGEST_BUDGET),
+        )
+        fewest = math.ceil(4.0 * share / (1.0 - share))
+        require(count >= fewest, f"{count} samples cannot tell a share of {share:g}: let count be {fewest} or more")
+        self.of = of
+        self.given = {name: value for name, value in given.items() if value is not None and name != of}
+        one = between[0] if between else 1.0
+        require_known({**self.given, of: one})
+        for name, value in self.given.items():
+            if name != "drive":
+                require_number(name, value)
+        low, high = self._range() if between is None else require_pair("between", between)
+        require(0.0 <= low < high, f"between must be two numbers, the first below the second, got {low:g} and {high:g}")
+        require(low > 0.0 or of in ("epsilon", "eccentricity"), f"{of} must be above 0: begin the range there")
+        even = of in ("epsilon", "eccentricity")
+        scanned = np.linspace(low, high, SCANNED + 1)[1:] if even else np.geomspace(low, high, SCANNED)
+        self.scanned = scanned if SAFE_IF_SMALL[of] else scanned[::-1]
+        self._require_machine()
+        self.known: dict[tuple[float, int | None], Excess] = {}
+
+    def _range(self) -> tuple[float, float]:
+        """From the safe end to where nothing is quiet, or SPAN times about the damping."""
+        of, given = self.of, self.given
+        if of in ("epsilon", "eccentricity"):
+            points = points_of({**given, of: 0.0})
+            unit = 1.0 if points.units is None else points.units.length
+            return 0.0, min(float(np.ravel(quiet_limit(points.delta))[0] * unit), self._widest())
+        if of in ("beta", "backlash"):
+            points = points_of({**given, of: 1.0})
+            unit = 1.0 if points.units is None else 2.0 * points.units.length
+            least = float(np.ravel(points.delta)[0]) * unit / SPAN
+            return least, min(least * SPAN * SPAN, self._widest())
+        points = points_of({**given, of: 1.0})
+        epsilon = float(np.ravel(points.epsilon)[0])
+        require(epsilon > 0.0, "without an eccentricity everything is quiet: give one")
+        end = float(np.ravel(points.delta)[0]) / least_damping(epsilon)
+        if of == "rpm":
+            return end / SPAN, min(end, IMPOSSIBLE / (given["radius"] * RPM))
+        return 1.0 / end, SPAN / end
+
+    def _widest(self) -> float:
+        """The widest backlash or eccentricity of a machine."""
+        return float(WIDEST * self.given.get("radius", math.inf))
+
+    def _require_machine(self) -> None:
+        """Raise ParameterError on numbers of a machine that can only be in other units."""
+        if is_machine({self.of: 0.0, **self.given}):
+            for value in (self.scanned.min(), self.scanned.max()):
+                Machine(**{**self.given, self.of: float(value)})
+
+    def ended(self, value: float, count: int) -> tuple[int, int]:
+        """Of so many samples those that end quietly, and those that are undecided."""
+        points = points_of({**self.given, self.of: np.array([value])})
+        nothing = np.zeros(1)
+        tau, v = initial_conditions(nothing, nothing, nothing, count, 1.0, self.seed)
+        speeds = sampled_speeds(NATURAL, points.delta, points.epsilon, points.beta)
+        table, row, _cells, _how = followed(points, tau, v * speeds[:, None], self.budget)
+        kind = table.kind[row]
+        return int((kind == QUIET).sum()), int((kind == UNDECIDED).sum())
+
+    def excess(self, value: float, count: int | None = None) -> Excess:
+        """By how much the share of quiet runs is more than what is asked, as it is found and at both ends of its
+        interval.
+        """
+        if (known := self.known.get((value, count))) is None:
+            samples = count or self.count
+            quiet, undecided = self.ended(value, samples)
+            (low, _), (_, high) = wilson_interval(quiet, samples), wilson_interval(quiet + undecided, samples)
+            found = np.array([quiet / samples, low, high]) - self.share
+            known = self.known[value, count] = Excess(*map(float, found))
+        return known
+
+    def solved(self) -> Limit:
+        """The limit, and the ends of its interval."""
+        last = self._first_too_much()
+        (inside, outside), (sure, _), (_, possible) = (self._crossing(which, last) for which in Excess._fields)
+        low, high = (sure, possible) if SAFE_IF_SMALL[self.of] else (possible, sure)
+        return Limit(0.5 * (inside + outside), low, high)
+
+    def _first_too_much(self) -> int:
+        """The first of the values that is too much, by the samples of the scan if these are sure, else by all; their
+        number where none is.
+        """
+        for i, value in enumerate(self.scanned):
+            few = self.excess(float(value), FEW) if self.count > FEW else self.excess(float(value))
+            if few.high < 0.0 or (few.value < 0.0 and self.excess(float(value)).value < 0.0):
+                return i
+        return self.scanned.size
+
+    def _crossing(self, which: str, near: int) -> tuple[float, float]:
+        """Two values that are CLOSE, between which this excess falls below 0; both NaN if there are none."""
+
+        def positive(i: int) -> bool:
+            if i < 0:
+                return self.of in ("epsilon", "eccentricity")  # without one, everything is quiet
+            return bool(getattr(self.excess(float(self.scanned[i])), which) >= 0.0)
+
+        after = near
+        while after > 0 and not positive(after - 1):
+            after -= 1
+        while after < self.scanned.size and positive(after):
+            after += 1
+        if after == self.scanned.size or (after == 0 and not positive(-1)):
+            return math.nan, math.nan
+        inside, outside = float(self.scanned[after - 1]) if after else 0.0, float(self.scanned[after])
+        step = abs(outside - inside)
+        while abs(outside - inside) > CLOSE * step:
+            middle = 0.5 * (inside + outside)
+            if getattr(self.excess(middle), which) >= 0.0:
+                inside = middle
+            else:
+                outside = middle
+        return inside, outside
+
+
+def least_damping(epsilon: float) -> float:
+    """δ at which ε is the quiet limit: the contact force vanishes at one phase."""
+    return TWO_PI * epsilon / math.sqrt(4.0 - epsilon * epsilon) if epsilon < 2.0 else math.inf

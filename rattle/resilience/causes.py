@@ -1,0 +1,130 @@
+"""Why an attractor is lost between two points of a path: its orbit is followed to where it ends."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.errors import RattleError
+from rattle.flight.law import wrapped
+from rattle.models import AnyGear
+from rattle.resilience.gears import SAME_POINT, gear_at, unit_of
+
+Array = NDArray[np.float64]
+SADDLE_NODE, FLIP, GRAZE = "saddle-node", "flip", "graze"
+CRISIS, QUIET_LIMIT, SAMPLING, CONTINUES, UNKNOWN = "crisis", "quiet limit", "sampling", "continues", "unknown"
+LEAST_STEP = 1e-9  # of the way from one point to the next
+LONGEST = 32  # impacts of an orbit that is followed; one of a hundred takes half a minute
+FARTHEST = 0.1  # from an orbit's departure to that of its continuation, speeds in their unit
+AT_ONE = 0.01  # a multiplier this near to ±1 is there, so near to where the orbit ends
+CLEARLY = 1.5  # times as large: what is extrapolated from
+BESIDE = 1e-3  # of the way, beyond its end, to where an orbit that grazes goes on as one that does not happen
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A periodic attractor: its label, and a departure."""
+
+    label: tuple[int, int, int]
+    tau: float
+    v: float
+
+
+@dataclass(frozen=True)
+class End:
+    """Why an orbit ends between two points of a path, and between which shares of the way; what it is at the second
+    point, if it is there.
+    """
+
+    cause: str
+    low: float
+    high: float
+    orbit: Orbit | None = None
+
+
+def between(start: Array, end: Array, share: float) -> AnyGear:
+    """The gear at a share of the way between two rows of parameters."""
+    return gear_at(end if share == 1.0 else start + share * (end - start))
+
+
+def end_of(start: Array, end: Array, orbit: Orbit) -> End:
+    """Follow an orbit from one row of parameters towards another, as long as it happens and attracts, by steps that
+    halve where they fail.
+
+    Where a multiplier comes to ±1 Newton's method has fewer and fewer digits, and stops a little before: the place is
+    extrapolated from the multipliers, and lies in the middle between low and high.
+    """
+    at, step, share = orbit, 1.0, 0.0
+    last = _solved(between(start, end, 0.0), at) if sum(orbit.label[1:]) <= LONGEST else None
+    if last is None:
+        return End(UNKNOWN, 0.0, 1.0)
+    trail = [(share, last.multipliers)]
+    while step > LEAST_STEP:
+        ahead = min(share + step, 1.0)
+        found = _solved(between(start, end, ahead), at)
+        if found is None or not (found.admissible and found.stable):
+            step *= 0.5
+            continue
+        share, last, at = ahead, found, Orbit(orbit.label, found.tau, found.v)
+        trail.append((share, last.multipliers))
+        if share == 1.0:
+            return End(SAMPLING, 1.0, 1.0, at)
+        step *= 2.0
+    cause, distance = _cause(start, end, last, at, trail)
+    return End(cause, share, min(share + 2.0 * max(step, distance), 1.0))
+
+
+def _to_zero(trail: list[tuple[float, Any]], sign: float, power: int) -> float:
+    """How far beyond the last of a trail (share, multipliers) ((1 + sign λ₁)(1 + sign λ₂))^power vanishes, linearly."""
+    known = [(share, float(np.real(np.prod(1.0 + sign * np.array(pair)))) ** power) for share, pair in trail]
+    last, rest = known[-1]
+    for share, value in reversed(known):
+        if value > CLEARLY * rest:
+            return (last - share) * rest / (value - rest)
+    return 0.0
+
+
+def _solved(gear: AnyGear, near: Orbit) -> Any:
+    """The periodic motion with this label whose departure is near, or None."""
+    try:
+        found = gear.orbit(near.tau, near.v, near.label[1])
+    except RattleError:
+        return None
+    far = np.hypot(wrapped(found.tau - near.tau), (found.v - near.v) / unit_of(gear))
+    label = found.m, found.n_plus, found.n_minus
+    if label != near.label or far > FARTHEST or after_part(gear, near, found) < SAME_POINT:
+        return None
+    return found
+
+
+def after_part(gear: AnyGear, label: Orbit, found: Any) -> float:
+    """How far a motion is from closing after a part of its period: one that does is another one, run through twice."""
+    m, n_plus, n_minus = label.label
+    parts = [n for n in range(2, m + 1) if not (m % n or n_plus % n or n_minus % n)]
+    after = gear.iterate(found.tau, found.v, np.array([n_plus // n for n in parts], np.int64))
+    far = np.maximum(abs(wrapped(after.tau - found.tau)), abs(after.v - found.v) / unit_of(gear))
+    return float(far.min(initial=np.inf))
+
+
+def _was_doubled(gear: AnyGear, at: Orbit) -> bool:
+    """Whether a motion of half the period is near, which is about to flip, or just has."""
+    if any(n % 2 for n in at.label):
+        return False
+    m, n_plus, n_minus = (n // 2 for n in at.label)
+    half = _solved(gear, Orbit((m, n_plus, n_minus), at.tau, at.v))
+    return half is not None and bool(np.abs(np.array(half.multipliers) + 1.0).min() < 2.0 * AT_ONE)
+
+
+def _cause(start: Array, end: Array, last: Any, at: Orbit, trail: list[tuple[float, Any]]) -> tuple[str, float]:
+    """Why an orbit ends soon, and how soon it will."""
+    multipliers, share = np.array(last.multipliers), trail[-1][0]
+    if np.abs(multipliers - 1.0).min() < AT_ONE:
+        if _was_doubled(between(start, end, share), at):
+            return FLIP, _to_zero(trail, -1.0, 1)
+        return SADDLE_NODE, _to_zero(trail, -1.0, 2)
+    if np.abs(multipliers + 1.0).min() < AT_ONE:
+        return FLIP, _to_zero(trail, 1.0, 1)
+    beyond = _solved(between(start, end, min(share + BESIDE, 1.0)), at)
+    # it goes on where it does not happen, or meets another wall
+    return (GRAZE if beyond is None or not beyond.admissible else UNKNOWN), 0.0

@@ -1,0 +1,101 @@
+"""Edge states: what a motion on the boundary between two basins comes to, as a rule a saddle.
+
+Two states on either side of the boundary are brought together by bisection, followed until they part, and brought
+together again. Source: J. D. Skufca, J. A. Yorke and B. Eckhardt, Physical Review Letters 96 (2006) 174101.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rattle.errors import RattleError, require, require_integer, require_pair
+from rattle.flight.law import wrapped
+from rattle.models import AnyGear
+from rattle.orbits.iterates import fold
+from rattle.resilience.gears import unit_of
+
+Array = NDArray[np.float64]
+TOGETHER, APART = 1e-12, 1e-6  # distances to which two states are brought, and at which they have parted
+PARTS = 64  # of a line between them, at a time
+MOST_TURNS = 200
+LONGEST = 8  # impacts on Σ⁺ of a saddle that is looked for
+TWICE = 0.1  # as near as a motion is one of more impacts, if it is not that of fewer run through several times
+CLOSE, ARRIVED = 1e-2, 1e-5  # to a saddle: from where one is solved for, and where it is the edge state
+
+
+@dataclass(frozen=True)
+class EdgeState:
+    """What motions on a boundary come to. tau, v: a state of it, to `distance`. orbit: the unstable periodic motion, of
+    the gear's own kind, None where it is none of up to eight impacts: the edge itself is chaotic then, or longer.
+    impacts: on Σ⁺ that were followed to it.
+    """
+
+    tau: float
+    v: float
+    orbit: Any
+    distance: float
+    impacts: int
+
+
+def edge_state(gear: AnyGear, one: ArrayLike, other: ArrayLike, turns: int = MOST_TURNS) -> EdgeState:
+    """The edge state on the boundary between the basins of two states, both (τ, v), that go to different attractors.
+
+    If the line between them crosses several boundaries, that of the basin of `one` is meant which is nearest to it.
+    turns: how often the pair is brought together at most. Raises ParameterError.
+    """
+    turns = require_integer("turns", turns, 1, 100_000)
+    pair = np.array([require_pair(name, state) for name, state in (("one", one), ("other", other))])
+    require(bool((pair[:, 1] > 0.0).all()), "speeds must be greater than 0")
+    pair[:, 0] = fold(pair[:, 0])
+    unit, made = unit_of(gear), 0
+    for _ in range(turns):
+        pair = _together(gear, pair, unit)
+        found = _saddle(gear, pair[0], unit)
+        if found is not None and found[1] < ARRIVED:
+            orbit, distance = found
+            return EdgeState(orbit.tau, orbit.v, orbit, distance, made)
+        while _distance(pair, unit) < APART:
+            moved = gear.iterate(pair[:, 0], pair[:, 1], 1)
+            if (moved.n_plus < 1).any():
+                raise RattleError("the motion on the edge comes to rest: there is no edge state to follow it to")
+            pair, made = np.column_stack([moved.tau, moved.v]), made + 1
+    return EdgeState(float(pair[0, 0]), float(pair[0, 1]), None, _distance(pair, unit), made)
+
+
+def _distance(pair: Array, unit: float) -> float:
+    return float(np.hypot(wrapped(pair[1, 0] - pair[0, 0]), (pair[1, 1] - pair[0, 1]) / unit))
+
+
+def _together(gear: AnyGear, pair: Array, unit: float) -> Array:
+    """Two states on either side of the boundary, TOGETHER, on the line between these two."""
+    share = np.arange(PARTS + 1) / PARTS
+    while True:
+        step = np.array([wrapped(pair[1, 0] - pair[0, 0]), pair[1, 1] - pair[0, 1]])
+        line = pair[0] + share[:, None] * step
+        line[:, 0] = fold(line[:, 0])
+        which = gear.reached(line[:, 0], line[:, 1]).which
+        require(which[0] != which[-1], "both states go to the same attractor: choose one of each basin")
+        last = int(np.argmax(which != which[0]))
+        pair = line[last - 1 : last + 1]
+        distance = _distance(pair, unit)
+        if distance < TOGETHER or distance >= np.hypot(step[0], step[1] / unit):
+            return pair
+
+
+def _saddle(gear: AnyGear, state: Array, unit: float) -> tuple[Any, float] | None:
+    """The nearest unstable periodic motion that is CLOSE to a state, and how near one of its departures is."""
+    best = None
+    for n in range(1, LONGEST + 1):
+        after = gear.iterate(state[0], state[1], n)
+        if np.hypot(wrapped(after.tau - state[0]), (after.v - state[1]) / unit) > CLOSE:
+            continue
+        try:
+            orbit = gear.orbit(float(state[0]), float(state[1]), n)
+        except RattleError:
+            continue
+        near = float(np.hypot(wrapped(orbit.tau - state[0]), (orbit.v - state[1]) / unit))
+        if orbit.admissible and not orbit.stable and (best is None or near < TWICE * best[1]):
+            best = orbit, near
+    return best

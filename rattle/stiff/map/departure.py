@@ -1,0 +1,27 @@
+"""From any state of the motion to where its next contact with Σ⁺ ends."""
+
+import math
+
+from rattle.errors import RattleError
+from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
+from rattle.flight.law import folded
+from rattle.stiff.map.flow import GAP, MOST_PIECES, QUIET, departs, piece
+
+
+def departure(
+    delta: float, epsilon: float, beta: float, kappa: float, tau: float, position: float, velocity: float
+) -> tuple[float, float]:
+    """See `rattle.stiff.StiffGear.departure`; tau ∈ [0, 1)."""
+    wall, x, w = GAP, position, velocity
+    if abs(position) >= beta:
+        wall, x = (SIGMA_PLUS if position > 0.0 else SIGMA_MINUS), abs(position) - beta
+    for _ in range(MOST_PIECES):
+        if wall == SIGMA_PLUS and departs(wall, tau, x, w, delta, epsilon):
+            return float(tau), float(-w)
+        status, time, wall, x, w, *_ = piece(wall, tau, x, w, delta, epsilon, beta, kappa, math.inf)
+        if status == QUIET:
+            return float(tau), 0.0
+        if status != OK:
+            break
+        tau = folded(tau + time)
+    raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")

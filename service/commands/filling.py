@@ -1,0 +1,112 @@
+"""What the commands that fill a store have in common: compute what is missing of it, here or on a cluster."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+    from workers import AnyRequest, SurveyRequest, TileRecord
+    from workers.kinds import AnyTile
+
+INTERRUPTED = 130
+PROCESSES = 2
+MAX_MESSAGES = 10
+
+
+def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
+    """Create or resume the store of a request, compute what is missing of it, and finish it."""
+    import workers as survey
+    from service.commands.progress import compiling_told
+    from service.commands.signals import stop_requested
+
+    survey.create_store(request, out)
+    done = survey.tiles_done(request, out)
+    missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
+    if missing or (isinstance(request, survey.SurveyRequest) and survey.lacks_families(request, out)):
+        with stop_requested() as stop, compiling_told():
+            try:
+                short = survey.is_short(request, sum(tile.n_cells for tile in missing) or request.n_cells)
+                here = short and not (scheduler or workers)
+                cluster = nullcontext() if here else _started(request, scheduler, workers or PROCESSES, stop.is_set)
+                _compute(request, out, missing, cluster, stop.is_set)
+            except survey.SurveyError:
+                if not stop.is_set():  # otherwise the stop is what ended the cluster
+                    raise
+            if stop.is_set():
+                typer.echo(f"Stopped. {out} keeps every finished tile; the same command resumes it.", err=True)
+                raise typer.Exit(INTERRUPTED)
+    else:
+        typer.echo(f"{out} is complete.")
+    survey.finish_store(out)
+
+
+def _started(
+    request: AnyRequest, scheduler: str | None, workers: int, should_stop: Callable[[], bool]
+) -> AbstractContextManager[Client]:
+    """The cluster, and a word to whoever waits for it."""
+    import rattle
+    from workers import connect, embedded_cluster
+
+    if scheduler:
+        return connect(scheduler)
+    typer.echo(f"Starting {workers} process{'es' if workers > 1 else ''} …", err=True)
+    # Kernels that are not there yet are compiled once for all: here too, where it is told.
+    threading.Thread(target=rattle.warm_up, args=(request.kappa,), name="kernels", daemon=True).start()
+    return embedded_cluster(workers, should_stop=should_stop)
+
+
+def _compute(
+    request: AnyRequest,
+    out: str,
+    missing: list[AnyTile],
+    cluster: AbstractContextManager[Client | None],
+    should_stop: Callable[[], bool],
+) -> None:
+    import workers as survey
+    from service.commands.progress import reporter
+    from workers.kinds import place_of_cell
+
+    todo = sum(tile.n_cells for tile in missing)
+    done = before = request.n_cells - todo
+    failed: list[tuple[int, int, str]] = []
+    what = "gears" if isinstance(request, survey.PopulationRequest) else "cells"
+    with cluster as client, reporter(request.n_cells, before, what) as progress:
+
+        def on_tile(record: TileRecord) -> None:
+            nonlocal done
+            done += record.cells
+            failed.extend(record.failed_cells)
+            progress.show(done)
+
+        began = time.monotonic()
+        if client is None:
+            survey.run_tiles_here(request, out, missing, on_tile, should_stop)
+        else:
+            survey.run_tiles(request, out, missing, client, on_tile, should_stop)
+        seconds = time.monotonic() - began
+        if not should_stop() and isinstance(request, survey.SurveyRequest) and survey.lacks_families(request, out):
+            _join(request, out, client, should_stop)
+    if missing:
+        typer.echo(f"{done - before} {what} in {seconds:.1f} s: {(done - before) / seconds:.1f} {what}/s")
+    for i, j, message in failed[:MAX_MESSAGES]:
+        where = ", ".join(f"{axis}[{number}]" for axis, number in place_of_cell(request, i, j).items())
+        typer.echo(f"failed: {where}: {message}", err=True)
+
+
+def _join(request: SurveyRequest, out: str, client: Client | None, should_stop: Callable[[], bool]) -> None:
+    import workers as survey
+
+    typer.echo("Joining the attractors to families …", err=True)
+    if client is None:
+        with survey.place_of(out).writing():
+            survey.join_survey(request, out)
+    else:
+        survey.join_on(client, request, out, should_stop)

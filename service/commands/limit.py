@@ -1,0 +1,102 @@
+"""``rattle limit``: how far one number of a gear may go."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from service.commands import options
+from service.commands.gear_numbers import with_numbers
+
+if TYPE_CHECKING:
+    from rattle.populations.limit import Limit
+
+#: The unit of a machine's number, and how many of it its SI unit is.
+UNITS = {"eccentricity": (" µm", 1e6), "backlash": (" µm", 1e6), "rpm": (" rpm", 1.0), "drag": (" N m s/rad", 1.0)}
+MOST_VALUES = 1000
+
+
+@with_numbers
+def limit(
+    numbers: dict[str, str],
+    of: Annotated[
+        str,
+        typer.Argument(
+            metavar="NUMBER", help="eccentricity, backlash, rpm or drag of a machine; epsilon, beta or delta."
+        ),
+    ],
+    share: Annotated[float, typer.Option(help="Least probability of quiet running.")] = 0.99,
+    over: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME=START:STOP:NUM", help="The limit as a curve over another number.", show_default=False
+        ),
+    ] = None,
+    between: Annotated[
+        str | None,
+        typer.Option(metavar="LOW:HIGH", help="Values that are looked at.", show_default="to where nothing is quiet"),
+    ] = None,
+    count: Annotated[int, typer.Option(help="Initial conditions.")] = 2048,
+    budget: options.Budget = None,
+    seed: options.Seed = 0,
+) -> None:
+    """Print up to which value of a number a gear runs quietly often enough: the largest eccentricity, backlash or
+    speed, the least drag.
+
+    The other numbers are options: delta, epsilon and beta, or a machine's.
+    """
+    from rattle.attractors.classify import BUDGET
+    from rattle.populations.limit import design_limit, design_limits
+    from service.commands.progress import compiling_told
+
+    given: dict[str, Any] = {name: text if name == "drive" else _number(name, text) for name, text in numbers.items()}
+    asked: dict[str, Any] = {"between": None if between is None else _pair(between)}
+    asked |= {"count": count, "seed": seed, "budget": BUDGET if budget is None else budget}
+    with compiling_told():
+        if over is None:
+            at = f" at {given['rpm']:g} rpm" if "rpm" in given and of != "rpm" else ""
+            typer.echo(_words(of, share, design_limit(given, of, share, **asked), at))
+            return
+        name, values = _axis(over)
+        for value in values:
+            (found,) = design_limits(given, of, name, [value], share, **asked)
+            typer.echo(f"{name} {value:.6g}: {_words(of, share, found)}")
+
+
+def _words(of: str, share: float, found: Limit, at: str = "") -> str:
+    """A limit in a line."""
+    from rattle.populations.limit import SAFE_IF_SMALL
+
+    unit, scale = UNITS.get(of, ("", 1.0))
+    if math.isnan(found.value):
+        return f"no limit of {of} between the values that were looked at: see --between"
+    way = "up to" if SAFE_IF_SMALL[of] else "down to"
+    value, low, high = (f"{scale * x:.4g}" for x in found)
+    return f"{of} {way} {value}{unit} [{low}, {high}]{at} for P(quiet) of {share:g} at least"
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(f"--{name} must be one number here, got {text!r}") from None
+
+
+def _pair(text: str) -> tuple[float, float]:
+    try:
+        low, high = (float(part) for part in text.split(":"))
+    except ValueError:
+        raise typer.BadParameter(f"between {text!r}: write LOW:HIGH, such as 1e-6:50e-6") from None
+    return low, high
+
+
+def _axis(text: str) -> tuple[str, list[float]]:
+    from workers import Axis
+
+    name, _, axis = text.partition("=")
+    values = Axis.parse(axis)
+    if values.num > MOST_VALUES:
+        raise typer.BadParameter(f"{values.num} values, at most {MOST_VALUES}: lower NUM")
+    return name, values.values().tolist()

@@ -1,0 +1,194 @@
+"""``rattle tolerance``: what the tolerances of a gear make of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from service.commands import options
+from service.commands.filling import fill
+from service.commands.gear_numbers import with_numbers
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from rattle import Estimate, Population
+    from workers import PopulationRequest
+
+WIDTH = 140  # numbers are never cut, whatever the terminal
+
+
+@with_numbers
+def tolerance(
+    numbers: dict[str, str],
+    out: Annotated[
+        str, typer.Option(metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.")
+    ],
+    measured: Annotated[
+        Path | None,
+        typer.Option(metavar="CSV", help="Measured gears: a column for each number that varies, a row for each gear."),
+    ] = None,
+    correlation: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME:NAME:NUMBER", help="Correlation of two numbers; repeatable.", show_default="none"),
+    ] = None,
+    gears: Annotated[int, typer.Option(help="Gears of the population.")] = 4096,
+    count: Annotated[int, typer.Option(help="States that each gear begins from.")] = 16,
+    share: Annotated[
+        float | None, typer.Option(help="A gear passes if it runs quietly with this probability at least.")
+    ] = None,
+    margin: Annotated[
+        float | None,
+        typer.Option(help="A gear passes if no impact up to this speed ends quiet running; m/s of a machine."),
+    ] = None,
+    judged: Annotated[int, typer.Option(help="Gears that are asked whether they pass.")] = 256,
+    shock_speed: Annotated[
+        str | None, typer.Option(metavar="NUMBER|DISTRIBUTION", help="Begin with a knock of this speed.")
+    ] = None,
+    shock_phase: Annotated[
+        str | None, typer.Option(metavar="NUMBER|DISTRIBUTION", help="Its phase.", show_default="any")
+    ] = None,
+    pairs: Annotated[int, typer.Option(help="Gears with others that share numbers, for Sobol indices.")] = 1024,
+    seed: options.Seed = 0,
+    budget: options.Budget = None,
+    name: options.Name = "",
+    tile: Annotated[int | None, typer.Option(help="Gears of one tile, a task and a chunk.")] = None,
+    workers: options.Workers = None,
+    scheduler: options.Scheduler = None,
+) -> None:
+    """Compute a population of gears, write it to PATH, and print what follows from it.
+
+    A number that varies is normal:MEAN:DEVIATION[:LOW[:HIGH]], uniform:LOW:HIGH, triangular:LOW:MODE:HIGH or
+    lognormal:MEDIAN:DEVIATION. The same command resumes an interrupted population; the numbers are the same to the last
+    bit.
+    """
+    shock = {"speed": shock_speed, "phase": shock_phase}
+    asked: dict[str, Any] = {"gears": gears, "count": count, "share": share, "margin": margin, "judged": judged}
+    asked |= {"pairs": pairs, "seed": seed, "name": name, "tile": tile}
+    asked |= {} if budget is None else {"budget": budget}
+    request = _request(numbers, measured, correlation or [], shock, asked)
+    fill(request, out, scheduler, workers)
+
+    from workers.answers import population_of
+
+    _print(population_of(out))
+
+
+def _request(
+    numbers: dict[str, str],
+    measured: Path | None,
+    pairs: list[str],
+    shock: dict[str, str | None],
+    asked: dict[str, Any],
+) -> PopulationRequest:
+    """The request that these options describe; typer.BadParameter names the option that is wrong."""
+    from pydantic import ValidationError
+
+    import rattle
+    from rattle.populations.distributions import distribution_of
+    from rattle.populations.tolerances import Tolerances
+    from workers import PopulationRequest
+    from workers.populations.numbers import described
+
+    def read(text: str) -> Any:
+        try:
+            return float(text)
+        except ValueError:
+            return described(distribution_of(text))
+
+    try:
+        gear: dict[str, Any] = {name: text if name == "drive" else read(text) for name, text in numbers.items()}
+        matrix = None
+        if measured is not None:
+            found, matrix = rattle.read_gears(measured)
+            if both := sorted(found.keys() & gear.keys()):
+                raise typer.BadParameter(
+                    f"{' and '.join(both)} of {measured} and of the command line: give one of both"
+                )
+            varying = [name for name, value in gear.items() if isinstance(value, dict)]
+            if varying or pairs:
+                raise typer.BadParameter(f"what varies is in {measured}: give plain numbers for all else")
+            gear |= {name: described(each) for name, each in found.items()}
+        elif pairs:
+            matrix = _matrix(Tolerances({**numbers}).names, pairs)
+        given = {name: read(text) for name, text in shock.items() if text is not None}
+        if given and "speed" not in given:
+            raise typer.BadParameter("a shock needs --shock-speed")
+        rows = None if matrix is None else tuple(map(tuple, matrix.tolist()))
+        fields = {"gear": gear, "correlation": rows, "shock": given or None, **asked}
+        return PopulationRequest.model_validate(fields)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        message = first["msg"].removeprefix("Value error, ")
+        raise typer.BadParameter(f"{where}: {message}" if where else message) from error
+    except rattle.RattleError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+def _matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
+    """The matrix of these correlations."""
+    import numpy as np
+
+    matrix = np.eye(len(names))
+    for text in pairs:
+        try:
+            first, second, number = text.split(":")
+            i, j = names.index(first), names.index(second)
+            matrix[i, j] = matrix[j, i] = float(number)
+        except ValueError:
+            known = ", ".join(names)
+            raise typer.BadParameter(
+                f"correlation {text!r}: write NAME:NAME:NUMBER, with two of what varies ({known})"
+            ) from None
+    return matrix
+
+
+def _print(found: Population) -> None:
+    """What follows from a population, in words and tables."""
+    from rich.console import Console
+
+    from rattle import RattleError
+    from rattle.populations.tolerances import is_machine
+
+    console = Console(highlight=False, markup=False, width=WIDTH)
+    console.print(f"{found.plan.gears} gears, {found.plan.count} starts each; in brackets 95 % intervals")
+    console.print(f"runs quietly with a probability of {_words(found.quiet)}, {100 * found.undecided:.2g} % undecided")
+    if found.passing is not None:
+        console.print(f"passes: {_words(found.passing)} of all gears")
+    if found.undecided < 1.0:
+        of = "W" if is_machine(found.plan.tolerances.given) else "energy per revolution"
+        console.print(f"impacts hand over ({of}):")
+        for share, each in found.intensity().items():
+            console.print(f"  {100 * share:g} % of all are below {_words(each)}")
+    for of, what in (("quiet", "whether a gear runs quietly"), ("energy", "how hard it rattles")):
+        try:
+            console.print(_indices(found, of, what))
+        except RattleError as error:
+            console.print(f"What decides {what}: {error}")
+    console.print(_worst(found))
+
+
+def _words(found: Estimate) -> str:
+    return f"{found.value:.4g} [{found.low:.4g}, {found.high:.4g}]"
+
+
+def _indices(found: Population, of: str, what: str) -> Table:
+    from rich.table import Table
+
+    table = Table(f"what decides {what}", "alone", "with others", box=None)
+    for name, each in found.indices(of).items():
+        table.add_row(name, _words(each.first), _words(each.total))
+    return table
+
+
+def _worst(found: Population) -> Table:
+    from rich.table import Table
+
+    table = Table("worst gears", *found.names, "quiet", "energy or W", box=None)
+    for each in found.worst():
+        values = (f"{x:.6g}" for x in each.numbers.values())
+        table.add_row(str(each.row), *values, f"{each.quiet:.3f}", f"{each.energy:.4g}")
+    return table

@@ -1,0 +1,132 @@
+"""Design limits: how far one number of a gear may go."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Depends, Query
+from pydantic import BaseModel, Field
+
+from rattle import ParameterError
+from rattle.attractors.classify import BUDGET
+from rattle.models import Model
+from rattle.populations.limit import Limit, design_limit, design_limits
+from rattle.populations.plan import MOST_SHARE
+from service.kernels import Part
+from service.operations.points import number
+from service.operations.turns import in_turn
+from service.routes.model.machine import DRAG, DRIVE, ECCENTRICITY, INERTIA, LINE, STIFFNESS, positive
+from service.routes.model.points import MostImpacts, SampleSeed, require_few
+from service.state import FrontState
+from service.web.conditional import NOT_MODIFIED, function_of_query
+from service.web.problems import declared
+from workers.survey.request import MOST_STIFF
+
+router = APIRouter(prefix="/v1", tags=["points"])
+
+MOST_VALUES = 16
+Wanted = Literal["epsilon", "delta", "beta", "eccentricity", "drag", "backlash", "rpm"]
+
+
+class LimitDocument(BaseModel):
+    """A limit with its 95 % interval, in the unit of what was asked for; null: not between the values looked at."""
+
+    at: float | None = Field(description="of the number that it is a curve over; null without one")
+    value: float | None
+    low: float | None
+    high: float | None
+
+
+class Limits(BaseModel):
+    """Until where gears run quietly with a probability of `share` at least."""
+
+    of: Wanted
+    share: float
+    count: int
+    limits: list[LimitDocument]
+
+
+async def numbers_of_query(
+    delta: Annotated[float | None, positive("damping", 0.6)] = None,
+    epsilon: Annotated[float | None, positive("eccentricity", zero=True)] = None,
+    beta: Annotated[float | None, positive("half-backlash, by default 0.6")] = None,
+    kappa: Annotated[
+        float | None,
+        Query(gt=0, le=MOST_STIFF, allow_inf_nan=False, description="of the walls: the stiff model; else impacting"),
+    ] = None,
+    inertia: Annotated[float | None, positive(f"a machine instead: {INERTIA}")] = None,
+    drag: Annotated[float | None, positive(DRAG)] = None,
+    backlash: Annotated[float | None, positive(LINE)] = None,
+    eccentricity: Annotated[float | None, positive(ECCENTRICITY, zero=True)] = None,
+    radius: Annotated[float | None, positive("m, of the base circle")] = None,
+    rpm: Annotated[float | None, positive("revolutions per minute")] = None,
+    drive: Annotated[Literal["torque", "speed"] | None, Query(description=DRIVE)] = None,
+    stiffness: Annotated[float | None, positive(STIFFNESS)] = None,
+) -> dict[str, Any]:
+    """The numbers of the query that are given."""
+    return {name: value for name, value in locals().items() if value is not None}
+
+
+@router.get(
+    "/limits",
+    summary="How far one number of a gear may go until it does not run quietly often enough",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
+async def limits(
+    front: FrontState,
+    given: Annotated[dict[str, Any], Depends(numbers_of_query)],
+    of: Annotated[Wanted, Query(description="what the limit is of; it need not be given", examples=["epsilon"])],
+    share: Annotated[
+        float, Query(gt=0, le=MOST_SHARE, description="least probability of quiet running", examples=[0.8])
+    ] = 0.99,
+    over: Annotated[Wanted | None, Query(description="what it is a curve over")] = None,
+    values: Annotated[
+        list[Annotated[float, Field(gt=0, allow_inf_nan=False)]] | None,
+        Query(max_length=MOST_VALUES, description="of that, each a parameter of its own"),
+    ] = None,
+    low: Annotated[float | None, positive("least value that is looked at", zero=True)] = None,
+    high: Annotated[float | None, positive("largest value that is looked at")] = None,
+    count: Annotated[int, Query(ge=1, description="initial conditions", examples=[64])] = 1024,
+    budget: MostImpacts = BUDGET,
+    seed: SampleSeed = 0,
+) -> Limits:
+    """The largest eccentricity, backlash or speed, or the least damping or drag, at which and on whose safe side
+    everywhere a gear runs quietly with this probability. In metres and rpm of a machine.
+    """
+    require_few(front, count)
+    if (over is None) != (values is None) or (low is None) != (high is None):
+        raise ParameterError("give over with values, and low with high, or neither of both")
+    between = None if low is None or high is None else (low, high)
+    found = await in_turn(
+        front,
+        found_limits,
+        *(given, of, share, over, values, between, count, seed, budget),
+        needs=(Model.IMPACTING if not {"kappa", "stiffness"} & given.keys() else Model.STIFF, Part.ATTRACTORS),
+        what="The limits",
+        advice="Ask for fewer initial conditions (count), fewer values, or use the command rattle limit.",
+    )
+    at: list[float | None] = [*values] if values else [None]
+    return Limits(of=of, share=share, count=count, limits=[_document(*each) for each in zip(at, found, strict=True)])
+
+
+def found_limits(
+    given: dict[str, Any],
+    of: str,
+    share: float,
+    over: str | None,
+    values: list[float] | None,
+    between: tuple[float, float] | None,
+    count: int,
+    seed: int,
+    budget: int,
+) -> list[Limit]:
+    """The limits that are asked for."""
+    asked: dict[str, Any] = {"between": between, "count": count, "seed": seed, "budget": budget}
+    if over is None:
+        return [design_limit(given, of, share, **asked)]
+    return design_limits(given, of, over, values or (), share, **asked)
+
+
+def _document(at: float | None, found: Limit) -> LimitDocument:
+    return LimitDocument(at=at, **{name: number(value) for name, value in found._asdict().items()})

@@ -1,0 +1,74 @@
+"""Which attractors given states of one parameter point go to."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Query
+from pydantic import Field
+
+from rattle.models import model_at
+from service.errors import LimitError
+from service.kernels import Part
+from service.operations.turns import in_turn
+from service.routes.model.machine import PlaceQuery
+from service.routes.model.points import AttractorDocument, Point, attractor_document, point_document
+from service.state import FrontState
+from service.web.conditional import NOT_MODIFIED, function_of_query
+from service.web.problems import declared
+
+router = APIRouter(prefix="/v1", tags=["points"])
+
+MOST_STATES = 100  # in one URL
+Phase = Annotated[float, Field(allow_inf_nan=False)]
+Speed = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class Reached(Point):
+    """Where states of one parameter point go."""
+
+    attractors: list[AttractorDocument] = Field(description="by falling share of these states")
+    which: list[int] = Field(description="for each state, the number of its attractor in this list, from 0")
+    impacts: list[int] = Field(description="on the positive wall until that was certain; -1: chaotic or undecided")
+
+
+@router.get(
+    "/reached",
+    summary="Which attractors given states go to",
+    dependencies=[Depends(function_of_query)],
+    responses={**NOT_MODIFIED, **declared(422)},
+)
+async def reached(
+    front: FrontState,
+    place: PlaceQuery,
+    tau: Annotated[
+        list[Phase],
+        Query(min_length=1, max_length=MOST_STATES, description="phases of departures", examples=[[0.2, 0.79]]),
+    ],
+    v: Annotated[
+        list[Speed],
+        Query(
+            min_length=1, max_length=MOST_STATES, description="their speeds, one each or one", examples=[[0.1, 3.77]]
+        ),
+    ],
+) -> Reached:
+    """tau and v are repeated, once for each state. Of a point, or of a machine in SI units."""
+    limit = front.settings.max_point_count
+    if max(len(tau), len(v)) > limit:
+        raise LimitError("query.tau", f"there may be at most {limit} states here; use the library.")
+    gear = place.gear
+    found = await in_turn(
+        front,
+        gear.reached,
+        tau,
+        v,
+        needs=(model_at(gear).name, Part.ATTRACTORS),
+        what="The ends of the states",
+        advice="Ask for fewer states.",
+    )
+    return Reached(
+        **point_document(gear),
+        attractors=[attractor_document(item) for item in found.attractors],
+        which=found.which.tolist(),
+        impacts=found.impacts.tolist(),
+    )

@@ -1,0 +1,135 @@
+"""What the service answers: the documents of a population."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, Field
+
+from rattle import RattleError
+from rattle.populations.answers import Estimate, Population
+from service.database.tables import JobRow, Kind
+from service.operations.points import number
+from service.routes.documents import Standing, path_of, request_shown, standing
+
+
+class PopulationLinks(BaseModel):
+    """Paths of everything that belongs to a population."""
+
+    self: str
+    events: str
+    store: str
+    answers: str
+
+
+class PopulationDocument(Standing):
+    """A population: where it stands, what was asked, where its results are. Its cells are gears."""
+
+    links: PopulationLinks
+
+    @classmethod
+    def of(cls, job: JobRow) -> PopulationDocument:
+        return cls(**standing(job), links=_links(job))
+
+
+class PopulationDetail(PopulationDocument):
+    """A population with its request and the messages of its failed gears."""
+
+    request: dict[str, Any] = Field(description="empty if the job database holds none that can be read")
+    failures: list[dict[str, Any]] = Field(description="the first 100 failed gears: row and message")
+
+    @classmethod
+    def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> PopulationDetail:
+        return cls(**standing(job), links=_links(job), request=request_shown(job), failures=failures)
+
+
+class PopulationList(BaseModel):
+    """One page of populations, newest first."""
+
+    populations: list[PopulationDocument]
+    count: int = Field(description="populations in all")
+    next: str | None = Field(description="`cursor` of the next page, null on the last")
+
+
+class EstimateDocument(BaseModel):
+    """What a population will cost once it runs."""
+
+    seconds: float
+    workers: int
+    basis: str = Field(description="what that rests on")
+
+
+class Interval(BaseModel):
+    """A number with its 95 % interval; null: an end that no gear reaches."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+
+    @classmethod
+    def of(cls, found: Estimate) -> Interval:
+        return cls(**{name: number(value) for name, value in found._asdict().items()})
+
+
+class IndexDocument(BaseModel):
+    """Sobol indices of one number: the share of the variance that it makes alone, and with all others."""
+
+    first: Interval
+    total: Interval
+
+
+class WorstDocument(BaseModel):
+    """A gear of the population."""
+
+    row: int
+    numbers: dict[str, float]
+    quiet: float = Field(description="share of quiet runs")
+    energy: float | None = Field(description="mean energy per revolution; of a machine W")
+
+
+class Answers(BaseModel):
+    """What follows from a population, with 95 % intervals."""
+
+    gears: int
+    count: int
+    quiet: Interval = Field(description="probability that a gear runs quietly")
+    undecided: float = Field(description="share of samples that no attractor could be told for")
+    passing: Interval | None = Field(description="yield: share of gears that pass; null if that was not asked")
+    intensity: dict[str, Interval] | None = Field(
+        description="quantiles of Σv²/2 per revolution, of a machine of the power in W; null if nothing is decided"
+    )
+    quiet_indices: dict[str, IndexDocument] | None = Field(description="of the share of quiet runs; null: not told")
+    energy_indices: dict[str, IndexDocument] | None = Field(description="of the mean energy; null: not told")
+    worst: list[WorstDocument]
+
+
+def answers_document(found: Population) -> Answers:
+    """What follows from a population, as the service answers it."""
+    intensity = {} if found.undecided == 1.0 else found.intensity()
+    return Answers(
+        gears=found.plan.gears,
+        count=found.plan.count,
+        quiet=Interval.of(found.quiet),
+        undecided=found.undecided,
+        passing=None if found.passing is None else Interval.of(found.passing),
+        intensity={str(q): Interval.of(each) for q, each in intensity.items()} or None,
+        quiet_indices=_indices(found, "quiet"),
+        energy_indices=_indices(found, "energy"),
+        worst=[WorstDocument(**each._asdict() | {"energy": number(each.energy)}) for each in found.worst()],
+    )
+
+
+def _indices(found: Population, of: str) -> dict[str, IndexDocument] | None:
+    try:
+        indices = found.indices(of)
+    except RattleError:  # the gears do not differ by more than their samples do
+        return None
+    return {
+        name: IndexDocument(first=Interval.of(each.first), total=Interval.of(each.total))
+        for name, each in indices.items()
+    }
+
+
+def _links(job: JobRow) -> PopulationLinks:
+    here = path_of(job.id, Kind.POPULATION)
+    return PopulationLinks(self=here, events=f"{here}/events", store=f"{here}/store", answers=f"{here}/answers")

@@ -1,0 +1,214 @@
+"""Submit, list, show and remove populations of gears, and what follows from them."""
+
+from __future__ import annotations
+
+from pathlib import Path as FilePath
+from typing import Annotated
+
+import anyio
+from fastapi import APIRouter, Body, Depends, Header, Path, Query, Request, Response
+from sse_starlette import EventSourceResponse
+from starlette.concurrency import run_in_threadpool
+
+from service.access.middleware import CallerState
+from service.database.tables import JobRow, Kind, State
+from service.errors import MissingError
+from service.operations.estimate import estimate
+from service.operations.surveys import remove_survey, require_owner, submit_survey
+from service.routes.documents import path_of
+from service.routes.events import LARGEST_ID, stream
+from service.routes.population_documents import (
+    Answers,
+    EstimateDocument,
+    PopulationDetail,
+    PopulationDocument,
+    PopulationList,
+    answers_document,
+)
+from service.routes.store import FILES, stored_file
+from service.routes.surveys import LARGEST_NUMBER, MAX_FAILURES, RETRY_SECONDS, require_json
+from service.state import Front, FrontState
+from service.web import examples
+from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, json_answer, picture_tag
+from service.web.problems import declared
+from workers import Bucket, PopulationRequest
+
+router = APIRouter(prefix="/v1/populations", tags=["populations"])
+estimates = APIRouter(prefix="/v1", tags=["populations"])
+
+KIND = Kind.POPULATION
+PopulationId = Annotated[
+    str, Path(description="id of a population, from the answer to its submission", examples=[examples.POPULATION_ID])
+]
+PopulationBody = Annotated[PopulationRequest, Body(examples=[examples.POPULATION_REQUEST])]
+IdempotencyKey = Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")]
+
+
+@router.post(
+    "",
+    status_code=202,
+    summary="Submit a population of gears",
+    dependencies=[Depends(require_json)],
+    responses={
+        200: {"description": "an identical population has ended", "model": PopulationDetail},
+        202: {"description": "accepted, or an identical population that waits or runs"},
+        **declared(409, 415, 422, 429),
+    },
+)
+def submit_population(
+    front: FrontState,
+    caller: CallerState,
+    response: Response,
+    body: PopulationBody,
+    idempotency_key: IdempotencyKey = None,
+    force: Annotated[bool, Query(description="compute it although an identical population is there")] = False,
+) -> PopulationDetail:
+    """Accept a population and compute it in the background as a survey is: `POST /v1/surveys` says what identical ones
+    and idempotency keys are answered with.
+    """
+    job = submit_survey(front, caller, body, idempotency_key, force)
+    response.headers["Location"] = path_of(job.id, KIND)
+    if State(job.state).final:
+        response.status_code = 200
+    else:
+        response.headers["Retry-After"] = RETRY_SECONDS
+    return _detail(front, job)
+
+
+@estimates.post(
+    "/estimate",
+    summary="What a population will cost",
+    dependencies=[Depends(require_json)],
+    responses=declared(415, 422),
+)
+async def estimate_population(front: FrontState, body: PopulationBody) -> EstimateDocument:
+    """Seconds, measured on a few of its gears."""
+    found = await estimate(front, body)
+    return EstimateDocument(seconds=found.seconds, workers=found.workers, basis=found.basis)
+
+
+@router.get(
+    "",
+    summary="List the populations, newest first",
+    response_model=PopulationList,
+    responses={**NOT_MODIFIED, **declared(422)},
+)
+def list_populations(
+    request: Request,
+    front: FrontState,
+    limit: Annotated[int, Query(ge=1, le=500, description="populations per page")] = 50,
+    cursor: Annotated[
+        int | None, Query(ge=1, le=LARGEST_NUMBER, description="`next` of the page before; nothing for the first")
+    ] = None,
+) -> Response:
+    jobs, count = front.database.jobs(limit + 1, before=cursor, kind=KIND)
+    page = jobs[:limit]
+    following = str(page[-1].number) if len(jobs) > limit else None
+    shown = [PopulationDocument.of(job) for job in page]
+    return json_answer(request, PopulationList(populations=shown, count=count, next=following))
+
+
+@router.get(
+    "/{population_id}",
+    summary="Show a population",
+    response_model=PopulationDetail,
+    responses={**NOT_MODIFIED, **declared(404, 422)},
+)
+def show_population(request: Request, front: FrontState, population_id: PopulationId) -> Response:
+    job = front.database.job(population_id, KIND)
+    return json_answer(request, _detail(front, job), job.finished)
+
+
+@router.post(
+    "/{population_id}/verify",
+    status_code=202,
+    summary="Check every tile of a population, and compute again what is damaged or missing",
+    responses=declared(404, 409, 422, 429),
+)
+def verify_population(
+    front: FrontState, caller: CallerState, response: Response, population_id: PopulationId
+) -> PopulationDetail:
+    """As `POST /v1/surveys/{survey_id}/verify`."""
+    require_owner(front, caller, population_id, KIND)
+    job = front.manager.verify(population_id, caller.owner, front.settings.max_jobs)
+    response.headers["Location"] = path_of(job.id, KIND)
+    response.headers["Retry-After"] = RETRY_SECONDS
+    return _detail(front, job)
+
+
+@router.delete(
+    "/{population_id}",
+    summary="Dismiss a population that waits or runs, delete one that has ended",
+    response_model=PopulationDetail,
+    responses={204: {"description": "deleted, with its store"}, **declared(404, 409, 422)},
+)
+def remove_population(
+    front: FrontState, caller: CallerState, population_id: PopulationId
+) -> Response | PopulationDetail:
+    """As `DELETE /v1/surveys/{survey_id}`."""
+    dismissed = remove_survey(front, caller, population_id, KIND)
+    return Response(status_code=204) if dismissed is None else _detail(front, dismissed)
+
+
+@router.get(
+    "/{population_id}/events",
+    summary="Follow a population",
+    response_class=EventSourceResponse,
+    responses={204: {"description": "the population has ended and every event was seen"}, **declared(404, 422)},
+)
+async def follow_population(
+    front: FrontState,
+    caller: CallerState,
+    population_id: PopulationId,
+    last_event_id: Annotated[
+        int, Header(ge=0, le=LARGEST_ID, description="id of the last event seen", examples=[0])
+    ] = 0,
+) -> Response:
+    """As `GET /v1/surveys/{survey_id}/events`."""
+    return await stream(front, caller, population_id, KIND, last_event_id)
+
+
+@router.get(
+    "/{population_id}/store/{key:path}",
+    summary="Read the zarr store of a population, also of a running one",
+    response_class=Response,
+    responses=FILES,
+)
+async def read_population(
+    front: FrontState,
+    population_id: PopulationId,
+    key: Annotated[str, Path(description="of the zarr store", examples=["zarr.json", "energy/c/0/0"])],
+    request: Request,
+) -> Response:
+    """Its variables are over `gear`; otherwise as `GET /v1/surveys/{survey_id}/store/{key}`."""
+    return await stored_file(front, population_id, KIND, key, request)
+
+
+@router.get(
+    "/{population_id}/answers",
+    summary="What follows from a population that has ended",
+    response_model=Answers,
+    responses={**NOT_MODIFIED, **declared(404, 422)},
+)
+async def answers(request: Request, front: FrontState, population_id: PopulationId) -> Response:
+    """Probability of quiet running, yield, quantiles of the intensity, Sobol indices and the worst gears."""
+    job, place = await run_in_threadpool(front.stored, population_id, KIND)
+    if job.state != State.SUCCESSFUL:
+        raise MissingError(f"Population {population_id} is {job.state}, and answers come with its last gear.")
+    headers = {"ETag": picture_tag(job.id, job.last_event, "answers"), "Cache-Control": REVALIDATE}
+    if is_known(request, headers):
+        return Response(status_code=304, headers=headers)
+    with front.interruptible():
+        body = await anyio.to_thread.run_sync(_answered, place, limiter=front.exports, abandon_on_cancel=True)
+    return Response(body, media_type="application/json", headers=headers)
+
+
+def _answered(place: FilePath | Bucket) -> str:
+    from workers.answers import population_of  # zarr
+
+    return answers_document(population_of(place)).model_dump_json()
+
+
+def _detail(front: Front, job: JobRow) -> PopulationDetail:
+    failures = front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
+    return PopulationDetail.with_failures(job, failures)

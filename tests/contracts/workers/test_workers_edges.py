@@ -1,0 +1,64 @@
+"""The edges of families lie on the curves that make or end their motions."""
+
+import numpy as np
+import pytest
+
+import rattle
+from rattle import curves
+from rattle.families.table import Families
+from workers.boundaries.edges import Edges, edges_of
+
+DELTA, EPSILON = np.linspace(0.55, 0.65, 19), np.linspace(0.05, 0.08, 23)
+WINDOW = (0.54, 0.66), (0.045, 0.085)
+
+
+@pytest.fixture(scope="module")
+def families() -> Families:
+    return rattle.families_of(DELTA, EPSILON, count=8)
+
+
+@pytest.fixture(scope="module")
+def edges(families: Families) -> Edges:
+    traced = {name: curves.trace(name, 0.6, *WINDOW) for name in curves.NAMES}
+    return edges_of(families, {name: (curve.delta, curve.epsilon, curve.piece) for name, curve in traced.items()})
+
+
+def pairs_of(inside: np.ndarray) -> int:
+    """Neighbours of which one is inside."""
+    return int((inside[1:] != inside[:-1]).sum() + (inside[:, 1:] != inside[:, :-1]).sum())
+
+
+def number_of(families: Families, label: tuple[int, int, int]) -> int:
+    labels = list(zip(families.table.m, families.table.n_plus, families.table.n_minus, strict=True))
+    return labels.index(label)
+
+
+def test_c_is_born_on_sn1_as_the_closed_form_says(families: Families, edges: Edges) -> None:
+    number, above = number_of(families, (1, 1, 0)), EPSILON[:, None] > rattle.sn1(DELTA)
+    assert edges.number[number] == pairs_of(above) > 20
+    assert dict(zip(edges.names, edges.on[number], strict=True)) == {
+        name: pairs_of(above) if name == "SN1" else 0 for name in curves.NAMES
+    }
+
+
+def test_d_is_born_on_sn2_and_lost_on_pd1(families: Families, edges: Edges) -> None:
+    number, found = number_of(families, (1, 1, 1)), rattle.period_one(DELTA, EPSILON[:, None])
+    on = dict(zip(edges.names, edges.on[number], strict=True))
+    assert edges.number[number] == pairs_of(found.stable[3]) == on["SN2"] + on["PD1"]
+    assert on["SN2"] == pairs_of(found.exists[3])
+    doubled = number_of(families, (2, 2, 2))
+    assert 0 < edges.on[doubled][edges.names.index("PD1")] <= on["PD1"]
+
+
+def test_chaos_is_on_no_curve_of_periodic_motions(families: Families, edges: Edges) -> None:
+    assert not edges.on[families.table.kind == rattle.KINDS.index("chaotic")].any()
+
+
+def test_cells_that_are_not_known_have_no_edges(families: Families) -> None:
+    """A cell that failed lists nothing: its neighbours' families do not end there."""
+    rows = families.attractors
+    middle = (EPSILON.size // 2) * DELTA.size + DELTA.size // 2
+    kept = rows.cell != middle
+    attractors = rattle.Attractors._make(x[kept] for x in rows)
+    without = Families(DELTA, EPSILON, 8, attractors, families.entered[kept], families.family[kept], families.table)
+    assert np.all(edges_of(without, {}).number <= edges_of(families, {}).number)

@@ -1,0 +1,26 @@
+"""The motions that a traced curve makes or ends."""
+
+from rattle import KINDS, curves
+
+QUIET, PERIODIC = (KINDS.index(kind) for kind in ("quiet", "periodic"))
+Label = tuple[int, int, int, int]  # kind, m, n₊, n₋
+QUIET_LABEL: Label = (QUIET, 0, 0, 0)
+
+
+def labels_of(name: str) -> frozenset[Label]:
+    """The attractors that a period-one curve makes or ends; the stiff gear's curves have the names of their limits."""
+    if name == curves.QUIET_LIMIT:
+        return frozenset({QUIET_LABEL})
+    definition = curves.CURVES[name]
+    return labels(definition.walls, 1, definition.impact, definition.kind == "PD")
+
+
+def labels(walls: tuple[int, ...], m: int, impact: int | None, flip: bool) -> frozenset[Label]:
+    """The motion itself, what it becomes without the impact that grazes, and doubled by a flip."""
+    plus, minus = walls.count(1), walls.count(-1)
+    found = {(PERIODIC, m, plus, minus)}
+    if impact is not None:
+        found.add((PERIODIC, m, plus - (walls[impact] > 0), minus - (walls[impact] < 0)))
+    if flip:
+        found.add((PERIODIC, 2 * m, 2 * plus, 2 * minus))
+    return frozenset(found)

@@ -1,0 +1,96 @@
+"""What can be computed tile by tile into a store: a survey or a population, by its request."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from types import ModuleType
+from typing import Any
+
+import zarr
+from zarr.core.buffer import Buffer
+
+from workers.errors import StorageError, SurveyError, storage_error
+from workers.populations import template as population_template
+from workers.populations import tiles as population_tiles
+from workers.populations.request import PopulationRequest
+from workers.populations.tiles import GearTile
+from workers.survey import template as survey_template
+from workers.survey import tiles as survey_tiles
+from workers.survey.request import SurveyRequest
+from workers.survey.template import Template
+from workers.survey.tiles import CellOutcome, Tile, TileArrays, TileRecord
+
+AnyRequest = SurveyRequest | PopulationRequest
+AnyTile = Tile | GearTile
+
+
+def request_of(document: Any) -> AnyRequest:
+    """Read the request that a job or a store holds. Raises ValidationError."""
+    kind = PopulationRequest if isinstance(document, dict) and "gear" in document else SurveyRequest
+    return kind.model_validate(document)
+
+
+def tiles_of(request: AnyRequest) -> list[Any]:
+    """Return the tiles that cover what is to be computed, in the order of their index."""
+    found: list[Any] = _tiles(request).tiles_of(request)
+    return found
+
+
+def compute_tile(
+    request: AnyRequest, tile: AnyTile, outcomes: Iterable[CellOutcome] | None = None
+) -> tuple[TileArrays, TileRecord]:
+    """Compute every variable of a tile: a pure function of the request and the tile's cells.
+
+    Args:
+        outcomes: of the cells, in their order, if they come from elsewhere.
+    """
+    found: tuple[TileArrays, TileRecord] = _tiles(request).compute_tile(request, tile, outcomes)
+    return found
+
+
+def cell_outcomes(
+    request: AnyRequest, tile: AnyTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
+) -> Iterator[CellOutcome]:
+    """Evaluate each cell of a tile alone from number `first`, so that one which fails is the only one lost."""
+    found: Iterator[CellOutcome] = _tiles(request).cell_outcomes(request, tile, first, failing)
+    return found
+
+
+def template_of(request: AnyRequest, created: str | None = None) -> Template:
+    """Return what the store consists of before its first tile; the date of its creation is now by default."""
+    found: Template = _template(request).template_of(request, created)
+    return found
+
+
+def blank(request: AnyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
+    """Return what tiles write to, in memory: where it is kept, the arrays, and the key of each variable's chunks."""
+    found: tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]] = _template(request).blank(request)
+    return found
+
+
+def described(request: AnyRequest, tile: AnyTile) -> str:
+    """Return how messages name a tile."""
+    return str(_tiles(request).described(request, tile))
+
+
+def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
+    """Return where a failed cell is: along the axes of the grid, or the row of the gear."""
+    return {"gear": j} if isinstance(request, PopulationRequest) else {"epsilon": i, "delta": j}
+
+
+def tile_error(request: AnyRequest, tile: AnyTile, error: BaseException) -> SurveyError:
+    """Return what a run raises for a tile that could not be computed or written."""
+    what = described(request, tile)
+    if isinstance(error, StorageError):
+        return StorageError(f"{what} cannot be written: {error}")
+    if isinstance(error, OSError):
+        return storage_error(f"{what} cannot be written", error)
+    return SurveyError(f"{what} failed: {type(error).__name__}: {error}")
+
+
+def _tiles(request: AnyRequest) -> ModuleType:
+    return population_tiles if isinstance(request, PopulationRequest) else survey_tiles
+
+
+def _template(request: AnyRequest) -> ModuleType:
+    return population_template if isinstance(request, PopulationRequest) else survey_template

@@ -1,0 +1,1 @@
+"""Populations of gears: their request, tiles and store."""

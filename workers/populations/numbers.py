@@ -1,0 +1,133 @@
+"""Numbers of a gear in a request: each one number or a distribution."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from rattle import LogNormal, Measured, Normal, Triangular, Uniform
+from rattle.populations.distributions import Distribution
+from workers.survey.axes import Real, Strict
+
+MOST_MEASURED = 10_000
+
+
+class NormalNumber(Strict):
+    """A normal distribution, cut off at low and high where these are given."""
+
+    distribution: Literal["normal"]
+    mean: Real
+    deviation: Real
+    low: Real | None = None
+    high: Real | None = None
+
+    @property
+    def meant(self) -> Distribution:
+        """As the library has it. Raises ParameterError, as for the others."""
+        ends = {name: value for name in ("low", "high") if (value := getattr(self, name)) is not None}
+        return Normal(self.mean, self.deviation, **ends)
+
+
+class UniformNumber(Strict):
+    """A uniform distribution."""
+
+    distribution: Literal["uniform"]
+    low: Real
+    high: Real
+
+    @property
+    def meant(self) -> Distribution:
+        """As the library has it."""
+        return Uniform(self.low, self.high)
+
+
+class TriangularNumber(Strict):
+    """A triangular distribution."""
+
+    distribution: Literal["triangular"]
+    low: Real
+    mode: Real
+    high: Real
+
+    @property
+    def meant(self) -> Distribution:
+        """As the library has it."""
+        return Triangular(self.low, self.mode, self.high)
+
+
+class LogNormalNumber(Strict):
+    """A log-normal distribution: deviation is that of the natural logarithm."""
+
+    distribution: Literal["lognormal"]
+    median: Real
+    deviation: Real
+
+    @property
+    def meant(self) -> Distribution:
+        """As the library has it."""
+        return LogNormal(self.median, self.deviation)
+
+
+class MeasuredNumber(Strict):
+    """What was measured on some gears."""
+
+    distribution: Literal["measured"]
+    values: Annotated[tuple[Real, ...], Field(min_length=2, max_length=MOST_MEASURED)]
+
+    @property
+    def meant(self) -> Distribution:
+        """As the library has it."""
+        return Measured(self.values)
+
+
+AnyDistribution = Annotated[
+    NormalNumber | UniformNumber | TriangularNumber | LogNormalNumber | MeasuredNumber,
+    Field(discriminator="distribution"),
+]
+Number = Real | AnyDistribution | None
+
+
+class GearNumbers(Strict):
+    """The numbers of a gear: delta, epsilon, beta and kappa, or those of a machine in SI units as `rattle.Machine` has
+    them, with rpm.
+    """
+
+    delta: Number = None
+    epsilon: Number = None
+    beta: Number = None
+    kappa: Number = None
+    inertia: Number = None
+    drag: Number = None
+    backlash: Number = None
+    eccentricity: Number = None
+    radius: Number = None
+    rpm: Number = None
+    stiffness: Number = None
+    drive: Literal["torque", "speed"] | None = None
+
+    @property
+    def meant(self) -> dict[str, Any]:
+        """What is given, as the library takes it. Raises ParameterError."""
+        given = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: meant(value) for name, value in given.items() if value is not None}
+
+
+def meant(value: Any) -> Any:
+    """A number, or the distribution that is meant. Raises ParameterError."""
+    return getattr(value, "meant", value)
+
+
+def described(value: Any) -> Any:
+    """A number as it is, a distribution as a request has it."""
+    match value:
+        case Normal():
+            ends = {name: end for name in ("low", "high") if abs(end := getattr(value, name)) != float("inf")}
+            return {"distribution": "normal", "mean": value.mean, "deviation": value.deviation, **ends}
+        case Uniform():
+            return {"distribution": "uniform", "low": value.low, "high": value.high}
+        case Triangular():
+            return {"distribution": "triangular", "low": value.low, "mode": value.mode, "high": value.high}
+        case LogNormal():
+            return {"distribution": "lognormal", "median": value.median, "deviation": value.deviation}
+        case Measured():
+            return {"distribution": "measured", "values": list(value.values)}
+    return value

@@ -1,0 +1,150 @@
+"""What a population is asked to be, validated before anything is computed or stored."""
+
+import json
+from functools import cached_property
+from hashlib import sha256
+from typing import Annotated, Self
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from rattle import Shock
+from rattle.attractors.classify import BUDGET, PERIODS, WATCH
+from rattle.attractors.table import LARGEST_BUDGET
+from rattle.models import Model
+from rattle.populations.plan import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Plan
+from rattle.populations.tolerances import Tolerances
+from workers.populations.numbers import AnyDistribution, GearNumbers, meant
+from workers.survey.axes import Real, Strict
+from workers.survey.request import DEFAULT_SAMPLES, LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES, STIFF_SAMPLES
+from workers.survey.values.schema import Group
+from workers.survey.version import code_version
+
+MAX_TILE_GEARS = 65_536
+FEWEST = 64  # gears of a default tile, where each is soon told
+LOOKED_AT = 64  # gears, for how long one takes
+
+
+class ShockGiven(Strict):
+    """A knock that parts resting teeth: its speed, m/s of a machine, and its phase, by default any."""
+
+    speed: Real | AnyDistribution
+    phase: Real | AnyDistribution | None = None
+
+
+class PopulationRequest(Strict):
+    """A population of gears: the body of `POST /v1/populations`; all but the gear has a default.
+
+    gear: its numbers, one or more of them a distribution. correlation: a matrix of those that vary, its rows in the
+    order of the fields of `gear`. gears: how many; count: states that each begins from; share, or margin: which gears
+    pass, by their share of quiet runs or by the margin of quiet running, of `judged` that are asked. pairs: gears with
+    others that share numbers, for Sobol indices. tile: gears of a task and a chunk.
+    """
+
+    name: Annotated[str, Field(max_length=200)] = ""
+    gear: GearNumbers
+    correlation: tuple[tuple[Real, ...], ...] | None = None
+    gears: Annotated[int, Field(strict=True, ge=2, le=MOST_GEARS)] = 4096
+    count: Annotated[int, Field(strict=True, ge=1, le=MOST_COUNT)] = 16
+    share: Annotated[Real, Field(gt=0, le=MOST_SHARE)] | None = None
+    margin: Annotated[Real, Field(gt=0)] | None = None
+    shock: ShockGiven | None = None
+    judged: Annotated[int, Field(strict=True, ge=1, le=MOST_GEARS)] = JUDGED
+    pairs: Annotated[int, Field(strict=True, ge=0, le=MOST_GEARS)] = PAIRS
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
+    budget: Annotated[int, Field(strict=True, ge=1, le=LARGEST_BUDGET)] = BUDGET
+    tile: Annotated[int, Field(strict=True, ge=1, le=MAX_TILE_GEARS)] | None = None
+
+    @field_validator("name")
+    @classmethod
+    def _printable(cls, name: str) -> str:
+        if not name.isprintable():
+            raise ValueError("the name holds characters that cannot be printed: remove them")
+        return name
+
+    @model_validator(mode="after")
+    def _meant(self) -> Self:
+        """What the library refuses is refused here: ParameterError is a ValueError."""
+        with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
+            size = self.tile_shape[0]
+        if size * self.count > MAX_TILE_SAMPLES:
+            raise ValueError(f"a tile may hold {MAX_TILE_SAMPLES} initial conditions: use a smaller tile")
+        if self.n_tiles > MAX_TILES:
+            raise ValueError(f"{self.n_tiles} tiles, at most {MAX_TILES}: use a larger tile or fewer gears")
+        return self
+
+    @cached_property
+    def plan(self) -> Plan:
+        """The question as the library takes it. Raises ParameterError."""
+        shock = None
+        if self.shock is not None:
+            phase = {} if self.shock.phase is None else {"phase": meant(self.shock.phase)}
+            shock = Shock(meant(self.shock.speed), **phase)
+        tolerances = Tolerances(self.gear.meant, self.correlation)
+        asked = self.gears, self.count, self.share, self.margin, shock, self.judged, self.pairs
+        return Plan(tolerances, *asked, self.seed, self.budget)
+
+    @property
+    def quantities(self) -> tuple[Group, ...]:
+        """Groups of a survey that it has: none."""
+        return ()
+
+    @property
+    def model(self) -> Model:
+        """Which of the models its gears are."""
+        return Model.IMPACTING if self.gear.kappa is None and self.gear.stiffness is None else Model.STIFF
+
+    @cached_property
+    def kappa(self) -> float | None:
+        """The stiffness of one of its gears."""
+        points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
+        return None if points.kappa is None else float(points.kappa[0])
+
+    @cached_property
+    def least_damping(self) -> float:
+        """The least damping of the first gears."""
+        few = self.plan.values(np.arange(min(LOOKED_AT, self.gears)))
+        return float(self.plan.tolerances.points(few).delta.min())
+
+    @property
+    def shape(self) -> tuple[int]:
+        """Rows: gears of all parts."""
+        return (self.plan.rows,)
+
+    @cached_property
+    def tile_shape(self) -> tuple[int]:
+        """Gears of a tile; the last one may be smaller."""
+        if self.tile is not None:
+            return (min(self.tile, self.plan.rows),)
+        samples = DEFAULT_SAMPLES if self.model is Model.IMPACTING else STIFF_SAMPLES
+        longer = max(1.0, WATCH / (PERIODS * self.least_damping))
+        each = -(-self.samples // self.n_cells)
+        most = max(int(samples / longer) // each, 1)
+        return (min(most, max(self.plan.rows // LEAST_TILES, FEWEST), self.plan.rows, MAX_TILE_GEARS),)
+
+    @property
+    def n_cells(self) -> int:
+        """Rows."""
+        return self.plan.rows
+
+    @property
+    def n_tiles(self) -> int:
+        """Tiles that cover the rows."""
+        return -(-self.n_cells // self.tile_shape[0])
+
+    @property
+    def tile_grid(self) -> tuple[int, int]:
+        """One row of tiles."""
+        return 1, self.n_tiles
+
+    @property
+    def samples(self) -> int:
+        """States that are followed at least, those of gears that are judged included."""
+        judging = self.plan.looks[-1] if self.share is not None else 0
+        return self.n_cells * self.count + self.plan.judging * judging
+
+    def content_hash(self) -> str:
+        """Return the hex SHA-256 of everything that decides the bytes of the store, code version included."""
+        content = self.model_dump(mode="json", exclude={"name", "tile"})
+        content |= {"tile": self.tile_shape, "code": code_version()}
+        return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

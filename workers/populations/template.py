@@ -1,0 +1,77 @@
+"""The empty store of a population: every array and attribute that it will ever have."""
+
+import json
+from typing import Any
+
+import zarr
+from zarr.core.buffer import Buffer
+from zarr.storage import MemoryStore
+
+from workers.populations.request import PopulationRequest
+from workers.populations.variables import SAMPLE, Variable, variables_of
+from workers.survey.seals import TILES
+from workers.survey.template import CODECS, WHOLE, Template, completed, create_checksums, now
+from workers.survey.values.quantities import DOI
+from workers.survey.version import code_version
+
+KIND = "population"
+
+
+def template_of(request: PopulationRequest, created: str | None = None) -> Template:
+    """Return what a population's store consists of before its first tile."""
+    kept: dict[str, Buffer] = {}
+    created = created or now()
+    root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_attributes(request, created))
+    variables = variables_of(request)
+    for variable in variables:
+        _create(root, request, variable)
+    chunks = _chunks(variables)
+    create_checksums(root, request.tile_grid, len(chunks))
+    return completed(kept, request, created, chunks)
+
+
+def blank(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
+    """Return what tiles write to, in memory, as `workers.survey.template.blank` does."""
+    kept: dict[str, Buffer] = {}
+    root = zarr.create_group(MemoryStore(kept), zarr_format=3)
+    variables = variables_of(request)
+    arrays = {each.name: _create(root, request, each) for each in variables}
+    chunks = _chunks(variables)
+    return kept, arrays | {TILES: create_checksums(root, request.tile_grid, len(chunks))}, chunks
+
+
+def _chunks(variables: tuple[Variable, ...]) -> dict[str, str]:
+    """The key of each variable's chunks, with {column}."""
+    return {each.name: "/".join([each.name, "c", "{column}", *"0" * (len(each.dims) - 1)]) for each in variables}
+
+
+def _create(root: zarr.Group, request: PopulationRequest, variable: Variable) -> zarr.Array:
+    return root.create_array(
+        variable.name,
+        shape=variable.shape(request, request.n_cells),
+        chunks=variable.shape(request, *request.tile_shape),
+        dtype=variable.dtype,
+        fill_value=variable.fill,
+        compressors=CODECS,
+        config=WHOLE,
+        dimension_names=variable.dims,
+        attributes=variable.attributes,
+    )
+
+
+def _attributes(request: PopulationRequest, created: str) -> dict[str, Any]:
+    names = request.plan.tolerances.names
+    return {
+        "Conventions": "CF-1.11",
+        "title": request.name or f"Population of gears of the {request.model} model that differ in {', '.join(names)}",
+        "source": f"gear-rattle {code_version()}",
+        "references": f"https://doi.org/{DOI}",
+        "doi": DOI,
+        "date_created": created,
+        "kind": KIND,
+        "request": json.dumps(request.model_dump(mode="json")),
+        "content_hash": request.content_hash(),
+        "code_version": code_version(),
+        "model": str(request.model),
+        "dimensions": f"gear: rows of all parts, {SAMPLE}: states that each begins from",
+    }

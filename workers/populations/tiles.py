@@ -1,0 +1,106 @@
+"""Tiles of a population: rows that are computed at once, by a pure function."""
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from types import EllipsisType
+
+import numpy as np
+
+from rattle.populations.gears import Gears, computed
+from workers.populations.request import PopulationRequest
+from workers.populations.variables import Variable, variables_of
+from workers.survey.tiles import LONGEST_MESSAGE, MACHINE_FAILURES, CellOutcome, FailedCell, TileArrays, TileRecord
+from workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
+
+
+@dataclass(frozen=True)
+class GearTile:
+    """Rows that are one chunk of every variable."""
+
+    index: int
+    gear: slice
+
+    @property
+    def n_cells(self) -> int:
+        """Rows of the tile."""
+        return int(self.gear.stop - self.gear.start)
+
+    @property
+    def spans(self) -> tuple[slice]:
+        """Its part of the rows."""
+        return (self.gear,)
+
+    @property
+    def at(self) -> tuple[slice, EllipsisType]:
+        """Its part of a variable."""
+        return self.gear, ...
+
+
+def tiles_of(request: PopulationRequest) -> list[GearTile]:
+    """Return the tiles that cover the rows of the request, in the order of their index."""
+    (size,), rows = request.tile_shape, request.n_cells
+    return [GearTile(i, slice(start, min(start + size, rows))) for i, start in enumerate(range(0, rows, size))]
+
+
+def compute_tile(
+    request: PopulationRequest, tile: GearTile, outcomes: Iterable[CellOutcome] | None = None
+) -> tuple[TileArrays, TileRecord]:
+    """Compute every variable of a tile, as `workers.survey.tiles.compute_tile` does for a survey: a gear is a cell."""
+    began = time.perf_counter()
+    if outcomes is not None:
+        arrays, failed = _gather(request, tile, outcomes)
+    else:
+        try:
+            arrays, failed = _evaluate(request, tile.gear), list[FailedCell]()
+        except MACHINE_FAILURES:
+            raise
+        except Exception:  # whatever the model raises is that gear's result
+            arrays, failed = _gather(request, tile, cell_outcomes(request, tile))
+    undecided = int(np.sum(arrays["status"] == SOME_UNDECIDED))
+    record = TileRecord(tile.index, tile.n_cells, tuple(failed), undecided, time.perf_counter() - began)
+    return arrays, record
+
+
+def cell_outcomes(
+    request: PopulationRequest, tile: GearTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
+) -> Iterator[CellOutcome]:
+    """Evaluate each gear alone from number `first` of the tile; arguments are those of a survey's."""
+    for row in range(tile.gear.start + first, tile.gear.stop):
+        try:
+            yield _evaluate(request, slice(row, row + 1))
+        except Exception as error:
+            if isinstance(error, MACHINE_FAILURES) and not isinstance(error, failing):
+                raise
+            yield f"{type(error).__name__}: {error}"
+
+
+def described(request: PopulationRequest, tile: GearTile) -> str:
+    """Return how messages name a tile."""
+    numbers = ", ".join(request.plan.tolerances.names)
+    return f"tile {tile.index} (gears {tile.gear.start} to {tile.gear.stop - 1} of a population that varies {numbers})"
+
+
+def _evaluate(request: PopulationRequest, rows: slice) -> TileArrays:
+    found = computed(request.plan, rows.start, rows.stop)
+    return {each.name: _of(each, request, found) for each in variables_of(request)}
+
+
+def _of(variable: Variable, request: PopulationRequest, found: Gears) -> np.ndarray:
+    return np.asarray(variable.evaluate(request, found)).astype(variable.dtype)
+
+
+def _gather(
+    request: PopulationRequest, tile: GearTile, outcomes: Iterable[CellOutcome]
+) -> tuple[TileArrays, list[FailedCell]]:
+    variables = variables_of(request)
+    arrays = {each.name: np.full(each.shape(request, tile.n_cells), each.fill, each.dtype) for each in variables}
+    failed: list[FailedCell] = []
+    for i, outcome in zip(range(tile.n_cells), outcomes, strict=True):
+        if isinstance(outcome, str):
+            failed.append((0, tile.gear.start + i, outcome[:LONGEST_MESSAGE]))
+            arrays["status"][i] = FAILED
+        else:
+            for name, value in outcome.items():
+                arrays[name][i] = value[0]
+    return arrays, failed

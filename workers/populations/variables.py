@@ -1,0 +1,129 @@
+"""What a population's store holds of each gear."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rattle.machine.given import UNITS
+from rattle.populations.answers import means
+from rattle.populations.gears import VERDICTS, Gears
+from rattle.populations.tolerances import is_machine
+from workers.populations.request import PopulationRequest
+from workers.survey.values.evaluate import OK, SOME_UNDECIDED, STATUS
+from workers.survey.values.quantities import DOI
+
+GEAR, SAMPLE = "gear", "sample"
+NAMES = {"delta": "damping δ", "epsilon": "eccentricity ε", "beta": "half-backlash β", "kappa": "stiffness κ"}
+UNIT_OF = UNITS | {"rpm": "rpm"}
+
+Evaluate = Callable[[PopulationRequest, Gears], Any]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A stored variable: its schema, and how rows get its values."""
+
+    name: str
+    dims: tuple[str, ...]
+    dtype: str
+    long_name: str
+    evaluate: Evaluate
+    units: str = "1"
+    flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
+
+    @property
+    def fill(self) -> float | int:
+        """What an entry holds before it is computed."""
+        return float("nan") if np.dtype(self.dtype).kind == "f" else 0
+
+    @property
+    def attributes(self) -> dict[str, Any]:
+        """CF attributes."""
+        found: dict[str, Any] = {"long_name": self.long_name, "units": self.units, "references": f"doi:{DOI}"}
+        if self.flags:
+            found |= {"flag_values": list(range(len(self.flags))), "flag_meanings": " ".join(self.flags)}
+        return found
+
+    def shape(self, request: PopulationRequest, rows: int) -> tuple[int, ...]:
+        """Its shape for so many rows."""
+        return (rows, request.count) if SAMPLE in self.dims else (rows,)
+
+
+def variables_of(request: PopulationRequest) -> tuple[Variable, ...]:
+    """Return the variables of a population; `status` is last because a tile is done when its status says so."""
+    names = request.plan.tolerances.names
+    alone, but = ([f"{way}_{name}" for name in names] for way in ("sharing", "sharing_all_but"))
+    one = (GEAR,)
+    power = Variable("power", one, "float64", "mean power that the impacts hand over", _power, "W")
+    powers = (power,) if is_machine(request.plan.tolerances.given) else ()
+    return (
+        Variable(
+            "part",
+            one,
+            "int16",
+            "part of the population",
+            lambda _, x: x.part,
+            flags=("population", "the_same_again", *alone, *but),
+        ),
+        *(
+            Variable(name, one, "float64", NAMES.get(name, name), _value(i), UNIT_OF.get(name, "1"))
+            for i, name in enumerate(names)
+        ),
+        *(
+            Variable(name, one, "float64", NAMES[name], _point(name))
+            for name in Gears._fields
+            if name in NAMES and name not in names
+        ),
+        Variable(
+            "energy",
+            (GEAR, SAMPLE),
+            "float64",
+            "sum of v²/2 over the impacts per revolution of what each sample comes to, rising; 0: quiet",
+            lambda _, x: x.energy,
+        ),
+        Variable(
+            "quiet_fraction",
+            one,
+            "float32",
+            "share of the sample that ends quiet",
+            lambda _, x: (x.energy == 0.0).mean(axis=1),
+        ),
+        Variable(
+            "undecided_fraction",
+            one,
+            "float32",
+            "share of the sample left undecided",
+            lambda _, x: np.isnan(x.energy).mean(axis=1),
+        ),
+        *powers,
+        Variable("verdict", one, "int8", "whether the gear passes", lambda _, x: x.verdict, flags=VERDICTS),
+        Variable("status", one, "int8", "what became of the gear", _status, flags=STATUS),
+    )
+
+
+def gears_of(request: PopulationRequest, read: Callable[[str], np.ndarray]) -> Gears:
+    """Return the rows of a population from its stored variables, which `read` gets by their names."""
+    names = request.plan.tolerances.names
+    values = np.stack([read(name) for name in names], axis=1)
+    delta, epsilon, beta = (read(name) for name in ("delta", "epsilon", "beta"))
+    part, verdict = (read(name).astype(np.int64) for name in ("part", "verdict"))
+    return Gears(part, values, delta, epsilon, beta, read("energy"), verdict)
+
+
+def _value(i: int) -> Evaluate:
+    return lambda _, found: found.values[:, i]
+
+
+def _point(name: str) -> Evaluate:
+    return lambda _, found: getattr(found, name)
+
+
+def _power(request: PopulationRequest, found: Gears) -> np.ndarray:
+    units = request.plan.tolerances.points(found.values).units
+    return np.asarray(means(found.energy) * (1.0 if units is None else units.power))
+
+
+def _status(_: PopulationRequest, found: Gears) -> np.ndarray:
+    return np.where(np.isnan(found.energy).any(axis=1), SOME_UNDECIDED, OK)
