@@ -21,7 +21,7 @@ install = $(1)/bin/python -m pip install --quiet --disable-pip-version-check
 endif
 
 .PHONY: survey figures map test test-deep test-install test-under-load bytecode kernels impacting-kernels stiff-kernels lint bench \
-	constraints readers clean
+	constraints docs docs-links readers clean
 
 survey: $(SURVEY)
 	$(BIN)/rattle run --delta 0.4:1.0:61 --epsilon 0.005:0.3:60 --count 64 --out survey.zarr --figure survey.png
@@ -87,6 +87,16 @@ $(S3_INSTALLED): tests/s3-server.txt
 	$(call environment,$(S3))
 	$(call install,$(S3)) --requirement tests/s3-server.txt
 	touch $@
+
+# The site, into what `rattle serve` shows at /help: pages of docs/, notebooks executed, links between them checked.
+docs: $(INSTALLED)
+	$(call install,$(VENV)) --constraint constraints.txt --editable '.[docs]'
+	$(BIN)/python -m sphinx -q -W --keep-going -b html -d build/doctrees -c docs/site docs build/site
+	rm -rf service/help && cp -r build/site service/help
+
+# Links to other sites, which takes a network.
+docs-links: docs
+	$(BIN)/python -m sphinx -q -b linkcheck -d build/doctrees -c docs/site docs build/links
 
 # Libraries of other languages that read stores in tests.
 readers: tests/readers/package.json

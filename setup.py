@@ -53,4 +53,4 @@ else:
         "cmdclass": {"build_py": BuildMoved},
     }
 
-setup(package_data={"*": ["assets/*", "py.typed"]}, **layout)
+setup(package_data={"*": ["assets/*", "help/**/*", "py.typed"]}, **layout)

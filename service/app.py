@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from anyio import CapacityLimiter
@@ -11,6 +12,8 @@ from fastapi import Depends, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 from starlette.middleware.cors import CORSMiddleware
+from starlette.responses import RedirectResponse
+from starlette.staticfiles import StaticFiles
 
 import rattle
 import workers
@@ -43,6 +46,7 @@ READING: dict[str, Any] = {
     "allow_headers": ["Authorization", "If-None-Match", "Range"],
     "expose_headers": ["Content-Disposition", "Content-Range", "ETag", "Link", "Retry-After"],
 }
+DOCUMENTS = Path(__file__).with_name("help")
 WORKERS_NICE = 5  # answers come before tiles; at 19, beside two busy programs, a worker has 1.4 % of a core
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
@@ -83,6 +87,9 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.include_router(
             router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declared(401)
         )
+    if (DOCUMENTS / "index.html").is_file():  # `make docs` puts them there
+        app.add_route("/help", lambda _: RedirectResponse("/help/"), include_in_schema=False)
+        app.mount("/help", StaticFiles(directory=DOCUMENTS, html=True), name="help")
     app.state.explorer = Explorer(app, settings) if settings.explorer else None
     return app
 

@@ -38,7 +38,7 @@ from service.web import examples
 from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, request_of, tiles_of
 from workers.storage.store import write_tile
 
-README = (Path(__file__).parents[3] / "README.md").read_text()
+HOW_TO = (Path(__file__).parents[3] / "docs" / "how-to" / "service.md").read_text()
 #: Answers that are never 200 for data that fit the schema: what does not exist is not found, what is too large for the
 #: service's settings, or inconsistent in itself (an axis that falls), is refused.
 CONFIG = f"""
@@ -298,7 +298,7 @@ def test_the_lines_of_the_readme_are_executed(
 ) -> None:
     if shutil.which("curl") is None:
         pytest.skip("curl is not installed")
-    section = README.split("## Ask the service\n")[1].split("\n## ")[0].replace("http://localhost:8000", url)
+    section = HOW_TO.replace("http://localhost:8000", url)
     shell, python = (re.findall(rf"```{kind}\n(.*?)```", section, re.DOTALL)[0] for kind in ("sh", "python"))
     survey_id = http.post("/v1/surveys?force=true", json=BODY).json()["id"]
     (tmp_path / ".curlrc").write_text("fail\nsilent\nshow-error\n")
