@@ -71,7 +71,7 @@ POPULATION: dict[str, Any] = {
 } | {
     "id": POPULATION_ID,
     "name": "drawing 17",
-    "tiles": 32,
+    "tiles": 16,
     "cells": 2000,
     "links": {
         "self": POPULATION_HERE,
