@@ -179,7 +179,7 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if kappa els
         point_parts.margin(gear)
     for direction in point_parts.SPANS:
         point_parts.diagram(gear, direction, steps=4, count=4)
-    _draw(gear, 10)
+    _draw(gear, 10, (0.0, 1.0), (0.0, 7.0))
     curves_document(model, (0.98 * delta, delta), (0.0, 0.3))
 fields = {"model": name} | ({"kappa": kappa} if kappa else {})
 groups = ["region", "orbits", "attractors", "lyapunov", "basins", "intensity", *([] if kappa else ["grazing"])]

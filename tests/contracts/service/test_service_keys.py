@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import xarray as xr
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of
 from typer.testing import CliRunner
@@ -157,8 +158,9 @@ def test_a_key_goes_to_nobody_but_this_machine_and_the_named_service(monkeypatch
     monkeypatch.setenv("RATTLE_API_KEY", "secret")
     sent: list[dict[str, str]] = []
 
-    def open_zarr(_: str, storage_options: dict[str, dict[str, str]], **__: object) -> None:
+    def open_zarr(_: str, storage_options: dict[str, dict[str, str]], **__: object) -> xr.Dataset:
         sent.append(storage_options["headers"])
+        return xr.Dataset()
 
     monkeypatch.setattr("xarray.open_zarr", open_zarr)
     store = "/v1/surveys/0123456789abcdef/store"
