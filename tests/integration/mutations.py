@@ -218,7 +218,7 @@ PROTECTIONS = (
         "a dismissal ends the process that prepares a survey",
         f"{SERVICE}::test_a_survey_that_is_being_prepared_can_be_dismissed",
         "workers/cluster/runner.py",
-        "        end_tasks(client, [future])\n",
+        "        end_task(client, future)\n",
         "",
     ),
     _one(
@@ -245,7 +245,7 @@ PROTECTIONS = (
     _one(
         "a run says that the disk is full",
         f"{STORAGE}::test_a_run_on_a_full_disk_is_resumed",
-        "workers/survey/tiles.py",
+        "workers/kinds.py",
         "    if isinstance(error, OSError):\n",
         "    if False:\n",
     ),

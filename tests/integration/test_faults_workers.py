@@ -242,7 +242,7 @@ def test_a_poison_cell_is_the_only_one_lost(faults: Faults, client: Client, tmp_
     assert failed[DEADLY] == "killed its process 2 times (SIGKILL)"
     assert failed[RAISING] == "FloatingPointError: no such cell"
 
-    survey = open_survey(path).load()
+    survey = open_survey(path, as_stored=True).load()
     assert {(i, j) for i, j in zip(*np.nonzero(survey["status"].values == FAILED), strict=True)} == set(failed)
     whole = np.ones(POISONED.shape, dtype=bool)
     whole[DEADLY] = whole[RAISING] = False
@@ -304,7 +304,7 @@ def test_a_cell_that_never_ends_is_the_only_one_lost(
     limits = sorted(int(left) for left in faults.notes("endless"))
     assert limits[0] < 0  # on the worker there is none
     assert limits[1:] == [pytest.approx(CELL_SECONDS, abs=2)]  # apart: only once, and what had gone before not counted
-    survey = open_survey(path).load()
+    survey = open_survey(path, as_stored=True).load()
     assert survey["status"].values[ENDLESS_CELL] == FAILED
     whole = survey["status"].values != FAILED
     assert whole.sum() == ENDLESS.n_cells - 1

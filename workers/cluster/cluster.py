@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from multiprocessing import resource_tracker
+from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from typing import Any
 
@@ -37,6 +38,7 @@ RETURN_SECONDS = 600
 HEARTBEAT_SECONDS = 1.0
 GIVE_UP_SECONDS = 0.1  # between two questions whether a cluster shall still start
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
+ROUNDS = 5  # in which no worker is at a task that was given up: what was sent to one before has arrived
 
 
 class WarmKernels(WorkerPlugin):
@@ -244,6 +246,32 @@ def end_tasks(client: Client, futures: list[Future]) -> None:
     except OSError:  # the scheduler is gone
         return
     end_processes(client, [address for address, busy in processing.items() if busy and keys.issuperset(busy)])
+
+
+def end_task(client: Client, future: Future) -> None:
+    """Give up a task that must not go on beside another: return once no process computes it. One may have begun while
+    it was given up, which the scheduler does not know of.
+    """
+    end_tasks(client, [future])
+    quiet, key = 0, future.key
+    while quiet < ROUNDS:
+        answers: SimpleQueue[dict[str, bool]] = SimpleQueue()
+        Thread(target=_ask, args=(client, key, answers), name="ask-workers", daemon=True).start()
+        at_work = list[str]()
+        with suppress(Empty):  # one that is frozen does not answer: it computes nothing
+            at_work = [address for address, here in answers.get(timeout=END_SECONDS).items() if here]
+        end_processes(client, at_work)
+        quiet = 0 if at_work else quiet + 1
+        time.sleep(LOOK_SECONDS)
+
+
+def _ask(client: Client, key: str, answers: SimpleQueue[dict[str, bool]]) -> None:
+    with suppress(OSError):  # the scheduler is gone, and its workers end
+        answers.put(client.run(_computes, key, on_error="ignore"))
+
+
+async def _computes(key: str, dask_worker: Worker) -> bool:
+    return any(task.key == key for task in dask_worker.state.executing)
 
 
 async def _end_process(dask_worker: Worker) -> None:

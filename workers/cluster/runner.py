@@ -12,7 +12,7 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from workers.cluster.cluster import end_tasks
+from workers.cluster.cluster import end_task
 from workers.cluster.isolation import compute_tile_apart
 from workers.cluster.submission import Submission
 from workers.errors import ClusterLostError, StoppedError, SurveyError
@@ -86,7 +86,7 @@ def _computed(
             with suppress(Empty):  # not TimeoutError of `result`: dask forgets it sometimes, on Python 3.12
                 ended.get(timeout=POLL_SECONDS)
                 return future.result()
-        end_tasks(client, [future])
+        end_task(client, future)
         raise StoppedError(f"stopped while the {to} of the survey were {done}")
     except (CancelledError, OSError) as error:
         raise ClusterLostError("the dask scheduler is gone: start one and run the survey again") from error

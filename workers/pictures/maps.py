@@ -16,7 +16,7 @@ from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
 from workers.survey.values.evaluate import FAILED
-from workers.survey.values.schema import CELL
+from workers.survey.values.schema import CELL, FIXED
 
 NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"
 #: What it means that a computed cell of a map has no value, or the value 0, if that is not a number among others.
@@ -85,7 +85,8 @@ def title_of(plane: xr.DataArray) -> str:
     name = str(plane.attrs.get("long_name", plane.name))
     if np.iscomplexobj(plane):
         name = f"|{name}|"
-    chosen = ", ".join(f"{dim} {value.item()}" for dim, value in plane.coords.items() if not value.dims)
+    along = (dim for dim, value in plane.coords.items() if not value.dims and dim not in FIXED)
+    chosen = ", ".join(f"{dim} {plane.coords[dim].item()}" for dim in along)
     return f"{name} ({chosen})" if chosen else name
 
 

@@ -11,7 +11,7 @@ import xarray as xr
 from rattle import MissingExtraError
 from workers.errors import reading
 from workers.survey.machine import AXES
-from workers.survey.values.schema import CELL, Form
+from workers.survey.values.schema import CELL, FIXED, Form
 
 ROWS = 32  # of the grid, where the store does not say how many its chunks have
 CELLS = 16_384  # that are text at the same time
@@ -90,7 +90,7 @@ def tables(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[dict[str, n
     """
     names, rows = table_names(dataset, form), _rows(dataset)
     beside = [name for name in AXES if name in dataset.variables]
-    fixed = {name: float(dataset[name]) for name in ("beta", "kappa") if name in dataset.coords}
+    fixed = {name: float(dataset[name]) for name in FIXED if name in dataset.coords}
     for start in range(0, dataset.sizes["epsilon"], rows):
         band = slice(start, start + rows)
         some = dataset[names].isel(epsilon=band).load()

@@ -69,6 +69,10 @@ phases.coverage.enabled = false
 POPULATION = {"gear": {"delta": 0.6, "epsilon": {"distribution": "uniform", "low": 0.05, "high": 0.2}}, "gears": 40}
 
 
+#: The first DELETE of what is not yet successful dismisses it, and it is there until the second: test_service_jobs.py.
+LEFT_OUT = "use_after_free"
+
+
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The stores of a survey and of a population, whole."""
@@ -177,7 +181,8 @@ def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch:
     for module in (basins, curves, estimate, intensity, limits, points, reached):
         monkeypatch.setattr(module, "in_turn", known)
     # Requests without a key, or with a wrong one, are in test_service_access.py.
-    options = either(["--max-examples", "1", "--exclude-checks", "ignored_auth"], ["--max-examples", "6"])
+    left_out = either(f"{LEFT_OUT},ignored_auth", LEFT_OUT)
+    options = ["--max-examples", either("1", "6"), "--exclude-checks", left_out]
     try_everything(finished, tmp_path, CONFIG, *options)
 
 
@@ -185,7 +190,7 @@ def test_schemathesis_finds_nothing(finished: Path, tmp_path: Path, monkeypatch:
 def test_schemathesis_finds_nothing_where_points_are_computed(finished: Path, tmp_path: Path) -> None:
     """Whether a point is found in time, 200 or 503, is all the same here."""
     limits = {"max_basin_resolution": 50, "max_point_seconds": 2}
-    try_everything(finished, tmp_path, CONFIG + FEWER, "--max-examples", "6", **limits)
+    try_everything(finished, tmp_path, CONFIG + FEWER, "--max-examples", "6", "--exclude-checks", LEFT_OUT, **limits)
 
 
 def operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:

@@ -84,7 +84,7 @@ def test_a_table_has_speeds_and_eccentricities_beside_the_models(stored: tuple[S
     request, path = stored
     with xr.open_zarr(path, chunks=None) as survey:
         rows = list(csv.DictReader(io.StringIO("".join(csv_lines(survey)))))
-        assert list(rows[0])[:4] == ["delta", "epsilon", "rpm", "eccentricity"]
+        assert list(rows[0])[:5] == ["delta", "epsilon", "beta", "rpm", "eccentricity"]
         assert len(rows) == request.n_cells
         for number, row in enumerate(rows):
             cell = survey.isel(epsilon=number // 3, delta=number % 3)

@@ -12,6 +12,7 @@ from workers.survey.values.evaluate import Evaluate
 
 CELL = ("epsilon", "delta")
 SLOT = "attractor"  # the dimension of slots
+FIXED = ("beta", "kappa")  # coordinates of a whole survey
 PARTS = {"real": "real part", "imag": "imaginary part"}  # of a complex variable, each stored as one of its own
 
 
