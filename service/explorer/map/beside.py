@@ -19,6 +19,7 @@ from service.explorer.point.view import PointView
 
 RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room
+HINT = "<p class=faint>Point at the map to read a cell, click it to look closer.</p>"
 
 
 class Beside:
@@ -28,13 +29,13 @@ class Beside:
         self,
         viewer: Viewer,
         theme: str,
-        text: Text,
         sheet: str,
         on_close: Callable[[], None],
         on_state: Callable[[dict[str, Any]], None],
     ) -> None:
-        self._viewer, self._text, self._on_close, self._on_state = viewer, text, on_close, on_state
+        self._viewer, self._on_close, self._on_state = viewer, on_close, on_state
         self._theme = theme
+        self._text = Text(HINT, sheet)
         self._zoom = Text("", sheet)
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
@@ -44,7 +45,7 @@ class Beside:
         self._points: PointPanel | None = None
         self._point = pn.Column(sizing_mode="stretch_width", margin=0)
         self.panel = pn.Column(
-            self._zoom.pane, self._close, self._point, text.pane, sizing_mode="stretch_width", margin=0
+            self._zoom.pane, self._close, self._point, self._text.pane, sizing_mode="stretch_width", margin=0
         )
 
     def say(self, text: str) -> None:
@@ -60,6 +61,10 @@ class Beside:
             self._text.html = found
 
         self._viewer.change(show)
+
+    def forget(self) -> None:
+        """Show no cell: what was read is no longer shown."""
+        self._text.html = HINT
 
     def open(self, delta: float, epsilon: float, model: AnyModel, state: Mapping[str, str]) -> None:
         """Show the view of a point."""

@@ -211,6 +211,11 @@ class Map:
         columns = (x, y, markers, names, align, dx, dy)
         self._points.data = {key: list(column) for key, column in zip(glyphs.POINT, columns, strict=True)}
 
+    def no_lines(self) -> None:
+        """Take all curves and points away."""
+        for source in (self._points, *(source for source, _ in self._lines.values())):
+            glyphs.empty(source)
+
     def choose(self, names: Sequence[str]) -> None:
         """Show these overlays and no others."""
         for name, (_, renderers) in self._lines.items():

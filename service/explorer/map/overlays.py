@@ -72,6 +72,12 @@ class Lines:
                 self._tasks.pop(name).cancel()
             self._tasks[name] = self._viewer.start(self._line(name, model, window))
 
+    def clear(self) -> None:
+        """Show no lines, and find none."""
+        while self._tasks:
+            self._tasks.popitem()[1].cancel()
+        self._map.no_lines()
+
     async def _line(self, name: str, model: AnyModel, window: Ranges) -> None:
         await self._viewer.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
         if name == POINTS:

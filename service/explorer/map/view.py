@@ -48,6 +48,7 @@ class MapView:
     ) -> None:
         self._shared, self._viewer, self.view, self._remember = shared, viewer, view, remember
         self._job: JobRow | None = None
+        self._request: SurveyRequest | None = None  # of the survey that is chosen, which may have no numbers yet
         self._plane: Plane | None = None
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
@@ -67,8 +68,7 @@ class MapView:
         self._controls = Controls(sheet, view.log, uses)
         self._title = Text("", sheet)
         self._said = Text("", sheet, is_spoken=True)
-        readout = Text("<p class=faint>Point at the map to read a cell, click it to look closer.</p>", sheet)
-        self._beside = Beside(viewer, theme, readout, sheet, self._close_point, self._remember_point)
+        self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point)
         self.parts = {
             "controls": pn.Column(self._controls.panel, self._title.pane, sizing_mode="stretch_width", margin=0),
             "plot": pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0),
@@ -80,15 +80,17 @@ class MapView:
 
     @property
     def model(self) -> AnyModel:
-        """The model of the survey that is shown."""
-        return self._plane.request.gear_model if self._plane else Impacting()
+        """The model of the survey that is chosen."""
+        return self._request.gear_model if self._request else Impacting()
 
     @property
     def window(self) -> Ranges:
         """(low, high) of δ and of ε that is shown."""
         if self.view.delta and self.view.epsilon:
             return self.view.delta, self.view.epsilon
-        return self._plane.box if self._plane else ((0.4, 1.0), (0.0, 0.3))
+        if self._request is None:
+            return (0.4, 1.0), (0.0, 0.3)
+        return box_of(self._request.delta.values(), self._request.epsilon.values())
 
     def choose(self, job: JobRow) -> None:
         """Show another survey; the window and the point stay only with the one they were chosen on."""
@@ -108,16 +110,14 @@ class MapView:
         if standing is not None:
             self._follow(standing.job)
         elif self.view.survey and self._job is not None:
-            self._job, self._plane = None, None
-            self.map.no_cells()
-            self._title.html = "<p>This survey is no longer there. Choose another one.</p>"
+            self._job, self._request, self._plane = None, None, None
+            self._show_nothing("<p>This survey is no longer there. Choose another one.</p>")
             self._shared.atlas.forget(lambda survey_id: survey_id != self.view.survey)
 
     def _follow(self, job: JobRow) -> None:
         if not job.is_readable:
-            self._job, self._plane = job, None
-            self.map.no_cells()
-            self._title.html = f"<p>{UNREADABLE}</p>"
+            self._job, self._request, self._plane = job, None, None
+            self._show_nothing(f"<p>{UNREADABLE}</p>")
             return
         if self._job is None or self._job.id != job.id:
             self._offer(job)
@@ -129,6 +129,7 @@ class MapView:
         """The maps that this survey has."""
         request = SurveyRequest.model_validate(job.request)
         maps = maps_of(request)
+        self._request = request
         self._lines.tell(request.gear_model)
         variable = self.view.variable if self.view.variable in maps else next(iter(maps))
         self._maps = maps
@@ -171,16 +172,20 @@ class MapView:
             block = plane.block()
             return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
 
+        def show(what: Callable[[], None]) -> None:
+            if self._job is not None and self._job.id == job.id:  # none other was chosen meanwhile
+                what()
+
         if job.state == State.ACCEPTED and not job.started:
-            self._viewer.change(self._show_waiting)
+            self._viewer.change(lambda: show(self._show_waiting))
             return True
         try:
             plane, is_whole, block, colours = await self._viewer.read(prepare)
         except RattleError as error:
             text = str(error)
-            self._viewer.change(lambda: self._fail(text))
+            self._viewer.change(lambda: show(lambda: self._fail(text)))
             return True
-        await self._viewer.changed(lambda: self._draw(plane, block, colours))
+        await self._viewer.changed(lambda: show(lambda: self._draw(plane, block, colours)))
         return is_whole
 
     def _wanted(self) -> tuple[Any, ...]:
@@ -190,12 +195,27 @@ class MapView:
         return job.id, job.state, job.cells_done, view.variable, view.index, view.limits, view.log
 
     def _show_waiting(self) -> None:
-        self.map.no_cells()
-        self._title.html = "<p class=faint>This survey waits for its turn.</p>"
+        self._show_nothing("<p class=faint>This survey waits for its turn.</p>")
 
     def _fail(self, text: str) -> None:
+        self._show_nothing(f'<p class="notice" role="alert">{escape(text)}</p>')
+
+    def _show_nothing(self, why: str) -> None:
+        """No numbers, and nothing that belongs to those of another survey."""
+        self._title.html = why
+        self._colours = None
         self.map.no_cells()
-        self._title.html = f'<p class="notice" role="alert">{escape(text)}</p>'
+        self._zoom.stop()
+        self._say_zoom("")
+        self._lines.key.shades = []
+        self._controls.show_limits(self.view.limits, None)
+        if self._hovering is not None:
+            self._hovering.cancel()
+        self._said.html = ""
+        self._beside.forget()
+        if self._plane is None:
+            self._lines.clear()
+            self.map.window(*self.window)
 
     def _draw(self, plane: Plane, block: Block, colours: Colouring) -> None:
         first = self._plane is None or self._plane.id != plane.id

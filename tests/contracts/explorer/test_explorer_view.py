@@ -1,0 +1,131 @@
+"""The map of a page without a browser: what it shows of one survey after another."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bokeh.document import Document
+from service_support import BODY, no_cluster
+from waiting import eventually
+
+from rattle.models import Impacting, Stiff
+from service.access.keys import Caller
+from service.app import create_app
+from service.database import DoneTile
+from service.database.tables import JobRow, State
+from service.explorer.common.address import View
+from service.explorer.common.news import News
+from service.explorer.common.viewer import Viewer
+from service.explorer.map.overlays import Crises
+from service.explorer.map.planes import Atlas
+from service.explorer.map.shared import Shared
+from service.explorer.map.view import MapView
+from service.operations.surveys import submit_survey
+from service.settings import Settings
+from service.state import Front
+from workers import SurveyRequest, compute_tile, create_store, tiles_of
+from workers.storage.store import write_tile
+
+REGIONS = SurveyRequest(**BODY | {"quantities": ["region"]})
+STIFF = SurveyRequest(
+    **BODY | {
+        "model": "stiff", "kappa": 1e4, "quantities": ["region"],
+        "delta": {"start": 0.8, "stop": 0.9, "num": 6},
+    }
+)  # fmt: skip
+
+
+class Here(Viewer):
+    """A viewer whose document nobody sees: changes are made at once."""
+
+    def change(self, what: Callable[[], object]) -> None:
+        what()
+
+    async def changed(self, what: Callable[[], object]) -> None:
+        what()
+
+
+def with_map(data: Path, body: Callable[[Front, MapView], Awaitable[None]], **view: Any) -> None:
+    """Do this with the map of a page."""
+
+    async def main() -> None:
+        app = create_app(Settings(data=data, preload=False), no_cluster)
+        async with app.router.lifespan_context(app):
+            front: Front = app.state.front
+            shared = Shared(front, News(front), Atlas(front), Crises(front))
+            viewer = Here(front, Caller(), Document())
+            shown = MapView(shared, viewer, View(overlays=(), **view), "light", "", lambda _: None, lambda: None)
+            viewer.document.add_root(shown.map.figure)
+            await body(front, shown)
+            viewer.end()
+
+    asyncio.run(main())
+
+
+def accepted(front: Front, request: SurveyRequest) -> JobRow:
+    """A survey that waits."""
+    return submit_survey(front, Caller(), request, force=True)
+
+
+def done(front: Front, request: SurveyRequest) -> JobRow:
+    """A survey that is done."""
+    survey_id = accepted(front, request).id
+    store = front.directory.store(survey_id)
+    create_store(request, store)
+    for tile in tiles_of(request):
+        write_tile(request, str(store), tile, compute_tile(request, tile)[0])
+        front.database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    front.database.set_state(survey_id, State.SUCCESSFUL)
+    return front.database.job(survey_id)
+
+
+def cells(shown: MapView) -> int:
+    """How many images the map has."""
+    return len(shown.map.figure.select_one({"name": "cells0"}).data_source.data["image"])
+
+
+async def choose_with_lines(shown: MapView, job: JobRow) -> None:
+    """Choose a survey that is done, and draw a line and a point over it."""
+    shown.choose(job)
+    await eventually(lambda: cells(shown))
+    shown.map.line("SN1", [np.array([[0.5, 0.1], [0.6, 0.2]])])
+    shown.map.points([("COD22", 0.77, 0.09)])
+    shown._hover(0.6, 0.1)
+    await eventually(lambda: "Cell at" in shown._beside._text.html)
+
+
+def assert_nothing_of_another(shown: MapView) -> None:
+    """There are no cells, lines, key or reading."""
+    figure = shown.map.figure
+    assert cells(shown) == 0
+    assert figure.select_one({"name": "SN1"}).data_source.data["xs"] == []
+    assert figure.select_one({"name": "points"}).data_source.data["x"] == []
+    assert shown._lines.key.shades == []
+    assert "Cell at" not in shown._beside._text.html
+
+
+def test_a_survey_without_numbers_is_not_shown_with_those_of_the_one_before(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        await choose_with_lines(shown, done(front, REGIONS))
+        assert shown._lines.key.shades
+        shown.choose(accepted(front, STIFF))
+        await eventually(lambda: "waits for its turn" in shown._title.html)
+        assert_nothing_of_another(shown)
+        assert shown.model == Stiff(0.6, 1e4)  # of which a click is
+        assert shown.map.figure.x_range.start > 0.75
+        assert shown._lines.key.overlays[0]["meaning"] == Stiff(0.6, 1e4).describe("SN1")
+
+    with_map(tmp_path, body)
+
+
+def test_a_survey_that_is_gone_leaves_nothing_of_it(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        await choose_with_lines(shown, done(front, REGIONS))
+        shown.follow(None)
+        assert "no longer there" in shown._title.html
+        assert_nothing_of_another(shown)
+        assert shown.model == Impacting()
+
+    with_map(tmp_path, body)
