@@ -153,6 +153,32 @@ def test_a_saved_address_shows_the_same_view(page: Page, service: str, survey_id
     wait_for(page, "() => document.body && getComputedStyle(document.body).backgroundColor === 'rgb(244, 246, 248)'")
 
 
+#: Of the colour bar that is shown: the room beside it, how wide its longest number would be there, some numbers.
+BAR = """() => {
+    const map = Bokeh.documents.map((each) => each.get_model_by_name("map")).find((each) => each)
+    const bar = map.right.find((each) => each.visible), plot = Bokeh.index.find_one(map)
+    const view = plot.computed_renderer_views.find((each) => each.model === bar)
+    const ink = document.createElement("canvas").getContext("2d")
+    ink.font = `${bar.major_label_text_font_size} ${bar.major_label_text_font}`
+    const numbers = (ticks) => bar.formatter.doFormat(ticks, {loc: 0}).join(" ")
+    return [
+        plot.canvas_view.bbox.width - view._frame_view.bbox.right,
+        bar.label_standoff + ink.measureText("−1.234e−5").width,
+        [[-1.5, -1, -0.5, 0], [1.6e-4, 1.7e-4], [0, 5e4, 1e5], [0.60001, 0.60002], [2e-7, 3e-6]].map(numbers),
+    ]
+}"""
+
+
+def test_the_numbers_of_the_colour_bar_are_whole(page: Page, service: str, survey_id: str) -> None:
+    open_view(page, service, survey=survey_id, variable="attractor_fraction")
+    page.get_by_label("Map", exact=True).select_option("lyapunov max")  # whose numbers are wider
+    wait_for_map(page, "renderers.find((each) => each.name === 'cells0').glyph.color_mapper.low < -1")
+    wait_until(lambda: page.evaluate("() => Bokeh.documents.every((each) => each.is_idle)"))
+    room, width, numbers = page.evaluate(BAR)
+    assert room >= width
+    assert numbers == ["−1.5 −1 −0.5 0", "1.6e−4 1.7e−4", "0 50000 1e5", "0.60001 0.60002", "2e−7 3e−6"]
+
+
 def test_nonsense_in_the_address_is_left_out(page: Page, service: str) -> None:
     nonsense = "delta=nan,1&epsilon=9,1&limits=<b>&index=-5&overlays=x&point=1&theme=%22&variable=__class__&p.x=%00"
     page.goto(f"{service}/?{nonsense}")

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from bokeh.models import ColumnDataSource, LinearColorMapper, LogColorMapper
+from bokeh.models import ColumnDataSource, CustomJSTickFormatter, LinearColorMapper, LogColorMapper
 from bokeh.models.annotations import ColorBar
 from bokeh.models.glyphs import Image, MultiLine, Scatter, Text
 from bokeh.models.renderers import GlyphRenderer
 
 from rattle.plot.plane import STYLES
 from service.explorer.common.address import CRISIS
+from service.explorer.files import asset
 
 CLEAR = "#00000000"
 CRISIS_STYLE = ("#00695c", (8.0, 3.0))
@@ -70,9 +71,9 @@ def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict
             image(source, mapper, visible=False, name=f"{name}{log:d}")
             for name, source in (("cells", values), ("fine", fine))
         )
-        found[log] = Scale(
-            mapper, cells, finer, ColorBar(color_mapper=mapper, visible=False, width=12, padding=6, **bar)
-        )
+        numbers = CustomJSTickFormatter(code=asset("bar_ticks.js"))
+        ends = ColorBar(color_mapper=mapper, formatter=numbers, visible=False, width=12, padding=6, **bar)
+        found[log] = Scale(mapper, cells, finer, ends)
     return found
 
 

@@ -29,6 +29,7 @@ SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("right", -9, 14)}
 UNSEEN = (700, 550)
 POINTER_MS, WINDOW_MS = 50, 200
+BAR_ROOM = 100  # pixels of the colour bar and its numbers, which Bokeh measures once and not when they change
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
 
 
@@ -185,6 +186,7 @@ class Map:
             glyphs.empty(source)
         for scale in self._scales.values():
             scale.bar.visible = False
+        self.figure.min_border_right = None
 
     def _colour(self, colours: Colouring) -> None:
         self._log = colours.log
@@ -192,6 +194,7 @@ class Map:
         self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
         for log, scale in self._scales.items():
             scale.bar.visible = log == colours.log and not colours.categorical
+        self.figure.min_border_right = None if colours.categorical else BAR_ROOM
         reasons = [glyphs.CLEAR, *colours.reason_colours]
         self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
         self._show_scale()
