@@ -87,6 +87,7 @@ class Map:
         for scale in self._scales.values():
             plot.add_layout(scale.bar, "right")
         self._box: Ranges | None = None
+        self._frame: tuple[np.ndarray, Ranges] | None = None
         self._listen(on_point, on_pointer, on_window, on_reset)
 
     def _dress(self, theme: str) -> None:
@@ -175,10 +176,20 @@ class Map:
 
     def frame(self, values: np.ndarray, box: Ranges) -> None:
         """Draw a finer block over the cells: values (epsilon, delta), and what they cover."""
-        self._fine.data = {"image": [np.asarray(values, np.float32)], **image_at(box)}
+        self._frame = np.asarray(values, np.float32), box
+        self._show_frame()
+
+    def _show_frame(self) -> None:
+        if self._frame is None:
+            glyphs.empty(self._fine)
+            return
+        values, box = self._frame
+        shown = np.where(values > 0, values, np.float32(np.nan)) if self._log else values
+        self._fine.data = {"image": [shown], **image_at(box)}
 
     def no_frame(self) -> None:
-        glyphs.empty(self._fine)
+        self._frame = None
+        self._show_frame()
 
     def no_cells(self) -> None:
         self.no_frame()
@@ -189,7 +200,9 @@ class Map:
         self.figure.min_border_right = None
 
     def _colour(self, colours: Colouring) -> None:
-        self._log = colours.log
+        if self._log != colours.log:
+            self._log = colours.log
+            self._show_frame()
         palette = list(colours.palette)
         self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
         for log, scale in self._scales.items():

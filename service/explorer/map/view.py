@@ -185,7 +185,7 @@ class MapView:
             text = str(error)
             self._viewer.change(lambda: show(lambda: self._fail(text)))
             return True
-        await self._viewer.changed(lambda: show(lambda: self._draw(plane, block, colours)))
+        await self._viewer.changed(lambda: show(lambda: self._draw(plane, block, colours, view)))
         return is_whole
 
     def _wanted(self) -> tuple[Any, ...]:
@@ -217,7 +217,7 @@ class MapView:
             self._lines.clear()
             self.map.window(*self.window)
 
-    def _draw(self, plane: Plane, block: Block, colours: Colouring) -> None:
+    def _draw(self, plane: Plane, block: Block, colours: Colouring, view: View) -> None:
         first = self._plane is None or self._plane.id != plane.id
         other = first or self._plane is not plane
         self._plane, self._colours = plane, colours
@@ -227,6 +227,8 @@ class MapView:
         self._lines.key.shades = [
             {"label": each.label, "colour": each.colour, "share": each.share} for each in colours.shades
         ]
+        if isinstance(view.limits, tuple) and view.limits == self.view.limits and not colours.categorical:
+            self._change(limits=(colours.low, colours.high))  # on a log scale, from the least positive value on
         self._controls.show_limits(self.view.limits, colours)
         if first:
             self.map.window(*self.window)
@@ -253,14 +255,19 @@ class MapView:
         rule, log = self._controls.rule, self._controls.log
         if rule is not None:
             self._change(limits=rule, log=log)
-        elif self._colours is None or isinstance(self.view.limits, tuple):
+        elif isinstance(self.view.limits, tuple):
+            self._change(log=log)
+        elif self._colours is None:
             return
         else:
             self._change(limits=(self._colours.low, self._colours.high), log=log)
         self._redraw()
 
     def _on_own(self) -> None:
-        if (own := self._controls.own) is not None:
+        own = self._controls.own
+        if isinstance(own, str):
+            self._title.html = f'<p class="notice" role="alert">{escape(own)}</p>'
+        else:
             self._change(limits=own)
             self._redraw()
 

@@ -150,6 +150,28 @@ def test_own_limits_and_the_scale_of_colours(client: TestClient, survey: str, lo
     assert bar.color_mapper is mapper
 
 
+def test_zeros_have_no_colour_of_a_log_scale(client: TestClient, survey: str) -> None:
+    front = front_of(client)
+    speeds, _ = Atlas(front).plane(front.database.job(survey), "orbit_velocity", 0)
+    block = speeds.block()
+    where = np.flatnonzero(np.isfinite(block.values))[:5]
+    block.values.flat[where] = [0.0, 0.0, 0.0, -1.0, -2.0]
+    found = colouring(speeds, block, "auto", True)
+    (zero,) = [each for each in found.shades if each.label == "zero or below"]
+    assert zero.share == pytest.approx(5 / block.values.size)
+    assert found.reason_colours[found.reasons.flat[where[0]] - 1] == zero.colour
+    assert found.low == block.values[block.values > 0].min()
+    drawn = new_map()
+    drawn.frame(block.values, block.box)
+    drawn.cells(block, found)
+    for name in ("cells1", "fine1"):
+        image = drawn.figure.select_one({"name": name}).data_source.data["image"][0]
+        np.testing.assert_array_equal(np.isfinite(image), block.values > 0)
+    drawn.cells(block, colouring(speeds, block, "auto", False))
+    image = drawn.figure.select_one({"name": "fine0"}).data_source.data["image"][0]
+    np.testing.assert_array_equal(image, block.values)
+
+
 def test_lines_have_the_colours_of_the_key_and_their_points() -> None:
     drawn = new_map()
     pieces = [np.array([[0.5, 0.1], [0.6, 0.2]])]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from bokeh.document import Document
 from service_support import BODY, no_cluster
 from waiting import eventually
@@ -15,7 +16,7 @@ from service.access.keys import Caller
 from service.app import create_app
 from service.database import DoneTile
 from service.database.tables import JobRow, State
-from service.explorer.common.address import View
+from service.explorer.common.address import Pair, View
 from service.explorer.common.news import News
 from service.explorer.common.viewer import Viewer
 from service.explorer.map.overlays import Crises
@@ -129,3 +130,39 @@ def test_a_survey_that_is_gone_leaves_nothing_of_it(tmp_path: Path) -> None:
         assert shown.model == Impacting()
 
     with_map(tmp_path, body)
+
+
+ORBITS = SurveyRequest(**BODY | {"quantities": ["region", "orbits"]})
+
+
+def test_the_scale_of_own_limits_is_switched_and_wrong_limits_are_told(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        controls = shown._controls
+
+        async def drawn(limits: Pair, log: bool) -> None:
+            await eventually(lambda: shown._colours is not None and shown._colours.log == log)
+            await eventually(lambda: shown._drawing is not None and shown._drawing.done())
+            assert shown.view.limits == pytest.approx(limits)
+            assert shown.view.log == log
+            assert (controls._low.value, controls._high.value) == pytest.approx(limits)
+
+        shown.choose(done(front, ORBITS))
+        await drawn((1.5, 5.0), log=False)
+        controls._log.value = ["log scale"]
+        await drawn((1.5, 5.0), log=True)
+        controls._log.value = []
+        await drawn((1.5, 5.0), log=False)
+        controls._low.value = 7.0
+        assert "7 to 5: the first limit must be below the second" in shown._title.html
+        controls._low.value = -1.0
+        await drawn((-1.0, 5.0), log=False)
+        assert "must be" not in shown._title.html
+        controls._log.value = ["log scale"]
+        values = shown._plane.block().values  # type: ignore[union-attr] # it is there
+        await drawn((float(np.nanmin(values)), 5.0), log=True)
+        controls._high.value = -0.5
+        controls._low.value = -1.0
+        assert "above 0" in shown._title.html
+        assert shown.view.limits[1] == 5.0
+
+    with_map(tmp_path, body, variable="orbit_velocity", limits=(1.5, 5.0))
