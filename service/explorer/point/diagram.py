@@ -10,7 +10,7 @@ from bokeh.models.annotations import Span
 
 from service.explorer.common.glyphs import empty
 from service.explorer.point.figures import ink_of, new_figure
-from service.explorer.point.parts import DiagramLines
+from service.explorer.point.parts import DiagramLines, Marks
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
@@ -80,8 +80,14 @@ class DiagramPicture:
                 "v": found.marks.v[on],
                 "tau": found.marks.tau[on],
                 "size": [9 if found.marks.name[i] else 5 for i in on],
-                "what": [f"{MEANINGS[kind]} {found.marks.name[i]}".strip() for i in on],
+                "what": [_what(found.marks, i) for i in on],
             }
+
+
+def _what(marks: Marks, i: int) -> str:
+    """An event in words: what happens to which motion, and the curve of the plane that it is on."""
+    name = f"{marks.name[i]}, " if marks.name[i] else ""
+    return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 
 
 def caption(found: DiagramLines) -> str:

@@ -350,6 +350,16 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert words.percent(quiet.fraction) in view.panel.likely.html
         assert "region III" in view.panel.orbits.html
         assert words.number(gear.orbits()[0].v) in view.panel.orbits.html
+        named = {each.name for each in gear.orbits() if each.stable}
+        assert named
+        for name in named:  # known after the attractors were told
+            assert f" = {name}" in view.panel.likely.html
+            assert f" = {name}</th>" in view.panel.table.html
+        told = [what for source in view.panel.diagram._marks.values() for what in source.data["what"]]
+        assert told
+        assert all(
+            re.fullmatch(r"(\w+, )?(saddle-node|period doubling|grazing) of P\(\d+,\d+,\d+\)", it) for it in told
+        )
         samples = view.panel.motions._samples.data
         assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
         assert "impacting model only" in view.panel.safe.html

@@ -117,6 +117,8 @@ def test_a_survey_without_numbers_is_not_shown_with_those_of_the_one_before(tmp_
         assert shown.model == Stiff(0.6, 1e4)  # of which a click is
         assert shown.map.figure.x_range.start > 0.75
         assert shown._lines.key.overlays[0]["meaning"] == Stiff(0.6, 1e4).describe("SN1")
+        names = [each["name"] for each in shown._lines.key.overlays]
+        assert names == list(Stiff(0.6, 1e4).curve_names)  # no crisis and no points, which are not known of it
 
     with_map(tmp_path, body)
 
