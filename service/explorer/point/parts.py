@@ -207,8 +207,10 @@ def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUN
         for event in found.events
         for tau, v in zip(*impacts_at(event), strict=True)
     ]
-    x, v, tau, kind, name, motion = zip(*rows, strict=True) if rows else ((), (), (), (), (), ())
-    marks = Marks(np.array(x, float), np.array(v, float), np.array(tau, float), tuple(kind), tuple(name), tuple(motion))
+    x, v, tau, kind, name, motions = zip(*rows, strict=True) if rows else ((), (), (), (), (), ())
+    marks = Marks(
+        np.array(x, float), np.array(v, float), np.array(tau, float), tuple(kind), tuple(name), tuple(motions)
+    )
     seen = found.points
     chosen = np.arange(0, seen.v.size, max(1, seen.v.size // MOST_POINTS))
     return DiagramLines(
