@@ -17,7 +17,7 @@ from service.errors import MissingError
 from service.explorer.common.address import Pair, Ranges
 from service.state import Front
 from workers import SurveyRequest, open_survey, tiles_of
-from workers.pictures.maps import numbers, plane_of
+from workers.pictures.maps import numbers, plane_of, with_periodic
 from workers.survey.values.schema import CELL
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # maps, and cells of them all, which take 5 bytes each
@@ -51,7 +51,7 @@ class Plane:
         self.id, self.number = job.id, job.number
         self._front = front
         self._dataset = open_survey(place)
-        self.plane = plane_of(self._dataset, variable, index)
+        self.plane, self._index = plane_of(self._dataset, variable, index), index
         self.request = SurveyRequest.model_validate(job.request)
         self.delta, self.epsilon = (np.asarray(self._dataset[axis], np.float64) for axis in ("delta", "epsilon"))
         self.values = np.full(self.plane.shape, np.nan, np.float32)
@@ -89,7 +89,7 @@ class Plane:
     def _read(self, indices: Sequence[int]) -> None:
         first, last = self._tiles[indices[0]], self._tiles[indices[-1]]
         where = (slice(first.epsilon.start, last.epsilon.stop), slice(first.delta.start, last.delta.stop))
-        self.values[where] = numbers(self.plane[where])
+        self.values[where] = numbers(with_periodic(self._dataset, self.plane[where], self._index))
         self.status[where] = np.asarray(self._dataset["status"][where])
 
     @property

@@ -29,7 +29,9 @@ from service.explorer.map.planes import Block, Plane, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
 from workers import Frame, SurveyRequest
+from workers.pictures.maps import OF_PERIODIC
 
+SURVEY_ONLY = "This is shown for the cells of the survey only."
 PAUSE = 1.0  # between two drawings of a survey that runs
 
 
@@ -316,7 +318,10 @@ class MapView:
         self._zoom.stop()
         if self._plane is None or not (self.view.delta and self.view.epsilon):
             return
-        if coarser(self._plane, self.window, self.map.pixels):
+        is_coarser = coarser(self._plane, self.window, self.map.pixels)
+        if is_coarser and self.view.variable in OF_PERIODIC:
+            self._say_zoom(SURVEY_ONLY)
+        elif is_coarser:
             self._zoom.start(self._plane, self.view.variable, self.view.index, self.window, self.map.pixels)
         elif self._plane.is_thinned:
             self._viewer.start(self._all_cells(self._plane, self.window))

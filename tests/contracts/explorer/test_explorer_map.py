@@ -10,6 +10,7 @@ from bokeh.document import Document
 from fastapi.testclient import TestClient
 from service_support import BODY, front_end, front_of
 
+from rattle import KINDS
 from rattle.orbits.period_one import REGIONS
 from service.database import DoneTile
 from service.database.tables import State
@@ -18,7 +19,7 @@ from service.explorer.map import planes
 from service.explorer.map.colouring import colouring, values_shown
 from service.explorer.map.cursor import following, stepped, zoomed
 from service.explorer.map.figure import Map
-from service.explorer.map.planes import Atlas, Plane
+from service.explorer.map.planes import Atlas, Block, Plane
 from service.explorer.map.readout import in_words
 from workers import SurveyRequest, compute_tile, create_store, tiles_of
 from workers.pictures.maps import REGION_COLOURS
@@ -170,6 +171,35 @@ def test_zeros_have_no_colour_of_a_log_scale(client: TestClient, survey: str) ->
     drawn.cells(block, colouring(speeds, block, "auto", False))
     image = drawn.figure.select_one({"name": "fine0"}).data_source.data["image"][0]
     np.testing.assert_array_equal(image, block.values)
+
+
+def test_attractors_have_phases_that_mean_something(
+    client: TestClient,
+) -> None:
+    request = SurveyRequest(**BODY | {"quantities": ["attractors"], "slots": 2})
+    front = front_of(client)
+    survey_id = str(client.post("/v1/surveys?force=true", json=request.model_dump(mode="json")).json()["id"])
+    store = front.directory.store(survey_id)
+    create_store(request, store)
+    for tile in tiles_of(request):
+        write_tile(request, str(store), tile, compute_tile(request, tile)[0])
+        front.database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    front.database.set_state(survey_id, State.SUCCESSFUL)
+    job = front.database.job(survey_id)
+    kinds, phases, periods = (
+        Atlas(front).plane(job, name, 0)[0] for name in ("attractor_kind", "attractor_phase", "attractor_m")
+    )
+    periodic = kinds.values == KINDS.index("periodic")
+    assert 0 < periodic.sum() < periodic.size
+    np.testing.assert_array_equal(np.isfinite(phases.values), periodic)
+    found = colouring(phases, phases.block(), "auto", False)
+    assert [each.label for each in found.shades] == ["not periodic"]
+    assert "attractor 0, of those of a cell by falling share" in found.title
+    many = np.ones((40, 50), np.float32)
+    many[0, 0], many[1:3] = 144.0, 2.0
+    same = Block(np.linspace(0, 1, 50), np.linspace(0, 1, 40), many, np.ones(many.shape, np.int8), phases.box)
+    assert colouring(periods, same, "auto", False).high == 2.0  # one long period is not what colours are for
+    assert colouring(periods, same, "full", False).high == 144.0
 
 
 def test_lines_have_the_colours_of_the_key_and_their_points() -> None:
