@@ -157,6 +157,11 @@ class Map:
             scale.fine.visible = log == self._log
 
     @property
+    def is_too_close(self) -> bool:
+        """Whether the cells of the survey are too large to be drawn."""
+        return not self._fits
+
+    @property
     def pixels(self) -> tuple[int, int]:
         """Width and height of the frame on the screen; a guess until a browser has said."""
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -19,7 +20,7 @@ from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
 from service.explorer.map.beside import Beside
-from service.explorer.map.colouring import Colouring, colouring, values_shown
+from service.explorer.map.colouring import Colouring, Shade, colouring, values_shown
 from service.explorer.map.controls import Controls, Uses
 from service.explorer.map.cursor import Cursor
 from service.explorer.map.deep_zoom import Zoom, coarser
@@ -69,6 +70,10 @@ class MapView:
         uses = Uses(self._on_variable, self._on_index, self._on_limits, self._on_own, save_window)
         self._controls = Controls(sheet, view.log, uses)
         self._title = Text("", sheet)
+        self._heading = self._progress = ""
+        self._finer: Block | None = None  # what the workers have computed of the window
+        self._seen: Callable[[], Block] | None = None  # the cells of the window, none where that is the whole survey
+        self._counting: asyncio.Task[None] | None = None
         self._said = Text("", sheet, is_spoken=True)
         self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point)
         self.parts = {
@@ -209,6 +214,8 @@ class MapView:
         self.map.no_cells()
         self._zoom.stop()
         self._say_zoom("")
+        self._finer = self._seen = None
+        self._count()
         self._lines.key.shades = []
         self._controls.show_limits(self.view.limits, None)
         if self._hovering is not None:
@@ -225,10 +232,8 @@ class MapView:
         self._plane, self._colours = plane, colours
         self.map.cells(block, colours)
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
-        self._title.html = f"<p>{escape(colours.title)}{note}</p>"
-        self._lines.key.shades = [
-            {"label": each.label, "colour": each.colour, "share": each.share} for each in colours.shades
-        ]
+        self._heading = f"{escape(colours.title)}{note}"
+        self._show_heading()
         if isinstance(view.limits, tuple) and view.limits == self.view.limits and not colours.categorical:
             self._change(limits=(colours.low, colours.high))  # on a log scale, from the least positive value on
         self._controls.show_limits(self.view.limits, colours)
@@ -239,19 +244,24 @@ class MapView:
             self._draw_lines(self.view.overlays)
         if other:
             self._refine()
+        else:
+            self._count()
 
     def _on_variable(self) -> None:
         self._change(variable=self._controls.variable, index=0, limits="auto")
         self._offer_index()
-        self._zoom.stop()
-        self.map.no_frame()
+        self._leave_finer()
         self._redraw()
 
     def _on_index(self) -> None:
         self._change(index=self._controls.index)
-        self._zoom.stop()
-        self.map.no_frame()
+        self._leave_finer()
         self._redraw()
+
+    def _leave_finer(self) -> None:
+        self._zoom.stop()
+        self._finer = None
+        self.map.no_frame()
 
     def _on_limits(self) -> None:
         rule, log = self._controls.rule, self._controls.log
@@ -290,7 +300,7 @@ class MapView:
     def _look(self, at: Pair) -> None:
         assert self._plane is not None
         self.map.cursor(at)
-        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window))}</p>"
+        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window, self._finer))}</p>"
         self._read(*at)
 
     def _go(self, window: Ranges) -> None:
@@ -314,17 +324,28 @@ class MapView:
 
     def _refine(self) -> None:
         self.map.no_frame()
+        self._finer = self._seen = None
         self._say_zoom("")
         self._zoom.stop()
-        if self._plane is None or not (self.view.delta and self.view.epsilon):
+        plane, window = self._plane, self.window
+        if plane is None:
             return
-        is_coarser = coarser(self._plane, self.window, self.map.pixels)
+        if not (self.view.delta and self.view.epsilon):
+            self._count()
+            return
+        if self.map.is_too_close:  # until the workers answer, and where they do not
+            self._seen = partial(plane.enlarged, window)
+            self.map.frame(values_shown(plane, self._seen()), window)
+        else:
+            self._seen = partial(plane.block, window)
+        self._count()
+        is_coarser = coarser(plane, window, self.map.pixels)
         if is_coarser and self.view.variable in OF_PERIODIC:
             self._say_zoom(SURVEY_ONLY)
         elif is_coarser:
-            self._zoom.start(self._plane, self.view.variable, self.view.index, self.window, self.map.pixels)
-        elif self._plane.is_thinned:
-            self._viewer.start(self._all_cells(self._plane, self.window))
+            self._zoom.start(plane, self.view.variable, self.view.index, window, self.map.pixels)
+        elif plane.is_thinned:
+            self._viewer.start(self._all_cells(plane, window))
 
     async def _all_cells(self, plane: Plane, window: Ranges) -> None:
         """Draw those cells of a window that are left out where the whole survey is drawn."""
@@ -339,10 +360,41 @@ class MapView:
         )
 
     def _frame(self, frame: Frame) -> None:
-        self._viewer.change(lambda: self.map.frame(frame.values, box_of(frame.delta, frame.epsilon)))
+        box, found = box_of(frame.delta, frame.epsilon), frame.values
+        values = (np.abs(found) if np.iscomplexobj(found) else found).astype(np.float32)
+        self._finer = finer = Block(frame.delta, frame.epsilon, values, np.ones(values.shape, np.int8), box)
+        self._seen = lambda: finer
+        self._viewer.change(lambda: self.map.frame(values, box))
+        self._count()
+
+    def _count(self) -> None:
+        """The shares of the key are those of what is seen."""
+        if self._counting is not None:
+            self._counting.cancel()
+        if self._plane is not None and self._seen is not None:
+            self._counting = self._viewer.start(self._shares(self._plane, self.view, self._seen))
+        elif self._colours is not None:
+            self._show_shares(self._colours.shades)
+
+    async def _shares(self, plane: Plane, view: View, block: Callable[[], Block]) -> None:
+        shades = await self._viewer.read(lambda: colouring(plane, block(), view.limits, view.log).shades)
+        self._viewer.change(lambda: self._show_shares(shades) if plane is self._plane else None)
+
+    def _show_shares(self, shades: Iterable[Shade]) -> None:
+        self._lines.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
     def _say_zoom(self, text: str) -> None:
-        self._viewer.change(lambda: self._beside.say(text))
+        def say() -> None:
+            self._progress = text
+            if self._colours is not None:
+                self._show_heading()
+
+        self._viewer.change(say)
+
+    def _show_heading(self) -> None:
+        """What the map shows, and what is being computed of it."""
+        said = f' <span class="faint" role="status">{escape(self._progress)}</span>' if self._progress else ""
+        self._title.html = f"<p>{self._heading}{said}</p>"
 
     def _hover(self, delta: float, epsilon: float) -> None:
         self._cursor.forget()
@@ -354,7 +406,9 @@ class MapView:
         if self._hovering is not None and not self._hovering.done():
             self._hovering.cancel()
         if self._plane is not None:
-            self._hovering = self._viewer.start(self._beside.read(self._plane, delta, epsilon, self.window))
+            self._hovering = self._viewer.start(
+                self._beside.read(self._plane, self._finer, delta, epsilon, self.window)
+            )
 
     def _point(self, delta: float, epsilon: float) -> None:
         if delta <= 0 or epsilon < 0:

@@ -11,6 +11,7 @@ from bokeh.document import Document
 from service_support import BODY, no_cluster
 from waiting import eventually
 
+import rattle
 from rattle.models import Impacting, Stiff
 from service.access.keys import Caller
 from service.app import create_app
@@ -26,7 +27,7 @@ from service.explorer.map.view import MapView
 from service.operations.surveys import submit_survey
 from service.settings import Settings
 from service.state import Front
-from workers import SurveyRequest, compute_tile, create_store, tiles_of
+from workers import Frame, SurveyRequest, compute_tile, create_store, tiles_of
 from workers.storage.store import write_tile
 
 REGIONS = SurveyRequest(**BODY | {"quantities": ["region"]})
@@ -168,3 +169,42 @@ def test_the_scale_of_own_limits_is_switched_and_wrong_limits_are_told(tmp_path:
         assert shown.view.limits[1] == 5.0
 
     with_map(tmp_path, body, variable="orbit_velocity", limits=(1.5, 5.0))
+
+
+def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
+    delta, epsilon = 0.6 + 0.3 * 0.04, 0.1 - 0.4 * 0.1 / 3  # within a cell, and away from its centre
+
+    async def body(front: Front, shown: MapView) -> None:
+        shown.choose(done(front, REGIONS))
+        await eventually(lambda: cells(shown) and shown._plane is not None)
+        plane, figure = shown._plane, shown.map.figure
+        assert plane is not None
+        at = plane.at(delta, epsilon)
+        assert at is not None
+        window = (delta - 1e-9, delta + 1e-9), (epsilon - 1e-9, epsilon + 1e-9)
+        shown._moved(*window)
+        fine = figure.select_one({"name": "fine0"}).data_source.data
+        assert (fine["image"][0] == at[0]).all()  # as the survey has it, until the workers answer
+        assert (fine["x"][0], fine["dw"][0]) == (window[0][0], pytest.approx(2e-9))
+        code = rattle.REGIONS[int(at[0])]
+
+        def shares() -> dict[str, float]:
+            return {each["label"]: each["share"] for each in shown._lines.key.shades}
+
+        await eventually(lambda: shares().get(code) == 1.0)
+        await eventually(lambda: "his window" in shown._title.html)  # where one looks
+        other = 1 + int(at[0]) % 5
+        axes = (np.linspace(low, high, 9) for low, high in window)
+        values = np.full((9, 9), other, np.int8)
+        values[:3] = int(at[0])
+        shown._frame(Frame(*axes, values, 1.0, 0))
+        await eventually(lambda: shares().get(code) == pytest.approx(1 / 3))
+        shown._hover(delta, epsilon)
+        await eventually(lambda: "Outside of this window" in shown._beside._text.html)
+        assert f"computed here</dt><dd>{rattle.REGIONS[other]}</dd>" in shown._beside._text.html
+        shown._look((delta, epsilon))
+        assert shown._said.html.endswith(f"computed here, {rattle.REGIONS[other]}</p>")
+        shown._reset()
+        await eventually(lambda: shares().get(code) == pytest.approx((plane.values == at[0]).mean()))
+
+    with_map(tmp_path, body)
