@@ -15,6 +15,7 @@ from waiting import HANG, wait_until
 import rattle
 from rattle.curves import codimension_two
 from rattle.orbits.period_one import REGIONS
+from service.explorer.map.planes import ENLARGED
 
 DEFAULT_LINES = {"SN1", "SN2", "PD1", "PDC", "PD2", "G1", "G2", "quiet_limit", "points"}
 
@@ -109,7 +110,9 @@ def test_a_window_of_1e9_at_cod22_is_right(page: Page, service: str, survey_id: 
     delta, epsilon = ((value - 5e-10, value + 5e-10) for value in (point.delta, point.epsilon))
     window = {"delta": f"{delta[0]!r},{delta[1]!r}", "epsilon": f"{epsilon[0]!r},{epsilon[1]!r}"}
     open_view(page, service, survey=survey_id, **window)
-    wait_for_map(page, "renderers.some((each) => each.name === 'fine0' && each.data_source.data.image.length > 0)")
+    # at first there is one cell of the survey, enlarged
+    finer = f"each.name === 'fine0' && each.data_source.data.image[0]?.shape[0] > {ENLARGED}"
+    wait_for_map(page, f"renderers.some((each) => {finer})")
     assert of_map(page, "x_range.start") == delta[0]
     assert of_map(page, "below[0].axis_label") == "damping δ − 0.7701471309, in units of 1e-9"
     assert {1, 5} <= set(assert_fine_regions(page).ravel().tolist())  # both sides of G1 and G2

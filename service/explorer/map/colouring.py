@@ -45,6 +45,7 @@ class Colouring:
     reason_colours: tuple[str, ...]
     note: str = ""
     names: Mapping[str, Pair] = field(default_factory=dict)  # of regions, and where they are written
+    beyond: Pair = (0.0, 0.0)  # shares of the values below and above what colours span
 
 
 def layers_of(plane: Plane, block: Block) -> dict[str, tuple[np.ndarray, str]]:
@@ -95,7 +96,21 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> C
         reasons[hidden] = len(reason_colours)
         shades += (Shade("zero or below", reason_colours[-1], float(hidden.sum() / reasons.size)),)
     palette = [to_hex(cmap(shade)) for shade in np.linspace(0.0, 1.0, SHADES)]
-    return Colouring(title_of(plane.plane), palette, low, high, log, False, shades, reasons, reason_colours, note)
+    beyond = _beyond(values[reasons == 0], low, high)
+    sides = zip(beyond, ("below", "above"), strict=True)
+    notes = [note, *(f"{share:.2%} of the values are {side} the scale" for share, side in sides if share)]
+    note = "; ".join(each for each in notes if each)
+    return Colouring(
+        title_of(plane.plane), palette, low, high, log, False, shades, reasons, reason_colours, note, beyond=beyond
+    )  # fmt: skip
+
+
+def _beyond(values: np.ndarray, low: float, high: float) -> Pair:
+    """Shares of values below and above limits; float32, as the values are, has less digits than limits have."""
+    if not values.size:
+        return 0.0, 0.0
+    least, most = np.float32(low), np.float32(high)
+    return float((values < least).mean()), float((values > most).mean())
 
 
 def _limits(shown: np.ndarray, auto: Pair, limits: Limits | Pair) -> tuple[float, float, str]:

@@ -86,6 +86,9 @@ class Map:
         ]
         for scale in self._scales.values():
             plot.add_layout(scale.bar, "right")
+        self._beyond = glyphs.beyond(INK[theme][0])
+        for mark in self._beyond:
+            plot.add_layout(mark, "right")  # in the middle it would be cut off where the frame ends
         self._box: Ranges | None = None
         self._frame: tuple[np.ndarray, Ranges] | None = None
         self._listen(on_point, on_pointer, on_window, on_reset)
@@ -128,13 +131,18 @@ class Map:
                 on_window((float(new["x"][0]), float(new["x"][1])), (float(new["y"][0]), float(new["y"][1])))
 
         def tapped(event: Any) -> None:
-            if _finite([event.x, event.y]):
+            if _finite([event.x, event.y]) and self._is_inside(event.x, event.y):
                 on_point(float(event.x), float(event.y))
 
         pointer.on_change("data", pointed)
         window.on_change("data", moved)
         self.figure.on_event(Tap, tapped)
         self.figure.on_event(Reset, lambda _event: on_reset())
+
+    def _is_inside(self, delta: float, epsilon: float) -> bool:
+        """Whether a point is on the map, and not beside it, where axes are."""
+        x, y = self.figure.x_range, self.figure.y_range
+        return bool(x.start <= delta <= x.end and y.start <= epsilon <= y.end)
 
     def window(self, delta: Pair, epsilon: Pair) -> None:
         """Show this window."""
@@ -202,6 +210,8 @@ class Map:
             glyphs.empty(source)
         for scale in self._scales.values():
             scale.bar.visible = False
+        for mark in self._beyond:
+            mark.visible = False
         self.figure.min_border_right = None
 
     def _colour(self, colours: Colouring) -> None:
@@ -212,6 +222,8 @@ class Map:
         self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
         for log, scale in self._scales.items():
             scale.bar.visible = log == colours.log and not colours.categorical
+        for mark, share in zip(self._beyond, colours.beyond, strict=True):
+            mark.visible = share > 0
         self.figure.min_border_right = None if colours.categorical else BAR_ROOM
         reasons = [glyphs.CLEAR, *colours.reason_colours]
         self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)

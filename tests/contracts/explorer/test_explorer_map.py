@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bokeh.document import Document
+from bokeh.models import ColorBar, Label
 from fastapi.testclient import TestClient
 from service_support import BODY, front_end, front_of
 
@@ -147,8 +148,27 @@ def test_own_limits_and_the_scale_of_colours(client: TestClient, survey: str, lo
     mapper = shown.glyph.color_mapper
     assert type(mapper).__name__ == ("LogColorMapper" if log else "LinearColorMapper")
     assert (mapper.low, mapper.high) == (1.5, 4.0)
-    (bar,) = [each for each in drawn.figure.right if each.visible]
+    (bar,) = [each for each in drawn.figure.right if each.visible and isinstance(each, ColorBar)]
     assert bar.color_mapper is mapper
+
+
+@pytest.mark.parametrize(("limits", "below", "above"), [((1.5, 4.0), 0, 1), ((3.5, 9.0), 1, 0), ("full", 0, 0)])
+def test_values_beyond_the_limits_are_marked(
+    client: TestClient, survey: str, limits: Any, below: bool, above: bool
+) -> None:
+    front = front_of(client)
+    speeds, _ = Atlas(front).plane(front.database.job(survey), "orbit_velocity", 0)
+    found = colouring(speeds, speeds.block(), limits, False)
+    values = speeds.values[np.isfinite(speeds.values)]
+    low, high = (found.low, found.high) if limits == "full" else limits
+    beyond = float((values < np.float32(low)).mean()), float((values > np.float32(high)).mean())
+    assert found.beyond == pytest.approx(beyond)
+    assert [share > 0 for share in beyond] == [below, above]
+    drawn = new_map()
+    drawn.cells(speeds.block(), found)
+    marks = {each.text: each.visible for each in drawn.figure.select({"type": Label})}
+    assert marks == {"▼": below, "▲": above}
+    assert ("below the scale" in found.note, "above the scale" in found.note) == (below, above)
 
 
 def test_zeros_have_no_colour_of_a_log_scale(client: TestClient, survey: str) -> None:
@@ -222,6 +242,8 @@ def test_what_is_clicked_is_delta_and_epsilon() -> None:
     for callback in drawn.figure._event_callbacks["tap"]:
         callback(SimpleNamespace(x=0.6, y=0.1))
         callback(SimpleNamespace(x=None, y=0.1))
+        callback(SimpleNamespace(x=0.39, y=0.1))  # on the numbers of an axis
+        callback(SimpleNamespace(x=0.6, y=-0.01))
     assert clicked == [(0.6, 0.1)]
 
 
