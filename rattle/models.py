@@ -69,6 +69,7 @@ class Impacting:
     has_margin = True  # `boundary_distance`
     has_gamma = True
     has_crisis = True
+    has_corners = True  # `codimension_two`
     stiffness = None
 
     def __post_init__(self) -> None:
@@ -171,6 +172,7 @@ class Stiff:
     has_margin = False
     has_gamma = False
     has_crisis = False
+    has_corners = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))

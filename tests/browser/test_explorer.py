@@ -15,6 +15,7 @@ from waiting import HANG, wait_until
 import rattle
 from rattle.curves import codimension_two
 from rattle.orbits.period_one import REGIONS
+from service.explorer.map.planes import ENLARGED
 
 DEFAULT_LINES = {"SN1", "SN2", "PD1", "PDC", "PD2", "G1", "G2", "quiet_limit", "points"}
 
@@ -109,7 +110,9 @@ def test_a_window_of_1e9_at_cod22_is_right(page: Page, service: str, survey_id: 
     delta, epsilon = ((value - 5e-10, value + 5e-10) for value in (point.delta, point.epsilon))
     window = {"delta": f"{delta[0]!r},{delta[1]!r}", "epsilon": f"{epsilon[0]!r},{epsilon[1]!r}"}
     open_view(page, service, survey=survey_id, **window)
-    wait_for_map(page, "renderers.some((each) => each.name === 'fine0' && each.data_source.data.image.length > 0)")
+    # at first there is one cell of the survey, enlarged
+    finer = f"each.name === 'fine0' && each.data_source.data.image[0]?.shape[0] > {ENLARGED}"
+    wait_for_map(page, f"renderers.some((each) => {finer})")
     assert of_map(page, "x_range.start") == delta[0]
     assert of_map(page, "below[0].axis_label") == "damping δ − 0.7701471309, in units of 1e-9"
     assert {1, 5} <= set(assert_fine_regions(page).ravel().tolist())  # both sides of G1 and G2
@@ -151,6 +154,32 @@ def test_a_saved_address_shows_the_same_view(page: Page, service: str, survey_id
         expect(page.get_by_label(label, exact=True)).to_have_value(value)
     page.get_by_role("button", name="Light theme").click()
     wait_for(page, "() => document.body && getComputedStyle(document.body).backgroundColor === 'rgb(244, 246, 248)'")
+
+
+#: Of the colour bar that is shown: the room beside it, how wide its longest number would be there, some numbers.
+BAR = """() => {
+    const map = Bokeh.documents.map((each) => each.get_model_by_name("map")).find((each) => each)
+    const bar = map.right.find((each) => each.visible), plot = Bokeh.index.find_one(map)
+    const view = plot.computed_renderer_views.find((each) => each.model === bar)
+    const ink = document.createElement("canvas").getContext("2d")
+    ink.font = `${bar.major_label_text_font_size} ${bar.major_label_text_font}`
+    const numbers = (ticks) => bar.formatter.doFormat(ticks, {loc: 0}).join(" ")
+    return [
+        plot.canvas_view.bbox.width - view._frame_view.bbox.right,
+        bar.label_standoff + ink.measureText("−1.234e−5").width,
+        [[-1.5, -1, -0.5, 0], [1.6e-4, 1.7e-4], [0, 5e4, 1e5], [0.60001, 0.60002], [2e-7, 3e-6]].map(numbers),
+    ]
+}"""
+
+
+def test_the_numbers_of_the_colour_bar_are_whole(page: Page, service: str, survey_id: str) -> None:
+    open_view(page, service, survey=survey_id, variable="attractor_fraction")
+    page.get_by_label("Map", exact=True).select_option("lyapunov max")  # whose numbers are wider
+    wait_for_map(page, "renderers.find((each) => each.name === 'cells0').glyph.color_mapper.low < -1")
+    wait_until(lambda: page.evaluate("() => Bokeh.documents.every((each) => each.is_idle)"))
+    room, width, numbers = page.evaluate(BAR)
+    assert room >= width
+    assert numbers == ["−1.5 −1 −0.5 0", "1.6e−4 1.7e−4", "0 50000 1e5", "0.60001 0.60002", "2e−7 3e−6"]
 
 
 def test_nonsense_in_the_address_is_left_out(page: Page, service: str) -> None:

@@ -1,8 +1,12 @@
-"""A page where keys are asked, and a page that is open when the service ends."""
+"""A page where keys are asked, and a page that is open when the service ends and when it comes back."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
+from subprocess import Popen
+from typing import NamedTuple
 
 import pytest
 from explorer_support import EXPLORER, visiting
@@ -15,9 +19,17 @@ from waiting import HANG
 from service.cli import app
 
 
+class Asking(NamedTuple):
+    """A service that asks for keys: keys by scope, its process, and how another one begins in its place."""
+
+    url: str
+    tokens: dict[str, str]
+    process: Popen[str]
+    again: Callable[[], AbstractContextManager[Popen[str]]]
+
+
 @pytest.fixture
-def asking(tmp_path: Path) -> Iterator[tuple[str, dict[str, str], object]]:
-    """URL of a service that asks for keys, keys by scope, and its process."""
+def asking(tmp_path: Path) -> Iterator[Asking]:
     tokens, data, faults = {}, str(tmp_path / "data"), Faults(tmp_path)
     faults.inject(IN_PROCESS, NO_DEADLINE)
     for scope in ("read", "submit"):
@@ -25,15 +37,14 @@ def asking(tmp_path: Path) -> Iterator[tuple[str, dict[str, str], object]]:
         tokens[scope] = next(word for word in made.stdout.split() if word.startswith("rattle_"))
     port = free_port()
     settings = faults.environment | EXPLORER | {"RATTLE_REQUIRE_KEYS": "true"}
-    with server(Path(data), port, "--workers", "1", settings=settings) as process:
-        yield f"http://127.0.0.1:{port}", tokens, process
+    begin = partial(server, Path(data), port, "--workers", "1", settings=settings)
+    with begin() as process:
+        yield Asking(f"http://127.0.0.1:{port}", tokens, process, begin)
 
 
-def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(
-    browser: Browser, asking: tuple[str, dict[str, str], object]
-) -> None:
-    url, tokens, process = asking
-    with visiting(browser, url) as context:
+def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Browser, asking: Asking) -> None:
+    url, tokens, process, again = asking
+    with visiting(browser, url, allowed="net::ERR_") as context:
         page = context.new_page()
         page.goto(f"{url}/?theme=dark")
         page.get_by_label("API key").fill(tokens["read"])
@@ -57,4 +68,13 @@ def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(
         expect(page.get_by_role("button", name="Submit")).to_be_enabled()
         process.send_signal(signal.SIGTERM)
         assert process.wait(timeout=HANG) == 0  # by itself: nobody cuts it short
-        page.close()
+        expect(page.get_by_role("alert").filter(has_text="connection to the service is lost")).to_be_visible()
+        assert page.locator(".page").evaluate("(each) => each.inert")
+        view = page.url
+        with again():
+            expect(page.locator("#lost")).to_have_count(0)
+            expect(page.get_by_text("No surveys yet")).to_be_visible()
+            assert page.url == view
+            page.get_by_role("button", name="New survey").click()
+            expect(page.get_by_text("cells, about")).to_be_visible()
+            page.close()

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 
+from rattle.attractors.table import PERIODIC
 from rattle.orbits.period_one import PAPER_REGIONS
 from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
@@ -19,11 +20,14 @@ from workers.survey.values.evaluate import FAILED
 from workers.survey.values.schema import CELL, FIXED
 
 NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"
+#: What only periodic attractors have: of another it is that of any of its states.
+OF_PERIODIC = frozenset({"attractor_phase"})
 #: What it means that a computed cell of a map has no value, or the value 0, if that is not a number among others.
 WITHOUT_VALUE = {
     "basin_entropy": "undecided",
     "boundary_basin_entropy": "no boundary, or undecided",
     "boundary_distance": "undecided",
+    **dict.fromkeys(OF_PERIODIC, "not periodic"),
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
 #: Of `rattle.REGIONS`; those of other sets than the paper's are as far from one another as light colours can be.
@@ -47,7 +51,7 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
     """
     plane = plane_of(dataset, variable, index)
     with reading(f"the map of {variable}"):
-        plane.load()
+        plane = with_periodic(dataset, plane.load(), index)
         dataset["status"].load()
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
@@ -80,14 +84,27 @@ def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray
     return plane
 
 
+def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:
+    """Return a map, or a part of it, without the cells whose attractor has no such number: those not periodic."""
+    if plane.name not in OF_PERIODIC:
+        return plane
+    kind = dataset["attractor_kind"][index].sel(delta=plane["delta"], epsilon=plane["epsilon"])
+    return plane.where(kind.values == PERIODIC)
+
+
 def title_of(plane: xr.DataArray) -> str:
     """Return what a map shows, in words."""
     name = str(plane.attrs.get("long_name", plane.name))
     if np.iscomplexobj(plane):
         name = f"|{name}|"
     along = (dim for dim, value in plane.coords.items() if not value.dims and dim not in FIXED)
-    chosen = ", ".join(f"{dim} {plane.coords[dim].item()}" for dim in along)
+    chosen = ", ".join(_chosen(str(dim), plane.coords[dim].item()) for dim in along)
     return f"{name} ({chosen})" if chosen else name
+
+
+def _chosen(dim: str, value: object) -> str:
+    """What a map is of: an attractor is known by its place in its cell alone."""
+    return f"attractor {value}, of those of a cell by falling share" if dim == "attractor" else f"{dim} {value}"
 
 
 def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str = "none") -> None:
@@ -198,6 +215,9 @@ def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normali
         return colormaps["twilight_shifted"], Normalize(0, 1), None, []  # 0.99 and 0.01 are neighbours
     if str(plane.name).endswith("_fraction"):
         return colormaps["viridis"], Normalize(0, 1), None, []
+    if np.issubdtype(plane.dtype, np.integer) and values.size:
+        # Long periods are rare, and would wash out all others.
+        high = max(float(np.quantile(values, 0.98)), low + 1)
     if "lyapunov" in str(plane.name):
         # The few largest exponents, close to the quiet limit, would wash out all others.
         reach = float(np.quantile(np.abs(values), 0.98)) if values.size else 1.0

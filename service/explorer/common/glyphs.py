@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from bokeh.models import ColumnDataSource, LinearColorMapper, LogColorMapper
-from bokeh.models.annotations import ColorBar
+from bokeh.models import ColumnDataSource, CustomJSTickFormatter, LinearColorMapper, LogColorMapper, Node
+from bokeh.models.annotations import ColorBar, Label
 from bokeh.models.glyphs import Image, MultiLine, Scatter, Text
 from bokeh.models.renderers import GlyphRenderer
 
 from rattle.plot.plane import STYLES
 from service.explorer.common.address import CRISIS
+from service.explorer.files import asset
 
+BAR_WIDTH, BAR_PADDING = 12, 6  # pixels
 CLEAR = "#00000000"
 CRISIS_STYLE = ("#00695c", (8.0, 3.0))
 IMAGE = ("image", "x", "y", "dw", "dh")
@@ -70,10 +72,26 @@ def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict
             image(source, mapper, visible=False, name=f"{name}{log:d}")
             for name, source in (("cells", values), ("fine", fine))
         )
-        found[log] = Scale(
-            mapper, cells, finer, ColorBar(color_mapper=mapper, visible=False, width=12, padding=6, **bar)
+        numbers = CustomJSTickFormatter(code=asset("bar_ticks.js"))
+        ends = ColorBar(
+            color_mapper=mapper, formatter=numbers, visible=False, width=BAR_WIDTH, padding=BAR_PADDING, **bar
         )
+        found[log] = Scale(mapper, cells, finer, ends)
     return found
+
+
+def beyond(ink: str) -> tuple[Any, Any]:
+    """Marks at the lower and at the upper end of the bar of colours: there are values beyond it."""
+    return _at_bar("▼", "bottom", -BAR_PADDING, "top", ink), _at_bar("▲", "top", BAR_PADDING, "bottom", ink)
+
+
+def _at_bar(text: str, edge: Any, offset: int, baseline: Any, ink: str) -> Any:
+    x: Any = Node(target="frame", symbol="right", offset=BAR_PADDING + BAR_WIDTH // 2 + 1)
+    y: Any = Node(target="frame", symbol=edge, offset=offset)
+    return Label(
+        x=x, y=y, text=text, text_font_size="11px", text_align="center", text_baseline=baseline, text_color=ink,
+        visible=False,
+    )  # fmt: skip
 
 
 def line(source: ColumnDataSource, name: str) -> list[Any]:

@@ -83,6 +83,7 @@ class Viewer:
         task = asyncio.get_running_loop().create_task(self._guarded(work))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+        task.add_done_callback(lambda _task: work.close())  # given up before it began, it would be complained of
         return task
 
     async def _guarded(self, work: Awaitable[None]) -> None:

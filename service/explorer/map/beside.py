@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from html import escape
 from typing import Any
 
 import panel as pn
@@ -12,13 +11,14 @@ from rattle.models import AnyModel
 from service.explorer.common.address import Ranges
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
-from service.explorer.map.planes import Plane
-from service.explorer.map.readout import readout
+from service.explorer.map.planes import Block, Plane
+from service.explorer.map.readout import finer_value, readout
 from service.explorer.point.panel import PointPanel
 from service.explorer.point.view import PointView
 
 RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room
+HINT = "<p class=faint>Point at the map to read a cell, click it to look closer.</p>"
 
 
 class Beside:
@@ -28,14 +28,13 @@ class Beside:
         self,
         viewer: Viewer,
         theme: str,
-        text: Text,
         sheet: str,
         on_close: Callable[[], None],
         on_state: Callable[[dict[str, Any]], None],
     ) -> None:
-        self._viewer, self._text, self._on_close, self._on_state = viewer, text, on_close, on_state
+        self._viewer, self._on_close, self._on_state = viewer, on_close, on_state
         self._theme = theme
-        self._zoom = Text("", sheet)
+        self._text = Text(HINT, sheet)
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
         )
@@ -43,23 +42,23 @@ class Beside:
         self._view: PointView | None = None
         self._points: PointPanel | None = None
         self._point = pn.Column(sizing_mode="stretch_width", margin=0)
-        self.panel = pn.Column(
-            self._zoom.pane, self._close, self._point, text.pane, sizing_mode="stretch_width", margin=0
-        )
+        self.panel = pn.Column(self._close, self._point, self._text.pane, sizing_mode="stretch_width", margin=0)
 
-    def say(self, text: str) -> None:
-        """What the finer computation of the window does."""
-        self._zoom.html = f'<p class="faint" role="status">{escape(text)}</p>' if text else ""
-
-    async def read(self, plane: Plane, delta: float, epsilon: float, window: Ranges) -> None:
+    async def read(self, plane: Plane, finer: Block | None, delta: float, epsilon: float, window: Ranges) -> None:
         """Show what is known at a point."""
-        model = plane.request.gear_model
-        found = await self._viewer.read(lambda: readout(plane.cell(delta, epsilon), delta, epsilon, model, window))
+        model, here = plane.request.gear_model, finer_value(plane, finer, delta, epsilon)
+        found = await self._viewer.read(
+            lambda: readout(plane.cell(delta, epsilon), delta, epsilon, model, window, here)
+        )
 
         def show() -> None:
             self._text.html = found
 
         self._viewer.change(show)
+
+    def forget(self) -> None:
+        """Show no cell: what was read is no longer shown."""
+        self._text.html = HINT
 
     def open(self, delta: float, epsilon: float, model: AnyModel, state: Mapping[str, str]) -> None:
         """Show the view of a point."""

@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex
 from service.explorer.common.address import Limits, Pair
 from service.explorer.map.planes import Block, Plane
 from workers.pictures.figure import region_places
-from workers.pictures.maps import WITHOUT_VALUE, scale_of, title_of, valueless_layers
+from workers.pictures.maps import WITHOUT_VALUE, ZERO, scale_of, title_of, valueless_layers
 
 SHADES = 256
 ROBUST = (2.0, 98.0)  # percentiles
@@ -45,6 +45,7 @@ class Colouring:
     reason_colours: tuple[str, ...]
     note: str = ""
     names: Mapping[str, Pair] = field(default_factory=dict)  # of regions, and where they are written
+    beyond: Pair = (0.0, 0.0)  # shares of the values below and above what colours span
 
 
 def layers_of(plane: Plane, block: Block) -> dict[str, tuple[np.ndarray, str]]:
@@ -90,8 +91,26 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> C
     low, high, note = _limits(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
     if log:
         low, high, log, note = _positive(shown, low, high, note)
+    if log and (hidden := (reasons == 0) & (values <= 0)).any():
+        reason_colours += (to_hex(ZERO),)
+        reasons[hidden] = len(reason_colours)
+        shades += (Shade("zero or below", reason_colours[-1], float(hidden.sum() / reasons.size)),)
     palette = [to_hex(cmap(shade)) for shade in np.linspace(0.0, 1.0, SHADES)]
-    return Colouring(title_of(plane.plane), palette, low, high, log, False, shades, reasons, reason_colours, note)
+    beyond = _beyond(values[reasons == 0], low, high)
+    sides = zip(beyond, ("below", "above"), strict=True)
+    notes = [note, *(f"{share:.2%} of the values are {side} the scale" for share, side in sides if share)]
+    note = "; ".join(each for each in notes if each)
+    return Colouring(
+        title_of(plane.plane), palette, low, high, log, False, shades, reasons, reason_colours, note, beyond=beyond
+    )  # fmt: skip
+
+
+def _beyond(values: np.ndarray, low: float, high: float) -> Pair:
+    """Shares of values below and above limits; float32, as the values are, has less digits than limits have."""
+    if not values.size:
+        return 0.0, 0.0
+    least, most = np.float32(low), np.float32(high)
+    return float((values < least).mean()), float((values > most).mean())
 
 
 def _limits(shown: np.ndarray, auto: Pair, limits: Limits | Pair) -> tuple[float, float, str]:
@@ -109,9 +128,8 @@ def _positive(shown: np.ndarray, low: float, high: float, note: str) -> tuple[fl
     """Limits for a logarithmic scale, which shows positive values only."""
     positive = shown[shown > 0]
     if not positive.size or high <= 0:
-        return low, high, False, "no positive values: the scale stays linear"
+        return low, high, False, "nothing positive to show: the scale stays linear"
     low = low if low > 0 else float(positive.min())
     if not low < high:
         high = 2.0 * low
-    hidden = 1.0 - positive.size / shown.size
-    return low, high, True, f"{hidden:.0%} of the values are not positive and are not shown" if hidden > 0 else note
+    return low, high, True, note

@@ -79,10 +79,16 @@ class Controls:
         return bool(self._log.value)
 
     @property
-    def own(self) -> tuple[float, float] | None:
-        """The viewer's own limits, None where they are none."""
+    def own(self) -> Pair | str:
+        """The viewer's own limits, or why they are none."""
         low, high = self._low.value, self._high.value
-        return (low, high) if low is not None and high is not None and low < high else None
+        if low is None or high is None:
+            return "Colours need two limits: a number each."
+        if not low < high:
+            return f"Colours cannot span {low:g} to {high:g}: the first limit must be below the second."
+        if self.log and high <= 0:
+            return f"A log scale shows positive values only: the second limit must be above 0, not {high:g}."
+        return low, high
 
     def offer_variables(self, names: Iterable[str], chosen: str) -> None:
         """The variables that a survey has."""

@@ -29,6 +29,7 @@ SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("right", -9, 14)}
 UNSEEN = (700, 550)
 POINTER_MS, WINDOW_MS = 50, 200
+BAR_ROOM = 100  # pixels of the colour bar and its numbers, which Bokeh measures once and not when they change
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well
 
 
@@ -85,7 +86,11 @@ class Map:
         ]
         for scale in self._scales.values():
             plot.add_layout(scale.bar, "right")
+        self._beyond = glyphs.beyond(INK[theme][0])
+        for mark in self._beyond:
+            plot.add_layout(mark, "right")  # in the middle it would be cut off where the frame ends
         self._box: Ranges | None = None
+        self._frame: tuple[np.ndarray, Ranges] | None = None
         self._listen(on_point, on_pointer, on_window, on_reset)
 
     def _dress(self, theme: str) -> None:
@@ -126,13 +131,18 @@ class Map:
                 on_window((float(new["x"][0]), float(new["x"][1])), (float(new["y"][0]), float(new["y"][1])))
 
         def tapped(event: Any) -> None:
-            if _finite([event.x, event.y]):
+            if _finite([event.x, event.y]) and self._is_inside(event.x, event.y):
                 on_point(float(event.x), float(event.y))
 
         pointer.on_change("data", pointed)
         window.on_change("data", moved)
         self.figure.on_event(Tap, tapped)
         self.figure.on_event(Reset, lambda _event: on_reset())
+
+    def _is_inside(self, delta: float, epsilon: float) -> bool:
+        """Whether a point is on the map, and not beside it, where axes are."""
+        x, y = self.figure.x_range, self.figure.y_range
+        return bool(x.start <= delta <= x.end and y.start <= epsilon <= y.end)
 
     def window(self, delta: Pair, epsilon: Pair) -> None:
         """Show this window."""
@@ -155,6 +165,11 @@ class Map:
             scale.fine.visible = log == self._log
 
     @property
+    def is_too_close(self) -> bool:
+        """Whether the cells of the survey are too large to be drawn."""
+        return not self._fits
+
+    @property
     def pixels(self) -> tuple[int, int]:
         """Width and height of the frame on the screen; a guess until a browser has said."""
         try:
@@ -174,10 +189,20 @@ class Map:
 
     def frame(self, values: np.ndarray, box: Ranges) -> None:
         """Draw a finer block over the cells: values (epsilon, delta), and what they cover."""
-        self._fine.data = {"image": [np.asarray(values, np.float32)], **image_at(box)}
+        self._frame = np.asarray(values, np.float32), box
+        self._show_frame()
+
+    def _show_frame(self) -> None:
+        if self._frame is None:
+            glyphs.empty(self._fine)
+            return
+        values, box = self._frame
+        shown = np.where(values > 0, values, np.float32(np.nan)) if self._log else values
+        self._fine.data = {"image": [shown], **image_at(box)}
 
     def no_frame(self) -> None:
-        glyphs.empty(self._fine)
+        self._frame = None
+        self._show_frame()
 
     def no_cells(self) -> None:
         self.no_frame()
@@ -185,13 +210,21 @@ class Map:
             glyphs.empty(source)
         for scale in self._scales.values():
             scale.bar.visible = False
+        for mark in self._beyond:
+            mark.visible = False
+        self.figure.min_border_right = None
 
     def _colour(self, colours: Colouring) -> None:
-        self._log = colours.log
+        if self._log != colours.log:
+            self._log = colours.log
+            self._show_frame()
         palette = list(colours.palette)
         self._scales[colours.log].mapper.update(palette=palette, low=colours.low, high=colours.high)
         for log, scale in self._scales.items():
             scale.bar.visible = log == colours.log and not colours.categorical
+        for mark, share in zip(self._beyond, colours.beyond, strict=True):
+            mark.visible = share > 0
+        self.figure.min_border_right = None if colours.categorical else BAR_ROOM
         reasons = [glyphs.CLEAR, *colours.reason_colours]
         self._why_mapper.update(palette=reasons, low=-0.5, high=len(reasons) - 0.5)
         self._show_scale()
@@ -210,6 +243,11 @@ class Map:
         )
         columns = (x, y, markers, names, align, dx, dy)
         self._points.data = {key: list(column) for key, column in zip(glyphs.POINT, columns, strict=True)}
+
+    def no_lines(self) -> None:
+        """Take all curves and points away."""
+        for source in (self._points, *(source for source, _ in self._lines.values())):
+            glyphs.empty(source)
 
     def choose(self, names: Sequence[str]) -> None:
         """Show these overlays and no others."""

@@ -70,7 +70,15 @@ class Lines:
         for name in names:
             if name in self._tasks:
                 self._tasks.pop(name).cancel()
+            if not _is_offered(name, model):
+                continue
             self._tasks[name] = self._viewer.start(self._line(name, model, window))
+
+    def clear(self) -> None:
+        """Show no lines, and find none."""
+        while self._tasks:
+            self._tasks.popitem()[1].cancel()
+        self._map.no_lines()
 
     async def _line(self, name: str, model: AnyModel, window: Ranges) -> None:
         await self._viewer.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
@@ -114,7 +122,12 @@ def entries(model: AnyModel) -> list[dict[str, Any]]:
             "missing": False,
         }
         for name in OVERLAYS
+        if _is_offered(name, model)
     ]
+
+
+def _is_offered(name: str, model: AnyModel) -> bool:
+    return {CRISIS: model.has_crisis, POINTS: model.has_corners}.get(name, True)
 
 
 def _meaning(name: str, model: AnyModel) -> str:

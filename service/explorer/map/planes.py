@@ -17,10 +17,11 @@ from service.errors import MissingError
 from service.explorer.common.address import Pair, Ranges
 from service.state import Front
 from workers import SurveyRequest, open_survey, tiles_of
-from workers.pictures.maps import numbers, plane_of
+from workers.pictures.maps import numbers, plane_of, with_periodic
 from workers.survey.values.schema import CELL
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # maps, and cells of them all, which take 5 bytes each
+ENLARGED = 200  # points along an axis of an enlarged window
 SIDE = 1024  # cells along an axis that are drawn at once: more than a screen has room for
 BAND = 1 << 20  # numbers that are read at a time
 SLICE_SECONDS = 1.0  # of reading, after which what is known is drawn
@@ -40,6 +41,11 @@ class Block:
     status: np.ndarray
     box: Ranges
 
+    def at(self, delta: float, epsilon: float) -> float | None:
+        """The value at a point; None outside."""
+        j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
+        return None if j is None or i is None else float(self.values[i, j])
+
 
 class Plane:
     """One map of one survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
@@ -51,7 +57,7 @@ class Plane:
         self.id, self.number = job.id, job.number
         self._front = front
         self._dataset = open_survey(place)
-        self.plane = plane_of(self._dataset, variable, index)
+        self.plane, self._index = plane_of(self._dataset, variable, index), index
         self.request = SurveyRequest.model_validate(job.request)
         self.delta, self.epsilon = (np.asarray(self._dataset[axis], np.float64) for axis in ("delta", "epsilon"))
         self.values = np.full(self.plane.shape, np.nan, np.float32)
@@ -89,7 +95,7 @@ class Plane:
     def _read(self, indices: Sequence[int]) -> None:
         first, last = self._tiles[indices[0]], self._tiles[indices[-1]]
         where = (slice(first.epsilon.start, last.epsilon.stop), slice(first.delta.start, last.delta.stop))
-        self.values[where] = numbers(self.plane[where])
+        self.values[where] = numbers(with_periodic(self._dataset, self.plane[where], self._index))
         self.status[where] = np.asarray(self._dataset["status"][where])
 
     @property
@@ -109,6 +115,20 @@ class Plane:
         where = np.ix_(i.chosen, j.chosen)
         box = j.covered, i.covered
         return Block(self.delta[j.chosen], self.epsilon[i.chosen], self.values[where], self.status[where], box)
+
+    def enlarged(self, window: Ranges) -> Block:
+        """A window that is far narrower than the survey, each point of it as the cell that it is in."""
+        (left, right), (bottom, top) = window
+        delta, epsilon = (
+            low + (np.arange(ENLARGED) + 0.5) * (high - low) / ENLARGED for low, high in ((left, right), (bottom, top))
+        )
+        values = np.full((ENLARGED, ENLARGED), np.nan, np.float32)
+        status = np.zeros(values.shape, np.int8)
+        j, i = (_places(axis, points) for axis, points in ((self.delta, delta), (self.epsilon, epsilon)))
+        inside = np.ix_(i >= 0, j >= 0)
+        from_cells = np.ix_(i[i >= 0], j[j >= 0])
+        values[inside], status[inside] = self.values[from_cells], self.status[from_cells]
+        return Block(delta, epsilon, values, status, window)
 
     def at(self, delta: float, epsilon: float) -> tuple[float, int] | None:
         """Value and status of the cell at a point; None outside of the survey."""
@@ -154,6 +174,13 @@ def _nearest(axis: np.ndarray, value: float) -> int | None:
     if not axis[0] - half <= value <= axis[-1] + half:
         return None
     return int(np.abs(axis - value).argmin())
+
+
+def _places(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Indices of the cells along an axis that hold values, −1 beyond the ends."""
+    step = (axis[-1] - axis[0]) / (axis.size - 1)
+    found = np.floor((values - axis[0]) / step + 0.5).astype(int)
+    return np.where((found >= 0) & (found < axis.size), found, -1)
 
 
 class Atlas:

@@ -14,7 +14,7 @@ from rattle.models import AnyModel
 from rattle.plot import name_of
 from service.explorer.common.address import Ranges
 from service.explorer.map.axes import written
-from service.explorer.map.planes import Plane
+from service.explorer.map.planes import Block, Plane
 from workers import QUANTITIES
 from workers.pictures.maps import WITHOUT_VALUE, title_of
 from workers.survey.values.evaluate import FAILED, KINDS, STATUS
@@ -23,18 +23,24 @@ from workers.survey.values.schema import CELL
 Row = tuple[str, str]
 
 
-def readout(cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyModel, window: Ranges) -> str:
-    """HTML of what is known at a point (δ, ε): its region, and the cell of the survey that it is in, if any."""
+def readout(
+    cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyModel, window: Ranges, here: Row | None = None
+) -> str:
+    """HTML of what is known at a point (δ, ε): its region, what a finer map shows `here`, and the cell of the survey
+    that it is in, if any.
+    """
     rows: list[Row] = [("δ", written(delta, window[0])), ("ε", written(epsilon, window[1]))]
     if delta > 0 and epsilon >= 0:
         region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
         rows.append(("region here", rattle.REGIONS[region]))
+    if here is not None:
+        rows.append(here)
     tables = [_table(rows)]
     if cell is None:
         return "".join(tables) + "<p>Outside of the survey.</p>"
     place = f"δ {float(cell['delta']):.10g}, ε {float(cell['epsilon']):.10g}"
     status = int(cell["status"])
-    tables.append(f"<h3>Cell at {place}</h3>")
+    tables.append(f"<h3>Cell at {place}</h3>{_how_far(cell, delta, epsilon, window)}")
     if status in (0, FAILED):
         return "".join(tables) + f"<p>{escape(STATUS[status].replace('_', ' '))}</p>"
     tables.append(_table(_scalars(cell)))
@@ -45,9 +51,28 @@ def readout(cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyMod
     return "".join(tables)
 
 
-def in_words(plane: Plane, delta: float, epsilon: float, window: Ranges) -> str:
+def _how_far(cell: xr.Dataset, delta: float, epsilon: float, window: Ranges) -> str:
+    """Of a cell that is outside of the window: how far from the point its numbers are."""
+    away = float(cell["delta"]) - delta, float(cell["epsilon"]) - epsilon
+    if all(low <= float(cell[name]) <= high for name, (low, high) in zip(("delta", "epsilon"), window, strict=True)):
+        return ""
+    return f"<p class=faint>Outside of this window: {away[0]:+.2g} in δ and {away[1]:+.2g} in ε from here.</p>"
+
+
+def finer_value(plane: Plane, finer: Block | None, delta: float, epsilon: float) -> Row | None:
+    """What a finer map shows at a point: the map in words, and the value."""
+    value = finer.at(delta, epsilon) if finer is not None else None
+    if value is None:
+        return None
+    nothing = WITHOUT_VALUE.get(str(plane.plane.name), "none")
+    return f"{title_of(plane.plane)}, computed here", nothing if np.isnan(value) else _value(value, plane.plane)
+
+
+def in_words(plane: Plane, delta: float, epsilon: float, window: Ranges, finer: Block | None = None) -> str:
     """Where a cell is, and what the map shows there: a sentence to be read out."""
     place = f"δ {written(delta, window[0])}, ε {written(epsilon, window[1])}"
+    if (here := finer_value(plane, finer, delta, epsilon)) is not None:
+        return f"{place}: {', '.join(here)}"
     at = plane.at(delta, epsilon)
     if at is None:
         return f"{place}: outside of the survey"

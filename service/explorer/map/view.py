@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import partial
 from html import escape
 from typing import Any
 
@@ -19,7 +20,7 @@ from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
 from service.explorer.map.beside import Beside
-from service.explorer.map.colouring import Colouring, colouring, values_shown
+from service.explorer.map.colouring import Colouring, Shade, colouring, values_shown
 from service.explorer.map.controls import Controls, Uses
 from service.explorer.map.cursor import Cursor
 from service.explorer.map.deep_zoom import Zoom, coarser
@@ -29,7 +30,9 @@ from service.explorer.map.planes import Block, Plane, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
 from workers import Frame, SurveyRequest
+from workers.pictures.maps import OF_PERIODIC
 
+SURVEY_ONLY = "This is shown for the cells of the survey only."
 PAUSE = 1.0  # between two drawings of a survey that runs
 
 
@@ -48,6 +51,7 @@ class MapView:
     ) -> None:
         self._shared, self._viewer, self.view, self._remember = shared, viewer, view, remember
         self._job: JobRow | None = None
+        self._request: SurveyRequest | None = None  # of the survey that is chosen, which may have no numbers yet
         self._plane: Plane | None = None
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
@@ -66,9 +70,12 @@ class MapView:
         uses = Uses(self._on_variable, self._on_index, self._on_limits, self._on_own, save_window)
         self._controls = Controls(sheet, view.log, uses)
         self._title = Text("", sheet)
+        self._heading = self._progress = ""
+        self._finer: Block | None = None  # what the workers have computed of the window
+        self._seen: Callable[[], Block] | None = None  # the cells of the window, none where that is the whole survey
+        self._counting: asyncio.Task[None] | None = None
         self._said = Text("", sheet, is_spoken=True)
-        readout = Text("<p class=faint>Point at the map to read a cell, click it to look closer.</p>", sheet)
-        self._beside = Beside(viewer, theme, readout, sheet, self._close_point, self._remember_point)
+        self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point)
         self.parts = {
             "controls": pn.Column(self._controls.panel, self._title.pane, sizing_mode="stretch_width", margin=0),
             "plot": pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0),
@@ -80,15 +87,17 @@ class MapView:
 
     @property
     def model(self) -> AnyModel:
-        """The model of the survey that is shown."""
-        return self._plane.request.gear_model if self._plane else Impacting()
+        """The model of the survey that is chosen."""
+        return self._request.gear_model if self._request else Impacting()
 
     @property
     def window(self) -> Ranges:
         """(low, high) of δ and of ε that is shown."""
         if self.view.delta and self.view.epsilon:
             return self.view.delta, self.view.epsilon
-        return self._plane.box if self._plane else ((0.4, 1.0), (0.0, 0.3))
+        if self._request is None:
+            return (0.4, 1.0), (0.0, 0.3)
+        return box_of(self._request.delta.values(), self._request.epsilon.values())
 
     def choose(self, job: JobRow) -> None:
         """Show another survey; the window and the point stay only with the one they were chosen on."""
@@ -108,16 +117,14 @@ class MapView:
         if standing is not None:
             self._follow(standing.job)
         elif self.view.survey and self._job is not None:
-            self._job, self._plane = None, None
-            self.map.no_cells()
-            self._title.html = "<p>This survey is no longer there. Choose another one.</p>"
+            self._job, self._request, self._plane = None, None, None
+            self._show_nothing("<p>This survey is no longer there. Choose another one.</p>")
             self._shared.atlas.forget(lambda survey_id: survey_id != self.view.survey)
 
     def _follow(self, job: JobRow) -> None:
         if not job.is_readable:
-            self._job, self._plane = job, None
-            self.map.no_cells()
-            self._title.html = f"<p>{UNREADABLE}</p>"
+            self._job, self._request, self._plane = job, None, None
+            self._show_nothing(f"<p>{UNREADABLE}</p>")
             return
         if self._job is None or self._job.id != job.id:
             self._offer(job)
@@ -129,6 +136,7 @@ class MapView:
         """The maps that this survey has."""
         request = SurveyRequest.model_validate(job.request)
         maps = maps_of(request)
+        self._request = request
         self._lines.tell(request.gear_model)
         variable = self.view.variable if self.view.variable in maps else next(iter(maps))
         self._maps = maps
@@ -171,16 +179,20 @@ class MapView:
             block = plane.block()
             return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
 
+        def show(what: Callable[[], None]) -> None:
+            if self._job is not None and self._job.id == job.id:  # none other was chosen meanwhile
+                what()
+
         if job.state == State.ACCEPTED and not job.started:
-            self._viewer.change(self._show_waiting)
+            self._viewer.change(lambda: show(self._show_waiting))
             return True
         try:
             plane, is_whole, block, colours = await self._viewer.read(prepare)
         except RattleError as error:
             text = str(error)
-            self._viewer.change(lambda: self._fail(text))
+            self._viewer.change(lambda: show(lambda: self._fail(text)))
             return True
-        await self._viewer.changed(lambda: self._draw(plane, block, colours))
+        await self._viewer.changed(lambda: show(lambda: self._draw(plane, block, colours, view)))
         return is_whole
 
     def _wanted(self) -> tuple[Any, ...]:
@@ -190,23 +202,40 @@ class MapView:
         return job.id, job.state, job.cells_done, view.variable, view.index, view.limits, view.log
 
     def _show_waiting(self) -> None:
-        self.map.no_cells()
-        self._title.html = "<p class=faint>This survey waits for its turn.</p>"
+        self._show_nothing("<p class=faint>This survey waits for its turn.</p>")
 
     def _fail(self, text: str) -> None:
-        self.map.no_cells()
-        self._title.html = f'<p class="notice" role="alert">{escape(text)}</p>'
+        self._show_nothing(f'<p class="notice" role="alert">{escape(text)}</p>')
 
-    def _draw(self, plane: Plane, block: Block, colours: Colouring) -> None:
+    def _show_nothing(self, why: str) -> None:
+        """No numbers, and nothing that belongs to those of another survey."""
+        self._title.html = why
+        self._colours = None
+        self.map.no_cells()
+        self._zoom.stop()
+        self._say_zoom("")
+        self._finer = self._seen = None
+        self._count()
+        self._lines.key.shades = []
+        self._controls.show_limits(self.view.limits, None)
+        if self._hovering is not None:
+            self._hovering.cancel()
+        self._said.html = ""
+        self._beside.forget()
+        if self._plane is None:
+            self._lines.clear()
+            self.map.window(*self.window)
+
+    def _draw(self, plane: Plane, block: Block, colours: Colouring, view: View) -> None:
         first = self._plane is None or self._plane.id != plane.id
         other = first or self._plane is not plane
         self._plane, self._colours = plane, colours
         self.map.cells(block, colours)
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
-        self._title.html = f"<p>{escape(colours.title)}{note}</p>"
-        self._lines.key.shades = [
-            {"label": each.label, "colour": each.colour, "share": each.share} for each in colours.shades
-        ]
+        self._heading = f"{escape(colours.title)}{note}"
+        self._show_heading()
+        if isinstance(view.limits, tuple) and view.limits == self.view.limits and not colours.categorical:
+            self._change(limits=(colours.low, colours.high))  # on a log scale, from the least positive value on
         self._controls.show_limits(self.view.limits, colours)
         if first:
             self.map.window(*self.window)
@@ -215,32 +244,42 @@ class MapView:
             self._draw_lines(self.view.overlays)
         if other:
             self._refine()
+        else:
+            self._count()
 
     def _on_variable(self) -> None:
         self._change(variable=self._controls.variable, index=0, limits="auto")
         self._offer_index()
-        self._zoom.stop()
-        self.map.no_frame()
+        self._leave_finer()
         self._redraw()
 
     def _on_index(self) -> None:
         self._change(index=self._controls.index)
-        self._zoom.stop()
-        self.map.no_frame()
+        self._leave_finer()
         self._redraw()
+
+    def _leave_finer(self) -> None:
+        self._zoom.stop()
+        self._finer = None
+        self.map.no_frame()
 
     def _on_limits(self) -> None:
         rule, log = self._controls.rule, self._controls.log
         if rule is not None:
             self._change(limits=rule, log=log)
-        elif self._colours is None or isinstance(self.view.limits, tuple):
+        elif isinstance(self.view.limits, tuple):
+            self._change(log=log)
+        elif self._colours is None:
             return
         else:
             self._change(limits=(self._colours.low, self._colours.high), log=log)
         self._redraw()
 
     def _on_own(self) -> None:
-        if (own := self._controls.own) is not None:
+        own = self._controls.own
+        if isinstance(own, str):
+            self._title.html = f'<p class="notice" role="alert">{escape(own)}</p>'
+        else:
             self._change(limits=own)
             self._redraw()
 
@@ -261,7 +300,7 @@ class MapView:
     def _look(self, at: Pair) -> None:
         assert self._plane is not None
         self.map.cursor(at)
-        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window))}</p>"
+        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window, self._finer))}</p>"
         self._read(*at)
 
     def _go(self, window: Ranges) -> None:
@@ -285,14 +324,28 @@ class MapView:
 
     def _refine(self) -> None:
         self.map.no_frame()
+        self._finer = self._seen = None
         self._say_zoom("")
         self._zoom.stop()
-        if self._plane is None or not (self.view.delta and self.view.epsilon):
+        plane, window = self._plane, self.window
+        if plane is None:
             return
-        if coarser(self._plane, self.window, self.map.pixels):
-            self._zoom.start(self._plane, self.view.variable, self.view.index, self.window, self.map.pixels)
-        elif self._plane.is_thinned:
-            self._viewer.start(self._all_cells(self._plane, self.window))
+        if not (self.view.delta and self.view.epsilon):
+            self._count()
+            return
+        if self.map.is_too_close:  # until the workers answer, and where they do not
+            self._seen = partial(plane.enlarged, window)
+            self.map.frame(values_shown(plane, self._seen()), window)
+        else:
+            self._seen = partial(plane.block, window)
+        self._count()
+        is_coarser = coarser(plane, window, self.map.pixels)
+        if is_coarser and self.view.variable in OF_PERIODIC:
+            self._say_zoom(SURVEY_ONLY)
+        elif is_coarser:
+            self._zoom.start(plane, self.view.variable, self.view.index, window, self.map.pixels)
+        elif plane.is_thinned:
+            self._viewer.start(self._all_cells(plane, window))
 
     async def _all_cells(self, plane: Plane, window: Ranges) -> None:
         """Draw those cells of a window that are left out where the whole survey is drawn."""
@@ -307,10 +360,41 @@ class MapView:
         )
 
     def _frame(self, frame: Frame) -> None:
-        self._viewer.change(lambda: self.map.frame(frame.values, box_of(frame.delta, frame.epsilon)))
+        box, found = box_of(frame.delta, frame.epsilon), frame.values
+        values = (np.abs(found) if np.iscomplexobj(found) else found).astype(np.float32)
+        self._finer = finer = Block(frame.delta, frame.epsilon, values, np.ones(values.shape, np.int8), box)
+        self._seen = lambda: finer
+        self._viewer.change(lambda: self.map.frame(values, box))
+        self._count()
+
+    def _count(self) -> None:
+        """The shares of the key are those of what is seen."""
+        if self._counting is not None:
+            self._counting.cancel()
+        if self._plane is not None and self._seen is not None:
+            self._counting = self._viewer.start(self._shares(self._plane, self.view, self._seen))
+        elif self._colours is not None:
+            self._show_shares(self._colours.shades)
+
+    async def _shares(self, plane: Plane, view: View, block: Callable[[], Block]) -> None:
+        shades = await self._viewer.read(lambda: colouring(plane, block(), view.limits, view.log).shades)
+        self._viewer.change(lambda: self._show_shares(shades) if plane is self._plane else None)
+
+    def _show_shares(self, shades: Iterable[Shade]) -> None:
+        self._lines.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
     def _say_zoom(self, text: str) -> None:
-        self._viewer.change(lambda: self._beside.say(text))
+        def say() -> None:
+            self._progress = text
+            if self._colours is not None:
+                self._show_heading()
+
+        self._viewer.change(say)
+
+    def _show_heading(self) -> None:
+        """What the map shows, and what is being computed of it."""
+        said = f' <span class="faint" role="status">{escape(self._progress)}</span>' if self._progress else ""
+        self._title.html = f"<p>{self._heading}{said}</p>"
 
     def _hover(self, delta: float, epsilon: float) -> None:
         self._cursor.forget()
@@ -322,7 +406,9 @@ class MapView:
         if self._hovering is not None and not self._hovering.done():
             self._hovering.cancel()
         if self._plane is not None:
-            self._hovering = self._viewer.start(self._beside.read(self._plane, delta, epsilon, self.window))
+            self._hovering = self._viewer.start(
+                self._beside.read(self._plane, self._finer, delta, epsilon, self.window)
+            )
 
     def _point(self, delta: float, epsilon: float) -> None:
         if delta <= 0 or epsilon < 0:

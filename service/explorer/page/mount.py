@@ -171,7 +171,7 @@ async def _forget(bokeh: Transport, token: str) -> None:
 
 
 SWEEP_SECONDS = 10.0
-UNUSED_MILLISECONDS = 15_000  # without a browser, which comes back after a connection was lost
+UNUSED_MILLISECONDS = 15_000  # without a browser, which may still be on its way
 LEFT = (1000, 1001)  # codes of RFC 6455: a connection that is no longer needed, a page that was closed or reloaded
 
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import panel as pn
 from bokeh.document import Document
+from bokeh.events import ConnectionLost
+from bokeh.models import CustomJS
 
 from service.database.tables import Scope, State
 from service.explorer.common.address import View
@@ -44,6 +46,7 @@ def open_page(shared: Shared) -> pn.Template:
     config: Any = pn.config
     config.theme = "dark" if theme == "dark" else "default"  # of this page
     page = Page(shared, viewer, view, theme)
+    document.js_on_event(ConnectionLost, CustomJS(code=asset("lost.js")))
     document.on_session_destroyed(lambda _context: page.end())
     return page.template
 

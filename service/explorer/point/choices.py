@@ -69,6 +69,7 @@ class Choices:
 
     async def _one_motion(self) -> None:
         chosen, periods, shade = self._chosen, PERIODS, NO_ATTRACTOR
+        attractor = None
         if self._chosen.start is not None:
             (tau, v), what = self._chosen.start, "From the chosen initial condition"
         elif not self._attractors:
@@ -85,7 +86,7 @@ class Choices:
                 return  # another one has been chosen meanwhile
             self._panel.motions.show(found, self._gear.beta, shade)
             self._panel.picture.show_chosen(tau, v)
-            self._panel.under_motion.html = f'<p class="faint">{escape(motion.caption(found, what))}</p>'
+            self._panel.under_motion.html = f'<p class="faint">{escape(motion.caption(found, what, attractor))}</p>'
 
         await self._work.change(show)
 
@@ -101,7 +102,8 @@ class Choices:
             if direction != self._chosen.direction:
                 return
             self._panel.diagram.show(found, at)
-            self._panel.under_diagram.html = f'<p class="faint">{escape(diagram.caption(found))}</p>'
+            said = f'<p class="faint">{escape(diagram.caption(found))}</p>'
+            self._panel.under_diagram.html = diagram.legend(found) + said
 
         await self._work.change(show)
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from bokeh.models import ColumnDataSource, HoverTool
 from bokeh.models.annotations import Span
 
 from service.explorer.common.glyphs import empty
 from service.explorer.point.figures import ink_of, new_figure
-from service.explorer.point.parts import DiagramLines
+from service.explorer.point.parts import DiagramLines, Marks
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
+SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
+EVENT, MOST_TOLD = "#e8862e", 4  # colour of events, and how many of them are told of one place
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
 NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
 SEEN = {"light": "#5b9bd5", "dark": "#7fb3e0"}
@@ -26,33 +27,28 @@ class DiagramPicture:
         ink = ink_of(theme)
         self._seen = ColumnDataSource({"x": [], "v": []})
         self.figure.scatter("x", "v", source=self._seen, size=2.2, color=SEEN[theme], alpha=0.7)
-        self._strokes = {}
-        drawn = []
-        for stable, dash in ((False, "dashed"), (True, "solid")):
-            self._strokes[stable] = ColumnDataSource({"x": [], "v": [], "motion": [], "stable": [], "width": []})
-            drawn.append(
-                self.figure.multi_line(
-                    "x", "v", source=self._strokes[stable], line_color=ink, line_dash=dash, line_width="width"
-                )
-            )
-        self._marks = {}
-        for kind, marker in MARKERS.items():
-            self._marks[kind] = ColumnDataSource({"x": [], "v": [], "tau": [], "what": [], "size": []})
-            drawn_marks = self.figure.scatter(
-                "x", "v", source=self._marks[kind], marker=marker, size="size", line_color=ink, fill_color="#e8862e"
-            )
-            tooltips = [("event", "@what"), ("at", "@x{%.7g}"), ("v", "@v{%.5g}"), ("τ", "@tau{%.4f}")]
-            formatters: Any = {"@x": "printf", "@v": "printf", "@tau": "printf"}
-            self.figure.add_tools(HoverTool(renderers=[drawn_marks], tooltips=tooltips, formatters=formatters))
-        tooltips = [("motion", "@motion"), ("", "@stable"), ("at", "$x{%.6g}"), ("v", "$y{%.4g}")]
-        formatters = {"$x": "printf", "$y": "printf"}
-        self.figure.add_tools(HoverTool(renderers=drawn, tooltips=tooltips, formatters=formatters))
+        self._strokes = ColumnDataSource({"x": [], "v": [], "motion": [], "stable": [], "dash": [], "width": []})
+        drawn = self.figure.multi_line(
+            "x", "v", source=self._strokes, line_color=ink, line_dash="dash", line_width="width"
+        )
+        self._marks = ColumnDataSource({"x": [], "v": [], "tau": [], "what": [], "marker": [], "size": []})
+        marked = self.figure.scatter(
+            "x", "v", source=self._marks, marker="marker", size="size", line_color=ink, fill_color=EVENT
+        )
+        # Each has one tooltip, on a side of its own: neither covers the other.
+        of_motions = [("motion", "@motion"), ("", "@stable"), ("at", "$x{%.6g}"), ("v", "$y{%.4g}")]
+        of_events = [("event", "@what"), ("at", "@x{%.7g}"), ("v", "@v{%.5g}"), ("τ", "@tau{%.4f}")]
+        for what, tooltips, side, limit in ((drawn, of_motions, "left", 1), (marked, of_events, "right", MOST_TOLD)):
+            formatters: Any = {text.split("{")[0]: "printf" for _, text in tooltips if "{" in text}
+            place: Any = {"attachment": side, "limit": limit}
+            hover = HoverTool(renderers=[what], tooltips=tooltips, formatters=formatters, **place)
+            self.figure.add_tools(hover)
         self._here = Span(location=0.0, dimension="height", line_color="#d7191c", line_width=1.5, line_alpha=0.8)
         self.figure.add_layout(self._here)
 
     def clear(self) -> None:
         """Show nothing."""
-        for source in (self._seen, *self._strokes.values(), *self._marks.values()):
+        for source in (self._seen, self._strokes, self._marks):
             empty(source)
 
     def show(self, found: DiagramLines, at: float) -> None:
@@ -63,25 +59,30 @@ class DiagramPicture:
         self.figure.y_range.update(start=0.0, end=1.05 * top)
         self._here.location = at
         self._seen.data = {"x": found.x, "v": found.v}
-        for stable, source in self._strokes.items():
-            chosen = [each for each in found.strokes if each.stable == stable]
-            source.data = {
-                "x": [each.x for each in chosen],
-                "v": [each.v for each in chosen],
-                "motion": [each.motion for each in chosen],
-                "width": [1.6 if each.motion.startswith("P(1,1,") else 0.8 for each in chosen],
-                "stable": ["stable" if stable else "unstable"] * len(chosen),
-            }
-        kinds = np.array(found.marks.kind)
-        for kind, source in self._marks.items():
-            on = np.flatnonzero(kinds == kind)
-            source.data = {
-                "x": found.marks.x[on],
-                "v": found.marks.v[on],
-                "tau": found.marks.tau[on],
-                "size": [9 if found.marks.name[i] else 5 for i in on],
-                "what": [f"{MEANINGS[kind]} {found.marks.name[i]}".strip() for i in on],
-            }
+        strokes = sorted(found.strokes, key=lambda each: each.stable)  # the stable ones above
+        self._strokes.data = {
+            "x": [each.x for each in strokes],
+            "v": [each.v for each in strokes],
+            "motion": [each.motion for each in strokes],
+            "width": [1.6 if each.motion.startswith("P(1,1,") else 0.8 for each in strokes],
+            "stable": ["stable" if each.stable else "unstable" for each in strokes],
+            "dash": ["solid" if each.stable else "dashed" for each in strokes],
+        }
+        marks = found.marks
+        self._marks.data = {
+            "x": marks.x,
+            "v": marks.v,
+            "tau": marks.tau,
+            "marker": [MARKERS[kind] for kind in marks.kind],
+            "size": [9 if name else 5 for name in marks.name],
+            "what": [_what(marks, i) for i in range(len(marks.kind))],
+        }
+
+
+def _what(marks: Marks, i: int) -> str:
+    """An event in words: what happens to which motion, and the curve of the plane that it is on."""
+    name = f"{marks.name[i]}, " if marks.name[i] else ""
+    return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 
 
 def caption(found: DiagramLines) -> str:
@@ -95,3 +96,15 @@ def caption(found: DiagramLines) -> str:
         f"{motions} periodic motions, {events} events{curves}. Solid: stable, dashed: unstable, dots: attractors "
         "followed both ways, red: here."
     )
+
+
+def legend(found: DiagramLines) -> str:
+    """What the markers mean, in HTML."""
+    kinds = [kind for kind in MARKERS if kind in found.marks.kind]
+    parts = [
+        f'<li><span style="color:{EVENT}" aria-hidden="true">{SIGNS[kind]}</span> {MEANINGS[kind]}</li>'
+        for kind in kinds
+    ]
+    if any(found.marks.name):
+        parts.append("<li>large: on a curve of the map, small: of another motion</li>")
+    return f'<ul class="legend" aria-label="Events of the diagram">{"".join(parts)}</ul>' if parts else ""

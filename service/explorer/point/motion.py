@@ -68,13 +68,16 @@ class MotionPictures:
             each.glyph.line_color = colour
 
 
-def caption(found: rattle.Trajectory, what: str) -> str:
-    """A sentence on what the pictures show."""
+def caption(found: rattle.Trajectory, what: str, attractor: rattle.Attractor | None = None) -> str:
+    """A sentence on what the pictures show; of a periodic attractor its own numbers, which no end of a picture cuts."""
     upper = int(np.count_nonzero(found.impact_wall == 1))
     lower = found.impact_wall.size - upper
-    periods = f"{found.time[-1]:g}"
     if found.rest < np.inf:
         return f"{what}: at rest against the wall Φ = β after {found.rest:.3g} forcing periods."
     speeds = found.impact_speed
     fastest = f", the fastest at speed {speeds.max():.4g}" if speeds.size else ""
-    return f"{what}: {upper} impacts on the wall Φ = β and {lower} on Φ = −β in {periods} forcing periods{fastest}."
+    how_long = f"in {found.time[-1]:g} forcing periods"
+    if attractor is not None and attractor.kind == "periodic":
+        upper, lower = attractor.n_plus, attractor.n_minus
+        how_long = "every forcing period" if attractor.m == 1 else f"every {attractor.m} forcing periods"
+    return f"{what}: {upper} impacts on the wall Φ = β and {lower} on Φ = −β {how_long}{fastest}."

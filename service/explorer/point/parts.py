@@ -84,13 +84,16 @@ class Stroke(NamedTuple):
 
 
 class Marks(NamedTuple):
-    """The impacts (n,) of all events: parameter, v, τ, the kind (SN, PD, GR) and the name of the event's curve."""
+    """The impacts (n,) of all events: parameter, v, τ, the kind (SN, PD, GR), the name of the event's curve or "", and
+    the motion that it happens to.
+    """
 
     x: Array
     v: Array
     tau: Array
     kind: tuple[str, ...]
     name: tuple[str, ...]
+    motion: tuple[str, ...]
 
 
 class DiagramLines(NamedTuple):
@@ -128,6 +131,11 @@ def _multipliers(gear: AnyGear, attractor: rattle.Attractor) -> tuple[complex, c
         return None
     first, second = orbit.multipliers
     return complex(first), complex(second)
+
+
+def lettered(found: Chances, orbits: Iterable[rattle.Orbit]) -> Chances:
+    """The same with the letters of these period-one motions."""
+    return found._replace(letters=tuple(_letter(orbits, each) for each in found.attractors))
 
 
 def _letter(orbits: Iterable[rattle.Orbit], attractor: rattle.Attractor) -> str:
@@ -192,17 +200,26 @@ def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUN
                 motion = name_of_type(branch.label) + (f", {named}" if named else "")
                 pieces.append(Stroke(curve.x[part], curve.v[part], curve.tau[part], motion, stable))
     rows = [
-        (offset + scale * float(found.positions(event)), v, tau, event.kind.value, found.curve_of(event) or "")
+        (
+            *(offset + scale * float(found.positions(event)), v, tau),
+            *(event.kind.value, found.curve_of(event) or "", name_of_type(_label(event.itinerary))),
+        )
         for event in found.events
         for tau, v in zip(*impacts_at(event), strict=True)
     ]
-    x, v, tau, kind, name = zip(*rows, strict=True) if rows else ((), (), (), (), ())
-    marks = Marks(np.array(x, float), np.array(v, float), np.array(tau, float), tuple(kind), tuple(name))
+    x, v, tau, kind, name, motions = zip(*rows, strict=True) if rows else ((), (), (), (), (), ())
+    marks = Marks(
+        np.array(x, float), np.array(v, float), np.array(tau, float), tuple(kind), tuple(name), tuple(motions)
+    )
     seen = found.points
     chosen = np.arange(0, seen.v.size, max(1, seen.v.size // MOST_POINTS))
     return DiagramLines(
         direction, span, tuple(pieces), marks, offset + scale * seen.position[chosen], seen.v[chosen], seen.tau[chosen]
     )
+
+
+def _label(itinerary: Any) -> tuple[int, int, int]:
+    return itinerary.m, itinerary.walls.count(1), itinerary.walls.count(-1)
 
 
 def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:

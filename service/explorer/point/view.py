@@ -46,6 +46,7 @@ class PointView(param.Parameterized):
         self.panel, self._model, self._front = panel, model, front
         self._work = Work(front, pn.state.curdoc, model.name)
         self._orbits: tuple[rattle.Orbit, ...] = ()
+        self._found: parts.Chances | None = None
         self._lines: Lines | None = None
         self._basins: rattle.Basins | None = None
         self._palette = Palette()  # one for all pictures and tables of the point
@@ -111,11 +112,15 @@ class PointView(param.Parameterized):
         found = await self._work.compute(parts.chances, self._gear, count, what="The attractors")
 
         def show() -> None:
-            self.panel.likely.html = f"<p><strong>{escape(words.how_likely(self._gear, found))}</strong></p>"
-            self.panel.table.html = words.attractors_table(found, self._palette)
+            self._tell_chances(found)
             self._choices.offer(found.attractors)
 
         await self._work.change(show)
+
+    def _tell_chances(self, found: parts.Chances) -> None:
+        self._found = found
+        self.panel.likely.html = f"<p><strong>{escape(words.how_likely(self._gear, found))}</strong></p>"
+        self.panel.table.html = words.attractors_table(found, self._palette)
 
     async def _closed_form(self) -> None:
         await self._work.kernels(Part.ORBITS)
@@ -126,6 +131,8 @@ class PointView(param.Parameterized):
 
         def show() -> None:
             self._tell_orbits(found)
+            if self._found is not None:
+                self._tell_chances(parts.lettered(self._found, found.orbits))
             self.panel.picture.show_orbits(found.orbits)
 
         await self._work.change(show)

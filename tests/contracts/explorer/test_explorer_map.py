@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 from bokeh.document import Document
+from bokeh.models import ColorBar, Label
 from fastapi.testclient import TestClient
 from service_support import BODY, front_end, front_of
 
+from rattle import KINDS
 from rattle.orbits.period_one import REGIONS
 from service.database import DoneTile
 from service.database.tables import State
@@ -18,7 +20,7 @@ from service.explorer.map import planes
 from service.explorer.map.colouring import colouring, values_shown
 from service.explorer.map.cursor import following, stepped, zoomed
 from service.explorer.map.figure import Map
-from service.explorer.map.planes import Atlas, Plane
+from service.explorer.map.planes import Atlas, Block, Plane
 from service.explorer.map.readout import in_words
 from workers import SurveyRequest, compute_tile, create_store, tiles_of
 from workers.pictures.maps import REGION_COLOURS
@@ -146,8 +148,78 @@ def test_own_limits_and_the_scale_of_colours(client: TestClient, survey: str, lo
     mapper = shown.glyph.color_mapper
     assert type(mapper).__name__ == ("LogColorMapper" if log else "LinearColorMapper")
     assert (mapper.low, mapper.high) == (1.5, 4.0)
-    (bar,) = [each for each in drawn.figure.right if each.visible]
+    (bar,) = [each for each in drawn.figure.right if each.visible and isinstance(each, ColorBar)]
     assert bar.color_mapper is mapper
+
+
+@pytest.mark.parametrize(("limits", "below", "above"), [((1.5, 4.0), 0, 1), ((3.5, 9.0), 1, 0), ("full", 0, 0)])
+def test_values_beyond_the_limits_are_marked(
+    client: TestClient, survey: str, limits: Any, below: bool, above: bool
+) -> None:
+    front = front_of(client)
+    speeds, _ = Atlas(front).plane(front.database.job(survey), "orbit_velocity", 0)
+    found = colouring(speeds, speeds.block(), limits, False)
+    values = speeds.values[np.isfinite(speeds.values)]
+    low, high = (found.low, found.high) if limits == "full" else limits
+    beyond = float((values < np.float32(low)).mean()), float((values > np.float32(high)).mean())
+    assert found.beyond == pytest.approx(beyond)
+    assert [share > 0 for share in beyond] == [below, above]
+    drawn = new_map()
+    drawn.cells(speeds.block(), found)
+    marks = {each.text: each.visible for each in drawn.figure.select({"type": Label})}
+    assert marks == {"▼": below, "▲": above}
+    assert ("below the scale" in found.note, "above the scale" in found.note) == (below, above)
+
+
+def test_zeros_have_no_colour_of_a_log_scale(client: TestClient, survey: str) -> None:
+    front = front_of(client)
+    speeds, _ = Atlas(front).plane(front.database.job(survey), "orbit_velocity", 0)
+    block = speeds.block()
+    where = np.flatnonzero(np.isfinite(block.values))[:5]
+    block.values.flat[where] = [0.0, 0.0, 0.0, -1.0, -2.0]
+    found = colouring(speeds, block, "auto", True)
+    (zero,) = [each for each in found.shades if each.label == "zero or below"]
+    assert zero.share == pytest.approx(5 / block.values.size)
+    assert found.reason_colours[found.reasons.flat[where[0]] - 1] == zero.colour
+    assert found.low == block.values[block.values > 0].min()
+    drawn = new_map()
+    drawn.frame(block.values, block.box)
+    drawn.cells(block, found)
+    for name in ("cells1", "fine1"):
+        image = drawn.figure.select_one({"name": name}).data_source.data["image"][0]
+        np.testing.assert_array_equal(np.isfinite(image), block.values > 0)
+    drawn.cells(block, colouring(speeds, block, "auto", False))
+    image = drawn.figure.select_one({"name": "fine0"}).data_source.data["image"][0]
+    np.testing.assert_array_equal(image, block.values)
+
+
+def test_attractors_have_phases_that_mean_something(
+    client: TestClient,
+) -> None:
+    request = SurveyRequest(**BODY | {"quantities": ["attractors"], "slots": 2})
+    front = front_of(client)
+    survey_id = str(client.post("/v1/surveys?force=true", json=request.model_dump(mode="json")).json()["id"])
+    store = front.directory.store(survey_id)
+    create_store(request, store)
+    for tile in tiles_of(request):
+        write_tile(request, str(store), tile, compute_tile(request, tile)[0])
+        front.database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    front.database.set_state(survey_id, State.SUCCESSFUL)
+    job = front.database.job(survey_id)
+    kinds, phases, periods = (
+        Atlas(front).plane(job, name, 0)[0] for name in ("attractor_kind", "attractor_phase", "attractor_m")
+    )
+    periodic = kinds.values == KINDS.index("periodic")
+    assert 0 < periodic.sum() < periodic.size
+    np.testing.assert_array_equal(np.isfinite(phases.values), periodic)
+    found = colouring(phases, phases.block(), "auto", False)
+    assert [each.label for each in found.shades] == ["not periodic"]
+    assert "attractor 0, of those of a cell by falling share" in found.title
+    many = np.ones((40, 50), np.float32)
+    many[0, 0], many[1:3] = 144.0, 2.0
+    same = Block(np.linspace(0, 1, 50), np.linspace(0, 1, 40), many, np.ones(many.shape, np.int8), phases.box)
+    assert colouring(periods, same, "auto", False).high == 2.0  # one long period is not what colours are for
+    assert colouring(periods, same, "full", False).high == 144.0
 
 
 def test_lines_have_the_colours_of_the_key_and_their_points() -> None:
@@ -170,6 +242,8 @@ def test_what_is_clicked_is_delta_and_epsilon() -> None:
     for callback in drawn.figure._event_callbacks["tap"]:
         callback(SimpleNamespace(x=0.6, y=0.1))
         callback(SimpleNamespace(x=None, y=0.1))
+        callback(SimpleNamespace(x=0.39, y=0.1))  # on the numbers of an axis
+        callback(SimpleNamespace(x=0.6, y=-0.01))
     assert clicked == [(0.6, 0.1)]
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bokeh.models import HoverTool
 from depth import either
 from service_support import no_cluster
 from waiting import HANG, eventually
@@ -22,7 +23,11 @@ from service.app import create_app
 from service.errors import UnavailableError
 from service.explorer.point import parts, words, work
 from service.explorer.point.basins import MOST_NAMED, legend
+from service.explorer.point.diagram import DiagramPicture
+from service.explorer.point.diagram import legend as diagram_legend
+from service.explorer.point.motion import caption
 from service.explorer.point.panel import PointPanel
+from service.explorer.point.parts import DiagramLines, Marks, Stroke
 from service.explorer.point.state import PointState
 from service.explorer.point.view import PointView
 from service.explorer.point.work import prepare
@@ -153,6 +158,32 @@ def test_a_legend_of_many_basins_names_the_largest() -> None:
     said = legend(many, (), Palette())
     assert said.count("<li>") == MOST_NAMED + 1
     assert f"and {40 - MOST_NAMED} more, {100 * (40 - MOST_NAMED) / 40:.3g} % in all" in said
+
+
+def test_events_are_told_beside_their_motions_and_markers_explained() -> None:
+    at = np.array([0.1, 0.1, 0.2])
+    marks = Marks(at, at, at, ("SN", "PD", "PD"), ("SN1", "", ""), ("P(1,1,0)", "P(2,2,1)", "P(2,2,1)"))
+    stroke = Stroke(at, at, at, "P(1,1,0), A", False)
+    found = DiagramLines("epsilon", (0.0, 1.0), (stroke,), marks, at, at, at)
+    drawn = DiagramPicture("light")
+    drawn.show(found, 0.1)
+    tools = [each for each in drawn.figure.toolbar.tools if isinstance(each, HoverTool)]
+    assert sorted((each.attachment, len(each.renderers)) for each in tools) == [("left", 1), ("right", 1)]
+    (events,) = [each.renderers[0].data_source.data for each in tools if each.attachment == "right"]
+    assert events["what"][:2] == ["SN1, saddle-node of P(1,1,0)", "period doubling of P(2,2,1)"]
+    assert events["marker"] == ["circle", "diamond", "diamond"]
+    said = diagram_legend(found)
+    assert "saddle-node" in said
+    assert "period doubling" in said
+    assert "grazing" not in said
+
+
+def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
+    attractor = replace(rattle.Gear(0.6, 0.1).attractors(64)[-1], kind="periodic", m=8, n_plus=8, n_minus=6)
+    shown = rattle.Gear(0.6, 0.1).trajectory(attractor.tau, attractor.v, 24.0, 100)
+    assert "8 impacts on the wall Φ = β and 6 on Φ = −β every 8 forcing periods" in caption(shown, "it", attractor)
+    cut = f"{np.count_nonzero(shown.impact_wall == 1)} impacts on the wall Φ = β"
+    assert f"{cut} and 0 on Φ = −β in 24 forcing periods" in caption(shown, "it")
 
 
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])
@@ -350,6 +381,16 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         assert words.percent(quiet.fraction) in view.panel.likely.html
         assert "region III" in view.panel.orbits.html
         assert words.number(gear.orbits()[0].v) in view.panel.orbits.html
+        named = {each.name for each in gear.orbits() if each.stable}
+        assert named
+        for name in named:  # known after the attractors were told
+            assert f" = {name}" in view.panel.likely.html
+            assert f" = {name}</th>" in view.panel.table.html
+        told = view.panel.diagram._marks.data["what"]
+        assert told
+        assert all(
+            re.fullmatch(r"(\w+, )?(saddle-node|period doubling|grazing) of P\(\d+,\d+,\d+\)", it) for it in told
+        )
         samples = view.panel.motions._samples.data
         assert np.abs(samples["phi"]).max() > 0.6  # the walls give way
         assert "impacting model only" in view.panel.safe.html

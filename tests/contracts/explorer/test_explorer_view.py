@@ -1,0 +1,210 @@
+"""The map of a page without a browser: what it shows of one survey after another."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bokeh.document import Document
+from service_support import BODY, no_cluster
+from waiting import eventually
+
+import rattle
+from rattle.models import Impacting, Stiff
+from service.access.keys import Caller
+from service.app import create_app
+from service.database import DoneTile
+from service.database.tables import JobRow, State
+from service.explorer.common.address import Pair, View
+from service.explorer.common.news import News
+from service.explorer.common.viewer import Viewer
+from service.explorer.map.overlays import Crises
+from service.explorer.map.planes import Atlas
+from service.explorer.map.shared import Shared
+from service.explorer.map.view import MapView
+from service.operations.surveys import submit_survey
+from service.settings import Settings
+from service.state import Front
+from workers import Frame, SurveyRequest, compute_tile, create_store, tiles_of
+from workers.storage.store import write_tile
+
+REGIONS = SurveyRequest(**BODY | {"quantities": ["region"]})
+STIFF = SurveyRequest(
+    **BODY | {
+        "model": "stiff", "kappa": 1e4, "quantities": ["region"],
+        "delta": {"start": 0.8, "stop": 0.9, "num": 6},
+    }
+)  # fmt: skip
+
+
+class Here(Viewer):
+    """A viewer whose document nobody sees: changes are made at once."""
+
+    def change(self, what: Callable[[], object]) -> None:
+        what()
+
+    async def changed(self, what: Callable[[], object]) -> None:
+        what()
+
+
+def with_map(data: Path, body: Callable[[Front, MapView], Awaitable[None]], **view: Any) -> None:
+    """Do this with the map of a page."""
+
+    async def main() -> None:
+        app = create_app(Settings(data=data, preload=False), no_cluster)
+        async with app.router.lifespan_context(app):
+            front: Front = app.state.front
+            shared = Shared(front, News(front), Atlas(front), Crises(front))
+            viewer = Here(front, Caller(), Document())
+            shown = MapView(shared, viewer, View(overlays=(), **view), "light", "", lambda _: None, lambda: None)
+            viewer.document.add_root(shown.map.figure)
+            await body(front, shown)
+            viewer.end()
+
+    asyncio.run(main())
+
+
+def accepted(front: Front, request: SurveyRequest) -> JobRow:
+    """A survey that waits."""
+    return submit_survey(front, Caller(), request, force=True)
+
+
+def done(front: Front, request: SurveyRequest) -> JobRow:
+    """A survey that is done."""
+    survey_id = accepted(front, request).id
+    store = front.directory.store(survey_id)
+    create_store(request, store)
+    for tile in tiles_of(request):
+        write_tile(request, str(store), tile, compute_tile(request, tile)[0])
+        front.database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    front.database.set_state(survey_id, State.SUCCESSFUL)
+    return front.database.job(survey_id)
+
+
+def cells(shown: MapView) -> int:
+    """How many images the map has."""
+    return len(shown.map.figure.select_one({"name": "cells0"}).data_source.data["image"])
+
+
+async def choose_with_lines(shown: MapView, job: JobRow) -> None:
+    """Choose a survey that is done, and draw a line and a point over it."""
+    shown.choose(job)
+    await eventually(lambda: cells(shown))
+    shown.map.line("SN1", [np.array([[0.5, 0.1], [0.6, 0.2]])])
+    shown.map.points([("COD22", 0.77, 0.09)])
+    shown._hover(0.6, 0.1)
+    await eventually(lambda: "Cell at" in shown._beside._text.html)
+
+
+def assert_nothing_of_another(shown: MapView) -> None:
+    """There are no cells, lines, key or reading."""
+    figure = shown.map.figure
+    assert cells(shown) == 0
+    assert figure.select_one({"name": "SN1"}).data_source.data["xs"] == []
+    assert figure.select_one({"name": "points"}).data_source.data["x"] == []
+    assert shown._lines.key.shades == []
+    assert "Cell at" not in shown._beside._text.html
+
+
+def test_a_survey_without_numbers_is_not_shown_with_those_of_the_one_before(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        await choose_with_lines(shown, done(front, REGIONS))
+        assert shown._lines.key.shades
+        shown.choose(accepted(front, STIFF))
+        await eventually(lambda: "waits for its turn" in shown._title.html)
+        assert_nothing_of_another(shown)
+        assert shown.model == Stiff(0.6, 1e4)  # of which a click is
+        assert shown.map.figure.x_range.start > 0.75
+        assert shown._lines.key.overlays[0]["meaning"] == Stiff(0.6, 1e4).describe("SN1")
+        names = [each["name"] for each in shown._lines.key.overlays]
+        assert names == list(Stiff(0.6, 1e4).curve_names)  # no crisis and no points, which are not known of it
+
+    with_map(tmp_path, body)
+
+
+def test_a_survey_that_is_gone_leaves_nothing_of_it(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        await choose_with_lines(shown, done(front, REGIONS))
+        shown.follow(None)
+        assert "no longer there" in shown._title.html
+        assert_nothing_of_another(shown)
+        assert shown.model == Impacting()
+
+    with_map(tmp_path, body)
+
+
+ORBITS = SurveyRequest(**BODY | {"quantities": ["region", "orbits"]})
+
+
+def test_the_scale_of_own_limits_is_switched_and_wrong_limits_are_told(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        controls = shown._controls
+
+        async def drawn(limits: Pair, log: bool) -> None:
+            await eventually(lambda: shown._colours is not None and shown._colours.log == log)
+            await eventually(lambda: shown._drawing is not None and shown._drawing.done())
+            assert shown.view.limits == pytest.approx(limits)
+            assert shown.view.log == log
+            assert (controls._low.value, controls._high.value) == pytest.approx(limits)
+
+        shown.choose(done(front, ORBITS))
+        await drawn((1.5, 5.0), log=False)
+        controls._log.value = ["log scale"]
+        await drawn((1.5, 5.0), log=True)
+        controls._log.value = []
+        await drawn((1.5, 5.0), log=False)
+        controls._low.value = 7.0
+        assert "7 to 5: the first limit must be below the second" in shown._title.html
+        controls._low.value = -1.0
+        await drawn((-1.0, 5.0), log=False)
+        assert "must be" not in shown._title.html
+        controls._log.value = ["log scale"]
+        values = shown._plane.block().values  # type: ignore[union-attr] # it is there
+        await drawn((float(np.nanmin(values)), 5.0), log=True)
+        controls._high.value = -0.5
+        controls._low.value = -1.0
+        assert "above 0" in shown._title.html
+        assert shown.view.limits[1] == 5.0
+
+    with_map(tmp_path, body, variable="orbit_velocity", limits=(1.5, 5.0))
+
+
+def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
+    delta, epsilon = 0.6 + 0.3 * 0.04, 0.1 - 0.4 * 0.1 / 3  # within a cell, and away from its centre
+
+    async def body(front: Front, shown: MapView) -> None:
+        shown.choose(done(front, REGIONS))
+        await eventually(lambda: cells(shown) and shown._plane is not None)
+        plane, figure = shown._plane, shown.map.figure
+        assert plane is not None
+        at = plane.at(delta, epsilon)
+        assert at is not None
+        window = (delta - 1e-9, delta + 1e-9), (epsilon - 1e-9, epsilon + 1e-9)
+        shown._moved(*window)
+        fine = figure.select_one({"name": "fine0"}).data_source.data
+        assert (fine["image"][0] == at[0]).all()  # as the survey has it, until the workers answer
+        assert (fine["x"][0], fine["dw"][0]) == (window[0][0], pytest.approx(2e-9))
+        code = rattle.REGIONS[int(at[0])]
+
+        def shares() -> dict[str, float]:
+            return {each["label"]: each["share"] for each in shown._lines.key.shades}
+
+        await eventually(lambda: shares().get(code) == 1.0)
+        await eventually(lambda: "his window" in shown._title.html)  # where one looks
+        other = 1 + int(at[0]) % 5
+        axes = (np.linspace(low, high, 9) for low, high in window)
+        values = np.full((9, 9), other, np.int8)
+        values[:3] = int(at[0])
+        shown._frame(Frame(*axes, values, 1.0, 0))
+        await eventually(lambda: shares().get(code) == pytest.approx(1 / 3))
+        shown._hover(delta, epsilon)
+        await eventually(lambda: "Outside of this window" in shown._beside._text.html)
+        assert f"computed here</dt><dd>{rattle.REGIONS[other]}</dd>" in shown._beside._text.html
+        shown._look((delta, epsilon))
+        assert shown._said.html.endswith(f"computed here, {rattle.REGIONS[other]}</p>")
+        shown._reset()
+        await eventually(lambda: shares().get(code) == pytest.approx((plane.values == at[0]).mean()))
+
+    with_map(tmp_path, body)
