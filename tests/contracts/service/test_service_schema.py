@@ -107,7 +107,7 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     limits = {"max_jobs": 10**6, "max_point_count": 64, "max_point_seconds": HANG}
     settings = Settings(data=data, **limits | changes)
     app = create_app(settings, idle_cluster)
-    server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error"))
+    server = uvicorn.Server(uvicorn.Config(app, port=0, log_config=None))
     thread = threading.Thread(target=server.run)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(manager.JobManager, "_compute", compute)
