@@ -31,7 +31,7 @@ def run(request: SurveyRequest, path: Path, order: list[int] | None = None) -> x
     tiles = tiles_of(request)
     for index in order or range(len(tiles)):
         compute_and_write(request, str(path), tiles[index])
-    return open_survey(path).load()
+    return open_survey(path, as_stored=True).load()
 
 
 def assert_bits(first: xr.Dataset, second: xr.Dataset) -> None:
