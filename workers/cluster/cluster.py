@@ -248,15 +248,15 @@ def end_tasks(client: Client, futures: list[Future]) -> None:
     end_processes(client, [address for address, busy in processing.items() if busy and keys.issuperset(busy)])
 
 
-def end_task(client: Client, future: Future) -> None:
-    """Give up a task that must not go on beside another: return once no process computes it. One may have begun while
-    it was given up, which the scheduler does not know of.
+def end_tasks_and_wait(client: Client, futures: list[Future]) -> None:
+    """Give up tasks that must not go on beside others: return once no process computes them. One may have begun while
+    it was given up, which the scheduler does not know of; a worker without a nanny brings it to its end.
     """
-    end_tasks(client, [future])
-    quiet, key = 0, future.key
+    end_tasks(client, futures)
+    quiet, keys = 0, {future.key for future in futures}
     while quiet < ROUNDS:
         answers: SimpleQueue[dict[str, bool]] = SimpleQueue()
-        Thread(target=_ask, args=(client, key, answers), name="ask-workers", daemon=True).start()
+        Thread(target=_ask, args=(client, keys, answers), name="ask-workers", daemon=True).start()
         at_work = list[str]()
         with suppress(Empty):  # one that is frozen does not answer: it computes nothing
             at_work = [address for address, here in answers.get(timeout=END_SECONDS).items() if here]
@@ -265,13 +265,13 @@ def end_task(client: Client, future: Future) -> None:
         time.sleep(LOOK_SECONDS)
 
 
-def _ask(client: Client, key: str, answers: SimpleQueue[dict[str, bool]]) -> None:
+def _ask(client: Client, keys: set[str], answers: SimpleQueue[dict[str, bool]]) -> None:
     with suppress(OSError):  # the scheduler is gone, and its workers end
-        answers.put(client.run(_computes, key, on_error="ignore"))
+        answers.put(client.run(_computes, keys, on_error="ignore"))
 
 
-async def _computes(key: str, dask_worker: Worker) -> bool:
-    return any(task.key == key for task in dask_worker.state.executing)
+async def _computes(keys: set[str], dask_worker: Worker) -> bool:
+    return any(task.key in keys for task in dask_worker.state.executing)
 
 
 async def _end_process(dask_worker: Worker) -> None:

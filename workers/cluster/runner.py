@@ -12,7 +12,7 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from workers.cluster.cluster import end_task
+from workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from workers.cluster.isolation import compute_tile_apart
 from workers.cluster.submission import Submission
 from workers.errors import ClusterLostError, StoppedError, SurveyError
@@ -63,20 +63,33 @@ def join_on(client: Client, request: SurveyRequest, where: str | Path | Place, s
     """
     place = place_of(where)
     with place.writing():
-        _attempted(client, should_stop, "joined", "attractors", join_survey, request, str(place))
+        arguments = join_survey, request, str(place)
+        _attempted(client, should_stop, "joined", "attractors", *arguments, give_up=end_tasks_and_wait)
 
 
 def _attempted(
-    client: Client, should_stop: Callable[[], bool], done: str, to: str, function: Callable[..., Any], *arguments: Any
+    client: Client,
+    should_stop: Callable[[], bool],
+    done: str,
+    to: str,
+    function: Callable[..., Any],
+    *arguments: Any,
+    give_up: Callable[[Client, list[Future]], None] = end_tasks,
 ) -> Any:
     for _ in range(ATTEMPTS):
         with suppress(KilledWorker):
-            return _computed(client, should_stop, done, to, function, *arguments)
+            return _computed(client, should_stop, give_up, done, to, function, *arguments)
     raise SurveyError(f"the {to} of the survey killed the process that {done} them: look at the log")
 
 
 def _computed(
-    client: Client, should_stop: Callable[[], bool], done: str, to: str, function: Callable[..., Any], *arguments: Any
+    client: Client,
+    should_stop: Callable[[], bool],
+    give_up: Callable[[Client, list[Future]], None],
+    done: str,
+    to: str,
+    function: Callable[..., Any],
+    *arguments: Any,
 ) -> Any:
     future = client.submit(function, *arguments, key=f"{done}-{uuid4().hex}", pure=False)
     ended: SimpleQueue[Future] = SimpleQueue()
@@ -86,7 +99,7 @@ def _computed(
             with suppress(Empty):  # not TimeoutError of `result`: dask forgets it sometimes, on Python 3.12
                 ended.get(timeout=POLL_SECONDS)
                 return future.result()
-        end_task(client, future)
+        give_up(client, [future])
         raise StoppedError(f"stopped while the {to} of the survey were {done}")
     except (CancelledError, OSError) as error:
         raise ClusterLostError("the dask scheduler is gone: start one and run the survey again") from error
