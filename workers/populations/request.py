@@ -6,7 +6,7 @@ from hashlib import sha256
 from typing import Annotated, Self
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from rattle import Shock
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH
@@ -15,7 +15,7 @@ from rattle.models import Model
 from rattle.populations.plan import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Plan
 from rattle.populations.tolerances import Tolerances
 from workers.populations.numbers import AnyDistribution, GearNumbers, meant
-from workers.survey.axes import Real, Strict
+from workers.survey.axes import Name, Real, Strict
 from workers.survey.request import DEFAULT_SAMPLES, LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES, STIFF_SAMPLES
 from workers.survey.values.schema import Group
 from workers.survey.version import code_version
@@ -41,7 +41,7 @@ class PopulationRequest(Strict):
     others that share numbers, for Sobol indices. tile: gears of a task and a chunk.
     """
 
-    name: Annotated[str, Field(max_length=200)] = ""
+    name: Name = ""
     gear: GearNumbers
     correlation: tuple[tuple[Real, ...], ...] | None = None
     gears: Annotated[int, Field(strict=True, ge=2, le=MOST_GEARS)] = 4096
@@ -54,13 +54,6 @@ class PopulationRequest(Strict):
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
     budget: Annotated[int, Field(strict=True, ge=1, le=LARGEST_BUDGET)] = BUDGET
     tile: Annotated[int, Field(strict=True, ge=1, le=MAX_TILE_GEARS)] | None = None
-
-    @field_validator("name")
-    @classmethod
-    def _printable(cls, name: str) -> str:
-        if not name.isprintable():
-            raise ValueError("the name holds characters that cannot be printed: remove them")
-        return name
 
     @model_validator(mode="after")
     def _meant(self) -> Self:

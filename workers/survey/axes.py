@@ -3,12 +3,21 @@
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from workers.errors import SurveyError
 
 #: Strict: neither True nor "0.6" is a number here.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+
+
+def _printable(name: str) -> str:
+    if not name.isprintable():
+        raise ValueError("the name holds characters that cannot be printed: remove them")
+    return name
+
+
+Name = Annotated[str, Field(max_length=200), AfterValidator(_printable)]
 
 
 class Strict(BaseModel):

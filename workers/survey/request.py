@@ -19,7 +19,7 @@ from rattle.attractors.classify import BUDGET, PERIODS, WATCH
 from rattle.attractors.speeds import NATURAL, PAPER_SPEED, in_paper_plane
 from rattle.attractors.table import LARGEST_BUDGET
 from rattle.models import AnyModel, Model, model_of
-from workers.survey.axes import Axis, Real, Strict
+from workers.survey.axes import Axis, Name, Real, Strict
 from workers.survey.machine import SurveyedMachine, in_the_model
 from workers.survey.values.quantities import groups_of
 from workers.survey.values.schema import DEFAULT, JOINED, SAMPLED, Group
@@ -107,7 +107,7 @@ class SurveyRequest(Strict):
     "stop", "num"} each; these become even steps of δ and ε.
     """
 
-    name: Annotated[str, Field(max_length=200)] = ""
+    name: Name = ""
     model: Model = Model.IMPACTING
     beta: Annotated[Real, Field(gt=0)] = 0.6
     kappa: Annotated[Real, Field(gt=0, le=MOST_STIFF)] | None = None
@@ -128,13 +128,6 @@ class SurveyRequest(Strict):
         if isinstance(given, dict) and isinstance(given.get("machine"), dict):
             return in_the_model(given)
         return given
-
-    @field_validator("name")
-    @classmethod
-    def _printable(cls, name: str) -> str:
-        if not name.isprintable():
-            raise ValueError("the name holds characters that cannot be printed: remove them")
-        return name
 
     @field_validator("delta")
     @classmethod
