@@ -81,26 +81,28 @@ def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
     """
 
     def given_point(command: Command) -> Command:
-        own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
-        shared = [
-            inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=None, annotation=kind)
-            for name, kind in OPTIONS.items()
-        ]
-        required = [each for each in own if each.default is inspect.Parameter.empty]  # such as a file, named first
-        taken = [*required, *shared, *(each for each in own if each not in required)]
-
-        @functools.wraps(command)
-        def with_point(**given: Any) -> None:
-            options = {name: given.pop(name) for name in OPTIONS}
-            command(point_of(options, timed), **given)
-
-        del with_point.__wrapped__  # whose annotations typer would take
-        keyword = inspect.Parameter.KEYWORD_ONLY
-        with_point.__signature__ = inspect.Signature([each.replace(kind=keyword) for each in taken])  # type: ignore[attr-defined]
-        with_point.__annotations__ = {each.name: each.annotation for each in taken}
-        return with_point
+        return with_options(command, OPTIONS, lambda options: point_of(options, timed))
 
     return given_point
+
+
+def with_options(command: Command, options: dict[str, Any], taken_as: Callable[[dict[str, Any]], Any]) -> Command:
+    """Give a command options, all None by default; it takes what `taken_as` makes of them for its first argument."""
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
+    shared = [inspect.Parameter(name, keyword, default=None, annotation=kind) for name, kind in options.items()]
+    required = [each for each in own if each.default is inspect.Parameter.empty]  # such as a file, named first
+    taken = [*required, *shared, *(each for each in own if each not in required)]
+
+    @functools.wraps(command)
+    def with_given(**given: Any) -> None:
+        found = {name: given.pop(name) for name in options}
+        command(taken_as(found), **given)
+
+    del with_given.__wrapped__  # whose annotations typer would take
+    with_given.__signature__ = inspect.Signature([each.replace(kind=keyword) for each in taken])  # type: ignore[attr-defined]
+    with_given.__annotations__ = {each.name: each.annotation for each in taken}
+    return with_given
 
 
 def point_of(options: dict[str, Any], timed: bool) -> Point:
