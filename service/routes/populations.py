@@ -26,7 +26,15 @@ from service.routes.population_documents import (
     answers_document,
 )
 from service.routes.store import FILES, stored_file
-from service.routes.surveys import LARGEST_NUMBER, MAX_FAILURES, RETRY_SECONDS, require_json
+from service.routes.surveys import (
+    RETRY_SECONDS,
+    Cursor,
+    IdempotencyKey,
+    failures_of,
+    page_of,
+    require_json,
+    tell_of_acceptance,
+)
 from service.state import Front, FrontState
 from service.web import examples
 from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, json_answer, picture_tag
@@ -41,7 +49,6 @@ PopulationId = Annotated[
     str, Path(description="id of a population, from the answer to its submission", examples=[examples.POPULATION_ID])
 ]
 PopulationBody = Annotated[PopulationRequest, Body(examples=[examples.POPULATION_REQUEST])]
-IdempotencyKey = Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")]
 
 
 @router.post(
@@ -67,11 +74,7 @@ def submit_population(
     and idempotency keys are answered with.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
-    response.headers["Location"] = path_of(job.id, KIND)
-    if State(job.state).final:
-        response.status_code = 200
-    else:
-        response.headers["Retry-After"] = RETRY_SECONDS
+    tell_of_acceptance(response, job, KIND)
     return _detail(front, job)
 
 
@@ -97,13 +100,9 @@ def list_populations(
     request: Request,
     front: FrontState,
     limit: Annotated[int, Query(ge=1, le=500, description="populations per page")] = 50,
-    cursor: Annotated[
-        int | None, Query(ge=1, le=LARGEST_NUMBER, description="`next` of the page before; nothing for the first")
-    ] = None,
+    cursor: Cursor = None,
 ) -> Response:
-    jobs, count = front.database.jobs(limit + 1, before=cursor, kind=KIND)
-    page = jobs[:limit]
-    following = str(page[-1].number) if len(jobs) > limit else None
+    page, count, following = page_of(front, KIND, limit, cursor)
     shown = [PopulationDocument.of(job) for job in page]
     return json_answer(request, PopulationList(populations=shown, count=count, next=following))
 
@@ -210,5 +209,4 @@ def _answered(place: FilePath | Bucket) -> str:
 
 
 def _detail(front: Front, job: JobRow) -> PopulationDetail:
-    failures = front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
-    return PopulationDetail.with_failures(job, failures)
+    return PopulationDetail.with_failures(job, failures_of(front, job))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from email.message import Message
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
@@ -23,6 +24,32 @@ router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 LARGEST_NUMBER = 2**53
 MAX_FAILURES = 100
 RETRY_SECONDS = "1"
+
+IdempotencyKey = Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")]
+Cursor = Annotated[
+    int | None, Query(ge=1, le=LARGEST_NUMBER, description="`next` of the page before; nothing for the first")
+]
+
+
+def tell_of_acceptance(response: Response, job: JobRow, kind: Kind) -> None:
+    """Say where a survey or a population that was submitted is: 200 if it has ended, else when to look again."""
+    response.headers["Location"] = path_of(job.id, kind)
+    if State(job.state).final:
+        response.status_code = 200
+    else:
+        response.headers["Retry-After"] = RETRY_SECONDS
+
+
+def page_of(front: Front, kind: Kind, limit: int, cursor: int | None) -> tuple[Sequence[JobRow], int, str | None]:
+    """One page of a list, newest first, how many there are in all, and the cursor of the next page."""
+    jobs, count = front.database.jobs(limit + 1, before=cursor, kind=kind)
+    page = jobs[:limit]
+    return page, count, str(page[-1].number) if len(jobs) > limit else None
+
+
+def failures_of(front: Front, job: JobRow) -> list[dict[str, Any]]:
+    """The first failed cells of a survey or a population, with their messages."""
+    return front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
 
 
 async def require_json(request: Request) -> None:
@@ -51,7 +78,7 @@ def submit(
     caller: CallerState,
     response: Response,
     body: Annotated[SurveyRequest, Body(examples=[examples.REQUEST])],
-    idempotency_key: Annotated[str | None, Header(min_length=1, max_length=255, pattern=r"^[\x21-\x7e]+$")] = None,
+    idempotency_key: IdempotencyKey = None,
     force: Annotated[bool, Query(description="compute it although an identical survey is there")] = False,
 ) -> SurveyDetail:
     """Accept a survey and compute it in the background, or answer with one that is there.
@@ -65,11 +92,7 @@ def submit(
     with, the latest 100 are remembered.
     """
     job = submit_survey(front, caller, body, idempotency_key, force)
-    response.headers["Location"] = path_of(job.id)
-    if State(job.state).final:
-        response.status_code = 200
-    else:
-        response.headers["Retry-After"] = RETRY_SECONDS
+    tell_of_acceptance(response, job, Kind.SURVEY)
     return _detail(front, job)
 
 
@@ -83,13 +106,9 @@ def list_surveys(
     request: Request,
     front: FrontState,
     limit: Annotated[int, Query(ge=1, le=500, description="surveys per page")] = 50,
-    cursor: Annotated[
-        int | None, Query(ge=1, le=LARGEST_NUMBER, description="`next` of the page before; nothing for the first")
-    ] = None,
+    cursor: Cursor = None,
 ) -> Response:
-    jobs, count = front.database.jobs(limit + 1, before=cursor)
-    page = jobs[:limit]
-    following = str(page[-1].number) if len(jobs) > limit else None
+    page, count, following = page_of(front, Kind.SURVEY, limit, cursor)
     document = SurveyList(surveys=[Survey.of(job) for job in page], count=count, next=following)
     return json_answer(request, document)
 
@@ -140,5 +159,4 @@ def remove(front: FrontState, caller: CallerState, survey_id: SurveyId) -> Respo
 
 
 def _detail(front: Front, job: JobRow) -> SurveyDetail:
-    failures = front.database.failures(job.id, MAX_FAILURES) if job.cells_failed else []
-    return SurveyDetail.with_failures(job, failures)
+    return SurveyDetail.with_failures(job, failures_of(front, job))
