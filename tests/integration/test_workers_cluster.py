@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -249,6 +250,26 @@ print(*sys.modules.keys() & {"xarray", "pandas", "matplotlib", "scipy.optimize",
         [sys.executable, "-c", asked], cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=HANG
     )
     assert (said.returncode, said.stdout.strip()) == (0, ""), said.stderr
+
+
+def test_a_task_that_began_while_it_was_given_up_has_ended(
+    cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The scheduler does not know yet that a worker is at it: a second join beside it would read what it moves."""
+    begun = tmp_path / "begun"
+
+    def endless() -> None:
+        begun.touch()
+        while True:
+            time.sleep(0.01)
+
+    future = cluster.submit(endless, pure=False)
+    wait_until(begun.exists)
+    monkeypatch.setattr(cluster, "processing", dict)
+    workers.cluster.cluster.end_tasks_and_wait(cluster, [future])
+    at_work = cluster.run(lambda dask_worker: len(dask_worker.state.executing))
+    assert set(at_work.values()) <= {0}
+    cluster.wait_for_workers(2)
 
 
 def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path) -> None:
