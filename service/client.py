@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from workers import AnyRequest, PopulationRequest, SurveyRequest
 
+AXES = ("delta", "epsilon", "beta", "kappa")
 FINAL = ("successful", "failed", "dismissed")
 RECONNECT_SECONDS = 1.0
 READ_SECONDS = 60.0  # several heartbeats of the event stream
@@ -264,7 +265,7 @@ class Job:
 def _body(request: AnyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Document:
     given = request if isinstance(request, Mapping) else request.model_dump(mode="json") if request else {}
     both = {**given, **fields}
-    return {name: _axis(value) if name in ("delta", "epsilon") else value for name, value in both.items()}
+    return {name: _axis(value) if name in AXES else value for name, value in both.items()}
 
 
 def _axis(value: Any) -> Any:

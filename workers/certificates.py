@@ -18,9 +18,10 @@ import xarray as xr
 from zarr.errors import ZarrUserWarning
 
 import rattle
-from rattle.models import AnyModel, model_of
+from rattle.models import AnyModel
 from workers.errors import SurveyError, storage_error
-from workers.survey.values.schema import CELL
+from workers.survey.slices import surveyed_model
+from workers.survey.values.schema import CELL, FIXED
 
 CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"  # one document a line, with its cell and slot
 MEANINGS = ("none", "orbit")
@@ -45,10 +46,10 @@ class Claim(NamedTuple):
 
 
 def claims_of(survey: xr.Dataset) -> list[Claim]:
-    """Return the periodic attractors of a survey, cell by cell. Raises SurveyError if it has no attractors."""
+    """Return the periodic attractors of a survey, cell by cell. Raises SurveyError if it has none, or a third axis."""
     if "attractor_kind" not in survey:
         raise SurveyError("the survey has no attractors: ask for the group attractors")
-    model = model_of(survey.attrs["beta"], survey.attrs.get("kappa"))
+    model = surveyed_model(survey)
     names = ("kind", "phase", "velocity", "m", "n_plus", "n_minus")
     kind, tau, v, *label = (survey[f"attractor_{name}"].transpose(*SLOT).values for name in names)
     delta, epsilon = survey["delta"].values, survey["epsilon"].values
@@ -156,13 +157,19 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
             known = before.attrs.get(KNOWN)
     except (FileNotFoundError, ValueError):
         known = None
-    if known != survey.attrs["content_hash"]:
+    if known != _known(survey):
         raise SurveyError(f"{out} holds other things than the certificates of this survey: choose another path")
     certificates = out / CERTIFICATES
     whole = certificates.read_bytes().rpartition(b"\n")[0] if certificates.exists() else b""
     certificates.write_bytes(whole + b"\n" if whole else b"")  # without the line that a killed run was at
     documents = [json.loads(line) for line in whole.splitlines()]
     return {(each["slot"], *each["cell"]): float(each["time_radius"]) for each in documents}
+
+
+def _known(survey: xr.Dataset) -> str:
+    """What a store of certificates knows its survey by, or the slice of it."""
+    third = (name for name in FIXED if name in survey.coords and name not in survey.attrs)
+    return "".join([survey.attrs["content_hash"], *(f" {name}={survey[name].item()!r}" for name in third)])
 
 
 def _written(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dataset:
@@ -183,7 +190,7 @@ def _written(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dat
     attributes = {
         "Conventions": "CF-1.11",
         "title": "Certificates of the periodic attractors of a survey",
-        KNOWN: survey.attrs["content_hash"],
+        KNOWN: _known(survey),
         "documents": CERTIFICATES,
     }
     found = xr.Dataset(variables, coordinates, attributes)

@@ -5,6 +5,7 @@ family of a survey as a map.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,8 +18,10 @@ from workers.errors import SurveyError, reading, storage_error
 from workers.storage.location import Place, place_of
 from workers.storage.store import added_to_store, has_added, open_survey, rewrite_tile
 from workers.survey.families import FAMILY, GROUP, STORED, Slots, files_of_families, joined_slots, listed, with_empty
-from workers.survey.request import SurveyRequest
-from workers.survey.tiles import tiles_of
+from workers.survey.request import Along, SurveyRequest
+from workers.survey.seals import path_of
+from workers.survey.slices import slice_of
+from workers.survey.tiles import Tile, tiles_of
 from workers.survey.values.quantities import stored
 from workers.survey.values.schema import CELL, SLOT, Group
 
@@ -40,11 +43,11 @@ PER_CELL = {
 
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
     """Whether a survey, whose tiles are all there, is still to be joined."""
-    return Group.FAMILIES in request.quantities and not has_added(where, GROUP)
+    return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
 
 
 def join_survey(request: SurveyRequest, where: str | Path | Place) -> None:
-    """Join the attractors of a survey whose tiles are all computed, and store their families.
+    """Join the attractors of a survey whose tiles are all computed, each slice for itself, and store their families.
 
     The caller holds the store. The result is a function of what the tiles hold: neither their shape nor the order in
     which they came shows. A run that was killed meanwhile leaves a survey without families, which is joined anew.
@@ -54,40 +57,43 @@ def join_survey(request: SurveyRequest, where: str | Path | Place) -> None:
         SurveyError: there is no survey, or it is damaged.
     """
     place = place_of(where)
-    joined = joined_slots(request, _slots(request, place))
-    edges = edges_of(joined.families, _curves(request, place))
+    found = {}
+    for along, each in request.slices.items():
+        joined = joined_slots(each, _slots(each, place, along))
+        found[along] = joined, edges_of(joined.families, _curves(each, place, along))
     try:
-        _move(request, place, joined.source)
-        added_to_store(place, files_of_families(request, joined, edges))
+        _move(request, place, {along: joined.source for along, (joined, _) in found.items()})
+        added_to_store(place, files_of_families(request, found))
     except OSError as error:
         raise storage_error(f"the families of {place} cannot be written", error) from error
 
 
-def _slots(request: SurveyRequest, place: Place) -> Slots:
-    """Read the attractors of a survey, a row of tiles at a time."""
+def _slots(request: SurveyRequest, place: Place, along: Along) -> Slots:
+    """Read the attractors of a slice, a row of tiles at a time."""
     parts = []
     with reading(f"the attractors of {place}"):
         arrays = {name: zarr.open_array(place.zarr(), path=name, mode="r") for name in STORED}
         height, width = request.tile_shape[0], request.shape[1]
         for row in range(0, request.shape[0], height):
-            values = {name: np.asarray(each[..., row : row + height, :]) for name, each in arrays.items()}
+            here = Tile(0, slice(0, width), slice(row, row + height), along).at
+            values = {name: np.asarray(each[here]) for name, each in arrays.items()}
             parts.append(listed(values, request.initial_conditions.count, row * width))
     columns = zip(*(part.attractors for part in parts), strict=True)
     attractors = Attractors._make(np.concatenate(column) for column in columns)
     return Slots(attractors, np.concatenate([part.slot for part in parts]))
 
 
-def _move(request: SurveyRequest, place: Place, source: np.ndarray) -> None:
+def _move(request: SurveyRequest, place: Place, sources: Mapping[Along, np.ndarray]) -> None:
     """Move what is in the slots of the tiles; tiles in which everything is in place are left as they are."""
     quantities = [each for each in stored(request.quantities, request.model) if each.per_cell]
     arrays = {each.name: zarr.open_array(place.zarr(), path=each.name, mode="r") for each in quantities}
     slots = np.arange(request.n_slots)[:, None, None]
     for tile in tiles_of(request):
-        here = with_empty(source[:, tile.epsilon, tile.delta])
+        here = with_empty(sources[tile.along][:, tile.epsilon, tile.delta])
         if (here == slots).all():
             continue
         with reading(f"tile {tile.index} of {place}"):
-            values = {name: np.asarray(each[..., tile.epsilon, tile.delta]) for name, each in arrays.items()}
+            values = {name: np.asarray(each[tile.at]) for name, each in arrays.items()}
         for each in quantities:
             if each.dims[0] == SLOT:
                 index = here.reshape(here.shape[0], *(1,) * (len(each.dims) - 3), *here.shape[1:])
@@ -95,21 +101,23 @@ def _move(request: SurveyRequest, place: Place, source: np.ndarray) -> None:
         rewrite_tile(request, place, tile, values)
 
 
-def _curves(request: SurveyRequest, place: Place) -> dict[str, Polyline]:
-    """The curves of a survey, as they were traced for its template."""
+def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
+    """The curves of a slice, as they were traced for its template."""
     found: dict[str, Polyline] = {}
     with reading(f"the curves of {place}"):
         for name in request.gear_model.curve_names:
             delta, epsilon, piece = (
-                np.asarray(zarr.open_array(place.zarr(), path=f"curves/{name}/{each}", mode="r")[:])
+                np.asarray(zarr.open_array(place.zarr(), path=path_of(along, f"curves/{name}/{each}"), mode="r")[:])
                 for each in CURVE_POINTS
             )
             found[name] = delta, epsilon, piece
     return found
 
 
-def open_family(path_or_url: str | Path | Place, number: int) -> xr.Dataset:
+def open_family(path_or_url: str | Path | Place, number: int, slice_number: int | None = None) -> xr.Dataset:
     """One family of a survey that was computed with families, as a map over (epsilon, delta).
+
+    slice_number: of a survey with a third axis, from 0: each slice has families of its own.
 
     fraction, with its upper bound: NaN where the family is not; 0 where its orbit exists and no sample went to it.
     phase, velocity: a point of it; lyapunov and, of a periodic one, multiplier, the size of each (exponent, …);
@@ -117,14 +125,15 @@ def open_family(path_or_url: str | Path | Place, number: int) -> xr.Dataset:
     row of the group `families`.
 
     Raises:
-        SurveyError: there is no survey, it has no families, or none of this number.
+        SurveyError: there is no survey, it has no families, or none of this number, or no such slice.
     """
     import xarray as xr
 
-    with open_survey(path_or_url) as survey:
+    with open_survey(path_or_url) as whole:
+        survey, along = slice_of(whole, slice_number), () if slice_number is None else (slice_number,)
         if FAMILY not in survey:
             raise SurveyError(f"{path_or_url} has no families: compute it with --quantity {Group.FAMILIES}")
-        with open_survey(path_or_url, GROUP) as table:
+        with open_survey(path_or_url, path_of(along, GROUP)) as table:
             if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
                 raise SurveyError(f"there are families 0 to {table.sizes['family'] - 1}, and no {number!r}")
             row = {

@@ -75,7 +75,10 @@ def described(request: AnyRequest, tile: AnyTile) -> str:
 
 def place_of_cell(request: AnyRequest, i: int, j: int) -> dict[str, int]:
     """Return where a failed cell is: along the axes of the grid, or the row of the gear."""
-    return {"gear": j} if isinstance(request, PopulationRequest) else {"epsilon": i, "delta": j}
+    if isinstance(request, PopulationRequest):
+        return {"gear": j}
+    along, i = divmod(i, request.shape[0])
+    return {**dict.fromkeys(request.third_axis, along), "epsilon": i, "delta": j}
 
 
 def tile_error(request: AnyRequest, tile: AnyTile, error: BaseException) -> SurveyError:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from service.commands.options import Slice
+
 NOT_PROVED, INTERRUPTED = 1, 130
 SUFFIX = ".certificates.zarr"
 
@@ -28,6 +30,7 @@ def certify(
     kappa: Annotated[
         str | None, typer.Option(help="Stiffness, for --point.", show_default="none: the impacting model")
     ] = None,
+    slice_: Slice = None,
     check: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Check certificates, one a line, with none of the prover's code."),
@@ -35,8 +38,8 @@ def certify(
 ) -> None:
     """Prove that periodic motions exist, alone near by, with their labels, and whether they attract.
 
-    Of a survey: all periodic attractors, into a store beside it; the same command resumes. Of a point: one certificate
-    a line. Exit status 1 if something is not proved; that does not mean that it is false.
+    Of a survey, or of a slice of it: all periodic attractors, into a store beside it; the same command resumes. Of a
+    point: one certificate a line. Exit status 1 if something is not proved; that does not mean that it is false.
     """
     if [store, point, check].count(None) != 2:
         raise typer.BadParameter("name the STORE of a survey, or --point DELTA EPSILON, or --check FILE")
@@ -45,7 +48,8 @@ def certify(
     elif point is not None:
         _prove_point(*point, beta, kappa)
     elif store is not None:
-        _prove_survey(store, out or Path(store.rstrip("/").removesuffix(".zarr") + SUFFIX), processes)
+        beside = store.rstrip("/").removesuffix(".zarr") + ("" if slice_ is None else f".slice{slice_}") + SUFFIX
+        _prove_survey(store, out or Path(beside), processes, slice_)
 
 
 def _check(path: Path) -> None:
@@ -80,13 +84,15 @@ def _prove_point(delta: str, epsilon: str, beta: str, kappa: str | None) -> None
         raise typer.Exit(NOT_PROVED)
 
 
-def _prove_survey(store: str, out: Path, processes: int) -> None:
+def _prove_survey(store: str, out: Path, processes: int, slice_number: int | None) -> None:
     from service.commands.progress import reporter
     from service.commands.signals import stop_requested
     from service.results import open_results
     from workers.certificates import CERTIFICATES, REFUSED, certify_survey, claims_of
+    from workers.survey.slices import slice_of
 
-    with open_results(store) as survey, stop_requested() as stop:
+    with open_results(store) as whole, stop_requested() as stop:
+        survey = slice_of(whole, slice_number)
         number = len(claims_of(survey))
         with reporter(number, what="motions") as progress:
             found = certify_survey(survey, out, processes, progress.show, stop.is_set)

@@ -7,14 +7,18 @@ from pathlib import Path
 import typer
 
 
-def draw(store: str | Path, out: Path) -> None:
-    """Write the three-panel picture of the survey in ``store`` to ``out``; the suffix is the format."""
+def draw(store: str | Path, out: Path, slice_number: int | None = None) -> None:
+    """Write the three-panel picture of the survey in ``store`` to ``out``; the suffix is the format.
+
+    slice_number: of a survey with a third axis.
+    """
     from service.errors import ServiceError
     from service.results import open_results
     from workers.pictures.figure import survey_figure
+    from workers.survey.slices import slice_of
 
     with open_results(store) as dataset:
-        picture = survey_figure(dataset)
+        picture = survey_figure(slice_of(dataset, slice_number))
     try:
         picture.savefig(out)
     except (OSError, ValueError) as error:  # ValueError: a format that matplotlib does not know

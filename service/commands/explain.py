@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from service.commands.options import Slice
+
 if TYPE_CHECKING:
     from workers.boundaries.explain import Explanation
 
@@ -19,6 +21,7 @@ def explain(
         int, typer.Option("--curves", min=0, help="Curves to compute at most besides those of the period-one motions.")
     ] = 100,
     rows: Annotated[int, typer.Option(min=1, help="Rows of each table.")] = 25,
+    slice_: Slice = None,
 ) -> None:
     """Say which bifurcation curve passes between each two neighbouring cells of a survey that differ.
 
@@ -27,9 +30,12 @@ def explain(
     """
     from service.results import open_results
     from workers.boundaries.explain import explain as explained
+    from workers.survey.seals import path_of
+    from workers.survey.slices import slice_of
 
-    with open_results(store) as dataset:
-        families = open_results(store, group="families") if "attractor_family" in dataset else None
+    with open_results(store) as whole:
+        dataset, along = slice_of(whole, slice_), () if slice_ is None else (slice_,)
+        families = open_results(store, group=path_of(along, "families")) if "attractor_family" in dataset else None
         found = explained(dataset, most_curves, families)
     _print(found, rows)
     if found.region_explained.sum() < found.pairs.region.sum():

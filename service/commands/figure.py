@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from service.commands.drawing import draw
+from service.commands.options import Slice
 
 if TYPE_CHECKING:
     from rattle.plot.paper_figures import Request, StiffRequest
@@ -49,6 +50,7 @@ def figure(
         list[str] | None,
         typer.Option("--format", metavar="pdf|svg|png", help="Repeatable: one file each.", show_default="pdf"),
     ] = None,
+    slice_: Slice = None,
 ) -> None:
     """Draw figures of the paper from computed data, or a survey.
 
@@ -68,12 +70,15 @@ def figure(
 
     rattle figure STORE [OUT] draws a survey: regions with the bifurcation
     curves, quiet fraction, largest Lyapunov exponent. OUT ends in .png, .pdf or
-    .svg. A store that has a number for a name is ./4, or ./stiff.
+    .svg. Of a survey with a third axis it draws one --slice. A store that has a
+    number for a name is ./4, or ./stiff.
     """
     options = {
         "--out": out, "--delta": delta, "--epsilon": epsilon, "--beta": beta, "--kappa": kappa, "--format": format_
     }  # fmt: skip
     if what[0] in (ALL, STIFF) or what[0].isdecimal():
+        if slice_ is not None:
+            raise typer.BadParameter("a figure of the paper has no slices", param_hint="--slice")
         requests = _requests(what, delta or [], epsilon or [], beta, kappa)
         _draw_figures(requests, out or Path(), format_ or ["pdf"])
         return
@@ -84,7 +89,7 @@ def figure(
             )
     if len(what) > 2:
         raise typer.BadParameter("give a survey and one picture, or numbers of figures", param_hint="STORE")
-    draw(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE))
+    draw(what[0], Path(what[1] if len(what) == 2 else SURVEY_PICTURE), slice_)
 
 
 def _requests(

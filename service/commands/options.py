@@ -8,7 +8,7 @@ import typer
 
 if TYPE_CHECKING:
     from service.settings import Settings
-    from workers import SurveyRequest
+    from workers import Axis, SurveyRequest
 
 AXIS = "START:STOP:NUM"
 DEFAULT_URL = "http://127.0.0.1:8000"
@@ -28,7 +28,10 @@ def _number(what: str) -> Any:
 Delta = _axis("Damping")
 Epsilon = _axis("Eccentricity")
 Beta = Annotated[float, typer.Option(help="Half-backlash.")]
-BetaUnlessMachine = Annotated[float | None, typer.Option(help="Half-backlash.", show_default="0.6")]
+SurveyedBeta = Annotated[
+    str | None,
+    typer.Option(metavar=f"BETA|{AXIS}", help="Half-backlash: one, or a third axis.", show_default="0.6"),
+]
 Inertia = _number("kg m², of each gear with what turns with it.")
 Drag = _number("N m s/rad: the drag torque of each gear over its speed.")
 Backlash = _number("m along the line of action.")
@@ -52,9 +55,17 @@ Rpm = Annotated[
     ),
 ]
 MetresOfEccentricity = _axis("m: the amplitude of the transmission error once a revolution", MACHINE)
-Kappa = Annotated[
-    float | None,
-    typer.Option(help="Stiffness of the walls: the stiff model.", show_default="none: the impacting model"),
+SurveyedKappa = Annotated[
+    str | None,
+    typer.Option(
+        metavar=f"KAPPA|{AXIS}",
+        help="Stiffness of the walls, one or a third axis: the stiff model.",
+        show_default="none: the impacting model",
+    ),
+]
+Slice = Annotated[
+    int | None,
+    typer.Option("--slice", metavar="NUMBER", help="Of a survey with a third axis: which value of it, from 0."),
 ]
 Count = Annotated[int, typer.Option(help="Initial conditions per cell.")]
 VMax = Annotated[
@@ -129,8 +140,8 @@ def survey_request(
     *,
     delta: str | None,
     epsilon: str | None,
-    beta: float | None,
-    kappa: float | None,
+    beta: str | None,
+    kappa: str | None,
     count: int,
     v_max: str | None,
     budget: int | None,
@@ -158,7 +169,7 @@ def survey_request(
         given |= {name: Axis.parse(given[name]).model_dump() for name in ("rpm", "eccentricity") if name in given}
         fields: dict[str, Any] = {
             **axes,
-            **({} if beta is None else {"beta": beta}),
+            **({} if beta is None else {"beta": _number_or_axis("--beta", beta)}),
             **({"machine": given} if given else {}),
             "initial_conditions": {
                 "count": count,
@@ -171,7 +182,7 @@ def survey_request(
             "name": name,
         }
         if kappa is not None:
-            fields |= {"model": "stiff", "kappa": kappa}
+            fields |= {"model": "stiff", "kappa": _number_or_axis("--kappa", kappa)}
         if tile is not None:
             fields["tile"] = _tile(tile)
         if quantity:
@@ -183,6 +194,17 @@ def survey_request(
         raise typer.BadParameter(f"{where}: {first['msg']}" if where else first["msg"]) from error
     except RattleError as error:
         raise typer.BadParameter(str(error)) from error
+
+
+def _number_or_axis(option: str, text: str) -> float | Axis:
+    from workers import Axis
+
+    if ":" in text:
+        return Axis.parse(text)
+    try:
+        return float(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r}: write a number, or {AXIS}", param_hint=option) from error
 
 
 def _tile(text: str) -> dict[str, int]:

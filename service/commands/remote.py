@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 def submit(
     delta: options.Delta = None,
     epsilon: options.Epsilon = None,
-    beta: options.BetaUnlessMachine = None,
-    kappa: options.Kappa = None,
+    beta: options.SurveyedBeta = None,
+    kappa: options.SurveyedKappa = None,
     count: options.Count = 64,
     v_max: options.VMax = None,
     budget: options.Budget = None,

@@ -17,8 +17,8 @@ def run(
     ],
     delta: options.Delta = None,
     epsilon: options.Epsilon = None,
-    beta: options.BetaUnlessMachine = None,
-    kappa: options.Kappa = None,
+    beta: options.SurveyedBeta = None,
+    kappa: options.SurveyedKappa = None,
     count: options.Count = 64,
     v_max: options.VMax = None,
     budget: options.Budget = None,
@@ -70,6 +70,10 @@ def run(
     from service.commands.drawing import draw, require_writable
 
     if figure is not None:
+        if request.third:
+            raise typer.BadParameter(
+                f"draw a slice when the survey is complete, with rattle figure {out} --slice 0", param_hint="--figure"
+            )
         require_writable(figure)
     fill(request, out, scheduler, workers)
     _summarise(out)

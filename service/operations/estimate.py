@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import islice
 
 from starlette.concurrency import run_in_threadpool
 
@@ -94,10 +95,10 @@ def _ratio(request: SurveyRequest, job: JobRow) -> float:
 
 def _same_model(request: SurveyRequest, job: JobRow) -> bool:
     """Whether it is the same model, the stiff one with like stiffness; surveys from before there were two have none."""
-    stiffness = job.request.get("kappa")
-    if request.kappa is None or stiffness is None:
-        return request.kappa is stiffness
-    return 1.0 / SIMILAR <= request.kappa / float(stiffness) <= SIMILAR
+    ours, theirs = request.stiffness, SurveyRequest.model_validate(job.request).stiffness
+    if ours is None or theirs is None:
+        return ours is theirs
+    return 1.0 / SIMILAR <= ours / theirs <= SIMILAR
 
 
 def _same_watch(request: SurveyRequest, job: JobRow) -> bool:
@@ -129,6 +130,7 @@ def _few_gears(request: PopulationRequest) -> PopulationRequest:
 
 
 def _few_cells(request: SurveyRequest) -> SurveyRequest:
+    request = request.at(next(islice(request.slices, request.n_slices // 2, None)))
     axes = {
         name: Axis(start=axis.start, stop=axis.stop, num=min(axis.num, TRIED))
         for name, axis in (("delta", request.delta), ("epsilon", request.epsilon))

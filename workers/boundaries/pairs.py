@@ -10,6 +10,7 @@ from rattle import quiet_limit
 from rattle.curves import Curve
 from workers.boundaries.labels import QUIET_LABEL, Label
 from workers.errors import SurveyError
+from workers.survey.slices import surveyed_model
 from workers.survey.values.evaluate import FAILED, KINDS
 
 UNDECIDED = KINDS.index("undecided")
@@ -49,7 +50,7 @@ class Grid:
         nor attractors.
         """
         self.delta, self.epsilon = (np.asarray(dataset[axis]) for axis in ("delta", "epsilon"))
-        self.beta = float(dataset.attrs["beta"])
+        self.beta = surveyed_model(dataset).beta
         status = np.asarray(dataset["status"])
         self.known = (status > 0) & (status != FAILED)
         self.region = np.asarray(dataset["region"]) if "region" in dataset else np.zeros(status.shape, np.int8)

@@ -9,7 +9,8 @@ from rattle import REGIONS
 from rattle.plot.drawing import HALO, new_figure
 from workers.errors import SurveyError
 from workers.pictures.maps import draw_legend, draw_map
-from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points, surveyed_model
+from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
+from workers.survey.slices import surveyed_model
 
 PANELS = {
     "region": "Regions",
@@ -24,6 +25,7 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     Raises:
         SurveyError: the survey has none of the three.
     """
+    model = surveyed_model(dataset)
     panels = [name for name in PANELS if name in dataset]
     if not panels:
         raise SurveyError(f"nothing to draw: ask for a survey with one of {', '.join(PANELS)}")
@@ -35,7 +37,7 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
         axes.label_outer()
         curves[name] = axes, draw_curves(axes, dataset, CURVES_ON[name])
         draw_legend(axes)
-    figure.suptitle(f"Gear model, {surveyed_model(dataset)}", fontsize=13)
+    figure.suptitle(f"Gear model, {model}", fontsize=13)
     if "region" in curves:
         axes, drawn = curves["region"]
         _name_regions(axes, dataset)

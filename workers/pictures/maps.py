@@ -16,6 +16,7 @@ from rattle.orbits.period_one import PAPER_REGIONS
 from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
+from workers.survey.slices import require_slice, third_of
 from workers.survey.values.evaluate import FAILED
 from workers.survey.values.schema import CELL, FIXED
 
@@ -67,7 +68,8 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
 
 
 def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
-    """Return a variable on (epsilon, delta) alone. Raises SurveyError if the survey has no such map."""
+    """Return a variable on (epsilon, delta) alone. Raises SurveyError if there is no such map, or a third axis."""
+    require_slice(third_of(dataset), None)
     if variable not in dataset.data_vars or dataset[variable].dims[-2:] != CELL:
         maps = sorted(str(name) for name, values in dataset.data_vars.items() if values.dims[-2:] == CELL)
         raise SurveyError(f"no map of {variable!r} in this survey: it has {', '.join(maps)}")

@@ -7,10 +7,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 
 from rattle.curves import NAMES
-from rattle.models import AnyModel, model_of
 from rattle.plot import plane
 from workers.survey.axes import Window
 from workers.survey.curves import Missing, traced, window_around
+from workers.survey.slices import surveyed_model
 
 #: Which curves explain which map.
 CURVES_ON: dict[str, tuple[str, ...]] = {
@@ -33,12 +33,6 @@ def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str]) -> list[n
             drawn.append(plane.draw_curve(axes, curve))
     axes.set(**limits)
     return drawn
-
-
-def surveyed_model(dataset: xr.Dataset) -> AnyModel:
-    """The model of a survey, by its attributes: those of surveys from before there were two have no stiffness."""
-    stiffness = dataset.attrs.get("kappa")
-    return model_of(float(dataset.attrs["beta"]), None if stiffness is None else float(stiffness))
 
 
 def _window(dataset: xr.Dataset) -> Window:

@@ -88,7 +88,7 @@ class PopulationRequest(Strict):
         return Model.IMPACTING if self.gear.kappa is None and self.gear.stiffness is None else Model.STIFF
 
     @cached_property
-    def kappa(self) -> float | None:
+    def stiffness(self) -> float | None:
         """The stiffness of one of its gears."""
         points = self.plan.tolerances.points(self.plan.values(np.arange(1)))
         return None if points.kappa is None else float(points.kappa[0])
@@ -124,6 +124,11 @@ class PopulationRequest(Strict):
     def n_tiles(self) -> int:
         """Tiles that cover the rows."""
         return -(-self.n_cells // self.tile_shape[0])
+
+    @property
+    def n_slices(self) -> int:
+        """As of a survey without a third axis."""
+        return 1
 
     @property
     def tile_grid(self) -> tuple[int, int]:

@@ -11,6 +11,7 @@ import xarray as xr
 from rattle import MissingExtraError
 from workers.errors import reading
 from workers.survey.machine import AXES
+from workers.survey.slices import slices_of, third_of
 from workers.survey.values.schema import CELL, FIXED, Form
 
 ROWS = 32  # of the grid, where the store does not say how many its chunks have
@@ -35,7 +36,8 @@ def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = 
         _append(bare, path, "w", rows)
         for name in dataset.data_vars:
             one = dataset[[name]]
-            _append(one.chunk(epsilon=rows) if "epsilon" in one.dims else one, path, "a", rows)
+            bands = {"epsilon": rows, **dict.fromkeys(third_of(one), 1)}
+            _append(one.chunk(bands) if "epsilon" in one.dims else one, path, "a", rows)
         for group, each in (groups or {}).items():
             _append(each, path, "a", rows, group)
         return path.open("rb")
@@ -65,11 +67,14 @@ def require_readable(dataset: xr.Dataset, names: Sequence[Hashable] | None = Non
     """Read these variables, or all: a file that is being sent cannot be taken back. Raises DamageError."""
     rows = _rows(dataset)
     for name in dataset.variables if names is None else names:
-        values = dataset[name]
-        height = values.sizes.get("epsilon", 1)
-        for start in range(0, height, rows):
-            with reading(f"{name} of this survey"):
-                np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
+        for one in slices_of(dataset[[name]]):
+            _read(one[name], rows)
+
+
+def _read(values: xr.DataArray, rows: int) -> None:
+    for start in range(0, values.sizes.get("epsilon", 1), rows):
+        with reading(f"{values.name} of this survey"):
+            np.asarray(values.isel(epsilon=slice(start, start + rows)) if "epsilon" in values.dims else values)
 
 
 def table_names(dataset: xr.Dataset, form: Form = Form.CELLS) -> list[str]:
@@ -79,15 +84,21 @@ def table_names(dataset: xr.Dataset, form: Form = Form.CELLS) -> list[str]:
     def belongs(dims: tuple[Hashable, ...]) -> bool:
         return dims[-2:] == CELL and (dims == CELL if own is None else dims[0] == own)
 
-    return [str(name) for name, values in dataset.data_vars.items() if belongs(values.dims)]
+    return [str(name) for name, values in next(slices_of(dataset)).data_vars.items() if belongs(values.dims)]
 
 
 def tables(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[dict[str, np.ndarray]]:
-    """The table of an open survey, as it is stored, in bands: columns by their names, δ running first, then ε.
+    """The table of an open survey, as it is stored, in bands: columns by their names, δ running first, then ε, then a
+    third axis.
 
     Of a tidy form only entries that are one have a row, and what has a number or a name besides, as of an exponent, is
     a column for each.
     """
+    for one in slices_of(dataset):
+        yield from _table(one, form)
+
+
+def _table(dataset: xr.Dataset, form: Form) -> Iterator[dict[str, np.ndarray]]:
     names, rows = table_names(dataset, form), _rows(dataset)
     beside = [name for name in AXES if name in dataset.variables]
     fixed = {name: float(dataset[name]) for name in FIXED if name in dataset.coords}

@@ -22,10 +22,12 @@ from workers.survey.seals import (
     ROOT,
     SEAL,
     SEALED,
+    SLICE,
     TILE_KEY,
     TILES,
     checksum,
     checksums_in,
+    chunk_key,
     seal_of,
     tile_key,
 )
@@ -55,9 +57,10 @@ class Manifest:
 
     content_hash: str
     date_created: str
-    grid: tuple[int, int]  # tiles along (epsilon, delta)
+    grid: tuple[int, int]  # tiles along (epsilon, delta), rows of all slices
     chunks: dict[str, str]  # of each variable that tiles write: its key, with {row} and {column}
     files: dict[str, str]  # checksum of every file of the template, by its key
+    slices: int = 1  # along a third axis
 
     @classmethod
     def of(cls, attributes: Mapping[str, Any]) -> "Manifest":
@@ -69,22 +72,28 @@ class Manifest:
             (int(rows), int(columns)),
             dict(attributes["chunks"]),
             dict(attributes["files"]),
+            int(attributes.get("slices", 1)),
         )
+
+    @property
+    def rows(self) -> int:
+        """Rows of tiles of a slice."""
+        return self.grid[0] // self.slices
 
     def keys(self, row: int, column: int) -> dict[str, str]:
         """Where the chunks of a tile are, by variable."""
-        return {name: key.format(row=row, column=column) for name, key in self.chunks.items()}
+        return {name: chunk_key(key, row, column, self.rows) for name, key in self.chunks.items()}
 
     def tile_of(self, key: str) -> int | None:
         """Return the index of the tile that has this chunk; None if it is no chunk of a tile."""
         name = key.rpartition("/c/")[0]
         pattern = TILE_KEY if name == TILES else self.chunks.get(name, "")
         places = dict(zip(pattern.split("/"), key.split("/"), strict=False))
-        row, column = (places.get(part, "0") for part in ("{row}", "{column}"))
-        if not all(part.isdecimal() and len(part) < 10 for part in (row, column)):
+        along, row, column = (places.get(part, "0") for part in (SLICE, "{row}", "{column}"))
+        if not all(part.isdecimal() and len(part) < 10 for part in (along, row, column)):
             return None
-        i, j = int(row), int(column)
-        known = i < self.grid[0] and j < self.grid[1] and pattern.format(row=i, column=j) == key
+        i, j = int(along) * self.rows + int(row), int(column)
+        known = i < self.grid[0] and j < self.grid[1] and chunk_key(pattern, i, j, self.rows) == key
         return i * self.grid[1] + j if known else None
 
 

@@ -20,7 +20,7 @@ from workers.storage.location import Place, place_of
 from workers.survey.families import FAMILY
 from workers.survey.families import GROUP as FAMILIES
 from workers.survey.request import SurveyRequest
-from workers.survey.seals import GROUP, OWN, ROOT, TILES, checksums_of, files_of, sealed, tile_key
+from workers.survey.seals import GROUP, OWN, ROOT, SLICES, TILES, checksums_of, chunk_key, files_of, sealed, tile_key
 from workers.survey.template import Template, now
 from workers.survey.tiles import Tile
 from workers.survey.values.quantities import stored
@@ -174,8 +174,9 @@ def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray
             raise SurveyError(f"tile {tile.index}: {name} has shape {given.shape}, not that of its chunk")
     if missing := chunks.keys() - values.keys():
         raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}")
-    row, column = (0, *(span.start // n for span, n in zip(tile.spans, request.tile_shape, strict=True)))[-2:]
-    keys = {name: key.format(row=row, column=column) for name, key in chunks.items()}
+    rows, columns = request.tile_grid
+    row, column = divmod(tile.index, columns)
+    keys = {name: chunk_key(key, row, column, rows // request.n_slices) for name, key in chunks.items()}
     contents = {}
     for name, key in keys.items():
         arrays[name][tile.at] = values[name]
@@ -211,7 +212,7 @@ def finish_store(where: str | Path | Place) -> None:
 
 
 def has_added(where: str | Path | Place, name: str) -> bool:
-    """Whether a group was added to a survey's store."""
+    """Whether a group or a variable was added to a survey's store."""
     manifest = manifest_of(place_of(where))
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 
@@ -233,11 +234,17 @@ def added_to_store(where: str | Path | Place, added: Template) -> None:
     sums = sealed(own)
     described = json.loads(added[ROOT])["consolidated_metadata"]["metadata"]
     described[GROUP] = root["consolidated_metadata"]["metadata"][GROUP] | {"attributes": json.loads(sums)["attributes"]}
-    root["consolidated_metadata"]["metadata"] |= described
+    every = root["consolidated_metadata"]["metadata"] | described
+    root["consolidated_metadata"]["metadata"] = dict(sorted(every.items(), key=lambda each: _slice_group(each[0])))
     for key, content in files.items():
         place.put(key, content)
     place.put(OWN, sums)
     place.put(ROOT, sealed(root))
+
+
+def _slice_group(key: str) -> str:
+    """The group that a key of a slice is in: in metadata that zarr reads, members of a group stand together."""
+    return key.rpartition("/")[0] if key.startswith(f"{SLICES}/") else ""
 
 
 def before_tiles(request: AnyRequest, place: Place) -> None:
@@ -247,7 +254,7 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
     Raises:
         StorageError: it cannot be written now.
     """
-    if isinstance(request, PopulationRequest) or not (request.slots_follow_families and has_added(place, FAMILIES)):
+    if isinstance(request, PopulationRequest) or not (request.slots_follow_families and has_added(place, FAMILY)):
         return
     root, own = read_sealed(place, ROOT), read_sealed(place, OWN)
     if root is None or own is None:
@@ -267,7 +274,7 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
 
 
 def _is_added(key: str) -> bool:
-    return key.partition("/")[0] in (FAMILY, FAMILIES)
+    return not {FAMILY, FAMILIES}.isdisjoint(key.split("/"))
 
 
 def _missing_cells(place: Place) -> int:

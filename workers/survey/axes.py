@@ -1,9 +1,20 @@
 """The axes of a survey's grid, and what all parts of a request have in common."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
 
 from workers.errors import SurveyError
 
@@ -68,6 +79,20 @@ def reason(error: ValueError) -> str:
     """Return the first thing that is wrong, without pydantic's preamble."""
     errors = getattr(error, "errors", None)
     return str(errors()[0]["msg"]) if errors else str(error)
+
+
+def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    is_axis = isinstance(value, Mapping | tuple | Axis)
+    try:
+        return Axis.model_validate(value) if is_axis else handler(value)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = [".".join(map(str, first["loc"]))] if is_axis and first["loc"] else []
+        raise PydanticCustomError("number_or_axis", "{said}", {"said": ": ".join([*where, reason(error)])}) from error
+
+
+#: What is wrong with it is said of what it was meant to be, not of both.
+NumberOrAxis = WrapValidator(_number_or_axis)
 
 
 class Window(NamedTuple):

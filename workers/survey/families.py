@@ -1,5 +1,6 @@
 """The families of a survey's attractors: from its cells to what is stored of them."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,8 +11,8 @@ from zarr.storage import MemoryStore
 from rattle import KINDS, Attractors, Families
 from rattle.families.table import NO_FAMILY
 from workers.survey.curves import TEXT, Variable
-from workers.survey.request import SurveyRequest
-from workers.survey.template import CODECS, WHOLE, Template, consolidate, contents, write_variables
+from workers.survey.request import Along, SurveyRequest
+from workers.survey.template import CODECS, WHOLE, Template, consolidate, contents, group_of, write_variables
 from workers.survey.values.schema import CELL, SLOT
 
 #: What a survey's attractors are read from.
@@ -118,8 +119,8 @@ def listed(values: dict[str, np.ndarray], count: int, first_cell: int = 0) -> Sl
 
 
 class Joined(NamedTuple):
-    """The families of a whole survey, the number of each slot (slots, n_epsilon, n_delta), and from which slot of its
-    tile what is there comes, −1 where nothing does.
+    """The families of a survey without a third axis, the number of each slot (slots, n_epsilon, n_delta), and from
+    which slot of its tile what is there comes, −1 where nothing does.
     """
 
     families: Families
@@ -128,7 +129,7 @@ class Joined(NamedTuple):
 
 
 def joined_slots(request: SurveyRequest, found: Slots) -> Joined:
-    """Return the families of the attractors of a whole survey, and their slots."""
+    """Return the families of the attractors of a survey without a third axis, and their slots."""
     count = request.initial_conditions.count
     families = request.gear_model.families(request.delta.values(), request.epsilon.values(), count, found.attractors)
     family, cell = families.family[~families.entered], found.attractors.cell
@@ -181,10 +182,10 @@ def _lowest_free(used: int) -> int:
     return (~used & (used + 1)).bit_length() - 1
 
 
-def files_of_families(request: SurveyRequest, joined: Joined, edges: Any) -> Template:
+def files_of_families(request: SurveyRequest, found: Mapping[Along, tuple[Joined, Any]]) -> Template:
     """Return the files that families add to a store, by their key, with a root that describes them.
 
-    edges: what EDGE_VARIABLES are read from.
+    found: of each slice its families, and what EDGE_VARIABLES are read from.
     """
     kept: dict[str, Buffer] = {}
     store = MemoryStore(kept)
@@ -194,18 +195,21 @@ def files_of_families(request: SurveyRequest, joined: Joined, edges: Any) -> Tem
         "units": "1",
         "references": REFERENCE,
     }
+    numbers, one = [joined.numbers for joined, _ in found.values()], [1 for _ in request.third_axis]
     root.create_array(
         FAMILY,
-        data=joined.numbers,
-        chunks=(request.n_slots, *(min(size, LARGEST_CHUNK) for size in request.shape)),
+        data=np.stack(numbers) if request.third else numbers[0],
+        chunks=(*one, request.n_slots, *(min(size, LARGEST_CHUNK) for size in request.shape)),
         compressors=CODECS,
         config=WHOLE,
         fill_value=NO_FAMILY,
-        dimension_names=(SLOT, *CELL),
+        dimension_names=(*request.third_axis, SLOT, *CELL),
         attributes=described,
     )
-    group = root.create_group(GROUP, attributes={"long_name": "families of attractors", "references": REFERENCE})
-    write_variables(group, FAMILY_VARIABLES, joined.families)
-    write_variables(group, EDGE_VARIABLES, edges)
+    for along, (joined, edges) in found.items():
+        attributes = {"long_name": "families of attractors", "references": REFERENCE}
+        group = group_of(root, request, along).create_group(GROUP, attributes=attributes)
+        write_variables(group, FAMILY_VARIABLES, joined.families)
+        write_variables(group, EDGE_VARIABLES, edges)
     consolidate(store)
     return contents(kept)

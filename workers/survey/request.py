@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import (
     Field,
     ValidationError,
+    ValidationInfo,
     ValidatorFunctionWrapHandler,
     WrapValidator,
     field_validator,
@@ -19,12 +20,14 @@ from rattle.attractors.classify import BUDGET, PERIODS, WATCH
 from rattle.attractors.speeds import NATURAL, PAPER_SPEED, in_paper_plane
 from rattle.attractors.table import LARGEST_BUDGET
 from rattle.models import AnyModel, Model, model_of
-from workers.survey.axes import Axis, Name, Real, Strict
+from workers.errors import SurveyError
+from workers.survey.axes import Axis, Name, NumberOrAxis, Real, Strict
 from workers.survey.machine import SurveyedMachine, in_the_model
 from workers.survey.values.quantities import groups_of
-from workers.survey.values.schema import DEFAULT, JOINED, SAMPLED, Group
+from workers.survey.values.schema import DEFAULT, FIXED, JOINED, SAMPLED, Group
 from workers.survey.version import code_version
 
+Along = tuple[int, ...]  # an index along the third axis, () where there is none
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]
 
 
@@ -54,6 +57,7 @@ SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1  # attractors that a cell lists;
 MAX_SLOTS = 64
 MAX_JOINED = 1_500_000  # cells of a survey with families: a kilobyte each in the memory of one worker
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
+MAX_SLICES = 64  # along a third axis: the curves of each take seconds, and a hundred files
 
 
 class InitialConditions(Strict):
@@ -99,7 +103,8 @@ class TileShape(Strict):
 class SurveyRequest(Strict):
     """A survey of the (δ, ε) plane: the body of `POST /v1/surveys`; all but the axes has a default.
 
-    model: the impacting one, or the stiff one, which needs the stiffness kappa of its walls. quantities: by default all
+    model: the impacting one, or the stiff one, which needs the stiffness kappa of its walls. beta, kappa: a number, or
+    one of them a third axis, of which each value has a slice: the survey of the plane there. quantities: by default all
     that the model has, but those that cost several times what all others do. slots: attractors that a cell lists, by
     default 8, or 24 where δ begins below 0.1; more are counted, and their share is told. slots_by: "fraction", the
     largest share first, or "family", each family in one slot of all cells as far as there are slots; by default where
@@ -109,8 +114,8 @@ class SurveyRequest(Strict):
 
     name: Name = ""
     model: Model = Model.IMPACTING
-    beta: Annotated[Real, Field(gt=0)] = 0.6
-    kappa: Annotated[Real, Field(gt=0, le=MOST_STIFF)] | None = None
+    beta: Annotated[Annotated[Real, Field(gt=0)] | Axis, NumberOrAxis] = 0.6
+    kappa: Annotated[Annotated[Real, Field(gt=0, le=MOST_STIFF)] | Axis, NumberOrAxis] | None = None
     delta: Axis
     epsilon: Axis
     quantities: tuple[Group, ...] = DEFAULT
@@ -143,6 +148,19 @@ class SurveyRequest(Strict):
             raise ValueError(f"epsilon must not be negative: raise start ({epsilon.start}) to 0 or more")
         return epsilon
 
+    @field_validator("beta", "kappa")
+    @classmethod
+    def _positive(cls, value: float | Axis | None, info: ValidationInfo) -> float | Axis | None:
+        if not isinstance(value, Axis):
+            return value
+        if value.start <= 0:
+            raise ValueError(f"{info.field_name} must be positive: raise start ({value.start}) above 0")
+        if info.field_name == "kappa" and value.stop > MOST_STIFF:
+            raise ValueError(f"kappa reaches to {MOST_STIFF:g} at most: lower stop ({value.stop})")
+        if value.num > MAX_SLICES:
+            raise ValueError(f"a third axis has {MAX_SLICES} values at most: lower num ({value.num})")
+        return value
+
     @model_validator(mode="before")
     @classmethod
     def _by_model(cls, given: Any) -> Any:
@@ -166,6 +184,8 @@ class SurveyRequest(Strict):
             raise ValueError("the stiff model needs kappa, the stiffness of its walls: give one, such as 1e4")
         if self.model is Model.IMPACTING and self.kappa is not None:
             raise ValueError('kappa is of the stiff model: set model to "stiff", or leave kappa out')
+        if isinstance(self.beta, Axis) and isinstance(self.kappa, Axis):
+            raise ValueError("a survey has one third axis: give one number for beta, or for kappa")
         if Group.FAMILIES in self.quantities and not JOINED.issubset(self.quantities):
             raise ValueError(f"families are made from {' and '.join(sorted(JOINED))}: name these too")
         if Group.FAMILIES in self.quantities and self.n_cells > MAX_JOINED:
@@ -208,16 +228,56 @@ class SurveyRequest(Strict):
 
     @property
     def gear_model(self) -> AnyModel:
-        """The model with its parameters."""
+        """The model with its parameters. Raises SurveyError of a survey with a third axis: each slice has its own."""
+        if isinstance(self.beta, Axis) or isinstance(self.kappa, Axis):
+            raise SurveyError(f"this survey has {self.n_slices} values of {self.third}: choose one of its slices")
         return model_of(self.beta, self.kappa)
+
+    @property
+    def stiffness(self) -> float | None:
+        """The stiffness of the walls, of several the largest; None of the impacting model."""
+        return self.kappa.stop if isinstance(self.kappa, Axis) else self.kappa
+
+    @property
+    def third_axis(self) -> dict[str, Axis]:
+        """The third axis by its name, if there is one."""
+        return {name: axis for name in FIXED if isinstance(axis := getattr(self, name), Axis)}
+
+    @property
+    def third(self) -> str:
+        """The name of the third axis; empty if there is none."""
+        return next(iter(self.third_axis), "")
+
+    @property
+    def n_slices(self) -> int:
+        """Slices along the third axis, 1 without one."""
+        return math.prod(axis.num for axis in self.third_axis.values())
+
+    @property
+    def slices(self) -> "dict[Along, SurveyRequest]":
+        """The surveys without a third axis that it consists of, by their indices along it; itself at () without one."""
+        return {place: self.at(place) for place in np.ndindex(*(axis.num for axis in self.third_axis.values()))}
+
+    def at(self, place: Along) -> "SurveyRequest":
+        """A slice, with the sample, slots and tiles that all have."""
+        if not place:
+            return self
+        values = {name: float(axis.values()[place[0]]) for name, axis in self.third_axis.items()}
+        sample = self.initial_conditions.model_copy(update={"v_max": self.v_max})
+        rows, columns = self.tile_shape
+        same = {"initial_conditions": sample, "tile": TileShape(delta=columns, epsilon=rows)}
+        return self.model_copy(update=values | same)
 
     @property
     def v_max(self) -> float | Literal["natural"]:
         """The largest speed of the sample."""
         if self.initial_conditions.v_max is not None:
             return self.initial_conditions.v_max
-        delta, epsilon = (np.array([axis.start, axis.stop]) for axis in (self.delta, self.epsilon))
-        return PAPER_SPEED if in_paper_plane(delta, epsilon, np.full(2, self.beta)).all() else NATURAL
+        delta, epsilon, beta = (
+            np.array([axis.start, axis.stop] if isinstance(axis, Axis) else [axis, axis])
+            for axis in (self.delta, self.epsilon, self.beta)
+        )
+        return PAPER_SPEED if in_paper_plane(delta, epsilon, beta).all() else NATURAL
 
     @property
     def n_slots(self) -> int:
@@ -231,7 +291,7 @@ class SurveyRequest(Strict):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Cells of the grid along (epsilon, delta)."""
+        """Cells along (epsilon, delta), of a slice."""
         return self.epsilon.num, self.delta.num
 
     @property
@@ -261,14 +321,14 @@ class SurveyRequest(Strict):
 
     @property
     def n_cells(self) -> int:
-        """Cells of the grid."""
-        return self.epsilon.num * self.delta.num
+        """Cells, of all slices."""
+        return self.epsilon.num * self.delta.num * self.n_slices
 
     @property
     def tile_grid(self) -> tuple[int, int]:
-        """Tiles along (epsilon, delta)."""
+        """Tiles along (epsilon, delta); rows of all slices, one slice after the other."""
         rows, columns = (-(-num // size) for num, size in zip(self.shape, self.tile_shape, strict=True))
-        return rows, columns
+        return rows * self.n_slices, columns
 
     @property
     def n_tiles(self) -> int:

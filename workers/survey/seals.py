@@ -13,7 +13,20 @@ TILES = f"{GROUP}/tiles"
 OWN = f"{GROUP}/{ROOT}"
 SEALED = (ROOT, OWN)
 SEAL = "checksum"
+SLICES = "slices"  # the group of what slices along a third axis have beside their cells
+SLICE = "{slice}"  # in a key of chunks: the index along a third axis
 TILE_KEY = f"{TILES}/c/0/{{row}}/{{column}}"
+
+
+def path_of(along: tuple[int, ...], group: str = "") -> str:
+    """Where a slice has a group: below SLICES and its index along the third axis, if there is one."""
+    return "/".join([*(f"{SLICES}/{index}" for index in along), *([group] if group else [])])
+
+
+def chunk_key(pattern: str, row: int, column: int, rows: int) -> str:
+    """Where a chunk of a tile is; of several slices, each with so many rows of tiles, row counts through."""
+    along, row = divmod(row, rows) if SLICE in pattern else (0, row)
+    return pattern.format(slice=along, row=row, column=column)
 
 
 def checksum(key: str, content: bytes) -> bytes:

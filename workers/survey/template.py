@@ -15,13 +15,14 @@ from zarr.errors import ZarrUserWarning
 from zarr.storage import MemoryStore, StoreLike
 
 import rattle
+from workers.survey.axes import Axis
 from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
 from workers.survey.machine import AXES
-from workers.survey.request import SurveyRequest
-from workers.survey.seals import GROUP, OWN, ROOT, TILES, files_of, sealed
+from workers.survey.request import Along, SurveyRequest
+from workers.survey.seals import GROUP, OWN, ROOT, SLICE, SLICES, TILES, files_of, path_of, sealed
 from workers.survey.tiles import cells_of
 from workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of, stored
-from workers.survey.values.schema import SLOT, Quantity
+from workers.survey.values.schema import FIXED, SLOT, Quantity
 from workers.survey.version import code_version
 
 #: Every chunk ends in a checksum, so that any reader fails loudly on a damaged one instead of showing other numbers.
@@ -46,8 +47,9 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
     _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
     for quantity in quantities:
         _create(root, request, quantity)
-    _write_curves(root, request)
-    chunks = _chunks(quantities)
+    for along, each in request.slices.items():
+        _write_curves(group_of(root, request, along), each)
+    chunks = _chunks(request, quantities)
     create_checksums(root, request.tile_grid, len(chunks))
     return completed(kept, request, created, chunks)
 
@@ -62,6 +64,7 @@ def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[
         "content_hash": request.content_hash(),
         "date_created": created,
         "grid": request.tile_grid,
+        **({"slices": request.n_slices} if request.n_slices > 1 else {}),
         "chunks": chunks,
         "files": files_of(template),
     }
@@ -80,14 +83,15 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
     arrays = {quantity.name: _create_per_cell(root, request, quantity) for quantity in quantities}
-    chunks = _chunks(quantities)
+    chunks = _chunks(request, quantities)
     return kept, arrays | {TILES: create_checksums(root, request.tile_grid, len(chunks))}, chunks
 
 
-def _chunks(quantities: Iterable[Quantity]) -> dict[str, str]:
-    """Return each variable's key of chunks, with {row} and {column}."""
+def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str, str]:
+    """Return each variable's key of chunks, with {row} and {column}, and {slice} where there is a third axis."""
+    first = ["c", *(SLICE for _ in request.third_axis)]
     return {
-        quantity.name: "/".join([quantity.name, "c", *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
+        quantity.name: "/".join([quantity.name, *first, *"0" * (len(quantity.dims) - 2), "{row}", "{column}"])
         for quantity in quantities
         if quantity.per_cell
     }
@@ -129,7 +133,7 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
         "creator_name": "gear-rattle, at the request of its user",
         "license": "CC0-1.0: these numbers may be used without restriction; gear-rattle itself is BSD-3-Clause",
         "citation": f"gear-rattle {rattle.__version__}; J. F. Mason and P. T. Piiroinen, doi:{DOI}",
-        "title": request.name or f"Survey of the (delta, epsilon) plane of the {request.model} gear model",
+        "title": request.name or _title(request),
         "source": f"gear-rattle {code_version()}",
         "references": f"https://doi.org/{DOI}",
         "doi": DOI,
@@ -143,23 +147,30 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
     }
 
 
+def _title(request: SurveyRequest) -> str:
+    planes = f"planes at {request.n_slices} values of {request.third}" if request.third else "plane"
+    return f"Survey of the (delta, epsilon) {planes} of the {request.model} gear model"
+
+
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
     """Return the numbers of the machine, and which arrays are coordinates beside the axes (CF, for a whole file)."""
     machine = {} if request.machine is None else request.machine.model_dump()
-    names = [*_fixed(request), *(AXES if machine else ())]
+    names = [*(name for name in _fixed(request) if name != request.third), *(AXES if machine else ())]
     return {"coordinates": " ".join(names), **{f"machine_{name}": value for name, value in machine.items()}}
 
 
-def _fixed(request: SurveyRequest) -> dict[str, tuple[float, str]]:
-    """Return the parameters that all cells have, and what they are: coordinates without a dimension."""
+def _fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
+    """Return the parameters that all cells of a slice have, and what they are: coordinates without a dimension, but for
+    a third axis.
+    """
     stiffness = {} if request.kappa is None else {"kappa": (request.kappa, "stiffness κ")}
     return {"beta": (request.beta, "half-backlash β"), **stiffness}
 
 
 def _model_attributes(request: SurveyRequest) -> dict[str, Any]:
-    """Return which model it is, with its parameters; NetCDF holds no null."""
-    stiffness = {} if request.kappa is None else {"kappa": request.kappa}
-    return {"model": str(request.model), "beta": request.beta, **stiffness}
+    """Return which model it is, with its parameters that are one number; NetCDF holds no null."""
+    numbers = {name: value for name in FIXED if isinstance(value := getattr(request, name), float)}
+    return {"model": str(request.model), **numbers}
 
 
 def now() -> str:
@@ -177,7 +188,8 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
                 long_name = "slot of the attractor: that of its family, as far as there are slots"
             write(root, dim, (dim,), values, {"long_name": long_name, "units": "1"})
     for name, (value, long_name) in _fixed(request).items():
-        write(root, name, (), np.array(value), {"long_name": long_name, "units": "1"})
+        values = value.values() if isinstance(value, Axis) else np.array(value)
+        write(root, name, (name,) * values.ndim, values, {"long_name": long_name, "units": "1"})
     if request.machine is not None:
         rpm = request.machine.rpm(request.delta.values())
         eccentricity = request.machine.eccentricity(request.epsilon.values())
@@ -196,22 +208,34 @@ def _create(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> Non
     if quantity.per_cell:
         _create_per_cell(root, request, quantity)
     else:
-        values = np.asarray(quantity.evaluate(cells_of(request))).astype(quantity.dtype)
-        write(root, quantity.name, quantity.dims, values, quantity.attributes)
+        found = [np.asarray(quantity.evaluate(cells_of(each))) for each in request.slices.values()]
+        values = (np.stack(found) if request.third else found[0]).astype(quantity.dtype)
+        write(root, quantity.name, (*request.third_axis, *quantity.dims), values, quantity.attributes)
 
 
 def _create_per_cell(root: zarr.Group, request: SurveyRequest, quantity: Quantity) -> zarr.Array:
+    lengths = [axis.num for axis in request.third_axis.values()]
     return root.create_array(
         quantity.name,
-        shape=shape_of(quantity, request.shape, request.n_slots),
-        chunks=shape_of(quantity, request.tile_shape, request.n_slots),
+        shape=(*lengths, *shape_of(quantity, request.shape, request.n_slots)),
+        chunks=(*(1 for _ in lengths), *shape_of(quantity, request.tile_shape, request.n_slots)),
         dtype=quantity.dtype,
         fill_value=quantity.fill,
         compressors=CODECS,
         config=WHOLE,
-        dimension_names=quantity.dims,
+        dimension_names=(*request.third_axis, *quantity.dims),
         attributes=quantity.attributes,
     )
+
+
+def group_of(root: zarr.Group, request: SurveyRequest, along: Along) -> zarr.Group:
+    """Create the group of what a slice has beside its cells, once; the root itself without a third axis."""
+    if not along:
+        return root
+    if SLICES not in root:
+        about = f"what the slices of the survey have beside their cells, each at its index along {request.third}"
+        root.create_group(SLICES, attributes={"long_name": about})
+    return root.create_group(path_of(along), attributes=_model_attributes(request.at(along)))
 
 
 def _write_curves(root: zarr.Group, request: SurveyRequest) -> None:

@@ -7,7 +7,7 @@ from types import EllipsisType
 
 import numpy as np
 
-from workers.survey.request import SurveyRequest
+from workers.survey.request import Along, SurveyRequest
 from workers.survey.values.cells import Cells
 from workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
 from workers.survey.values.quantities import shape_of, stored
@@ -27,11 +27,15 @@ CellOutcome = TileArrays | str  # a cell's values, or why there are none
 
 @dataclass(frozen=True)
 class Tile:
-    """A rectangle of cells that is one chunk of every variable; index counts along δ first."""
+    """A rectangle of cells that is one chunk of every variable; index counts along δ first, then ε, then a third axis.
+
+    along: in which slice it is, as in `SurveyRequest.slices`.
+    """
 
     index: int
     delta: slice
     epsilon: slice
+    along: Along = ()
 
     @property
     def n_cells(self) -> int:
@@ -44,14 +48,14 @@ class Tile:
         return self.epsilon, self.delta
 
     @property
-    def at(self) -> tuple[EllipsisType, slice, slice]:
+    def at(self) -> tuple[int | EllipsisType | slice, ...]:
         """Its part of a variable."""
-        return ..., self.epsilon, self.delta
+        return *self.along, ..., self.epsilon, self.delta
 
 
 @dataclass(frozen=True)
 class TileRecord:
-    """What became of a tile. Failed cells are counted from the corner of the grid."""
+    """What became of a tile. Failed cells are counted from the corner of the grid, rows of all slices on end."""
 
     index: int
     cells: int
@@ -67,12 +71,13 @@ def tiles_of(request: SurveyRequest) -> list[Tile]:
         [slice(start, min(start + size, num)) for start in range(0, num, size)]
         for num, size in zip(request.shape, request.tile_shape, strict=True)
     )
-    spans = ((epsilon, delta) for epsilon in rows for delta in columns)
-    return [Tile(index, delta=delta, epsilon=epsilon) for index, (epsilon, delta) in enumerate(spans)]
+    spans = ((delta, epsilon, along) for along in request.slices for epsilon in rows for delta in columns)
+    return [Tile(index, *span) for index, span in enumerate(spans)]
 
 
 def cells_of(request: SurveyRequest, tile: Tile | None = None) -> Cells:
-    """Return the cells of a tile, or the whole grid."""
+    """Return the cells of a tile, or the whole grid, which then has no third axis."""
+    request = request if tile is None else request.at(tile.along)
     delta, epsilon = request.delta.values(), request.epsilon.values()
     sample = request.initial_conditions
     return Cells(
@@ -116,10 +121,11 @@ def compute_tile(
             raise
         except Exception:  # whatever the model raises is that cell's result
             arrays, failed = _gather(request, cells, cell_outcomes(request, tile))
+    first_row = sum(tile.along) * request.shape[0] + tile.epsilon.start
     record = TileRecord(
         index=tile.index,
         cells=tile.n_cells,
-        failed_cells=tuple((tile.epsilon.start + i, tile.delta.start + j, message) for i, j, message in failed),
+        failed_cells=tuple((first_row + i, tile.delta.start + j, message) for i, j, message in failed),
         undecided_cells=int(np.sum(arrays["status"] == SOME_UNDECIDED)),
         seconds=time.perf_counter() - began,
         impacts=impacts,
@@ -173,4 +179,5 @@ def _fills(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
 def described(request: SurveyRequest, tile: Tile) -> str:
     """Return how messages name a tile."""
     delta, epsilon = request.delta.values()[tile.delta], request.epsilon.values()[tile.epsilon]
-    return f"tile {tile.index} (delta {delta[0]} to {delta[-1]}, epsilon {epsilon[0]} to {epsilon[-1]})"
+    third = "".join(f", {name} {getattr(request.at(tile.along), name)}" for name in request.third_axis)
+    return f"tile {tile.index} (delta {delta[0]} to {delta[-1]}, epsilon {epsilon[0]} to {epsilon[-1]}{third})"

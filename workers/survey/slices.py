@@ -1,0 +1,63 @@
+"""An open survey with a third axis: which slice of it is meant, and the model of one."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rattle.models import AnyModel, model_of
+from workers.errors import SurveyError
+from workers.survey.values.schema import FIXED
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    import xarray as xr
+
+
+def require_slice(third: Mapping[str, int], number: int | None) -> None:
+    """Raise SurveyError unless this is the number of a slice.
+
+    Args:
+        third: the length of the third axis by its name, if there is one.
+        number: None of a survey without one.
+    """
+    if not third and number is not None:
+        raise SurveyError("this survey has no third axis: leave slice out")
+    for name, length in third.items():
+        if number is None or not 0 <= number < length:
+            raise SurveyError(f"this survey has {length} values of {name}: choose one, slice 0 to {length - 1}")
+
+
+def third_of(dataset: xr.Dataset) -> dict[str, int]:
+    """Return the length of the third axis of an open survey by its name, if it has one."""
+    return {name: dataset.sizes[name] for name in FIXED if name in dataset.sizes}
+
+
+def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
+    """Return a slice of an open survey, or the survey if it has no third axis. Raises SurveyError: none is meant."""
+    third = third_of(dataset)
+    require_slice(third, number)
+    return dataset.isel(dict.fromkeys(third, number))
+
+
+def slices_of(dataset: xr.Dataset) -> Iterator[xr.Dataset]:
+    """Yield the slices of an open survey; itself if it has no third axis."""
+    third = third_of(dataset)
+    for name, length in third.items():
+        yield from (dataset.isel({name: number}) for number in range(length))
+    if not third:
+        yield dataset
+
+
+def surveyed_model(dataset: xr.Dataset) -> AnyModel:
+    """Return the model of an open survey without a third axis, or of a slice.
+
+    Surveys from before there were two models have no stiffness, older ones parameters as attributes alone.
+
+    Raises SurveyError: it has a third axis.
+    """
+    require_slice(third_of(dataset), None)
+    given: dict[str, Any] = {
+        name: dataset[name].item() if name in dataset.coords else dataset.attrs.get(name) for name in FIXED
+    }
+    return model_of(float(given["beta"]), None if given["kappa"] is None else float(given["kappa"]))
