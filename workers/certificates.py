@@ -20,8 +20,8 @@ from zarr.errors import ZarrUserWarning
 import rattle
 from rattle.models import AnyModel
 from workers.errors import SurveyError, storage_error
-from workers.survey.slices import surveyed_model
-from workers.survey.values.schema import CELL, FIXED
+from workers.survey.slices import surveyed_model, value_along
+from workers.survey.values.schema import CELL
 
 CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"  # one document a line, with its cell and slot
 MEANINGS = ("none", "orbit")
@@ -168,8 +168,8 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
 
 def _known(survey: xr.Dataset) -> str:
     """What a store of certificates knows its survey by, or the slice of it."""
-    third = (name for name in FIXED if name in survey.coords and name not in survey.attrs)
-    return "".join([survey.attrs["content_hash"], *(f" {name}={survey[name].item()!r}" for name in third)])
+    third = (f" {name}={value!r}" for name, value in value_along(survey).items())
+    return "".join([survey.attrs["content_hash"], *third])
 
 
 def _written(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dataset:

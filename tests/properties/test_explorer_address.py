@@ -18,6 +18,7 @@ views = st.builds(
     survey=words,
     variable=words,
     index=st.integers(0, 64),
+    slice=st.integers(0, 64),
     limits=st.sampled_from(LIMITS) | windows,
     log=st.booleans(),
     overlays=st.sets(st.sampled_from(OVERLAYS)).map(lambda chosen: tuple(n for n in OVERLAYS if n in chosen)),
@@ -35,7 +36,7 @@ def test_an_address_reproduces_its_view(view: View) -> None:
     assert View.parse(query) == view
 
 
-names = ("survey", "variable", "index", "limits", "log", "overlays", "delta", "epsilon", "point", "theme")
+names = ("survey", "variable", "index", "slice", "limits", "log", "overlays", "delta", "epsilon", "point", "theme")
 nonsense = st.binary(max_size=30) | st.sampled_from((b"nan,1", b"1,2", b"1e400,2", b"-1,-2", b"9" * 5000))
 
 

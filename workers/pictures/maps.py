@@ -16,7 +16,7 @@ from rattle.orbits.period_one import PAPER_REGIONS
 from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
-from workers.survey.slices import require_slice, third_of
+from workers.survey.slices import require_slice, third_of, value_along
 from workers.survey.values.evaluate import FAILED
 from workers.survey.values.schema import CELL, FIXED
 
@@ -57,7 +57,8 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
     draw_map(axes, dataset, plane, WITHOUT_VALUE.get(variable, "none"))
-    axes.set_title(title_of(plane), fontsize=11)
+    third = "".join(f", {name} = {value:g}" for name, value in value_along(dataset).items())
+    axes.set_title(title_of(plane) + third, fontsize=11)
     curves = draw_curves(axes, dataset, CURVES_ON.get(variable, ()))
     draw_legend(axes)
     if variable == "region":

@@ -258,6 +258,10 @@ class SurveyRequest(Strict):
         """The surveys without a third axis that it consists of, by their indices along it; itself at () without one."""
         return {place: self.at(place) for place in np.ndindex(*(axis.num for axis in self.third_axis.values()))}
 
+    def along(self, number: int) -> Along:
+        """The place of a slice by its number, of the last one beyond; () without a third axis, whatever the number."""
+        return (min(number, self.n_slices - 1),) if self.third else ()
+
     def at(self, place: Along) -> "SurveyRequest":
         """A slice, with the sample, slots and tiles that all have."""
         if not place:

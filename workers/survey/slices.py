@@ -49,6 +49,12 @@ def slices_of(dataset: xr.Dataset) -> Iterator[xr.Dataset]:
         yield dataset
 
 
+def value_along(dataset: xr.Dataset) -> dict[str, float]:
+    """Return where along the third axis a slice is, by the name of that axis; nothing of a survey without one."""
+    one = [name for name in FIXED if name in dataset.coords and not dataset[name].dims]
+    return {name: dataset[name].item() for name in one if name not in dataset.attrs}
+
+
 def surveyed_model(dataset: xr.Dataset) -> AnyModel:
     """Return the model of an open survey without a third axis, or of a slice.
 

@@ -43,12 +43,16 @@ function row_of(row, chosen, choose) {
 function lines_of(row, signed_in) {
   const url = `${location.origin}/v1/surveys/${row.id}/store`
   const key = signed_in ? `, storage_options={"headers": {"Authorization": "Bearer " + key}}` : ""
-  return `import xarray as xr\n\nsurvey = xr.open_zarr(\n    "${url}"${key}\n)\nsurvey.${row.variable || "status"}.plot()`
+  const [axis, number] = row.slice  // of a survey with a third axis
+  const one = axis ? `.isel(${axis}=${number})` : ""
+  return `import xarray as xr\n\nsurvey = xr.open_zarr(\n    "${url}"${key}\n)\nsurvey.${row.variable || "status"}${one}.plot()`
 }
 
 function detail_of(row, model) {
   const here = `/v1/surveys/${row.id}`
-  const picture = `${here}/map.png?variable=${row.variable}${row.index ? `&index=${row.index}` : ""}`
+  const [axis, number] = row.slice
+  const map = `${here}/map.png?variable=${row.variable}`
+  const picture = `${map}${row.index ? `&index=${row.index}` : ""}${axis ? `&slice=${number}` : ""}`
   const busy = row.state === "running" || row.state === "accepted"
   const act = (action) => () => model.send_msg({action, survey: row.id})
   const removing = element("button", {type: "button", class: "quiet", "data-action": busy ? "cancel" : "delete"},
@@ -93,7 +97,7 @@ export function render({model}) {
     list.replaceChildren(...rows.map((row) => row_of(row, model.chosen, (id) => { model.chosen = id })))
     empty.hidden = rows.length > 0 || !model.ready
     const row = rows.find((each) => each.id === model.chosen)
-    const now = row ? JSON.stringify([row.id, row.state, row.message, row.variable, row.index, row.mine]) : ""
+    const now = row ? JSON.stringify([row.id, row.state, row.message, row.variable, row.index, row.slice, row.mine]) : ""
     if (now !== shown) {  // or a half-made choice and a selected text would be lost at every tile
       detail.replaceChildren(...(row ? [detail_of(row, model)] : []))
       shown = now

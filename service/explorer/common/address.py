@@ -35,6 +35,7 @@ class View:
     survey: str = ""
     variable: str = ""
     index: int = 0
+    slice: int = 0
     limits: Limits | Pair = "auto"
     log: bool = False
     overlays: tuple[str, ...] = DEFAULT_OVERLAYS
@@ -60,6 +61,7 @@ class View:
             survey=read("survey", _word, ""),
             variable=read("variable", _word, ""),
             index=read("index", _index, 0),
+            slice=read("slice", _index, 0),
             limits=read("limits", _limits, "auto"),
             log=text.get("log") == "1",
             overlays=read("overlays", _overlays, DEFAULT_OVERLAYS),
@@ -78,6 +80,7 @@ class View:
         """The query that describes this view, with ? before it; empty if all is as by default."""
         pairs: dict[str, str] = {"survey": self.survey, "variable": self.variable}
         pairs["index"] = str(self.index) if self.index else ""
+        pairs["slice"] = str(self.slice) if self.slice else ""
         if self.limits != "auto":
             pairs["limits"] = self.limits if isinstance(self.limits, str) else _written(self.limits)
         pairs["log"] = "1" if self.log else ""

@@ -11,8 +11,10 @@ import panel as pn
 from service.explorer.common.address import LIMITS, Limits, Pair
 from service.explorer.common.watch import Watch
 from service.explorer.map.colouring import Colouring
+from workers import SurveyRequest
 
 LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
+LETTERS = {"beta": "β", "kappa": "κ"}
 OWN, LOG = "own", "log scale"
 
 
@@ -22,6 +24,7 @@ class Uses:
 
     variable: Callable[[], None]
     index: Callable[[], None]
+    slice: Callable[[], None]
     limits: Callable[[], None]
     own: Callable[[], None]
     save: Callable[[], None]
@@ -34,6 +37,9 @@ class Controls:
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
         self._index = pn.widgets.Select(label="Which", options=[], width=90, visible=False, **styled)
+        self._slice = pn.widgets.IntSlider(
+            label="", start=0, end=1, show_value=False, width=150, visible=False, **styled
+        )
         options = {name: rule for rule, name in LIMIT_NAMES.items()} | {"from … to": OWN}
         self._rule = pn.widgets.Select(label="Colours span", options=options, width=180, **styled)
         self._low = pn.widgets.FloatInput(label="from", width=110, **styled)
@@ -46,12 +52,12 @@ class Controls:
         save.on_click(lambda _event: uses.save())
         self._watch = Watch()
         for widget, used in (
-            (self._variable, uses.variable), (self._index, uses.index), (self._rule, uses.limits),
-            (self._low, uses.own), (self._high, uses.own), (self._log, uses.limits),
+            (self._variable, uses.variable), (self._index, uses.index), (self._slice, uses.slice),
+            (self._rule, uses.limits), (self._low, uses.own), (self._high, uses.own), (self._log, uses.limits),
         ):  # fmt: skip
             self._watch.on(widget, used)
         self.panel = pn.FlexBox(
-            self._variable, self._index, self._rule, self._low, self._high, self._log, save,
+            self._variable, self._index, self._slice, self._rule, self._low, self._high, self._log, save,
             margin=0, sizing_mode="stretch_width", align_items="flex-end",
         )  # fmt: skip
 
@@ -64,6 +70,11 @@ class Controls:
     def index(self) -> int:
         """The index that is chosen."""
         return int(self._index.value)
+
+    @property
+    def slice(self) -> int:
+        """The slice of a third axis that is chosen."""
+        return int(self._slice.value or 0)
 
     @property
     def rule(self) -> Limits | None:
@@ -103,6 +114,14 @@ class Controls:
             self._index.options = {str(name): number for number, name in enumerate(names)}
             if names:
                 self._index.value = chosen
+
+    def offer_slices(self, request: SurveyRequest, chosen: int) -> None:
+        """The slices of a survey, none without a third axis."""
+        with self._watch.paused():
+            self._slice.visible = bool(request.third)
+            for name, axis in request.third_axis.items():
+                label = f"{LETTERS[name]} = {axis.values()[chosen]:g}"
+                self._slice.param.update(end=axis.num - 1, value=chosen, label=label)
 
     def show_limits(self, limits: Limits | Pair, colours: Colouring | None) -> None:
         """What colours span, where they are continuous."""

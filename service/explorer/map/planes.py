@@ -18,6 +18,7 @@ from service.explorer.common.address import Pair, Ranges
 from service.state import Front
 from workers import SurveyRequest, open_survey, tiles_of
 from workers.pictures.maps import numbers, plane_of, with_periodic
+from workers.survey.slices import slice_of
 from workers.survey.values.schema import CELL
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # maps, and cells of them all, which take 5 bytes each
@@ -25,7 +26,7 @@ ENLARGED = 200  # points along an axis of an enlarged window
 SIDE = 1024  # cells along an axis that are drawn at once: more than a screen has room for
 BAND = 1 << 20  # numbers that are read at a time
 SLICE_SECONDS = 1.0  # of reading, after which what is known is drawn
-Key = tuple[str, str, int]
+Key = tuple[str, str, int, int]
 
 
 @dataclass(frozen=True)
@@ -50,19 +51,21 @@ class Block:
 class Plane:
     """One map of one survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
 
-    def __init__(self, front: Front, job: JobRow, variable: str, index: int) -> None:
+    def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
         place = front.directory.store(job.id)
         if not place.exists():
             raise MissingError(f"The survey is {job.state} and has no numbers yet.")
         self.id, self.number = job.id, job.number
         self._front = front
-        self._dataset = open_survey(place)
+        request = SurveyRequest.model_validate(job.request)
+        along = request.along(number)
+        self._dataset = slice_of(open_survey(place), *along)
         self.plane, self._index = plane_of(self._dataset, variable, index), index
-        self.request = SurveyRequest.model_validate(job.request)
+        self.request = request.at(along)
         self.delta, self.epsilon = (np.asarray(self._dataset[axis], np.float64) for axis in ("delta", "epsilon"))
         self.values = np.full(self.plane.shape, np.nan, np.float32)
         self.status = np.zeros(self.plane.shape, np.int8)
-        self._tiles = {tile.index: tile for tile in tiles_of(self.request)}
+        self._tiles = {tile.index: tile for tile in tiles_of(request) if tile.along == along}
         self._known: set[int] = set()
         self._lock = threading.Lock()
 
@@ -84,8 +87,9 @@ class Plane:
         """These tiles, and where most of some rows of tiles are among them the rows: fewer and larger readings."""
         _, across = self.request.tile_grid
         together = across * max(1, BAND // (self.delta.size * self.request.tile_shape[0]))
-        for start in range(0, len(self._tiles), together):
-            indices = list(range(start, min(start + together, len(self._tiles))))
+        every = list(self._tiles)
+        for start in range(0, len(every), together):
+            indices = every[start : start + together]
             new = [index for index in indices if index in fresh]
             if 2 * len(new) > len(indices):
                 yield indices
@@ -191,20 +195,21 @@ class Atlas:
         self._lock = threading.Lock()
         self._planes: OrderedDict[Key, Plane] = OrderedDict()
 
-    def plane(self, job: JobRow, variable: str, index: int) -> tuple[Plane, bool]:
-        """A map, and whether all that is there of it has been read; if not, ask again.
+    def plane(self, job: JobRow, variable: str, index: int, number: int = 0) -> tuple[Plane, bool]:
+        """A map, of a third axis the one of this slice, and whether all that is there of it has been read; if not, ask
+        again.
 
         Raises:
             MissingError: the survey has no numbers yet.
             SurveyError: it has no such map, or cannot be read.
         """
-        key = (job.id, variable, index)
+        key = (job.id, variable, index, number)
         with self._lock:
             plane = self._planes.get(key)
             if plane is not None:
                 self._planes.move_to_end(key)
         if plane is None:
-            plane = Plane(self._front, job, variable, index)
+            plane = Plane(self._front, job, variable, index, number)
             with self._lock:
                 plane = self._planes.setdefault(key, plane)
                 while len(self._planes) > 1 and (len(self._planes) > KEPT or self._cells > KEPT_CELLS):

@@ -51,7 +51,8 @@ class MapView:
     ) -> None:
         self._shared, self._viewer, self.view, self._remember = shared, viewer, view, remember
         self._job: JobRow | None = None
-        self._request: SurveyRequest | None = None  # of the survey that is chosen, which may have no numbers yet
+        self._whole: SurveyRequest | None = None  # of the survey that is chosen, which may have no numbers yet
+        self._request: SurveyRequest | None = None  # of its slice, if it has a third axis
         self._plane: Plane | None = None
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
@@ -67,7 +68,7 @@ class MapView:
         }
         self._cursor = Cursor(viewer.document, self.map.figure, self._shown, self._look, self._go, words)
         self._hovering: asyncio.Task[None] | None = None
-        uses = Uses(self._on_variable, self._on_index, self._on_limits, self._on_own, save_window)
+        uses = Uses(self._on_variable, self._on_index, self._on_slice, self._on_limits, self._on_own, save_window)
         self._controls = Controls(sheet, view.log, uses)
         self._title = Text("", sheet)
         self._heading = self._progress = ""
@@ -103,7 +104,7 @@ class MapView:
         """Show another survey; the window and the point stay only with the one they were chosen on."""
         if self.view.survey != job.id:
             other = bool(self.view.survey)
-            kept = {"delta": None, "epsilon": None, "point": None} if other else {}
+            kept = {"delta": None, "epsilon": None, "point": None, "slice": 0} if other else {}
             self._change(survey=job.id, **kept)
             if other:
                 self._beside.close()
@@ -134,15 +135,22 @@ class MapView:
 
     def _offer(self, job: JobRow) -> None:
         """The maps that this survey has."""
-        request = SurveyRequest.model_validate(job.request)
-        maps = maps_of(request)
-        self._request = request
-        self._lines.tell(request.gear_model)
+        self._whole = SurveyRequest.model_validate(job.request)
+        maps = maps_of(self._whole)
+        self._cut(self._whole, self.view.slice)
         variable = self.view.variable if self.view.variable in maps else next(iter(maps))
         self._maps = maps
         self._controls.offer_variables(maps, variable)
         self._change(variable=variable)
         self._offer_index()
+
+    def _cut(self, whole: SurveyRequest, number: int) -> None:
+        """The plane that is shown: of a third axis one slice."""
+        along = whole.along(number)
+        self._request = whole.at(along)
+        self._lines.tell(self.model)
+        self._controls.offer_slices(whole, sum(along))
+        self._change(slice=sum(along))
 
     def _offer_index(self) -> None:
         names = self._maps[self.view.variable]
@@ -175,7 +183,7 @@ class MapView:
         """Draw what is known; whether that is all there is by now."""
 
         def prepare() -> tuple[Plane, bool, Block, Colouring]:
-            plane, is_whole = self._shared.atlas.plane(job, view.variable, view.index)
+            plane, is_whole = self._shared.atlas.plane(job, view.variable, view.index, view.slice)
             block = plane.block()
             return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
 
@@ -199,7 +207,7 @@ class MapView:
         job, view = self._job, self.view
         if job is None:
             return ()
-        return job.id, job.state, job.cells_done, view.variable, view.index, view.limits, view.log
+        return job.id, job.state, job.cells_done, view.variable, view.index, view.slice, view.limits, view.log
 
     def _show_waiting(self) -> None:
         self._show_nothing("<p class=faint>This survey waits for its turn.</p>")
@@ -256,6 +264,14 @@ class MapView:
     def _on_index(self) -> None:
         self._change(index=self._controls.index)
         self._leave_finer()
+        self._redraw()
+
+    def _on_slice(self) -> None:
+        if self._whole is not None:
+            self._cut(self._whole, self._controls.slice)
+        self._leave_finer()
+        self._plane = None  # lines, and what is open of a point, are of another model
+        self._lines.clear()
         self._redraw()
 
     def _leave_finer(self) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
 from typing import Any
 
@@ -23,6 +23,7 @@ from service.explorer.page.form import Form
 from service.explorer.page.head import SCHEME, theme_of
 from service.operations.surveys import remove_survey
 from workers import SurveyRequest
+from workers.survey.values.schema import FIXED
 
 
 class _Template(pn.Template):
@@ -160,7 +161,9 @@ class Page:
             self._opened_form().fill_sample(self._request(view.survey))
 
     def _request(self, survey_id: str) -> SurveyRequest:
-        return SurveyRequest.model_validate(self._standings[survey_id].job.request)
+        """Of a survey with a third axis, that of the slice that is shown."""
+        request, view = SurveyRequest.model_validate(self._standings[survey_id].job.request), self._map.view
+        return request.at(request.along(view.slice if survey_id == view.survey else 0))
 
     def _act(self, action: str, survey_id: str) -> None:
         if action == "again" and survey_id in self._standings and self._standings[survey_id].job.is_readable:
@@ -217,6 +220,7 @@ def _row(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
         "facts": [*facts, submitted],
         "variable": view.variable if chosen else "",
         "index": view.index if chosen else 0,
+        "slice": [next(_thirds(job.request), ""), view.slice] if chosen else ["", 0],
     }
 
 
@@ -224,11 +228,22 @@ def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
     """The size of a survey, and what was asked."""
     delta, epsilon = request["delta"], request["epsilon"]
     facts = [
-        ["δ", f"{delta['start']:g} … {delta['stop']:g}, {delta['num']} values"],
-        ["ε", f"{epsilon['start']:g} … {epsilon['stop']:g}, {epsilon['num']} values"],
-        ["β", f"{request['beta']:g}"],
-        *([["κ", f"{request['kappa']:g}"]] if request.get("kappa") else []),
+        ["δ", _values(delta)],
+        ["ε", _values(epsilon)],
+        ["β", _values(request["beta"])],
+        *([["κ", _values(request["kappa"])]] if request.get("kappa") else []),
         ["computes", ", ".join(request["quantities"])],
         ["sample", f"{request['initial_conditions']['count']} initial conditions"],
     ]
-    return f"{delta['num']} × {epsilon['num']}", facts
+    slices = [request[name]["num"] for name in _thirds(request)]
+    return " × ".join(map(str, (delta["num"], epsilon["num"], *slices))), facts
+
+
+def _thirds(request: dict[str, Any]) -> Iterator[str]:
+    """The name of the third axis, if there is one."""
+    return (name for name in FIXED if isinstance(request.get(name), dict))
+
+
+def _values(given: Any) -> str:
+    """A parameter that is one number, or an axis."""
+    return f"{given['start']:g} … {given['stop']:g}, {given['num']} values" if isinstance(given, dict) else f"{given:g}"

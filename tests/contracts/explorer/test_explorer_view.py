@@ -18,16 +18,17 @@ from service.app import create_app
 from service.database import DoneTile
 from service.database.tables import JobRow, State
 from service.explorer.common.address import Pair, View
-from service.explorer.common.news import News
+from service.explorer.common.news import News, Standing
 from service.explorer.common.viewer import Viewer
 from service.explorer.map.overlays import Crises
 from service.explorer.map.planes import Atlas
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
+from service.explorer.page.page import _row
 from service.operations.surveys import submit_survey
 from service.settings import Settings
 from service.state import Front
-from workers import Frame, SurveyRequest, compute_tile, create_store, tiles_of
+from workers import Frame, SurveyRequest, compute_tile, create_store, open_survey, tiles_of
 from workers.storage.store import write_tile
 
 REGIONS = SurveyRequest(**BODY | {"quantities": ["region"]})
@@ -206,5 +207,44 @@ def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
         assert shown._said.html.endswith(f"computed here, {rattle.REGIONS[other]}</p>")
         shown._reset()
         await eventually(lambda: shares().get(code) == pytest.approx((plane.values == at[0]).mean()))
+
+    with_map(tmp_path, body)
+
+
+THIRD = SurveyRequest(**BODY | {"quantities": ["region"], "beta": {"start": 0.4, "stop": 0.6, "num": 3}})
+
+
+def test_a_slider_chooses_the_slice_of_a_third_axis(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        job = done(front, THIRD)
+        shown.choose(job)
+        await eventually(lambda: cells(shown))
+        slider = shown._controls._slice
+        assert (slider.visible, slider.end, slider.value, slider.label) == (True, 2, 1, "β = 0.5")  # as in the address
+        assert shown.model == Impacting(0.5)
+        with open_survey(front.directory.store(job.id)) as survey:
+            assert (survey.region.values[0] != survey.region.values[2]).any()
+            for number, beta in ((2, 0.6), (0, 0.4)):
+                slider.value = number
+                await eventually(lambda: shown._plane is not None and shown._drawn)
+                assert (shown.view.slice, shown.model, slider.label) == (number, Impacting(beta), f"β = {beta}")
+                assert ("slice=2" in shown.view.query()) == (number == 2)
+                assert shown._plane is not None
+                assert shown._plane.request.gear_model == Impacting(beta)
+                assert (shown._plane.values == survey.region.values[number]).all()
+                assert (shown._plane.status == 1).all()
+        shown.choose(done(front, REGIONS))
+        await eventually(lambda: shown._plane is not None and cells(shown))
+        assert not slider.visible
+
+    with_map(tmp_path, body, slice=1)
+
+
+def test_the_list_tells_of_a_third_axis(tmp_path: Path) -> None:
+    async def body(front: Front, _shown: MapView) -> None:
+        job = accepted(front, THIRD)
+        row = _row(Standing(job, None, None), View(survey=job.id, variable="region", slice=2), True)
+        assert (row["size"], row["slice"]) == ("6 × 4 × 3", ["beta", 2])
+        assert ["β", "0.4 … 0.6, 3 values"] in row["facts"]
 
     with_map(tmp_path, body)
