@@ -8,6 +8,9 @@ INSTALLED := $(VENV)/.installed
 # The S3 server of the tests: its libraries and the project's cannot be installed together.
 S3 := .venv-s3
 S3_INSTALLED := $(S3)/.installed
+# What tests whether files keep the CF conventions: with its netCDF4, xarray would read and write others than users do.
+CF := .venv-cf
+CF_INSTALLED := $(CF)/.installed
 
 # uv if it is there, else pip; neither has to be asked for.
 UV := $(shell uv --version > /dev/null 2>&1 && command -v uv)
@@ -29,15 +32,15 @@ survey: $(SURVEY)
 figures: $(SURVEY)
 	$(BIN)/rattle figure all --out figures
 
-test: bytecode kernels $(S3_INSTALLED)
+test: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 # Everything that tests can look at: more examples, finer grids, references computed anew. Before a release.
-test-deep: bytecode kernels $(S3_INSTALLED)
+test-deep: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 	TEST_DEPTH=deep $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 # No verdict depends on speed: three times beside busy programs, once on one core.
-test-under-load: bytecode kernels $(S3_INSTALLED)
+test-under-load: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 	$(BIN)/python tests/under_load.py
 
 # The wheel in clean environments, on every Python that is there, with the newest and the lowest releases it allows.
@@ -88,6 +91,11 @@ $(S3_INSTALLED): tests/s3-server.txt
 	$(call install,$(S3)) --requirement tests/s3-server.txt
 	touch $@
 
+$(CF_INSTALLED): tests/cf-checker.txt
+	$(call environment,$(CF))
+	$(call install,$(CF)) --requirement tests/cf-checker.txt
+	touch $@
+
 # The site, into what `rattle serve` shows at /help: pages of docs/, notebooks executed, links between them checked.
 docs: $(INSTALLED)
 	$(call install,$(VENV)) --constraint constraints.txt --editable '.[docs]'
@@ -103,4 +111,4 @@ readers: tests/readers/package.json
 	npm install --prefix tests/readers --silent --no-audit --no-fund --no-package-lock
 
 clean:
-	rm -rf $(VENV) $(S3) survey.zarr survey.png figures
+	rm -rf $(VENV) $(S3) $(CF) survey.zarr survey.png figures

@@ -1,0 +1,54 @@
+"""Files for other programs keep the CF conventions, by the checker that people run on theirs."""
+
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from waiting import HANG
+
+from workers import Group, SurveyRequest, create_store, open_survey, run_survey
+from workers.storage.export import write_netcdf
+from workers.storage.store import open_groups
+
+CHECKER = Path(__file__).parents[2] / ".venv-cf" / "bin" / "compliance-checker"
+AXES: dict[str, Any] = {"delta": (0.55, 0.7, 2), "epsilon": (0.05, 0.1, 2), "initial_conditions": {"count": 4}}
+PRIORITIES = ("high_priorities", "medium_priorities", "low_priorities")
+
+
+def file_of(store: Path, out: Path) -> Path:
+    with open_survey(store, as_stored=True) as survey, write_netcdf(survey, open_groups(store)) as file:
+        out.write_bytes(file.read())
+    return out
+
+
+def complaints(*files: Path) -> list[list[str]]:
+    """What the checker has to say of each file."""
+    out = files[0].with_name("report.json")
+    checks = ["--test=cf:1.11", "--criteria=strict", "--format=json_new", f"--output={out}"]
+    done = subprocess.run(
+        [CHECKER, *checks, *files], capture_output=True, text=True, timeout=HANG, check=False
+    )  # its status tells of complaints
+    assert out.exists(), done.stderr
+    found = json.loads(out.read_text())
+    return [
+        [text for priority in PRIORITIES for each in found[str(file)]["cf:1.11"][priority] for text in each["msgs"]]
+        for file in files
+    ]
+
+
+def test_the_checker_of_cf_finds_nothing(tmp_path: Path) -> None:
+    create_store(SurveyRequest(**AXES, quantities=tuple(set(Group) - {Group.FAMILIES})), tmp_path / "plain.zarr")
+    create_store(SurveyRequest(**AXES, model="stiff", kappa=1e4), tmp_path / "stiff.zarr")
+    joined = ("region", "attractors", "lyapunov", "families")
+    run_survey(**AXES, beta=(0.6, 0.7, 2), quantities=joined, out=tmp_path / "third.zarr").close()
+    files = [file_of(tmp_path / f"{name}.zarr", tmp_path / f"{name}.nc") for name in ("plain", "stiff", "third")]
+    with xr.open_dataset(files[0], engine="h5netcdf") as survey:
+        wrong = survey[["region"]].load()
+        wrong["region"].attrs["flag_values"] = np.array([0.0, 1.0])  # neither of its type nor one for each meaning
+        wrong.to_netcdf(tmp_path / "wrong.nc", engine="h5netcdf")
+    *found, of_wrong = complaints(*files, tmp_path / "wrong.nc")
+    assert found == [[], [], []]
+    assert any("flag_values" in text for text in of_wrong)
