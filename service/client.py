@@ -61,6 +61,7 @@ class Client:
         self.close()
 
     def close(self) -> None:
+        """Let go of the connection; leaving `with` does it too."""
         self._http.close()
 
     def submit(
@@ -152,6 +153,7 @@ class Client:
 
     @property
     def url(self) -> str:
+        """Where the service is."""
         return str(self._http.base_url).rstrip("/")
 
 
@@ -171,10 +173,12 @@ class Job:
 
     @property
     def id(self) -> str:
+        """What the service knows it by."""
         return str(self.document["id"])
 
     @property
     def state(self) -> str:
+        """Where it stood when last asked: accepted, running, or one of FINAL."""
         return str(self.document["state"])
 
     @property

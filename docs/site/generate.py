@@ -26,7 +26,12 @@ cite. A complex variable is two, `…_real` and `…_imag`; `gear_rattle.open_su
 which cells are computed: never the presence of a file.
 """
 SCALARS = """`beta`, of the stiff model `kappa` too, are coordinates without a dimension; surveys over a machine have
-`rpm` and `eccentricity` along δ and ε."""
+`rpm` and `eccentricity` along δ and ε.
+
+In a survey with a third axis the one of them that is an axis is a dimension, the first of every variable below but for
+labels, with chunks of length 1: a tile lies in one slice. The groups `curves`, `codimension_two` and `families` are
+then in `slices/NUMBER`, one for each slice from 0, which has `beta` and `kappa` as attributes. The array
+`checksums/tiles` counts rows of tiles of all slices, one slice after the other."""
 
 
 def main(where: Path) -> None:

@@ -17,6 +17,14 @@ REQUEST: dict[str, Any] = {
     "seed": 0,
 }
 
+#: With a third axis: of each half-backlash the plane.
+THIRD_AXIS: dict[str, Any] = {
+    "name": "figure 7 for five backlashes",
+    "beta": {"start": 0.5, "stop": 0.7, "num": 5},
+    "delta": {"start": 0.4, "stop": 1.0, "num": 31},
+    "epsilon": {"start": 0.005, "stop": 0.3, "num": 30},
+}
+
 SURVEY: dict[str, Any] = {
     "id": SURVEY_ID,
     "name": "figure 7",

@@ -264,6 +264,8 @@ def test_every_example_of_an_answer_fits_its_schema_and_is_true(http: httpx.Clie
         accepted = http.post(f"/v1/{kind}?force=true", json=request).json()
         for name in set(accepted) - changing:
             assert accepted[name] == detail[name], name
+    third = http.post("/v1/surveys?force=true", json=examples.THIRD_AXIS).json()
+    assert (third["request"]["beta"], third["cells"]) == (examples.THIRD_AXIS["beta"], 4650)
     for name, query, example in POINTS:
         answer = http.get(f"/v1/{name}", params=query).json()
         assert_close(first_of_each(answer), example)
