@@ -31,6 +31,7 @@ from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
 from workers import Frame, SurveyRequest
 from workers.pictures.maps import OF_PERIODIC
+from workers.survey.machine import SurveyedMachine
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
 PAUSE = 1.0  # between two drawings of a survey that runs
@@ -89,6 +90,11 @@ class MapView:
     def model(self) -> AnyModel:
         """The model of the survey that is chosen."""
         return self._request.gear_model if self._request else Impacting()
+
+    @property
+    def machine(self) -> SurveyedMachine | None:
+        """The machine of the survey that is chosen, if it is of one."""
+        return self._request.machine if self._request else None
 
     @property
     def window(self) -> Ranges:

@@ -1,0 +1,67 @@
+"""The surveys of the page's list: where each stands, and what was asked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from service.explorer.common.address import View
+from service.explorer.common.news import Standing
+from service.explorer.design.fields import PAIR, QUANTITIES, in_unit
+from workers import SurveyRequest
+
+
+def row_of(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
+    """A survey as the list shows it in this view."""
+    job = standing.job
+    state, message = job.shown
+    submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
+    size, facts = _asked(job.request) if job.is_readable else ("", [])
+    chosen = job.id == view.survey and job.is_readable
+    return {
+        "id": job.id,
+        "name": job.name or f"survey {job.id[:6]}",
+        "size": size,
+        "state": str(state),
+        "progress": job.progress,
+        "message": message,
+        "failed": job.cells_failed,
+        "rate": standing.rate,
+        "left": standing.left,
+        "mine": owned,
+        "facts": [*facts, submitted],
+        "variable": view.variable if chosen else "",
+        "index": view.index if chosen else 0,
+    }
+
+
+def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
+    """The size of a survey, and what was asked."""
+    delta, epsilon = request["delta"], request["epsilon"]
+    facts = [
+        *(machine_facts(SurveyRequest.model_validate(request)) if request.get("machine") else []),
+        ["δ", f"{delta['start']:g} … {delta['stop']:g}, {delta['num']} values"],
+        ["ε", f"{epsilon['start']:g} … {epsilon['stop']:g}, {epsilon['num']} values"],
+        ["β", f"{request['beta']:g}"],
+        *([["κ", f"{request['kappa']:g}"]] if request.get("kappa") else []),
+        ["computes", ", ".join(request["quantities"])],
+        ["sample", f"{request['initial_conditions']['count']} initial conditions"],
+    ]
+    return f"{delta['num']} × {epsilon['num']}", facts
+
+
+def machine_facts(request: SurveyRequest) -> list[list[str]]:
+    """The speeds and eccentricities of a survey of a machine, and its other numbers; nothing of another survey."""
+    machine, delta, epsilon = request.machine, request.delta, request.epsilon
+    if machine is None:
+        return []
+    spans = {"rpm": (machine.rpm(delta.stop), machine.rpm(delta.start))}
+    spans["eccentricity"] = (machine.eccentricity(epsilon.start), machine.eccentricity(epsilon.stop))
+    facts = [
+        [QUANTITIES[name].name.lower(), f"{in_unit(name, low)} … {in_unit(name, high)} {QUANTITIES[name].unit}"]
+        for name, (low, high) in spans.items()
+    ]
+    numbers = machine.model_dump()
+    constant = [
+        [QUANTITIES[name].name.lower(), f"{in_unit(name, numbers[name])} {QUANTITIES[name].unit}"] for name in PAIR
+    ]
+    return [*facts, *constant, ["drive", machine.drive]]
