@@ -7,13 +7,15 @@ from typing import Any, NamedTuple
 
 import panel as pn
 
+from rattle import Machine, RattleError
 from rattle.machine.conversion import DRIVES
+from workers.survey.machine import SurveyedMachine
 
 DIGITS = 12  # of a number that was converted and back
 EXACT = "0[.][0000000000000000]"
 
 
-class Quantity(NamedTuple):
+class Entry(NamedTuple):
     """How a number of a machine is entered: what it is, its unit, how many of it the SI unit is, what is there at
     first.
     """
@@ -37,14 +39,14 @@ class Quantity(NamedTuple):
         return None if value is None else value / self.per
 
 
-QUANTITIES = {
-    "inertia": Quantity("Inertia", "kg m²", 1.0, 0.003),
-    "drag": Quantity("Drag", "N m s/rad", 1.0, 5e-4),
-    "backlash": Quantity("Backlash", "µm", 1e6, 100.0),
-    "radius": Quantity("Base radius", "mm", 1e3, 50.0),
-    "rpm": Quantity("Speed", "rpm", 1.0, 3000.0),
-    "eccentricity": Quantity("Eccentricity", "µm", 1e6, 15.0),
-    "stiffness": Quantity("Mesh stiffness (none: rigid)", "N/m", 1.0, None),
+NUMBERS = {
+    "inertia": Entry("Inertia", "kg m²", 1.0, 0.003),
+    "drag": Entry("Drag", "N m s/rad", 1.0, 5e-4),
+    "backlash": Entry("Backlash", "µm", 1e6, 100.0),
+    "radius": Entry("Base radius", "mm", 1e3, 50.0),
+    "rpm": Entry("Speed", "rpm", 1.0, 3000.0),
+    "eccentricity": Entry("Eccentricity", "µm", 1e6, 15.0),
+    "stiffness": Entry("Mesh stiffness (none: rigid)", "N/m", 1.0, None),
 }
 PAIR = ("inertia", "drag", "backlash", "radius")  # of every machine of a survey
 POINT = (*PAIR, "rpm", "eccentricity", "stiffness")
@@ -52,7 +54,17 @@ POINT = (*PAIR, "rpm", "eccentricity", "stiffness")
 
 def in_unit(name: str, value: float) -> str:
     """A number of a machine in its unit, for people."""
-    return f"{QUANTITIES[name].entered(value):.6g}"
+    return f"{NUMBERS[name].entered(value):.6g}"
+
+
+def machine_at(machine: SurveyedMachine | None, delta: float, epsilon: float) -> Machine | None:
+    """The machine of a survey at a point; None without one, or where nothing turns so fast."""
+    if machine is None:
+        return None
+    try:
+        return machine.at(float(machine.rpm(delta)), float(machine.eccentricity(epsilon)))
+    except RattleError:
+        return None
 
 
 class MachineFields:
@@ -63,7 +75,7 @@ class MachineFields:
         self._numbers = {
             name: pn.widgets.FloatInput(label=each.label, value=each.first, start=0.0, format=EXACT, **style)
             for name in names
-            for each in (QUANTITIES[name],)
+            for each in (NUMBERS[name],)
         }
         options = {"by a constant torque": "torque", "at an imposed speed": "speed"}
         self._drive = pn.widgets.Select(label="Driven", options=options, value=next(iter(DRIVES)), **style)
@@ -74,7 +86,7 @@ class MachineFields:
 
     def given(self) -> dict[str, Any]:
         """What is entered, as `rattle.Machine` and requests take it; nothing of what is empty and need not be given."""
-        numbers = {name: QUANTITIES[name].meant(widget.value) for name, widget in self._numbers.items()}
+        numbers = {name: NUMBERS[name].meant(widget.value) for name, widget in self._numbers.items()}
         return {name: value for name, value in numbers.items() if name != "stiffness" or value is not None} | {
             "drive": self._drive.value
         }
@@ -83,5 +95,5 @@ class MachineFields:
         """Enter these numbers in SI units."""
         for name, widget in self._numbers.items():
             value = machine.get(name)
-            widget.value = None if value is None else QUANTITIES[name].entered(value)
+            widget.value = None if value is None else NUMBERS[name].entered(value)
         self._drive.value = machine["drive"]

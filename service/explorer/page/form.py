@@ -41,7 +41,7 @@ class Form:
         self._estimating: asyncio.Task[None] | None = None
         number: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
         self.name = pn.widgets.TextInput(label="Name", max_length=200, **number)
-        ways = {"damping δ, eccentricity ε": False, "speed and eccentricity of a machine": True}
+        ways = {"damping δ, eccentricity ε": False, "a machine: rpm, µm": True}
         self.in_si = pn.widgets.Select(label="Axes", options=ways, **number)
         self.machine, self.sample = MachineAxes(sheet), SampleFields(sheet)
         self.beta = pn.widgets.FloatInput(label="Half-backlash β", value=0.6, step=0.05, **number)

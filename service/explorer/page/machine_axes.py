@@ -7,7 +7,7 @@ from typing import Any
 import panel as pn
 
 from service.explorer.common.address import Pair
-from service.explorer.design.fields import EXACT, PAIR, QUANTITIES, MachineFields
+from service.explorer.design.fields import EXACT, NUMBERS, PAIR, MachineFields
 from workers import SurveyRequest
 from workers.survey.machine import SurveyedMachine
 
@@ -23,8 +23,8 @@ class MachineAxes:
         self._machine = MachineFields(PAIR, sheet)
         self._axes = {
             name: (
-                pn.widgets.FloatInput(label=f"{QUANTITIES[name].unit} from", value=start, format=EXACT, **style),
-                pn.widgets.FloatInput(label=f"{QUANTITIES[name].unit} to", value=stop, format=EXACT, **style),
+                pn.widgets.FloatInput(label=f"{NUMBERS[name].unit} from", value=start, format=EXACT, **style),
+                pn.widgets.FloatInput(label=f"{NUMBERS[name].unit} to", value=stop, format=EXACT, **style),
                 pn.widgets.IntInput(label="values", value=num, start=2, step=10, **style),
             )
             for name, (start, stop, num) in FIRST.items()
@@ -41,8 +41,8 @@ class MachineAxes:
         """The machine of a request, with its axes."""
         axes = {
             name: {
-                "start": QUANTITIES[name].meant(start.value),
-                "stop": QUANTITIES[name].meant(stop.value),
+                "start": NUMBERS[name].meant(start.value),
+                "stop": NUMBERS[name].meant(stop.value),
                 "num": num.value,
             }
             for name, (start, stop, num) in self._axes.items()
@@ -63,7 +63,7 @@ class MachineAxes:
         spans["eccentricity"] = (machine.eccentricity(epsilon[0]), machine.eccentricity(epsilon[1]))
         for name, span in spans.items():
             for widget, value in zip(self._axes[name], span, strict=False):
-                widget.value = QUANTITIES[name].entered(float(value))
+                widget.value = NUMBERS[name].entered(float(value))
 
     def fill_counts(self, num: int) -> None:
         """As many values along each axis."""

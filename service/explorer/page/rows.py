@@ -6,7 +6,7 @@ from typing import Any
 
 from service.explorer.common.address import View
 from service.explorer.common.news import Standing
-from service.explorer.design.fields import PAIR, QUANTITIES, in_unit
+from service.explorer.design.fields import NUMBERS, PAIR, in_unit
 from workers import SurveyRequest
 
 
@@ -57,11 +57,9 @@ def machine_facts(request: SurveyRequest) -> list[list[str]]:
     spans = {"rpm": (machine.rpm(delta.stop), machine.rpm(delta.start))}
     spans["eccentricity"] = (machine.eccentricity(epsilon.start), machine.eccentricity(epsilon.stop))
     facts = [
-        [QUANTITIES[name].name.lower(), f"{in_unit(name, low)} … {in_unit(name, high)} {QUANTITIES[name].unit}"]
+        [NUMBERS[name].name.lower(), f"{in_unit(name, low)} … {in_unit(name, high)} {NUMBERS[name].unit}"]
         for name, (low, high) in spans.items()
     ]
     numbers = machine.model_dump()
-    constant = [
-        [QUANTITIES[name].name.lower(), f"{in_unit(name, numbers[name])} {QUANTITIES[name].unit}"] for name in PAIR
-    ]
+    constant = [[NUMBERS[name].name.lower(), f"{in_unit(name, numbers[name])} {NUMBERS[name].unit}"] for name in PAIR]
     return [*facts, *constant, ["drive", machine.drive]]

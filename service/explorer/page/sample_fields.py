@@ -9,6 +9,7 @@ import panel as pn
 from workers import SurveyRequest
 from workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
 
+UNSAID = ""
 WHOLE = (0.0, 1.0, 0.0)  # phases from and to, and the least speed
 
 
@@ -27,10 +28,10 @@ class SampleFields:
             value=None,
             start=1,
             end=MAX_SLOTS,
-            placeholder="8, or 24 at weak damping",
+            placeholder="8 or 24",
             **style,
         )
-        options = {"by family, where asked for": None, "by share": BY_FRACTION, "by family": BY_FAMILY}
+        options = {"by family, if asked for": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY}
         self._by = pn.widgets.Select(label="In slots", options=options, **style)
         self.widgets = [self._tau_min, self._tau_max, self._v_min, self._slots, self._by]
         self.panel = pn.Column(
@@ -45,10 +46,10 @@ class SampleFields:
 
     def slots(self) -> dict[str, Any]:
         """How many slots, and what decides which."""
-        return {"slots": self._slots.value, "slots_by": self._by.value}
+        return {"slots": self._slots.value, "slots_by": self._by.value or None}
 
     def fill(self, request: SurveyRequest) -> None:
         """Take over the settings of a survey."""
         sample = request.initial_conditions
         self._tau_min.value, self._tau_max.value, self._v_min.value = sample.tau_min, sample.tau_max, sample.v_min
-        self._slots.value, self._by.value = request.slots, request.slots_by
+        self._slots.value, self._by.value = request.slots, request.slots_by or UNSAID
