@@ -83,23 +83,23 @@ class Client:
         Raises:
             ServiceError: the service refuses it, or cannot be reached.
         """
-        headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
-        params = {"force": "true"} if force else {}
-        answer = self.call("POST", "/v1/surveys", json=_body(request, fields), headers=headers, params=params)
-        return Job(self, answer.json())
+        return self._submitted("/v1/surveys", _body(request, fields), idempotency_key, force)
 
     def submit_population(
         self,
-        request: PopulationRequest | Mapping[str, Any],
+        request: PopulationRequest | Mapping[str, Any] | None = None,
         *,
         idempotency_key: str | None = None,
         force: bool = False,
+        **fields: Any,
     ) -> Job:
         """Submit a population of gears; otherwise as :meth:`submit`. Its answers are those of :meth:`Job.answers`."""
+        return self._submitted("/v1/populations", _body(request, fields), idempotency_key, force)
+
+    def _submitted(self, path: str, body: Document, idempotency_key: str | None, force: bool) -> Job:
         headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
         params = {"force": "true"} if force else {}
-        body = _body(request, {})
-        return Job(self, self.call("POST", "/v1/populations", json=body, headers=headers, params=params).json())
+        return Job(self, self.call("POST", path, json=body, headers=headers, params=params).json())
 
     def job(self, survey_id: str) -> Job:
         """A survey by its id."""
@@ -111,10 +111,17 @@ class Client:
 
     def surveys(self) -> Iterator[Job]:
         """Every survey of the service, newest first."""
+        return self._listed("surveys")
+
+    def populations(self) -> Iterator[Job]:
+        """Every population of the service, newest first."""
+        return self._listed("populations")
+
+    def _listed(self, kind: str) -> Iterator[Job]:
         cursor: dict[str, str] = {}
         while True:
-            page = self.call("GET", "/v1/surveys", params=cursor).json()
-            yield from (Job(self, document) for document in page["surveys"])
+            page = self.call("GET", f"/v1/{kind}", params=cursor).json()
+            yield from (Job(self, document) for document in page[kind])
             if page["next"] is None:
                 return
             cursor = {"cursor": page["next"]}
@@ -166,7 +173,12 @@ class Job:
         self.document = document
 
     def __repr__(self) -> str:
-        return f"<survey {self.id}: {self.state}, {self.document['progress']} %>"
+        return f"<{self.kind} {self.id}: {self.state}, {self.document['progress']} %>"
+
+    @property
+    def kind(self) -> str:
+        """What it is: survey or population."""
+        return "population" if "answers" in self.document["links"] else "survey"
 
     @property
     def id(self) -> str:
@@ -226,8 +238,7 @@ class Job:
                     raise _as_service_error(error) from error
                 time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
         if self.state != "successful":
-            what = "Population" if "answers" in self.document["links"] else "Survey"
-            raise ServiceError(f"{what} {self.id} is {self.state}: {self.document['message']}")
+            raise ServiceError(f"{self.kind.capitalize()} {self.id} is {self.state}: {self.document['message']}")
         return self
 
     def _news(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
