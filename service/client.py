@@ -20,7 +20,7 @@ import httpx
 from httpx_sse import SSEError, connect_sse
 
 from service.errors import ResponseError, ServiceError, WaitTimeoutError
-from service.results import key_headers, open_results
+from service.results import key_headers, open_family, open_results
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -252,6 +252,10 @@ class Job:
     def open(self) -> xr.Dataset:
         """The results, read over HTTP as they are used."""
         return open_results(self.store_url, self._client.headers)
+
+    def open_family(self, number: int) -> xr.Dataset:
+        """The map of one family of a survey that was computed with families: `workers.open_family`."""
+        return open_family(self.store_url, number, self._client.headers)
 
     def answers(self) -> Document:
         """What follows from a population that has ended: the answer of `GET /v1/populations/{population_id}/answers`.
