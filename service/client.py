@@ -20,7 +20,7 @@ import httpx
 from httpx_sse import SSEError, connect_sse
 
 from service.errors import ResponseError, ServiceError, WaitTimeoutError
-from service.results import key_headers, open_results
+from service.results import key_headers, open_family, open_results
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -85,23 +85,23 @@ class Client:
         Raises:
             ServiceError: the service refuses it, or cannot be reached.
         """
-        headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
-        params = {"force": "true"} if force else {}
-        answer = self.call("POST", "/v1/surveys", json=_body(request, fields), headers=headers, params=params)
-        return Job(self, answer.json())
+        return self._submitted("/v1/surveys", _body(request, fields), idempotency_key, force)
 
     def submit_population(
         self,
-        request: PopulationRequest | Mapping[str, Any],
+        request: PopulationRequest | Mapping[str, Any] | None = None,
         *,
         idempotency_key: str | None = None,
         force: bool = False,
+        **fields: Any,
     ) -> Job:
         """Submit a population of gears; otherwise as :meth:`submit`. Its answers are those of :meth:`Job.answers`."""
+        return self._submitted("/v1/populations", _body(request, fields), idempotency_key, force)
+
+    def _submitted(self, path: str, body: Document, idempotency_key: str | None, force: bool) -> Job:
         headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
         params = {"force": "true"} if force else {}
-        body = _body(request, {})
-        return Job(self, self.call("POST", "/v1/populations", json=body, headers=headers, params=params).json())
+        return Job(self, self.call("POST", path, json=body, headers=headers, params=params).json())
 
     def job(self, survey_id: str) -> Job:
         """A survey by its id."""
@@ -113,10 +113,17 @@ class Client:
 
     def surveys(self) -> Iterator[Job]:
         """Every survey of the service, newest first."""
+        return self._listed("surveys")
+
+    def populations(self) -> Iterator[Job]:
+        """Every population of the service, newest first."""
+        return self._listed("populations")
+
+    def _listed(self, kind: str) -> Iterator[Job]:
         cursor: dict[str, str] = {}
         while True:
-            page = self.call("GET", "/v1/surveys", params=cursor).json()
-            yield from (Job(self, document) for document in page["surveys"])
+            page = self.call("GET", f"/v1/{kind}", params=cursor).json()
+            yield from (Job(self, document) for document in page[kind])
             if page["next"] is None:
                 return
             cursor = {"cursor": page["next"]}
@@ -169,7 +176,12 @@ class Job:
         self.document = document
 
     def __repr__(self) -> str:
-        return f"<survey {self.id}: {self.state}, {self.document['progress']} %>"
+        return f"<{self.kind} {self.id}: {self.state}, {self.document['progress']} %>"
+
+    @property
+    def kind(self) -> str:
+        """What it is: survey or population."""
+        return "population" if "answers" in self.document["links"] else "survey"
 
     @property
     def id(self) -> str:
@@ -231,8 +243,7 @@ class Job:
                     raise _as_service_error(error) from error
                 time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
         if self.state != "successful":
-            what = "Population" if "answers" in self.document["links"] else "Survey"
-            raise ServiceError(f"{what} {self.id} is {self.state}: {self.document['message']}")
+            raise ServiceError(f"{self.kind.capitalize()} {self.id} is {self.state}: {self.document['message']}")
         return self
 
     def _news(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
@@ -246,6 +257,10 @@ class Job:
     def open(self) -> xr.Dataset:
         """The results, read over HTTP as they are used."""
         return open_results(self.store_url, self._client.headers)
+
+    def open_family(self, number: int, slice_number: int | None = None) -> xr.Dataset:
+        """The map of one family of a survey that was computed with families: `workers.open_family`."""
+        return open_family(self.store_url, number, self._client.headers, slice_number)
 
     def answers(self) -> Document:
         """What follows from a population that has ended: the answer of `GET /v1/populations/{population_id}/answers`.

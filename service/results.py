@@ -66,6 +66,24 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
         raise ServiceError(f"No survey can be opened at {store}: {error}") from error
 
 
+def open_family(
+    store: str | Path, number: int, headers: Mapping[str, str] | None = None, slice_number: int | None = None
+) -> xr.Dataset:
+    """Open one family of a survey, from disk or from a service: `workers.open_family`, with the key of `open_results`.
+
+    Raises:
+        RattleError: there is no survey, it has no families, or none of this number.
+    """
+    from workers.families import GROUP, family_in
+    from workers.survey.seals import path_of
+    from workers.survey.slices import slice_of
+
+    with open_results(store, headers) as whole:
+        survey = slice_of(whole, slice_number)
+        group = path_of(() if slice_number is None else (slice_number,), GROUP)
+        return family_in(survey, lambda: open_results(store, headers, group), number, str(store))
+
+
 def _is_trusted(url: str) -> bool:
     """Whether a URL is of this machine, or of the service that the user has named."""
     asked, named = urlsplit(url), urlsplit(os.environ.get(URL_VARIABLE, ""))

@@ -1,7 +1,9 @@
 """What a population's store answers, finished or not."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
@@ -16,6 +18,9 @@ from workers.storage.location import Place, place_of
 from workers.survey.seals import ROOT
 from workers.survey.values.evaluate import FAILED
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 
 def population_of(where: str | Path | Place) -> Population:
     """Return the population of a store whose gears are all computed, as `rattle.population` does. What of it failed is
@@ -26,18 +31,36 @@ def population_of(where: str | Path | Place) -> Population:
     """
     place = place_of(where)
     root = read_sealed(place, ROOT)
-    try:
-        request = None if root is None else request_of(json.loads(root["attributes"]["request"]))
-    except (KeyError, ValueError) as error:
-        raise SurveyError(f"{place} holds a population of another version: {error}") from error
-    if not isinstance(request, PopulationRequest):
-        raise SurveyError(f"{place} holds no population that can be read: name the store of one")
+    request = _request_of({} if root is None else root["attributes"], str(place))
     with reading(f"the gears of {place}"):
         group = zarr.open_group(place.zarr(), mode="r")
-        status = np.asarray(group["status"])
-        if missing := int((status == 0).sum()):
-            raise SurveyError(f"{place} lacks {missing} gears: wait until it is finished, or run it again to resume it")
-        found = gears_of(request, lambda name: np.asarray(group[name]))
+        return _population(request, lambda name: np.asarray(group[name]), str(place))
+
+
+def population_in(dataset: "xr.Dataset", name: str) -> Population:
+    """The same of a store that has been opened, such as one of a service, which is told of by its name. Raises as
+    `population_of`.
+    """
+    request = _request_of(dataset.attrs, name)
+    with reading(f"the gears of {name}"):
+        return _population(request, lambda column: np.asarray(dataset[column]), name)
+
+
+def _request_of(attributes: Any, name: str) -> PopulationRequest:
+    try:
+        request = request_of(json.loads(attributes["request"])) if "request" in attributes else None
+    except (KeyError, ValueError) as error:
+        raise SurveyError(f"{name} holds a population of another version: {error}") from error
+    if not isinstance(request, PopulationRequest):
+        raise SurveyError(f"{name} holds no population that can be read: name the store of one")
+    return request
+
+
+def _population(request: PopulationRequest, column: Callable[[str], np.ndarray], name: str) -> Population:
+    status = column("status")
+    if missing := int((status == 0).sum()):
+        raise SurveyError(f"{name} lacks {missing} gears: wait until it is finished, or run it again to resume it")
+    found = gears_of(request, column)
     failed = status == FAILED
     if failed.any():  # their fill values: numbers and parts follow from the plan
         rows = np.flatnonzero(failed)

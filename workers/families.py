@@ -5,7 +5,7 @@ family of a survey as a map.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -127,22 +127,28 @@ def open_family(path_or_url: str | Path | Place, number: int, slice_number: int 
     Raises:
         SurveyError: there is no survey, it has no families, or none of this number, or no such slice.
     """
+    with open_survey(path_or_url) as whole:
+        along = () if slice_number is None else (slice_number,)
+        survey, group = slice_of(whole, slice_number), path_of(along, GROUP)
+        return family_in(survey, lambda: open_survey(path_or_url, group), number, str(path_or_url))
+
+
+def family_in(survey: xr.Dataset, families: Callable[[], xr.Dataset], number: int, name: str) -> xr.Dataset:
+    """The same of a survey, or a slice of it, that has been opened, and told of by its name; `families` opens its group
+    of that name. Raises as `open_family`.
+    """
     import xarray as xr
 
-    with open_survey(path_or_url) as whole:
-        survey, along = slice_of(whole, slice_number), () if slice_number is None else (slice_number,)
-        if FAMILY not in survey:
-            raise SurveyError(f"{path_or_url} has no families: compute it with --quantity {Group.FAMILIES}")
-        with open_survey(path_or_url, path_of(along, GROUP)) as table:
-            if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
-                raise SurveyError(f"there are families 0 to {table.sizes['family'] - 1}, and no {number!r}")
-            row = {
-                str(name): values.item() for name, values in table.isel(family=int(number)).items() if not values.ndim
-            }
-            entered = table.isel(entered=np.flatnonzero(np.asarray(table["entered_family"]) == number)).load()
-        values = _map_of(survey, int(number), entered)
-        count = json.loads(survey.attrs["request"])["initial_conditions"]["count"]
-        coords = {name: survey[name].load() for name in CELL} | {"exponent": [1, 2]}
+    if FAMILY not in survey:
+        raise SurveyError(f"{name} has no families: compute it with --quantity {Group.FAMILIES}")
+    with families() as table:
+        if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
+            raise SurveyError(f"there are families 0 to {table.sizes['family'] - 1}, and no {number!r}")
+        row = {str(key): values.item() for key, values in table.isel(family=int(number)).items() if not values.ndim}
+        entered = table.isel(entered=np.flatnonzero(np.asarray(table["entered_family"]) == number)).load()
+    values = _map_of(survey, int(number), entered)
+    count = json.loads(survey.attrs["request"])["initial_conditions"]["count"]
+    coords = {name: survey[name].load() for name in CELL} | {"exponent": [1, 2]}
     there = values["attractors"] > 0
     won = np.where(there, np.rint(np.nan_to_num(values["fraction"]) * count), 0.0)
     values["fraction_upper"] = np.where(there, wilson_interval(won, count)[1], np.nan)

@@ -1,5 +1,6 @@
 """What a motion sounds like: each impact rings, as a damped oscillation of its impulse."""
 
+import io
 import math
 from typing import Any
 
@@ -14,6 +15,7 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 MOST_SAMPLES = 50_000_000
+LOUDEST = 32767 * 9 // 10  # of 16 bits
 
 
 def sound(
@@ -48,3 +50,17 @@ def rung(time: Array, size: Array, count: int, rate: float, ring: float, decay: 
             j += 1
         heard[i] = y
     return heard
+
+
+def wav(heard: Array, rate: int, full_scale: float | None = None) -> bytes:
+    """A WAV file of 16 bits of samples (n,), of which full_scale, by default the loudest, is as loud as can be. Raises
+    ParameterError.
+    """
+    from scipy.io import wavfile  # a tenth of a second to load
+
+    if full_scale is None:
+        full_scale = float(np.abs(heard).max(initial=0.0)) or 1.0
+    scaled = LOUDEST / require_number("full-scale", full_scale, positive=True) * heard
+    file = io.BytesIO()
+    wavfile.write(file, rate, np.clip(np.rint(scaled), -LOUDEST, LOUDEST).astype(np.int16))
+    return file.getvalue()

@@ -1,4 +1,4 @@
-"""``rattle submit``, ``list`` and ``watch``: surveys of a service."""
+"""``rattle submit``, ``list`` and ``watch``: surveys and populations of a service."""
 
 from __future__ import annotations
 
@@ -10,7 +10,13 @@ from service.commands import options
 from service.commands.options import DEFAULT_URL, Url
 
 if TYPE_CHECKING:
-    from service.client import Job
+    from service.client import Client, Job
+
+NOT_FOUND = 404
+
+Key = Annotated[str | None, typer.Option(help="Idempotency key: submitting twice accepts it once.")]
+Force = Annotated[bool, typer.Option("--force", help="Compute it although an identical one is there.")]
+Watch = Annotated[bool, typer.Option("--watch", help="Wait until it ends.")]
 
 
 def submit(
@@ -35,11 +41,14 @@ def submit(
     rpm: options.Rpm = None,
     eccentricity: options.MetresOfEccentricity = None,
     url: Url = DEFAULT_URL,
-    key: Annotated[str | None, typer.Option(help="Idempotency key: submitting twice accepts the survey once.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Compute it although an identical survey is there.")] = False,
-    watch: Annotated[bool, typer.Option("--watch", help="Wait until it ends.")] = False,
+    key: Key = None,
+    force: Force = False,
+    watch: Watch = False,
 ) -> None:
-    """Submit a survey to a service and print its id: that of an identical survey, if the service has one."""
+    """Submit a survey to a service and print its id: that of an identical survey, if the service has one.
+
+    A population of gears is submitted by rattle tolerance --submit.
+    """
     from service.client import Client
 
     request = options.survey_request(
@@ -70,14 +79,15 @@ def submit(
         job = client.submit(request, idempotency_key=key, force=force)
         typer.echo(job.id)
         if watch:
-            _follow(job)
+            follow(job)
 
 
 def list_(
     url: Url = DEFAULT_URL,
     limit: Annotated[int, typer.Option(min=1, help="Surveys to print, newest first.")] = 50,
+    populations: Annotated[bool, typer.Option("--populations", help="Populations of gears instead.")] = False,
 ) -> None:
-    """List the surveys of a service."""
+    """List the surveys of a service, or its populations."""
     from itertools import islice
 
     from rich.console import Console
@@ -86,9 +96,9 @@ def list_(
 
     from service.client import Client
 
-    table = Table("id", "state", "progress", "cells", "created", "name", box=None)
+    table = Table("id", "state", "progress", "gears" if populations else "cells", "created", "name", box=None)
     with Client(url) as client:
-        for job in islice(client.surveys(), limit):
+        for job in islice(client.populations() if populations else client.surveys(), limit):
             shown = job.document
             cells = f"{shown['cells_done']}/{shown['cells']}"
             table.add_row(
@@ -98,20 +108,44 @@ def list_(
 
 
 def watch(
-    survey_id: Annotated[str, typer.Argument(metavar="ID", help="The survey's id.")],
+    job_id: Annotated[str, typer.Argument(metavar="ID", help="The id of a survey or of a population.")],
     url: Url = DEFAULT_URL,
 ) -> None:
-    """Follow a survey until it ends, and print where its results are."""
+    """Follow a survey or a population until it ends, and print where its results are; of a population what follows."""
     from service.client import Client
 
     with Client(url) as client:
-        _follow(client.job(survey_id))
+        follow(_job(client, job_id))
 
 
-def _follow(job: Job) -> None:
+def _job(client: Client, job_id: str) -> Job:
+    """What has this id."""
+    from service.errors import ResponseError
+
+    try:
+        return client.job(job_id)
+    except ResponseError as error:
+        if error.status != NOT_FOUND:
+            raise
+    try:
+        return client.population(job_id)
+    except ResponseError as error:
+        if error.status != NOT_FOUND:
+            raise
+        raise typer.BadParameter(f"the service has no survey and no population {job_id}: see rattle list") from error
+
+
+def follow(job: Job) -> None:
+    """Show how far it is until it ends, and then what is known."""
     from service.commands.progress import reporter
 
+    of_gears = job.kind == "population"
     cells, done = job.document["cells"], job.document["cells_done"]
-    with reporter(cells, done) as progress:
+    with reporter(cells, done, "gears" if of_gears else "cells") as progress:
         job.wait(progress=lambda event: progress.show(event["cells_done"]))
     typer.echo(f"{job.state}: {job.store_url}")
+    if of_gears:
+        from service.commands.population_tables import print_population
+        from workers.answers import population_in
+
+        print_population(population_in(job.open(), job.store_url))

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from rattle import Attractor
 
-LOUDEST = 32767 * 9 // 10  # of 16 bits
-
 
 @at_point(timed=True)
 def sound(
@@ -63,16 +61,11 @@ def _chosen(point: Point, found: tuple[Attractor, ...], number: int | None) -> A
 
 
 def _write(out: Path, heard: np.ndarray, rate: int, full_scale: float | None) -> None:
-    import numpy as np
-    from scipy.io import wavfile
-
-    from rattle.errors import require_number
+    from rattle.intensity.sound import wav
     from service.errors import ServiceError
 
-    if full_scale is None:
-        full_scale = float(np.abs(heard).max(initial=0.0)) or 1.0
-    scaled = LOUDEST / require_number("full-scale", full_scale, positive=True) * heard
+    file = wav(heard, rate, full_scale)
     try:
-        wavfile.write(out, rate, np.clip(np.rint(scaled), -LOUDEST, LOUDEST).astype(np.int16))
+        out.write_bytes(file)
     except OSError as error:
         raise ServiceError(f"The sound {out} cannot be written: {error}") from error

@@ -10,22 +10,23 @@ import typer
 from service.commands import options
 from service.commands.filling import fill
 from service.commands.gear_numbers import with_numbers
+from service.commands.population_tables import print_population
+from service.commands.remote import Force, Key, Watch, follow
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
-    from rattle import Estimate, Population
     from workers import PopulationRequest
-
-WIDTH = 140  # numbers are never cut, whatever the terminal
 
 
 @with_numbers
 def tolerance(
     numbers: dict[str, str],
     out: Annotated[
-        str, typer.Option(metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.")
-    ],
+        str | None,
+        typer.Option(
+            metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.", show_default=False
+        ),
+    ] = None,
+    submit: Annotated[bool, typer.Option("--submit", help="Submit it to a service instead.")] = False,
     measured: Annotated[
         Path | None,
         typer.Option(metavar="CSV", help="Measured gears: a column for each number that varies, a row for each gear."),
@@ -57,23 +58,43 @@ def tolerance(
     tile: Annotated[int | None, typer.Option(help="Gears of one tile, a task and a chunk.")] = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
+    url: options.Url = options.DEFAULT_URL,
+    key: Key = None,
+    force: Force = False,
+    watch: Watch = False,
 ) -> None:
-    """Compute a population of gears, write it to PATH, and print what follows from it.
+    """Compute a population of gears, write it to PATH, and print what follows from it; or submit it to a service, and
+    print its id: that of an identical population, if the service has one.
 
     A number that varies is normal:MEAN:DEVIATION[:LOW[:HIGH]], uniform:LOW:HIGH, triangular:LOW:MODE:HIGH or
     lognormal:MEDIAN:DEVIATION. The same command resumes an interrupted population; the numbers are the same to the last
     bit.
     """
+    if (out is None) != submit:
+        raise typer.BadParameter("give --out PATH to compute it here, or --submit to have a service compute it")
     shock = {"speed": shock_speed, "phase": shock_phase}
     asked: dict[str, Any] = {"gears": gears, "count": count, "share": share, "margin": margin, "judged": judged}
     asked |= {"pairs": pairs, "seed": seed, "name": name, "tile": tile}
     asked |= {} if budget is None else {"budget": budget}
     request = _request(numbers, measured, correlation or [], shock, asked)
+    if out is None:
+        _submit(request, url, key, force, watch)
+        return
     fill(request, out, scheduler, workers)
 
     from workers.answers import population_of
 
-    _print(population_of(out))
+    print_population(population_of(out))
+
+
+def _submit(request: PopulationRequest, url: str, key: str | None, force: bool, watch: bool) -> None:
+    from service.client import Client
+
+    with Client(url) as client:
+        job = client.submit_population(request, idempotency_key=key, force=force)
+        typer.echo(job.id)
+        if watch:
+            follow(job)
 
 
 def _request(
@@ -144,51 +165,3 @@ def _matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
                 f"correlation {text!r}: write NAME:NAME:NUMBER, with two of what varies ({known})"
             ) from None
     return matrix
-
-
-def _print(found: Population) -> None:
-    """What follows from a population, in words and tables."""
-    from rich.console import Console
-
-    from rattle import RattleError
-    from rattle.populations.tolerances import is_machine
-
-    console = Console(highlight=False, markup=False, width=WIDTH)
-    console.print(f"{found.plan.gears} gears, {found.plan.count} starts each; in brackets 95 % intervals")
-    console.print(f"runs quietly with a probability of {_words(found.quiet)}, {100 * found.undecided:.2g} % undecided")
-    if found.passing is not None:
-        console.print(f"passes: {_words(found.passing)} of all gears")
-    if found.undecided < 1.0:
-        of = "W" if is_machine(found.plan.tolerances.given) else "energy per revolution"
-        console.print(f"impacts hand over ({of}):")
-        for share, each in found.intensity().items():
-            console.print(f"  {100 * share:g} % of all are below {_words(each)}")
-    for of, what in (("quiet", "whether a gear runs quietly"), ("energy", "how hard it rattles")):
-        try:
-            console.print(_indices(found, of, what))
-        except RattleError as error:
-            console.print(f"What decides {what}: {error}")
-    console.print(_worst(found))
-
-
-def _words(found: Estimate) -> str:
-    return f"{found.value:.4g} [{found.low:.4g}, {found.high:.4g}]"
-
-
-def _indices(found: Population, of: str, what: str) -> Table:
-    from rich.table import Table
-
-    table = Table(f"what decides {what}", "alone", "with others", box=None)
-    for name, each in found.indices(of).items():
-        table.add_row(name, _words(each.first), _words(each.total))
-    return table
-
-
-def _worst(found: Population) -> Table:
-    from rich.table import Table
-
-    table = Table("worst gears", *found.names, "quiet", "energy or W", box=None)
-    for each in found.worst():
-        values = (f"{x:.6g}" for x in each.numbers.values())
-        table.add_row(str(each.row), *values, f"{each.quiet:.3f}", f"{each.energy:.4g}")
-    return table

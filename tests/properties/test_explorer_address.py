@@ -7,12 +7,23 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from service.explorer.common.address import LIMITS, OVERLAYS, THEMES, View
+from service.explorer.common.address import LIMITS, OVERLAYS, SHARE, THEMES, Entered, View
 from service.explorer.map import axes
 
 numbers = st.floats(-1e3, 1e3)
 windows = st.tuples(numbers, numbers).filter(lambda pair: pair[0] < pair[1])
 words = st.from_regex(r"[a-z][a-z_0-9]{0,20}", fullmatch=True)
+machines = st.builds(
+    Entered,
+    inertia=st.floats(1e-4, 1e-2),
+    drag=st.floats(1e-6, 1e-2),
+    backlash=st.floats(1e-6, 1e-3),
+    eccentricity=st.floats(0.0, 1e-4),
+    radius=st.floats(0.02, 0.1),
+    rpm=st.floats(1.0, 1e4),
+    drive=st.sampled_from(("torque", "speed")),
+    stiffness=st.none() | st.floats(1e6, 1e9),
+)
 views = st.builds(
     View,
     survey=words,
@@ -25,6 +36,8 @@ views = st.builds(
     delta=st.none() | windows.filter(lambda pair: pair[1] > 0),
     epsilon=st.none() | windows,
     point=st.tuples(st.floats(1e-3, 10.0), st.floats(0.0, 10.0)),
+    machine=st.none() | machines,
+    share=st.floats(0.01, 0.9999) | st.just(SHARE),
     theme=st.sampled_from(("", *THEMES)),
     point_state=st.dictionaries(words, words, max_size=4),
 )
@@ -36,7 +49,10 @@ def test_an_address_reproduces_its_view(view: View) -> None:
     assert View.parse(query) == view
 
 
-names = ("survey", "variable", "index", "slice", "limits", "log", "overlays", "delta", "epsilon", "point", "theme")
+names = (
+    *("survey", "variable", "index", "slice", "limits", "log", "overlays"),
+    *("delta", "epsilon", "point", "machine", "share", "theme"),
+)
 nonsense = st.binary(max_size=30) | st.sampled_from((b"nan,1", b"1,2", b"1e400,2", b"-1,-2", b"9" * 5000))
 
 

@@ -5,19 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, TypeVar
+from typing import Literal, NamedTuple, TypeVar
 from urllib.parse import urlencode
 
+from rattle import Machine
 from rattle.curves import NAMES
+from rattle.populations.plan import MOST_SHARE
 
 Pair = tuple[float, float]
 Ranges = tuple[Pair, Pair]  # of δ and of ε, as a figure shows them: it may show more than the plane
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
-CRISIS, POINTS = "crisis", "points"
-#: What may be drawn over a map: bifurcation curves, the boundary crisis, the codimension-two points.
-OVERLAYS = (*NAMES, CRISIS, POINTS)
+CRISIS, LIMIT, POINTS = "crisis", "design_limit", "points"
+#: What may be drawn over a map: bifurcation curves, the boundary crisis, the design limit, the codimension-two points.
+OVERLAYS = (*NAMES, CRISIS, LIMIT, POINTS)
 DEFAULT_OVERLAYS = (*NAMES, POINTS)
+SHARE = 0.9
 THEMES = ("light", "dark")
 LONGEST = 200
 POINT_STATE = "p."
@@ -25,9 +28,28 @@ POINT_STATE = "p."
 T = TypeVar("T")
 
 
+class Entered(NamedTuple):
+    """A machine as it was entered, in SI units."""
+
+    inertia: float
+    drag: float
+    backlash: float
+    eccentricity: float
+    radius: float
+    rpm: float
+    drive: str = "torque"
+    stiffness: float | None = None
+
+    @property
+    def machine(self) -> Machine:
+        """The machine. Raises ParameterError."""
+        return Machine(**self._asdict())
+
+
 @dataclass(frozen=True)
 class View:
-    """What a page shows. Limits are a rule, or (low, high); `point_state` is what the view of the point keeps.
+    """What a page shows. Limits are a rule, or (low, high); `point_state` is what the view of the point keeps, and
+    `machine` is there where the point is that of a machine which was entered. share: P(quiet) of the design limit.
 
     No theme is that of the viewer's system.
     """
@@ -42,6 +64,8 @@ class View:
     delta: Pair | None = None
     epsilon: Pair | None = None
     point: Pair | None = None
+    machine: Entered | None = None
+    share: float = SHARE
     theme: str = ""
     point_state: Mapping[str, str] = field(default_factory=dict)
 
@@ -68,6 +92,8 @@ class View:
             delta=read("delta", _positive_window, None),
             epsilon=read("epsilon", _window, None),
             point=point,
+            machine=read("machine", _machine, None) if point else None,
+            share=read("share", _share, SHARE),
             theme=text["theme"] if text.get("theme") in THEMES else "",
             point_state={
                 name.removeprefix(POINT_STATE): value
@@ -88,6 +114,9 @@ class View:
             pairs["overlays"] = ",".join(self.overlays) or "none"
         for name, pair in (("delta", self.delta), ("epsilon", self.epsilon), ("point", self.point)):
             pairs[name] = _written(pair) if pair else ""
+        if self.point and self.machine:
+            pairs["machine"] = ",".join("" if each is None else str(each) for each in self.machine)
+        pairs["share"] = repr(self.share) if self.share != SHARE else ""
         pairs["theme"] = self.theme
         if self.point:
             pairs |= {POINT_STATE + name: str(value) for name, value in self.point_state.items()}
@@ -135,6 +164,21 @@ def _point(text: str) -> Pair:
     if delta <= 0 or epsilon < 0:
         raise ValueError(text)
     return delta, epsilon
+
+
+def _machine(text: str) -> Entered:
+    *numbers, drive, stiffness = text.split(",")
+    inertia, drag, backlash, eccentricity, radius, rpm = map(float, numbers)
+    found = Entered(inertia, drag, backlash, eccentricity, radius, rpm, drive, float(stiffness) if stiffness else None)
+    found.machine  # noqa: B018 - raises ParameterError, which is a ValueError
+    return found
+
+
+def _share(text: str) -> float:
+    share = float(text)
+    if not 0.0 < share <= MOST_SHARE:
+        raise ValueError(text)
+    return share
 
 
 def _limits(text: str) -> Limits | Pair:

@@ -7,18 +7,21 @@ from typing import Any
 
 from bokeh.models import ColumnDataSource, CustomJSTickFormatter, LinearColorMapper, LogColorMapper, Node
 from bokeh.models.annotations import ColorBar, Label
-from bokeh.models.glyphs import Image, MultiLine, Scatter, Text
+from bokeh.models.glyphs import Image, Line, MultiLine, Scatter, Text, VArea
 from bokeh.models.renderers import GlyphRenderer
 
 from rattle.plot.plane import STYLES
-from service.explorer.common.address import CRISIS
+from service.explorer.common.address import CRISIS, LIMIT
 from service.explorer.files import asset
 
 BAR_WIDTH, BAR_PADDING = 12, 6  # pixels
 CLEAR = "#00000000"
-CRISIS_STYLE = ("#00695c", (8.0, 3.0))
+OWN_STYLES = {CRISIS: ("#00695c", (8.0, 3.0)), LIMIT: ("#b8860b", ())}
+ELLIPSE = "#d40078"
+BAND_NAME = "limit_band"
 IMAGE = ("image", "x", "y", "dw", "dh")
 LINE = ("xs", "ys")
+BAND = ("x", "low", "high")
 POINT = ("x", "y", "marker", "name", "align", "dx", "dy")
 
 
@@ -45,8 +48,8 @@ def empty(source: ColumnDataSource) -> None:
 
 def style_of(name: str) -> tuple[str, tuple[float, ...]]:
     """Colour, and dashes in pixels, of a line: those of the figures."""
-    if name == CRISIS:
-        return CRISIS_STYLE
+    if name in OWN_STYLES:
+        return OWN_STYLES[name]
     styles: dict[str, Any] = dict(STYLES)
     colour, dashes = styles[name]
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
@@ -122,6 +125,21 @@ def names(source: ColumnDataSource) -> Any:
         text_font_style="bold", text_color="black", text_outline_color="white",
     )  # fmt: skip
     return _rendered(source, glyph, name="names")
+
+
+def band(source: ColumnDataSource) -> Any:
+    """Where the design limit is between."""
+    area = VArea(x="x", y1="low", y2="high", fill_color=OWN_STYLES[LIMIT][0], fill_alpha=0.3)
+    return _rendered(source, area, name=BAND_NAME)
+
+
+def outline(source: ColumnDataSource) -> list[Any]:
+    """A closed line with a white edge."""
+    strokes = (("white", 4.0, 0.8), (ELLIPSE, 2.0, 1.0))
+    return [
+        _rendered(source, Line(x="x", y="y", line_color=colour, line_width=width, line_alpha=alpha))
+        for colour, width, alpha in strokes
+    ]
 
 
 def cross(source: ColumnDataSource) -> list[Any]:

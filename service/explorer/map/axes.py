@@ -1,27 +1,63 @@
-"""Axes of the map: tick labels for any width, down to 1e-9 and below, and what the viewer does to the window."""
+"""Axes of the map: tick labels for any width, down to 1e-9 and below; of a machine's survey speeds and eccentricities
+beside them.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
-from bokeh.models import CustomJS, CustomJSTickFormatter, LinearAxis, Range1d
+from bokeh.models import CustomJS, CustomJSTicker, CustomJSTickFormatter, LinearAxis, Range1d
 from bokeh.plotting import figure
 
 from service.explorer.common.address import Pair
+from service.explorer.design.fields import NUMBERS
 from service.explorer.files import asset
+from workers.survey.machine import SurveyedMachine
 
 NAMES = ("damping δ", "eccentricity ε")
+ROUND = "return String(Number((inverse ? scale / tick : scale * tick).toPrecision(7)))"
 NARROW = 1e-5  # of the values: narrower windows have an offset
 NARROWEST = 1e-13
 
 
 def dress(plot: figure) -> None:
     """Give the axes of a map their labels and ticks."""
-    for axis, span, name in zip((plot.xaxis[0], plot.yaxis[0]), (plot.x_range, plot.y_range), NAMES, strict=True):
+    axes: Any = plot.below[0], plot.left[0]
+    for axis, span, name in zip(axes, (plot.x_range, plot.y_range), NAMES, strict=True):
         axis.formatter = CustomJSTickFormatter(args={"range": span}, code=asset("ticks.js"))
         naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=asset("axis_label.js"))
         span.js_on_change("start", naming)
         span.js_on_change("end", naming)
+
+
+class InSI:
+    """Axes above the map and on its right, of speed and of eccentricity; hidden without a machine."""
+
+    def __init__(self, plot: figure) -> None:
+        self._axes: dict[str, Any] = {}
+        sides: tuple[tuple[str, Any], ...] = (("rpm", "above"), ("eccentricity", "right"))
+        for name, side in sides:
+            label = NUMBERS[name].label.lower()
+            axis: Any = LinearAxis(axis_label=label, visible=False, name=name)
+            axis.ticker = CustomJSTicker(major_code=asset("si_ticks.js"))
+            axis.formatter = CustomJSTickFormatter(code=ROUND)
+            plot.add_layout(axis, side)
+            self._axes[name] = axis
+        self.show(None)
+
+    def show(self, machine: SurveyedMachine | None) -> None:
+        """Show the axes of a machine, or none."""
+        scales = {"rpm": 1.0, "eccentricity": 1.0}
+        if machine is not None:
+            scales = {
+                "rpm": machine.rpm(1.0),
+                "eccentricity": NUMBERS["eccentricity"].per * machine.eccentricity(1.0),
+            }
+        for name, axis in self._axes.items():
+            arguments: Any = {"scale": float(scales[name]), "inverse": name == "rpm"}
+            axis.ticker.args = axis.formatter.args = arguments
+            axis.visible = machine is not None
 
 
 def show(axis: LinearAxis, span: Range1d, name: str, window: Pair) -> None:

@@ -7,16 +7,18 @@ from typing import Any
 
 import panel as pn
 
+from rattle import Machine
 from rattle.models import AnyModel
 from service.explorer.common.address import Ranges
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
+from service.explorer.design.go_to import GoTo
 from service.explorer.map.planes import Block, Plane
 from service.explorer.map.readout import finer_value, readout
 from service.explorer.point.panel import PointPanel
 from service.explorer.point.view import PointView
 
-RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model"})  # an address may name anything
+RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model", "machine"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room
 HINT = "<p class=faint>Point at the map to read a cell, click it to look closer.</p>"
 
@@ -31,6 +33,7 @@ class Beside:
         sheet: str,
         on_close: Callable[[], None],
         on_state: Callable[[dict[str, Any]], None],
+        go_to: GoTo,
     ) -> None:
         self._viewer, self._on_close, self._on_state = viewer, on_close, on_state
         self._theme = theme
@@ -42,13 +45,16 @@ class Beside:
         self._view: PointView | None = None
         self._points: PointPanel | None = None
         self._point = pn.Column(sizing_mode="stretch_width", margin=0)
-        self.panel = pn.Column(self._close, self._point, self._text.pane, sizing_mode="stretch_width", margin=0)
+        self.panel = pn.Column(
+            go_to.panel, self._close, self._point, self._text.pane, sizing_mode="stretch_width", margin=0
+        )
 
     async def read(self, plane: Plane, finer: Block | None, delta: float, epsilon: float, window: Ranges) -> None:
         """Show what is known at a point."""
         model, here = plane.request.gear_model, finer_value(plane, finer, delta, epsilon)
+        machine = plane.request.machine
         found = await self._viewer.read(
-            lambda: readout(plane.cell(delta, epsilon), delta, epsilon, model, window, here)
+            lambda: readout(plane.cell(delta, epsilon), delta, epsilon, model, window, here, machine)
         )
 
         def show() -> None:
@@ -60,12 +66,14 @@ class Beside:
         """Show no cell: what was read is no longer shown."""
         self._text.html = HINT
 
-    def open(self, delta: float, epsilon: float, model: AnyModel, state: Mapping[str, str]) -> None:
+    def open(
+        self, delta: float, epsilon: float, model: AnyModel, machine: Machine | None, state: Mapping[str, str]
+    ) -> None:
         """Show the view of a point."""
         self._drop()
         points = self._points or PointPanel(self._theme)
         known = {name: value for name, value in state.items() if name not in RESERVED}
-        self._view = view = PointView(points, self._viewer.front, delta, epsilon, model, **known)
+        self._view = view = PointView(points, self._viewer.front, delta, epsilon, model, machine, **known)
         view.param.watch(lambda event: self._on_state(event.new), "state")
         self.panel.css_classes = [OPENED]
         self._close.visible = self._point.visible = True

@@ -18,11 +18,12 @@ from bokeh.plotting import figure
 
 from rattle.plot.plane import MARKERS, STYLES
 from service.explorer.common import glyphs
-from service.explorer.common.address import CRISIS, Pair, Ranges
+from service.explorer.common.address import CRISIS, LIMIT, Pair, Ranges
 from service.explorer.common.theme import INK
 from service.explorer.map import axes
 from service.explorer.map.colouring import Colouring
 from service.explorer.map.planes import Block
+from workers.survey.machine import SurveyedMachine
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 #: Where the name of a point is: those that lie close together are named on different sides.
@@ -59,6 +60,7 @@ class Map:
         self.figure: Any = plot
         plot.name = "map"
         axes.dress(plot)
+        self._in_si = axes.InSI(plot)
         self._dress(theme)
         self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
         self._why_mapper = glyphs.clear_mapper()
@@ -66,11 +68,12 @@ class Map:
         self._scales = glyphs.scales(self._values, self._fine, **_ink_of_bar(theme))
         self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
-        for name in (*STYLES, CRISIS):
+        for name in (*STYLES, CRISIS, LIMIT):
             source = glyphs.source_of(glyphs.LINE)
             self._lines[name] = source, glyphs.line(source, name)
         self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))
-        self._cursor = glyphs.source_of(("x", "y"))
+        self._cursor, self._ellipse = (glyphs.source_of(("x", "y")) for _ in range(2))
+        self._sure = glyphs.source_of(glyphs.BAND)
         self._names = glyphs.source_of(("x", "y", "name"))
         self._marks = glyphs.points(self._points)
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
@@ -78,7 +81,9 @@ class Map:
         plot.renderers = [
             self._why,
             *images,
+            glyphs.band(self._sure),
             *lines,
+            *glyphs.outline(self._ellipse),
             glyphs.names(self._names),
             *self._marks,
             *glyphs.cross(self._cross),
@@ -146,8 +151,8 @@ class Map:
 
     def window(self, delta: Pair, epsilon: Pair) -> None:
         """Show this window."""
-        axes.show(self.figure.xaxis[0], self.figure.x_range, axes.NAMES[0], delta)
-        axes.show(self.figure.yaxis[0], self.figure.y_range, axes.NAMES[1], epsilon)
+        axes.show(self.figure.below[0], self.figure.x_range, axes.NAMES[0], delta)
+        axes.show(self.figure.left[0], self.figure.y_range, axes.NAMES[1], epsilon)
         self._hide_what_is_too_large(delta)
 
     def moved(self, delta: Pair) -> None:
@@ -234,6 +239,10 @@ class Map:
         source, _ = self._lines[name]
         source.data = {"xs": [piece[:, 0] for piece in pieces], "ys": [piece[:, 1] for piece in pieces]}
 
+    def band(self, x: np.ndarray, low: np.ndarray, high: np.ndarray) -> None:
+        """Draw where the design limit is between, (k,) each."""
+        self._sure.data = {"x": x, "low": low, "high": high}
+
     def points(self, points: Sequence[tuple[str, float, float]]) -> None:
         """Mark the codimension-two points: name, δ, ε."""
         names, x, y = zip(*points, strict=True) if points else ((), (), ())
@@ -246,7 +255,7 @@ class Map:
 
     def no_lines(self) -> None:
         """Take all curves and points away."""
-        for source in (self._points, *(source for source, _ in self._lines.values())):
+        for source in (self._points, self._sure, *(source for source, _ in self._lines.values())):
             glyphs.empty(source)
 
     def choose(self, names: Sequence[str]) -> None:
@@ -256,10 +265,22 @@ class Map:
                 renderer.visible = name in names
         for renderer in self._marks:
             renderer.visible = "points" in names
+        self.figure.select_one({"name": glyphs.BAND_NAME}).visible = LIMIT in names
 
     def cross(self, point: Pair | None) -> None:
         """Mark the point that was clicked."""
         _put(self._cross, point)
+
+    def ellipse(self, points: np.ndarray | None) -> None:
+        """Draw the tolerances about the point that was clicked: a line (k, 2) of (δ, ε)."""
+        if points is None:
+            glyphs.empty(self._ellipse)
+        else:
+            self._ellipse.data = {"x": points[:, 0], "y": points[:, 1]}
+
+    def in_si(self, machine: SurveyedMachine | None) -> None:
+        """Show the speeds and eccentricities of a machine beside δ and ε, or none."""
+        self._in_si.show(machine)
 
     def cursor(self, point: Pair | None) -> None:
         """Mark the cell that the keyboard has come to."""

@@ -11,17 +11,21 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
+import panel as pn
 from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 
 from rattle import RattleError
 from rattle.crisis import crisis_curve
 from rattle.models import AnyModel
 from rattle.plot.plane import polyline
+from rattle.populations.plan import MOST_SHARE
 from service.errors import UnavailableError
-from service.explorer.common.address import CRISIS, OVERLAYS, POINTS, Pair, Ranges
+from service.explorer.common.address import CRISIS, LIMIT, OVERLAYS, POINTS, SHARE, Pair, Ranges
 from service.explorer.common.glyphs import style_of
 from service.explorer.common.lists import Key
 from service.explorer.common.viewer import Viewer
+from service.explorer.common.watch import Watch
+from service.explorer.design.limits import DesignLimits
 from service.explorer.map.figure import Map
 from service.kernels import Part
 from service.state import Front
@@ -32,37 +36,59 @@ CRISIS_RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the t
 KEPT_CRISES = 16
 MEANINGS = {
     CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",
+    LIMIT: "design limit: up to there, and at every smaller eccentricity, a gear set going at any phase and natural "
+    "speed runs quietly often enough; its 95 % interval is shaded",
     POINTS: "codimension-two points, where curves meet",
 }
-LABELS = {"quiet_limit": "quiet limit", POINTS: "COD20–23"}
+LABELS = {"quiet_limit": "quiet limit", LIMIT: "design limit", POINTS: "COD20–23"}
+WHOLE = frozenset({CRISIS, LIMIT, POINTS})  # lines that no window changes
 
 
 class Lines:
-    """The lines that may be drawn on a map; `on_chosen` is called when the viewer switches some on or off."""
+    """The lines that may be drawn on a map; `on_chosen` is called when the viewer switches some on or off, or asks for
+    another design limit.
+    """
 
     def __init__(
         self,
         crises: Crises,
+        limits: DesignLimits,
         viewer: Viewer,
         canvas: Map,
         chosen: Sequence[str],
+        share: float,
         on_chosen: Callable[[], None],
+        on_share: Callable[[float], None],
+        sheet: str,
     ) -> None:
-        self._crises, self._viewer, self._map = crises, viewer, canvas
+        self._crises, self._limits, self._viewer, self._map = crises, limits, viewer, canvas
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._entries: list[dict[str, Any]] = []
         self.key = Key(overlays=self._entries, chosen=list(chosen), margin=0, sizing_mode="stretch_width")
         self.key.param.watch(lambda _event: on_chosen(), "chosen")
+        self._share = pn.widgets.FloatInput(
+            label="Design limit: P(quiet) ≥", value=share, start=0.01, end=MOST_SHARE, step=0.05, width=180,
+            visible=LIMIT in chosen, stylesheets=[sheet], margin=(4, 0),
+        )  # fmt: skip
+        Watch().on(self._share, lambda: on_share(self.share))
+        self.key.param.watch(lambda _event: self._share.param.update(visible=LIMIT in self.chosen), "chosen")
+        self.panel = pn.Column(self.key, self._share, sizing_mode="stretch_width", margin=0)
+        self._span: Pair = 0.4, 1.0
         canvas.choose(tuple(chosen))
+
+    @property
+    def share(self) -> float:
+        """The least P(quiet) of the design limit."""
+        return float(self._share.value or SHARE)
 
     @property
     def chosen(self) -> tuple[str, ...]:
         """The lines that are switched on, in the order of the key."""
         return tuple(name for name in OVERLAYS if name in self.key.chosen)
 
-    def tell(self, model: AnyModel) -> None:
-        """Tell in the key what the lines of this model mean."""
-        self._entries = entries(model)
+    def tell(self, model: AnyModel, span: Pair) -> None:
+        """Tell in the key what the lines of this model mean; the survey spans these dampings."""
+        self._entries, self._span = entries(model), span
         self.key.overlays = self._entries
 
     def draw(self, names: Sequence[str], model: AnyModel, window: Ranges) -> None:
@@ -86,6 +112,9 @@ class Lines:
             points = await self._viewer.read(lambda: points_of(model))
             self._viewer.change(lambda: self._map.points(points))
             return
+        if name == LIMIT:
+            await self._limit(model)
+            return
         if name == CRISIS:
             self._note(name, "is being computed …")
             try:
@@ -96,6 +125,22 @@ class Lines:
             pieces, missing = await self._viewer.read(lambda: pieces_of(name, model, *window))
         self._note(name, "", missing)
         self._viewer.change(lambda: self._map.line(name, pieces))
+
+    async def _limit(self, model: AnyModel) -> None:
+        missing = ""
+        self._note(LIMIT, "is being computed …")
+        try:
+            async for delta, limits in self._limits.along(model, self._span, self.share):
+                self._viewer.change(partial(self._show_limit, delta, limits))
+        except RattleError as error:
+            missing = str(error)
+        self._note(LIMIT, "", missing)
+
+    def _show_limit(self, delta: np.ndarray, limits: np.ndarray) -> None:
+        value, low, high = limits
+        self._map.line(LIMIT, split(np.column_stack([np.where(np.isnan(value), np.nan, delta), value])))
+        sure = np.isfinite(low) & np.isfinite(high)
+        self._map.band(delta[sure], low[sure], high[sure])
 
     def _note(self, name: str, note: str, missing: str = "") -> None:
         entries = [

@@ -13,10 +13,12 @@ import rattle
 from rattle.models import AnyModel
 from rattle.plot import name_of
 from service.explorer.common.address import Ranges
+from service.explorer.design.fields import NUMBERS, in_unit
 from service.explorer.map.axes import written
 from service.explorer.map.planes import Block, Plane
 from workers import QUANTITIES
 from workers.pictures.maps import WITHOUT_VALUE, title_of
+from workers.survey.machine import SurveyedMachine
 from workers.survey.values.evaluate import FAILED, KINDS, STATUS
 from workers.survey.values.schema import CELL
 
@@ -24,12 +26,21 @@ Row = tuple[str, str]
 
 
 def readout(
-    cell: xr.Dataset | None, delta: float, epsilon: float, model: AnyModel, window: Ranges, here: Row | None = None
+    cell: xr.Dataset | None,
+    delta: float,
+    epsilon: float,
+    model: AnyModel,
+    window: Ranges,
+    here: Row | None = None,
+    machine: SurveyedMachine | None = None,
 ) -> str:
     """HTML of what is known at a point (δ, ε): its region, what a finer map shows `here`, and the cell of the survey
-    that it is in, if any.
+    that it is in, if any; speed and eccentricity of a machine's survey.
     """
     rows: list[Row] = [("δ", written(delta, window[0])), ("ε", written(epsilon, window[1]))]
+    if machine is not None and delta > 0:
+        si = {"rpm": machine.rpm(delta), "eccentricity": machine.eccentricity(epsilon)}
+        rows += [(NUMBERS[name].name.lower(), f"{in_unit(name, x)} {NUMBERS[name].unit}") for name, x in si.items()]
     if delta > 0 and epsilon >= 0:
         region = int(rattle.classify_regions(model.period_one(delta, epsilon)))
         rows.append(("region here", rattle.REGIONS[region]))

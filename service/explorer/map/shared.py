@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from service.explorer.common.news import News
+from service.explorer.design.limits import DesignLimits
 from service.explorer.map.overlays import Crises
 from service.explorer.map.planes import Atlas
 from service.state import Front
@@ -18,3 +19,4 @@ class Shared:
     news: News
     atlas: Atlas
     crises: Crises
+    limits: DesignLimits

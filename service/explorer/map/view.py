@@ -13,24 +13,29 @@ import numpy as np
 import panel as pn
 
 from rattle import RattleError
-from rattle.models import AnyModel, Impacting
+from rattle.models import AnyModel, Impacting, model_of
 from service.database.tables import UNREADABLE, JobRow, State
-from service.explorer.common.address import CRISIS, POINTS, Pair, Ranges, View
+from service.explorer.common.address import LIMIT, Entered, Pair, Ranges, View
 from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
+from service.explorer.design.fields import machine_at
+from service.explorer.design.go_to import GoTo
+from service.explorer.design.tolerance import outline
 from service.explorer.map.beside import Beside
 from service.explorer.map.colouring import Colouring, Shade, colouring, values_shown
 from service.explorer.map.controls import Controls, Uses
 from service.explorer.map.cursor import Cursor
 from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
-from service.explorer.map.overlays import Lines
+from service.explorer.map.overlays import WHOLE, Lines
 from service.explorer.map.planes import Block, Plane, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
+from service.explorer.point.state import tolerance_of
 from workers import Frame, SurveyRequest
 from workers.pictures.maps import OF_PERIODIC
+from workers.survey.machine import SurveyedMachine
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
 PAUSE = 1.0  # between two drawings of a survey that runs
@@ -59,8 +64,18 @@ class MapView:
         self._colours: Colouring | None = None
         self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
         self._zoom = Zoom(viewer, self._frame, self._say_zoom)
-        self._lines = Lines(shared.crises, viewer, self.map, view.overlays, self._on_lines)
-        self._lines.tell(self.model)
+        self._lines = Lines(
+            shared.crises,
+            shared.limits,
+            viewer,
+            self.map,
+            view.overlays,
+            view.share,
+            self._on_lines,
+            self._on_share,
+            sheet,
+        )
+        self._lines.tell(self.model, self.window[0])
         words: dict[str, Callable[[Pair], None]] = {
             "all": lambda _at: self._reset(),
             "open": lambda at: self._point(*at),
@@ -76,12 +91,13 @@ class MapView:
         self._seen: Callable[[], Block] | None = None  # the cells of the window, none where that is the whole survey
         self._counting: asyncio.Task[None] | None = None
         self._said = Text("", sheet, is_spoken=True)
-        self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point)
+        go_to = GoTo(sheet, self._point, self._machine_point)
+        self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to)
         self.parts = {
             "controls": pn.Column(self._controls.panel, self._title.pane, sizing_mode="stretch_width", margin=0),
             "plot": pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0),
             "said": self._said.pane,
-            "key": self._lines.key,
+            "key": self._lines.panel,
             "beside": self._beside.panel,
         }  # fmt: skip
         self._controls.show_limits(self.view.limits, None)
@@ -90,6 +106,11 @@ class MapView:
     def model(self) -> AnyModel:
         """The model of the survey that is chosen."""
         return self._request.gear_model if self._request else Impacting()
+
+    @property
+    def machine(self) -> SurveyedMachine | None:
+        """The machine of the survey that is chosen, if it is of one."""
+        return self._request.machine if self._request else None
 
     @property
     def window(self) -> Ranges:
@@ -104,11 +125,11 @@ class MapView:
         """Show another survey; the window and the point stay only with the one they were chosen on."""
         if self.view.survey != job.id:
             other = bool(self.view.survey)
-            kept = {"delta": None, "epsilon": None, "point": None, "slice": 0} if other else {}
+            kept = {"delta": None, "epsilon": None, "point": None, "machine": None, "slice": 0} if other else {}
             self._change(survey=job.id, **kept)
             if other:
                 self._beside.close()
-                self.map.cross(None)
+                self._mark()
         self._plane, self._drawn = None, ()
         self._zoom.stop()
         self._follow(job)
@@ -138,6 +159,7 @@ class MapView:
         self._whole = SurveyRequest.model_validate(job.request)
         maps = maps_of(self._whole)
         self._cut(self._whole, self.view.slice)
+        self.map.in_si(self._whole.machine)
         variable = self.view.variable if self.view.variable in maps else next(iter(maps))
         self._maps = maps
         self._controls.offer_variables(maps, variable)
@@ -148,7 +170,7 @@ class MapView:
         """The plane that is shown: of a third axis one slice."""
         along = whole.along(number)
         self._request = whole.at(along)
-        self._lines.tell(self.model)
+        self._lines.tell(self.model, (whole.delta.start, whole.delta.stop))
         self._controls.offer_slices(whole, sum(along))
         self._change(slice=sum(along))
 
@@ -248,7 +270,7 @@ class MapView:
         if first:
             self.map.window(*self.window)
             if self.view.point:
-                self._point(*self.view.point)
+                self._open(*self.view.point, self.view.machine)
             self._draw_lines(self.view.overlays)
         if other:
             self._refine()
@@ -306,6 +328,10 @@ class MapView:
         self.map.choose(chosen)
         self._draw_lines(name for name in chosen if name in new)
 
+    def _on_share(self, share: float) -> None:
+        self._change(share=share)
+        self._draw_lines([LIMIT])
+
     def _draw_lines(self, names: Iterable[str]) -> None:
         if self._plane is not None:
             self._lines.draw(tuple(names), self.model, self.window)
@@ -329,7 +355,7 @@ class MapView:
             return
         self._change(delta=delta, epsilon=epsilon)
         self.map.moved(delta)
-        self._draw_lines(name for name in self.view.overlays if name not in (CRISIS, POINTS))
+        self._draw_lines(name for name in self.view.overlays if name not in WHOLE)
         self._refine()
 
     def _reset(self) -> None:
@@ -427,13 +453,36 @@ class MapView:
             )
 
     def _point(self, delta: float, epsilon: float) -> None:
+        self._open(delta, epsilon, None)
+
+    def _machine_point(self, entered: Entered) -> None:
+        machine = entered.machine
+        self._open(machine.delta, machine.epsilon, entered)
+
+    def _open(self, delta: float, epsilon: float, entered: Entered | None) -> None:
+        """Look closer at a point of the map, or at that of a machine which was entered."""
         if delta <= 0 or epsilon < 0:
             return
-        state = self.view.point_state if self.view.point == (delta, epsilon) else {}
-        self._beside.open(delta, epsilon, self.model, state)
-        self.map.cross((delta, epsilon))
-        self._change(point=(delta, epsilon), point_state=state)
+        known = (self.view.point, self.view.machine) == ((delta, epsilon), entered)
+        state = self.view.point_state if known else {}
+        machine = entered.machine if entered else machine_at(self.machine, delta, epsilon)
+        model = model_of(machine.beta, machine.kappa) if entered and machine else self.model
+        self._beside.open(delta, epsilon, model, machine, state)
+        self._change(point=(delta, epsilon), point_state=state, machine=entered)
+        self._mark()
         self._read(delta, epsilon)
+
+    def _mark(self) -> None:
+        """Mark the point that is open, with its tolerances, if it is one of this plane."""
+        point, entered = self.view.point, self.view.machine
+        machine = entered.machine if entered else machine_at(self.machine, *point) if point else None
+        if point is None or (entered and machine and model_of(machine.beta, machine.kappa) != self.model):
+            self.map.cross(None)
+            self.map.ellipse(None)
+            return
+        self.map.cross(point)
+        widths = tolerance_of(self.view.point_state.get("tolerance"))
+        self.map.ellipse(None if widths is None else outline(*point, machine, widths))
 
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""
@@ -441,9 +490,10 @@ class MapView:
         self._beside.end()
 
     def _close_point(self) -> None:
-        self._change(point=None, point_state={})
-        self.map.cross(None)
+        self._change(point=None, point_state={}, machine=None)
+        self._mark()
 
     def _remember_point(self, state: dict[str, Any]) -> None:
         if self.view.point is not None:
             self._change(point_state={name: str(value) for name, value in state.items()})
+            self._mark()

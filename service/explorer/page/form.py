@@ -17,11 +17,14 @@ from rattle.models import AnyModel, Model
 from service.database.tables import Scope
 from service.explorer.common.address import Pair
 from service.explorer.common.viewer import Viewer
+from service.explorer.page.machine_axes import MachineAxes
+from service.explorer.page.sample_fields import SampleFields
 from service.operations.estimate import Estimate, estimate
 from service.operations.limits import check_limits
 from service.operations.surveys import submit_survey
 from service.web.problems import field_errors_of
 from workers import SurveyRequest
+from workers.survey.machine import SurveyedMachine
 from workers.survey.values.quantities import groups_of
 from workers.survey.values.schema import DEFAULT, Group
 
@@ -38,6 +41,9 @@ class Form:
         self._estimating: asyncio.Task[None] | None = None
         number: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
         self.name = pn.widgets.TextInput(label="Name", max_length=200, **number)
+        ways = {"damping δ, eccentricity ε": False, "a machine: rpm, µm": True}
+        self.in_si = pn.widgets.Select(label="Axes", options=ways, **number)
+        self.machine, self.sample = MachineAxes(sheet), SampleFields(sheet)
         self.beta = pn.widgets.FloatInput(label="Half-backlash β", value=0.6, step=0.05, **number)
         self.model = pn.widgets.Select(
             label="Model", options={"impacting": Model.IMPACTING, "stiff walls": Model.STIFF}, **number
@@ -63,22 +69,30 @@ class Form:
         self.budget = pn.widgets.IntInput(label="Impacts of a sample", value=BUDGET, start=1, step=BUDGET, **number)
         self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, **number)
         self.submit = pn.widgets.Button(
-            label="Submit", button_type="primary", css_classes=["submit"], margin=(8, 4), stylesheets=[sheet]
+            label="Submit", color="primary", css_classes=["submit"], margin=(8, 4), stylesheets=[sheet]
         )
         self.cost = pn.pane.HTML(
             "", css_classes=["cost"], margin=(4, 4), sizing_mode="stretch_width", stylesheets=[sheet]
         )
         self.model.param.watch(lambda _event: self._on_model(), "value")
+        self.in_si.param.watch(lambda _event: self._on_way(), "value")
         for widget in self._widgets():
             widget.param.watch(lambda _event: self._changed(), "value")
         self.submit.on_click(lambda _event: viewer.start(self._submit()))
-        self.panel = pn.Column(
-            self.name,
+        self._plain = pn.Column(
             *(pn.Row(*three, sizing_mode="stretch_width") for three in self.axes.values()),
             pn.Row(self.model, self.kappa, sizing_mode="stretch_width"),
-            pn.Row(self.beta, self.v_max, sizing_mode="stretch_width"),
-            pn.Row(self.count, self.seed, sizing_mode="stretch_width"),
-            pn.Row(self.budget, sizing_mode="stretch_width"),
+            self.beta,
+            sizing_mode="stretch_width", margin=0,
+        )  # fmt: skip
+        self.panel = pn.Column(
+            self.name,
+            self.in_si,
+            self._plain,
+            self.machine.panel,
+            pn.Row(self.count, self.v_max, sizing_mode="stretch_width"),
+            self.sample.panel,
+            pn.Row(self.budget, self.seed, sizing_mode="stretch_width"),
             pn.pane.HTML("<span id=quantities>Quantities</span>", margin=(6, 4, 0, 4)),
             self.quantities,
             self.cost,
@@ -91,7 +105,8 @@ class Form:
     def _widgets(self) -> list[Any]:
         return [
             self.name, self.model, self.kappa, self.beta, *(widget for three in self.axes.values() for widget in three),
-            self.quantities, self.count, self.v_max, self.budget, self.seed,
+            self.quantities, self.count, self.v_max, self.budget, self.seed, self.in_si, *self.machine.widgets,
+            *self.sample.widgets,
         ]  # fmt: skip
 
     def fill(self, request: SurveyRequest) -> None:
@@ -101,6 +116,9 @@ class Form:
         for name, (start, stop, num) in self.axes.items():
             axis = getattr(request, name)
             start.value, stop.value, num.value = axis.start, axis.stop, axis.num
+        self.in_si.value = request.machine is not None
+        if request.machine is not None:
+            self.machine.fill(request, request.machine)
         self.fill_sample(request)
 
     def fill_model(self, model: AnyModel) -> None:
@@ -109,9 +127,13 @@ class Form:
         if model.stiffness is not None:
             self.kappa.value = model.stiffness
 
-    def fill_window(self, delta: Pair, epsilon: Pair, model: AnyModel) -> None:
-        """Take over a window of the plane."""
+    def fill_window(self, delta: Pair, epsilon: Pair, model: AnyModel, machine: SurveyedMachine | None = None) -> None:
+        """Take over a window of the plane, of a machine where the survey is of one."""
         self.fill_model(model)
+        self.in_si.value = machine is not None
+        if machine is not None:
+            self.machine.fill_window(delta, epsilon, machine)
+            self.machine.fill_counts(CELLS)
         for (start, stop, num), window in zip(self.axes.values(), (delta, epsilon), strict=True):
             start.value, stop.value, num.value = *window, CELLS
 
@@ -121,32 +143,42 @@ class Form:
         sample = request.initial_conditions
         self.count.value, self.budget.value = sample.count, sample.budget
         self.v_max.value = "" if sample.v_max is None else str(sample.v_max)
+        self.sample.fill(request)
         self.seed.value = request.seed
 
     def fields(self) -> dict[str, Any]:
         """The body of `POST /v1/surveys` that the form stands for."""
-        axes = {
-            name: {"start": start.value, "stop": stop.value, "num": num.value}
-            for name, (start, stop, num) in self.axes.items()
-        }
         return {
             "name": self.name.value,
-            "model": str(self.model.value),
-            "kappa": self.kappa.value if self.model.value == Model.STIFF else None,
-            "beta": self.beta.value,
-            **axes,
+            **(self.machine.fields() if self.in_si.value else self._plain_fields()),
             "quantities": self.quantities.value,
             "initial_conditions": {
                 "count": self.count.value,
                 "v_max": read_speed(self.v_max.value),
                 "budget": self.budget.value,
+                **self.sample.box(),
             },
+            **self.sample.slots(),
             "seed": self.seed.value,
         }
 
+    def _plain_fields(self) -> dict[str, Any]:
+        """The axes and the model in the model's own numbers."""
+        axes = {
+            name: {"start": start.value, "stop": stop.value, "num": num.value}
+            for name, (start, stop, num) in self.axes.items()
+        }
+        kappa = self.kappa.value if self.model.value == Model.STIFF else None
+        return {"model": str(self.model.value), "kappa": kappa, "beta": self.beta.value, **axes}
+
+    def _on_way(self) -> None:
+        """Ask for the numbers of a machine, or for the model's."""
+        self._plain.visible, self.machine.panel.visible = not self.in_si.value, self.in_si.value
+        self._on_model()
+
     def _on_model(self) -> None:
         """Offer what the model has."""
-        offered = [str(group) for group in groups_of(self.model.value)]
+        offered = [str(group) for group in groups_of(Model.IMPACTING if self.in_si.value else self.model.value)]
         left = [name for name in self.quantities.value if name in offered]
         self.kappa.visible = self.model.value == Model.STIFF
         self.quantities.param.update(options=offered, value=left)

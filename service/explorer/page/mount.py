@@ -41,6 +41,7 @@ CONTENT_SECURITY = "; ".join(
         "style-src 'self' 'unsafe-inline'",
         "connect-src 'self' blob:",
         "img-src 'self' data: blob:",
+        "media-src data:",  # sounds that the page has made
         "font-src 'self' data:",
         "worker-src 'self' blob:",
         "form-action 'self'",
@@ -107,6 +108,7 @@ class Explorer:
     def _build(self) -> Transport:
         from bokeh.settings import settings
 
+        from service.explorer.design.limits import DesignLimits
         from service.explorer.map.overlays import Crises
         from service.explorer.map.planes import Atlas
         from service.explorer.map.shared import Shared
@@ -115,7 +117,8 @@ class Explorer:
         assert self._front is not None
         assert self._news is not None
         settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
-        shared = Shared(self._front, self._news, Atlas(self._front), Crises(self._front))
+        front = self._front
+        shared = Shared(front, self._news, Atlas(front), Crises(front), DesignLimits(front))
         found = _transport_of(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
         adopt_handlers()  # Panel's

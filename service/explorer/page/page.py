@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -21,9 +21,9 @@ from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
 from service.explorer.page.form import Form
 from service.explorer.page.head import SCHEME, theme_of
+from service.explorer.page.rows import row_of
 from service.operations.surveys import remove_survey
 from workers import SurveyRequest
-from workers.survey.values.schema import FIXED
 
 
 class _Template(pn.Template):
@@ -95,7 +95,7 @@ class Page:
     async def _take(self, standings: Sequence[Standing]) -> None:
         await self._viewer.read(lambda: None)  # whether the key still holds
         caller = self._viewer.caller
-        rows = [_row(each, self._map.view, caller.owns(each.job)) for each in standings]
+        rows = [row_of(each, self._map.view, caller.owns(each.job)) for each in standings]
 
         def show() -> None:
             self._standings = {each.job.id: each for each in standings}
@@ -118,7 +118,7 @@ class Page:
         self._show_address()
         if self._standings:
             owns = self._viewer.caller.owns
-            self._list.rows = [_row(each, view, owns(each.job)) for each in self._standings.values()]
+            self._list.rows = [row_of(each, view, owns(each.job)) for each in self._standings.values()]
 
     def _show_address(self) -> None:
         """Also when the browser has just said what its address is: then what was shown before has been lost."""
@@ -156,7 +156,7 @@ class Page:
     def _save_window(self) -> None:
         view = self._map.view
         window = self._map.window
-        self._opened_form().fill_window(*window, self._map.model)
+        self._opened_form().fill_window(*window, self._map.model, self._map.machine)
         if view.survey in self._standings and self._standings[view.survey].job.is_readable:
             self._opened_form().fill_sample(self._request(view.survey))
 
@@ -198,52 +198,3 @@ def _first(standings: Sequence[Standing]) -> str:
     readable = [each.job for each in standings if each.job.is_readable]
     shown = (job.id for job in readable if job.cells_done or job.state == State.SUCCESSFUL)
     return next(shown, readable[0].id if readable else "")
-
-
-def _row(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
-    job = standing.job
-    state, message = job.shown
-    submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
-    size, facts = _asked(job.request) if job.is_readable else ("", [])
-    chosen = job.id == view.survey and job.is_readable
-    return {
-        "id": job.id,
-        "name": job.name or f"survey {job.id[:6]}",
-        "size": size,
-        "state": str(state),
-        "progress": job.progress,
-        "message": message,
-        "failed": job.cells_failed,
-        "rate": standing.rate,
-        "left": standing.left,
-        "mine": owned,
-        "facts": [*facts, submitted],
-        "variable": view.variable if chosen else "",
-        "index": view.index if chosen else 0,
-        "slice": [next(_thirds(job.request), ""), view.slice] if chosen else ["", 0],
-    }
-
-
-def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
-    """The size of a survey, and what was asked."""
-    delta, epsilon = request["delta"], request["epsilon"]
-    facts = [
-        ["δ", _values(delta)],
-        ["ε", _values(epsilon)],
-        ["β", _values(request["beta"])],
-        *([["κ", _values(request["kappa"])]] if request.get("kappa") else []),
-        ["computes", ", ".join(request["quantities"])],
-        ["sample", f"{request['initial_conditions']['count']} initial conditions"],
-    ]
-    slices = [request[name]["num"] for name in _thirds(request)]
-    return " × ".join(map(str, (delta["num"], epsilon["num"], *slices))), facts
-
-
-def _thirds(request: dict[str, Any]) -> Iterator[str]:
-    """The name of the third axis, if there is one."""
-    return (name for name in FIXED if isinstance(request.get(name), dict))
-
-
-def _values(given: Any) -> str:
-    """A parameter that is one number, or an axis."""
-    return f"{given['start']:g} … {given['stop']:g}, {given['num']} values" if isinstance(given, dict) else f"{given:g}"

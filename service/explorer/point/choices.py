@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import replace
 from html import escape
 
 import rattle
+from rattle import Machine
 from rattle.models import AnyGear
 from rattle.plot.colours import Palette, name_of
-from service.explorer.point import diagram, motion, parts
+from service.explorer.design import rattling, tolerance
+from service.explorer.design.tolerance import Tolerance
+from service.explorer.point import diagram, loudness, motion, parts
 from service.explorer.point.panel import PointPanel
 from service.explorer.point.parts import DiagramLines
 from service.explorer.point.state import PointState
@@ -22,22 +26,29 @@ NO_ATTRACTOR = "#8a96a3"
 
 
 class Choices:
-    """The motion and the diagram of one point; what is chosen is remembered."""
+    """The motion with its spectrum and sound, the diagram and the tolerances of one point; what is chosen is
+    remembered.
+    """
 
     def __init__(
         self,
         panel: PointPanel,
         work: Work,
         gear: AnyGear,
+        machine: Machine | None,
         palette: Palette,
         chosen: PointState,
         remember: Callable[[PointState], None],
     ) -> None:
-        self._panel, self._work, self._gear, self._palette = panel, work, gear, palette
+        self._panel, self._work, self._palette = panel, work, palette
+        self._gear, self._machine = gear, machine
         self._chosen, self._remember = chosen, remember
         self._attractors: tuple[rattle.Attractor, ...] = ()
         self._motion: asyncio.Task[None] | None = None
         self._diagram: asyncio.Task[None] | None = None
+        self._heard: asyncio.Task[None] | None = None
+        self._yield: asyncio.Task[None] | None = None
+        panel.on_play = self._on_play
         panel.on_tap, panel.on_motion, panel.on_direction = self._on_tap, self._on_motion, self._on_direction
 
     def offer(self, attractors: tuple[rattle.Attractor, ...]) -> None:
@@ -45,6 +56,13 @@ class Choices:
         self._attractors = attractors
         self._offer_motions()
         self._panel.show_direction(self._chosen.direction)
+        fields = self._panel.tolerance
+        fields.on_asked = self._on_tolerance
+        fields.offer(self._gear, self._machine, self._chosen.tolerance)
+        if self._machine is not None:
+            self._panel.rpm.value = float(f"{self._machine.rpm:.6g}")
+        if self._chosen.tolerance is not None:
+            self._find_yield(self._chosen.tolerance)
 
     def _offer_motions(self) -> None:
         """The attractors, and what was clicked, as choices."""
@@ -87,6 +105,57 @@ class Choices:
             self._panel.motions.show(found, self._gear.beta, shade)
             self._panel.picture.show_chosen(tau, v)
             self._panel.under_motion.html = f'<p class="faint">{escape(motion.caption(found, what, attractor))}</p>'
+            self._panel.heard.html = ""
+            self._panel.under_spectrum.html = ""
+            self._panel.spectrum.clear()
+
+        await self._work.change(show)
+        if attractor is not None and attractor.kind != "undecided":
+            await self._work.part(self._panel.under_spectrum, lambda: self._spectrum(attractor, shade))
+
+    async def _spectrum(self, attractor: rattle.Attractor, shade: str) -> None:
+        chosen = self._chosen
+        found = await self._work.compute(rattling.spectrum, self._gear, attractor, what="The spectrum")
+
+        def show() -> None:
+            if (chosen.attractor, chosen.start) != (self._chosen.attractor, self._chosen.start):
+                return
+            self._panel.spectrum.show(found, self._machine, shade)
+            said = loudness.spectrum_caption(found, name_of(attractor))
+            self._panel.under_spectrum.html = f'<p class="faint">{escape(said)}</p>'
+
+        await self._work.change(show)
+
+    def _on_play(self, rpm: float | None) -> None:
+        self._panel.heard.html = waiting("the sound")
+        self._heard = self._work.start(self._work.part(self._panel.heard, lambda: self._play(rpm)), self._heard)
+
+    async def _play(self, rpm: float | None) -> None:
+        if self._chosen.start is not None or not self._attractors:
+            raise rattle.RattleError("An attractor can be heard: choose one.")
+        if not rpm:
+            raise rattle.RattleError("A sound needs a speed above 0 rpm.")
+        attractor = self._attractors[self._attractor]
+        found = await self._work.compute(rattling.sound, self._gear, attractor, rpm, what="The sound")
+        await self._work.tell(self._panel.heard, loudness.player(found))
+
+    def _on_tolerance(self, widths: Tolerance) -> None:
+        self._choose(replace(self._chosen, tolerance=widths))
+        self._find_yield(widths)
+
+    def _find_yield(self, widths: Tolerance) -> None:
+        said = self._panel.tolerance.said
+        said.html = waiting("the yield")
+        self._yield = self._work.start(self._work.part(said, lambda: self._one_yield(widths)), self._yield)
+
+    async def _one_yield(self, widths: Tolerance) -> None:
+        found = await self._work.compute(
+            tolerance.yield_of, self._gear, self._machine, widths, what="The yield", slow=True
+        )
+
+        def show() -> None:
+            if widths == self._chosen.tolerance:
+                self._panel.tolerance.said.html = f"<p>{escape(tolerance.in_words(found, widths.share))}</p>"
 
         await self._work.change(show)
 
@@ -108,11 +177,11 @@ class Choices:
         await self._work.change(show)
 
     def _on_tap(self, tau: float, v: float) -> None:
-        self._choose_motion(PointState(self._chosen.attractor, (tau, v), self._chosen.direction))
+        self._choose_motion(replace(self._chosen, start=(tau, v)))
 
     def _on_motion(self, number: int | None) -> None:
         if number is not None and number != CLICKED:
-            self._choose_motion(PointState(number, None, self._chosen.direction))
+            self._choose_motion(replace(self._chosen, attractor=number, start=None))
 
     def _choose_motion(self, chosen: PointState) -> None:
         self._choose(chosen)
@@ -120,7 +189,7 @@ class Choices:
         self.show_motion()
 
     def _on_direction(self, direction: str) -> None:
-        self._choose(PointState(self._chosen.attractor, self._chosen.start, direction))
+        self._choose(replace(self._chosen, direction=direction))
         self._panel.under_diagram.html = waiting("the diagram")
         part = self._work.part(self._panel.under_diagram, self.one_diagram)
         self._diagram = self._work.start(part, self._diagram)

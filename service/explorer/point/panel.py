@@ -10,8 +10,10 @@ import panel as pn
 
 from service.explorer.common.text import Text
 from service.explorer.common.watch import Watch
+from service.explorer.design.fields import EXACT
+from service.explorer.design.tolerance_fields import ToleranceFields
 from service.explorer.files import asset
-from service.explorer.point import basins, diagram, motion
+from service.explorer.point import basins, diagram, loudness, motion
 
 MARGIN = (0, 4)
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
@@ -21,7 +23,8 @@ DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 class PointPanel:
     """What a browser takes long to lay out, the pictures, is made when a point has something to show in it.
 
-    Whoever shows a point sets `on_tap`, `on_motion` and `on_direction`, called when a viewer clicks or chooses.
+    Whoever shows a point sets `on_tap`, `on_motion`, `on_direction` and `on_play`, called when a viewer clicks or
+    chooses.
     """
 
     def __init__(self, theme: str) -> None:
@@ -29,27 +32,31 @@ class PointPanel:
         self.on_tap: Callable[[float, float], None]
         self.on_motion: Callable[[int | None], None]
         self.on_direction: Callable[[str], None]
+        self.on_play: Callable[[float | None], None]
         self._watch = Watch()
-        self.where, self.likely, self.safe, self.table, self.orbits = (self._text() for _ in range(5))
+        self.where, self.likely, self.safe, self.table, self.loud, self.orbits = (self._text() for _ in range(6))
         self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (self._text() for _ in range(4))
+        self.under_spectrum, self.heard = self._text(), self._text()
         self._basins, self._motion, self._diagram = (
             pn.Column(*(each.pane for each in texts), sizing_mode="stretch_width", margin=0)
             for texts in ((self.under_basins, self.about_lines), (self.under_motion,), (self.under_diagram,))
         )
-        words = (self.where, self.likely, self.safe, self.table, self.orbits)
+        words = (self.where, self.likely, self.safe, self.table, self.loud, self.orbits)
+        self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
         self.column = pn.Column(
-            *(each.pane for each in words), self._basins, self._motion, self._diagram,
+            *(each.pane for each in words), self._tolerance, self._basins, self._motion, self._diagram,
             css_classes=["point"], sizing_mode="stretch_width", margin=0,
         )  # fmt: skip
 
     def clear(self) -> None:
         """Take away what there is of a point."""
         for text in (
-            self.where, self.likely, self.safe, self.table, self.orbits,
-            self.under_basins, self.about_lines, self.under_motion, self.under_diagram,
+            self.where, self.likely, self.safe, self.table, self.loud, self.orbits,
+            self.under_basins, self.about_lines, self.under_motion, self.under_diagram, self.under_spectrum, self.heard,
         ):  # fmt: skip
             text.html = ""
-        for name in ("picture", "motions", "diagram"):
+        self._tolerance.visible = False
+        for name in ("picture", "motions", "spectrum", "diagram"):
             if name in self.__dict__:  # it has been made
                 getattr(self, name).clear()
 
@@ -92,9 +99,42 @@ class PointPanel:
         found = motion.MotionPictures(self._theme)
         panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
         self._motion[:] = [
-            self._text("<h3>Motion</h3>").pane, self.choice, pn.Row(*panes, **WIDE), self.under_motion.pane
+            self._text("<h3>Motion</h3>").pane, self.choice, pn.Row(*panes, **WIDE), self.under_motion.pane,
+            pn.Row(self.rpm, self._play, self.heard.pane, **WIDE), pn.pane.Bokeh(self.spectrum.figure, **WIDE),
+            self.under_spectrum.pane,
         ]  # fmt: skip
         return found
+
+    @cached_property
+    def spectrum(self) -> loudness.SpectrumPicture:
+        """The order spectrum of the motion."""
+        return loudness.SpectrumPicture(self._theme)
+
+    @cached_property
+    def rpm(self) -> pn.widgets.FloatInput:
+        """How fast what is heard turns."""
+        style: dict[str, Any] = {"width": 130, "margin": (2, 4), "stylesheets": self._sheets}
+        return pn.widgets.FloatInput(label="Speed, rpm", value=3000.0, start=0.0, format=EXACT, **style)
+
+    @cached_property
+    def _play(self) -> pn.widgets.Button:
+        found = pn.widgets.Button(
+            label="Play", css_classes=["play"], margin=(2, 4), align="end", stylesheets=self._sheets
+        )
+        found.on_click(lambda _event: self.on_play(self.rpm.value))
+        return found
+
+    @cached_property
+    def _fields(self) -> ToleranceFields:
+        found = ToleranceFields(self._sheets)
+        self._tolerance[:] = [found.panel]
+        return found
+
+    @property
+    def tolerance(self) -> ToleranceFields:
+        """Where tolerances are given."""
+        self._tolerance.visible = True
+        return self._fields
 
     @cached_property
     def direction(self) -> pn.widgets.RadioButtonGroup:

@@ -17,6 +17,7 @@ from rattle.continuation.diagram import Diagram
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.plane import ImpactingPlane
 from rattle.models import AnyGear, model_at
+from service.explorer.design import rattling
 
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
 SPANS = {"epsilon": 0.02, "delta": 0.05}  # of the diagram, either way, of the scale of the plane
@@ -239,6 +240,7 @@ def warm_up(gear: AnyGear) -> None:
         basins(gear, 20, method)
     motion(gear, 0.3, 4.0, 1.0, 2)
     lines(gear, arclength=1.0)
+    rattling.warm_up(gear)
     if model_at(gear).has_margin:
         margin(gear)
     diagram(gear, "epsilon", steps=4, count=4, share=0.25)

@@ -10,9 +10,11 @@ import panel as pn
 import param
 
 import rattle
+from rattle import Machine
 from rattle.models import AnyModel
 from rattle.plot.colours import Palette
-from service.explorer.point import basins, parts, words
+from service.explorer.design import rattling
+from service.explorer.point import basins, loudness, parts, words
 from service.explorer.point.choices import Choices
 from service.explorer.point.panel import PointPanel
 from service.explorer.point.parts import Lines
@@ -31,19 +33,26 @@ class PointView(param.Parameterized):
     """Everything about one (δ, ε), in a panel; slow parts fill in from processes of their own until `stop` is called.
 
     `state` is what a URL keeps to reproduce the view, all of it text: the attractor (its place by falling share) or the
-    initial condition (tau, v) whose motion is shown, and the direction of the diagram. What of it cannot be read is
-    as by default.
+    initial condition (tau, v) whose motion is shown, the direction of the diagram, and tolerances. What of it cannot be
+    read is as by default. Numbers of a machine's point are in SI units too.
     """
 
     state = param.Dict(default={})
 
     def __init__(
-        self, panel: PointPanel, front: Front, delta: float, epsilon: float, model: AnyModel, **state: str
+        self,
+        panel: PointPanel,
+        front: Front,
+        delta: float,
+        epsilon: float,
+        model: AnyModel,
+        machine: Machine | None = None,
+        **state: str,
     ) -> None:
         possible = delta > 0 and epsilon >= 0  # else there is no gear, which is told below
         chosen = PointState.read(state, parts.highest_speed(delta, epsilon, model.beta) if possible else 0.0)
         super().__init__(state=chosen.text())
-        self.panel, self._model, self._front = panel, model, front
+        self.panel, self._model, self._machine, self._front = panel, model, machine, front
         self._work = Work(front, pn.state.curdoc, model.name)
         self._orbits: tuple[rattle.Orbit, ...] = ()
         self._found: parts.Chances | None = None
@@ -56,7 +65,7 @@ class PointView(param.Parameterized):
         except rattle.RattleError as error:
             panel.where.html = f'<p class="wrong">{escape(str(error))}</p>'
             return
-        self._choices = Choices(panel, self._work, self._gear, self._palette, chosen, self._remember)
+        self._choices = Choices(panel, self._work, self._gear, machine, self._palette, chosen, self._remember)
         self._say_what_is_computed()
         self._work.start(self._fill())
 
@@ -71,7 +80,9 @@ class PointView(param.Parameterized):
 
     def _say_what_is_computed(self) -> None:
         panel, ready = self.panel, partial(self._front.kernels.has, self._model.name)
-        panel.where.html = f"<p>{escape(words.where(self._gear))}</p>"
+        panel.where.html = f"<p>{escape(words.where(self._gear))}</p>" + (
+            f"<p>{escape(words.in_si(self._machine))}</p>" if self._machine else ""
+        )
         for text, what in (
             (panel.orbits, "the period-one orbits"),
             (panel.likely, "how likely quiet running is"), (panel.under_basins, "the basins"),
@@ -93,6 +104,7 @@ class PointView(param.Parameterized):
         """
         part, panel = self._work.part, self.panel
         await part(panel.likely, self._chances)
+        await part(panel.loud, self._intensities)
         await asyncio.sleep(PAINT_SECONDS)
         await part(panel.under_basins, partial(self._some_basins, 100, "cells"))
         self._choices.show_motion()
@@ -121,6 +133,14 @@ class PointView(param.Parameterized):
         self._found = found
         self.panel.likely.html = f"<p><strong>{escape(words.how_likely(self._gear, found))}</strong></p>"
         self.panel.table.html = words.attractors_table(found, self._palette)
+
+    async def _intensities(self) -> None:
+        if self._found is None:
+            return
+        attractors = self._found.attractors
+        found = await self._work.compute(rattling.intensities, self._gear, attractors, what="The intensities")
+        said = loudness.intensity_table(attractors, found, self._gear.delta, self._machine, self._palette)
+        await self._work.tell(self.panel.loud, said)
 
     async def _closed_form(self) -> None:
         await self._work.kernels(Part.ORBITS)

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from html import escape
 
 import rattle
+from rattle import Machine
 from rattle.models import AnyGear, model_at
 from rattle.orbits.period_one import in_words
 from rattle.plot.colours import Palette, name_of
@@ -82,6 +83,18 @@ def where(gear: AnyGear) -> str:
     if model.in_closed_form and gear.epsilon < gear.sn1:
         return f"{at}{backlash}{quiet} Rattle with one impact a period, P(1,1,0), begins at ε = {number(gear.sn1)}."
     return f"{at}{backlash}{quiet}"
+
+
+def in_si(machine: Machine) -> str:
+    """A point as a machine, and what the model's units are there."""
+    units = machine.units
+    quiet = machine.gear.quiet_limit * units.length
+    stiff = "" if machine.stiffness is None else f", a mesh stiffness of {number(machine.stiffness)} N/m"
+    return (
+        f"A machine at {number(machine.rpm, 6)} rpm with an eccentricity of {number(1e6 * machine.eccentricity)} µm"
+        f"{stiff}: quiet running is possible up to {number(1e6 * quiet)} µm. A speed of 1 is {number(units.velocity)} "
+        f"m/s along the line of action, an energy v²/2 of 1 is {number(units.energy)} J."
+    )
 
 
 def how_likely(gear: AnyGear, found: Chances) -> str:

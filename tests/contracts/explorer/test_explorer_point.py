@@ -207,8 +207,12 @@ def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    "state", [{}, {"attractor": "0"}, {"attractor": "3"}, {"tau": "0.25", "v": "4.5"}, {"direction": "delta"}]
-)
+    "state",
+    [
+        {}, {"attractor": "0"}, {"attractor": "3"}, {"tau": "0.25", "v": "4.5"}, {"direction": "delta"},
+        {"tolerance": "0.02,0.01,0.9"},
+    ],
+)  # fmt: skip
 def test_a_state_is_kept(state: dict[str, str]) -> None:
     assert PointState.read(state, 7.0).text() == state
 
@@ -218,7 +222,8 @@ def test_a_state_is_kept(state: dict[str, str]) -> None:
     [
         {"attractor": "x"}, {"attractor": "-1"}, {"attractor": "1e9"}, {"tau": "nan", "v": "4"}, {"tau": "0.5"},
         {"tau": "0.5", "v": "inf"}, {"tau": "1.5", "v": "3"}, {"tau": "0.5", "v": "0"}, {"tau": "0.5", "v": "1e300"},
-        {"direction": "<script>"}, {"other": "1"},
+        {"direction": "<script>"}, {"other": "1"}, {"tolerance": "0.1"}, {"tolerance": "1,2,nan"},
+        {"tolerance": "-1,1,0.9"},
     ],
 )  # fmt: skip
 def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) -> None:
@@ -255,6 +260,8 @@ def is_complete(view: PointView, side: int) -> bool:
         view.panel.under_basins,
         view.panel.under_motion,
         view.panel.under_diagram,
+        view.panel.loud,
+        view.panel.under_spectrum,
     )
     return (
         all(text.html and "computing" not in text.html for text in texts)
@@ -285,7 +292,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         assert "region IV" in view.panel.where.html
         assert "2.602, 0.2109" in view.panel.orbits.html
         await eventually(lambda: is_complete(view, 600 // COARSER))
-        assert len(computed) == 6
+        assert len(computed) == 8
         processes = set.union(*computed.values())
         assert os.getpid() not in processes  # the loop runs on
         assert len(processes) <= front.settings.max_points  # which stay warm

@@ -20,6 +20,7 @@ from service.database.tables import JobRow, State
 from service.explorer.common.address import Pair, View
 from service.explorer.common.news import News, Standing
 from service.explorer.common.viewer import Viewer
+from service.explorer.design.limits import DesignLimits
 from service.explorer.map.overlays import Crises
 from service.explorer.map.planes import Atlas
 from service.explorer.map.shared import Shared
@@ -57,7 +58,7 @@ def with_map(data: Path, body: Callable[[Front, MapView], Awaitable[None]], **vi
         app = create_app(Settings(data=data, preload=False), no_cluster)
         async with app.router.lifespan_context(app):
             front: Front = app.state.front
-            shared = Shared(front, News(front), Atlas(front), Crises(front))
+            shared = Shared(front, News(front), Atlas(front), Crises(front), DesignLimits(front))
             viewer = Here(front, Caller(), Document())
             shown = MapView(shared, viewer, View(overlays=(), **view), "light", "", lambda _: None, lambda: None)
             viewer.document.add_root(shown.map.figure)
@@ -120,7 +121,7 @@ def test_a_survey_without_numbers_is_not_shown_with_those_of_the_one_before(tmp_
         assert shown.map.figure.x_range.start > 0.75
         assert shown._lines.key.overlays[0]["meaning"] == Stiff(0.6, 1e4).describe("SN1")
         names = [each["name"] for each in shown._lines.key.overlays]
-        assert names == list(Stiff(0.6, 1e4).curve_names)  # no crisis and no points, which are not known of it
+        assert names == [*Stiff(0.6, 1e4).curve_names, "design_limit"]  # no crisis and no points, which it has not
 
     with_map(tmp_path, body)
 

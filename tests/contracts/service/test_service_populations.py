@@ -7,13 +7,15 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of, key
+from typer.testing import CliRunner
 
-from service.client import Client
+from service.cli import app
+from service.client import Client, Job
 from service.database import DoneTile
 from service.database.tables import State
 from service.errors import ResponseError, ServiceError
-from workers import PopulationRequest, create_store, finish_store, tiles_of
-from workers.answers import population_of
+from workers import PopulationRequest, SurveyError, SurveyRequest, create_store, finish_store, open_survey, tiles_of
+from workers.answers import population_in, population_of
 from workers.kinds import compute_tile
 from workers.storage.store import write_tile
 
@@ -167,7 +169,8 @@ def test_only_who_submitted_a_population_removes_it(tmp_path: Path) -> None:
         assert client.delete(here, headers=mine).json()["state"] == "dismissed"
 
 
-def test_the_client_submits_waits_and_asks(client: TestClient) -> None:
+def test_the_client_submits_waits_and_asks(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Client, "close", lambda _: None)  # the tests below go on with it
     survey_id = finished(client, seed=8)
     with Client(http=client) as python:
         job = python.submit_population(POPULATION | {"seed": 8})
@@ -181,3 +184,49 @@ def test_the_client_submits_waits_and_asks(client: TestClient) -> None:
         waits.delete()
         with pytest.raises(ServiceError, match=r"Population .* is dismissed"):
             waits.wait()
+        by_fields = python.submit_population(**POPULATION | {"seed": 8})
+        assert by_fields.id == survey_id
+        listed = list(python.populations())
+        assert survey_id in [each.id for each in listed]
+        assert {each.kind for each in listed} == {"population"}
+        assert repr(job) == f"<population {survey_id}: successful, 100 %>"
+
+
+def test_commands_submit_list_and_follow_a_population(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = [text for name, value in {"delta": "0.6", "epsilon": "uniform:0.03:0.21", "beta": "uniform:0.5:0.7"}.items()
+             for text in (f"--{name}", value)]  # fmt: skip
+    asked += ["--name", "small", "--gears", "40", "--count", "4", "--share", "0.6", "--judged", "4", "--pairs", "40"]
+    asked += ["--tile", "80", "--seed", "10"]
+    survey_id = finished(client, seed=10)
+    store = front_of(client).directory.store(survey_id)
+    monkeypatch.setattr(Client, "close", lambda _: None)
+    monkeypatch.setattr("service.client.Client", lambda _url: Client(http=client))
+    monkeypatch.setattr(Job, "open", lambda _: open_survey(store))
+
+    def said(*arguments: str, code: int = 0) -> str:
+        result = CliRunner().invoke(app, arguments)
+        assert result.exit_code == code, result.output
+        return " ".join(result.output.split())
+
+    words = said("tolerance", "--submit", "--watch", *asked)
+    exact = population_of(store)
+    assert words.startswith(survey_id)
+    assert f"runs quietly with a probability of {exact.quiet.value:.4g} [{exact.quiet.low:.4g}" in words
+    followed = said("watch", survey_id)
+    assert followed in words
+    assert survey_id in said("list", "--populations")
+    assert survey_id not in said("list")
+    assert "--out PATH" in said("tolerance", *asked, code=2).replace("│ ", "")
+    assert "no survey and no population" in said("watch", "0" * 16, code=2).replace("│ ", "")
+
+
+def test_a_population_is_answered_from_an_opened_store(client: TestClient) -> None:
+    store = front_of(client).directory.store(finished(client, seed=11))
+    found, exact = population_in(open_survey(store), "it"), population_of(store)
+    assert (found.quiet, found.passing, found.worst(3)) == (exact.quiet, exact.passing, exact.worst(3))
+    with pytest.raises(SurveyError, match="it holds no population"):
+        population_in(open_survey(store).assign_attrs(request=SurveyRequest(**BODY).model_dump_json()), "it")
+    lacking = open_survey(store).load()
+    lacking["status"][3] = 0
+    with pytest.raises(SurveyError, match="it lacks 1 gears"):
+        population_in(lacking, "it")

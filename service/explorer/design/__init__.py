@@ -1,0 +1,1 @@
+"""What a designer gives and gets: a machine in SI units, tolerances, design limits, sounds."""

@@ -1,0 +1,77 @@
+"""The design limit over a map: the largest eccentricity for which gears run quietly often enough, at each damping."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import AsyncIterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle import Limit, design_limit
+from rattle.models import AnyModel
+from service.explorer.common.address import Pair
+from service.kernels import Part
+from service.operations.turns import in_turn
+from service.state import Front
+
+VALUES = 33  # of δ, across a survey
+COUNT = 512
+KEPT = 16
+
+Key = tuple[AnyModel, Pair, float]
+Array = NDArray[np.float64]
+
+
+def limit_at(model: AnyModel, delta: float, share: float) -> Limit:
+    """The limit at one damping; NaN where there is none."""
+    given = {"delta": delta, "beta": model.beta, "kappa": model.stiffness}
+    fewest = math.ceil(4.0 * share / (1.0 - share))
+    return design_limit(given, "epsilon", share, count=max(COUNT, fewest))
+
+
+class DesignLimits:
+    """The limits that were asked for, each computed once for all pages, one damping after the other."""
+
+    def __init__(self, front: Front) -> None:
+        self._front = front
+        self._known: dict[Key, dict[float, Limit]] = {}
+
+    async def along(self, model: AnyModel, delta: Pair, share: float) -> AsyncIterator[tuple[Array, Array]]:
+        """Dampings (k,) and limits with their intervals (3, k), more and more of them, coarse first. Raises RattleError
+        where they cannot be computed.
+        """
+        key = model, delta, share
+        known = self._known.pop(key, {})
+        self._known[key] = known  # the newest
+        while len(self._known) > KEPT:
+            self._known.pop(next(iter(self._known)))
+        for value in coarse_first(delta):
+            if value not in known:
+                async with self._front.slow_points:
+                    known[value] = await in_turn(
+                        self._front,
+                        limit_at,
+                        *(model, value, share),
+                        needs=(model.name, Part.ATTRACTORS),
+                        what="The design limit",
+                        advice="Use the command rattle limit.",
+                    )
+                yield _sorted(known)
+        yield _sorted(known)
+
+
+def coarse_first(delta: Pair) -> list[float]:
+    """The dampings across a window, both ends included, in an order in which they tell most."""
+    values = np.linspace(*delta, VALUES)
+    order = [0, VALUES - 1]
+    step = VALUES - 1
+    while step > 1:
+        order += range(step // 2, VALUES, step)
+        step //= 2
+    return [float(values[i]) for i in order]
+
+
+def _sorted(known: dict[float, Limit]) -> tuple[Array, Array]:
+    rows = sorted(known.items())
+    return np.array([value for value, _ in rows]), np.array([limit for _, limit in rows], np.float64).reshape(-1, 3).T

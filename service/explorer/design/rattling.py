@@ -1,0 +1,45 @@
+"""How hard the motions of a point rattle, for processes of their own: intensities, order spectra, sounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import rattle
+from rattle.intensity.sound import wav
+from rattle.intensity.spectrum import Density, Lines
+from rattle.models import AnyGear
+
+HIGHEST = 24.0  # order of a spectrum
+SECONDS, RATE = 3.0, 22050  # of a sound
+
+
+def intensities(gear: AnyGear, attractors: Sequence[rattle.Attractor]) -> tuple[rattle.Intensity | None, ...]:
+    """The intensity of each attractor, None of one that cannot be followed; undecided ones have NaN."""
+    return tuple(_intensity(gear, each) for each in attractors)
+
+
+def _intensity(gear: AnyGear, attractor: rattle.Attractor) -> rattle.Intensity | None:
+    try:
+        return gear.intensity(attractor)
+    except rattle.RattleError:  # too close to grazing, or to rest
+        return None
+
+
+def spectrum(gear: AnyGear, attractor: rattle.Attractor) -> Lines | Density:
+    """Lines of a periodic or quiet motion, the density of a chaotic one. Raises RattleError if it is undecided."""
+    return gear.spectrum(attractor, HIGHEST)
+
+
+def sound(gear: AnyGear, attractor: rattle.Attractor, rpm: float) -> bytes:
+    """The motion as a WAV file, its loudest sample as loud as can be; silence if it is quiet."""
+    return wav(gear.sound(attractor, rpm, SECONDS, RATE), RATE)
+
+
+def warm_up(gear: AnyGear) -> None:
+    """Load their kernels."""
+    found = gear.attractors(16)
+    intensities(gear, found)
+    for each in found:
+        if each.kind != "undecided":
+            gear.spectrum(each, 1.0, 4)
+            gear.sound(each, 3000.0, 0.01)

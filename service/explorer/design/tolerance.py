@@ -1,0 +1,97 @@
+"""Gears that differ about a point: the ellipse that holds 95 % of them, and how many of them run quietly."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import rattle
+from rattle import Estimate, Machine, Normal
+from rattle.models import AnyGear, model_at
+
+HELD = 0.95  # of the gears are inside of the ellipse
+RADIUS = math.sqrt(-2.0 * math.log(1.0 - HELD))  # standard deviations
+SIDES = 96
+GEARS, COUNT, JUDGED = 1024, 8, 256
+STIFF_GEARS = 256
+LEAST = 0.1  # of the mean: the speed and the damping of a gear are cut off there
+
+
+class Tolerance(NamedTuple):
+    """Standard deviations of δ and ε, or of a machine's speed (rpm) and eccentricity (m), and the least P(quiet) of a
+    gear that passes.
+    """
+
+    first: float
+    second: float
+    share: float
+
+
+class Yield(NamedTuple):
+    """What becomes of so many gears."""
+
+    gears: int
+    quiet: Estimate
+    passing: Estimate
+
+
+def outline(delta: float, epsilon: float, machine: Machine | None, widths: Tolerance) -> NDArray[np.float64]:
+    """The ellipse (k, 2) in (δ, ε) about a point; that of speed and eccentricity as it is in this plane."""
+    angle = np.linspace(0.0, 2.0 * np.pi, SIDES + 1)
+    first, second = widths.first * RADIUS * np.cos(angle), widths.second * RADIUS * np.sin(angle)
+    if machine is None:
+        x, y = delta + first, epsilon + second
+    else:
+        x = delta * machine.rpm / np.maximum(machine.rpm + first, LEAST * machine.rpm)
+        y = epsilon + second / machine.units.length
+    return np.column_stack([np.maximum(x, LEAST * delta), np.maximum(y, 0.0)])
+
+
+def given_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> dict[str, Any]:
+    """The numbers of the gears as `rattle.population` takes them. Raises ParameterError."""
+    if machine is None:
+        kappa = model_at(gear).stiffness
+        others: dict[str, Any] = {"beta": gear.beta} | ({} if kappa is None else {"kappa": kappa})
+        pair = {"delta": gear.delta, "epsilon": gear.epsilon}
+    else:
+        pair = {"rpm": machine.rpm, "eccentricity": machine.eccentricity}
+        names = ("inertia", "drag", "backlash", "radius", "stiffness", "drive")
+        others = {name: getattr(machine, name) for name in names}
+    for name, width, low in zip(pair, widths, (LEAST, 0.0), strict=False):
+        pair[name] = _varying(pair[name], width, low)
+    return {**others, **pair}
+
+
+def _varying(mean: float, width: float, low: float) -> Any:
+    return Normal(mean, width, low=low * mean) if width > 0.0 else mean
+
+
+def yield_of(gear: AnyGear, machine: Machine | None, widths: Tolerance) -> Yield:
+    """How many of the gears about a point run quietly and pass. Raises ParameterError."""
+    gears = GEARS if model_at(gear).stiffness is None else STIFF_GEARS
+    found = rattle.population(
+        given_of(gear, machine, widths),
+        gears=gears,
+        count=COUNT,
+        share=widths.share,
+        judged=min(JUDGED, gears),
+        pairs=0,
+    )
+    assert found.passing is not None
+    return Yield(gears, found.quiet, found.passing)
+
+
+def in_words(found: Yield, share: float) -> str:
+    """A yield in two sentences."""
+    return (
+        f"Of {found.gears} gears with these tolerances {_percent(found.quiet)} of all runs are quiet, and "
+        f"{_percent(found.passing)} of the gears pass: they run quietly with a probability of {share:g} at least "
+        "(in brackets 95 % intervals)."
+    )
+
+
+def _percent(found: Estimate) -> str:
+    return f"{100 * found.value:.1f} % [{100 * found.low:.1f}, {100 * found.high:.1f}]"

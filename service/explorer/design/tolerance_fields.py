@@ -1,0 +1,60 @@
+"""Where a viewer gives the tolerances of a point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import panel as pn
+
+from rattle import Machine
+from rattle.models import AnyGear
+from service.explorer.common.text import Text
+from service.explorer.design.fields import EXACT, NUMBERS
+from service.explorer.design.tolerance import Tolerance
+
+TENTH = 0.1  # of the point's numbers: standard deviations that are offered
+SHARE = 0.9
+
+
+class ToleranceFields:
+    """Two standard deviations, a probability, a button; `on_asked` is called with what is entered."""
+
+    def __init__(self, sheets: list[str]) -> None:
+        self.on_asked: Callable[[Tolerance], None]
+        style: dict[str, Any] = {"width": 150, "margin": (2, 4), "stylesheets": sheets}
+        first, second, share = (pn.widgets.FloatInput(start=0.0, format=EXACT, **style) for _ in range(3))
+        share.label = "Passes: P(quiet) ≥"
+        self._widgets = first, second, share
+        self._per = 1.0, 1.0
+        self._button = pn.widgets.Button(label="Ellipse and yield", **style)
+        self._button.on_click(lambda _event: self._ask())
+        self.said = Text("", *sheets, margin=(0, 4))
+        heading = Text("<h3>Tolerances</h3>", *sheets, margin=(0, 4))
+        self.panel = pn.Column(
+            heading.pane, pn.FlexBox(*self._widgets, self._button, align_items="flex-end", margin=0), self.said.pane,
+            sizing_mode="stretch_width", margin=0,
+        )  # fmt: skip
+
+    def offer(self, gear: AnyGear, machine: Machine | None, widths: Tolerance | None) -> None:
+        """Ask for tolerances of a point, in the numbers of its machine where it has one."""
+        first, second, share = self._widgets
+        if machine is None:
+            first.label, second.label, self._per = "σ of δ", "σ of ε", (1.0, 1.0)
+            means = gear.delta, gear.epsilon
+        else:
+            speed, eccentricity = NUMBERS["rpm"], NUMBERS["eccentricity"]
+            first.label, second.label = f"σ of {speed.label.lower()}", f"σ of {eccentricity.label.lower()}"
+            self._per, means = (speed.per, eccentricity.per), (machine.rpm, machine.eccentricity)
+        given = widths or Tolerance(TENTH * means[0], TENTH * means[1], SHARE)
+        for widget, value, per in zip((first, second), given, self._per, strict=False):
+            widget.value = float(f"{value * per:.{3 if widths is None else 12}g}")
+        share.value = given.share
+        self.said.html = ""
+
+    def _ask(self) -> None:
+        first, second, share = (each.value for each in self._widgets)
+        if first is None or second is None or share is None:
+            self.said.html = '<p class="wrong" role="alert">A tolerance needs a number in each field.</p>'
+        else:
+            self.on_asked(Tolerance(first / self._per[0], second / self._per[1], share))

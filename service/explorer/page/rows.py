@@ -1,0 +1,79 @@
+"""The surveys of the page's list: where each stands, and what was asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from service.explorer.common.address import View
+from service.explorer.common.news import Standing
+from service.explorer.design.fields import NUMBERS, PAIR, in_unit
+from workers import SurveyRequest
+from workers.survey.values.schema import FIXED
+
+
+def row_of(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
+    """A survey as the list shows it in this view."""
+    job = standing.job
+    state, message = job.shown
+    submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
+    size, facts = _asked(job.request) if job.is_readable else ("", [])
+    chosen = job.id == view.survey and job.is_readable
+    return {
+        "id": job.id,
+        "name": job.name or f"survey {job.id[:6]}",
+        "size": size,
+        "state": str(state),
+        "progress": job.progress,
+        "message": message,
+        "failed": job.cells_failed,
+        "rate": standing.rate,
+        "left": standing.left,
+        "mine": owned,
+        "facts": [*facts, submitted],
+        "variable": view.variable if chosen else "",
+        "index": view.index if chosen else 0,
+        "slice": [next(_thirds(job.request), ""), view.slice] if chosen else ["", 0],
+    }
+
+
+def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
+    """The size of a survey, and what was asked."""
+    delta, epsilon = request["delta"], request["epsilon"]
+    facts = [
+        *(machine_facts(SurveyRequest.model_validate(request)) if request.get("machine") else []),
+        ["δ", _values(delta)],
+        ["ε", _values(epsilon)],
+        ["β", _values(request["beta"])],
+        *([["κ", _values(request["kappa"])]] if request.get("kappa") else []),
+        ["computes", ", ".join(request["quantities"])],
+        ["sample", f"{request['initial_conditions']['count']} initial conditions"],
+    ]
+    slices = [request[name]["num"] for name in _thirds(request)]
+    return " × ".join(map(str, (delta["num"], epsilon["num"], *slices))), facts
+
+
+def _thirds(request: dict[str, Any]) -> Iterator[str]:
+    """The name of the third axis, if there is one."""
+    return (name for name in FIXED if isinstance(request.get(name), dict))
+
+
+def _values(given: Any) -> str:
+    """A parameter that is one number, or an axis."""
+    return f"{given['start']:g} … {given['stop']:g}, {given['num']} values" if isinstance(given, dict) else f"{given:g}"
+
+
+def machine_facts(request: SurveyRequest) -> list[list[str]]:
+    """The speeds and eccentricities of a survey of a machine, and its other numbers; nothing of another survey."""
+    machine, delta, epsilon = request.machine, request.delta, request.epsilon
+    if machine is None:
+        return []
+    spans = {"rpm": (machine.rpm(delta.stop), machine.rpm(delta.start))}
+    spans["eccentricity"] = (machine.eccentricity(epsilon.start), machine.eccentricity(epsilon.stop))
+    facts = [
+        [NUMBERS[name].name.lower(), f"{in_unit(name, low)} … {in_unit(name, high)} {NUMBERS[name].unit}"]
+        for name, (low, high) in spans.items()
+    ]
+    numbers = machine.model_dump()
+    constant = [[NUMBERS[name].name.lower(), f"{in_unit(name, numbers[name])} {NUMBERS[name].unit}"] for name in PAIR]
+    return [*facts, *constant, ["drive", machine.drive]]

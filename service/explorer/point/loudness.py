@@ -1,0 +1,114 @@
+"""How hard the motions of a point rattle: a table of intensities, the order spectrum of one motion, its sound."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+from bokeh.models import ColumnDataSource
+
+import rattle
+from rattle import Machine
+from rattle.intensity.intensity import natural_energy
+from rattle.intensity.spectrum import Density, Lines
+from rattle.plot.colours import Palette, name_of
+from service.explorer.common.glyphs import empty
+from service.explorer.design.rattling import HIGHEST
+from service.explorer.point.figures import new_figure
+from service.explorer.point.words import number, table
+
+PLAIN = ("Impacts a period", "Mean speed", "Largest", "Energy Σv²/2", "dB re 2π²δ²")
+IN_SI = ("Impacts/s", "Mean, m/s", "Largest, m/s", "J a revolution", "Power, W", "dB re 1 pW")
+
+
+def intensity_table(
+    attractors: Sequence[rattle.Attractor],
+    found: Sequence[rattle.Intensity | None],
+    delta: float,
+    machine: Machine | None,
+    palette: Palette,
+) -> str:
+    """The intensities of attractors, in SI units where there is a machine."""
+    rows = []
+    for attractor, each in zip(attractors, found, strict=True):
+        swatch = f'<span class="swatch" style="background:{palette.colour(attractor)}"></span>'
+        cells = ["–"] * len(IN_SI if machine else PLAIN)
+        if each is not None:
+            cells = _in_si(each, machine) if machine else _plain(each, delta)
+        rows.append((f"{swatch}{escape(name_of(attractor))}", *cells))
+    return table("How hard each rattles", ("Motion", *(IN_SI if machine else PLAIN)), rows)
+
+
+def _plain(found: rattle.Intensity, delta: float) -> list[str]:
+    level = number(found.level(natural_energy(delta)))
+    energy = _with_error(found.energy, found.errors.energy)
+    return [number(found.impacts), number(found.mean_speed), number(found.largest_speed), energy, level]
+
+
+def _in_si(found: rattle.Intensity, machine: Machine) -> list[str]:
+    si = machine.in_si(found)
+    numbers = [number(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
+    return [*numbers, _with_error(si.power, si.power_error), number(si.level)]
+
+
+def _with_error(value: float, error: float) -> str:
+    return number(value) + (f" ± {number(error, 2)}" if error > 0 else "")
+
+
+class SpectrumPicture:
+    """Lines of a periodic or quiet motion, the density of a chaotic one with its 95 % interval."""
+
+    def __init__(self, theme: str) -> None:
+        self.figure: Any = new_figure("spectrum", theme, "order", "force", 240, (0.0, HIGHEST), (0.0, 1.0))
+        self._lines = ColumnDataSource({"x": [], "y": []})
+        self._density = ColumnDataSource({"x": [], "y": [], "low": [], "high": []})
+        self._drawn = [
+            self.figure.segment("x", 0, "x", "y", source=self._lines, line_width=2.5),
+            self.figure.line("x", "y", source=self._density, line_width=1.5),
+            self.figure.varea("x", "low", "high", source=self._density, fill_alpha=0.25),
+        ]
+
+    def clear(self) -> None:
+        """Show nothing."""
+        for source in (self._lines, self._density):
+            empty(source)
+
+    def show(self, found: Lines | Density, machine: Machine | None, colour: str) -> None:
+        """Draw a spectrum in a colour; in N and Hz of a machine."""
+        self.clear()
+        hertz, newton = (machine.units.frequency, machine.units.force) if machine else (1.0, 1.0)
+        x = hertz * found.order
+        if isinstance(found, Lines):
+            y = newton * np.abs(found.amplitude)
+            self._lines.data = {"x": x, "y": y}
+            what = "force, N" if machine else "force"
+        else:
+            power = newton * newton / hertz
+            y = power * found.high
+            self._density.data = {
+                "x": x, "y": power * found.density, "low": power * found.low, "high": power * found.high,
+            }  # fmt: skip
+            what = "force, N²/Hz" if machine else "force², per order"
+        self.figure.xaxis.axis_label = "frequency, Hz" if machine else "order"
+        self.figure.yaxis.axis_label = what
+        self.figure.x_range.update(start=-0.01 * hertz * HIGHEST, end=1.01 * hertz * HIGHEST)
+        self.figure.y_range.update(start=0.0, end=1.05 * max(float(y.max()), 1e-300))
+        for each in self._drawn[:2]:
+            each.glyph.line_color = colour
+        self._drawn[2].glyph.fill_color = colour
+
+
+def spectrum_caption(found: Lines | Density, what: str) -> str:
+    """A sentence on what the picture shows."""
+    if isinstance(found, Density):
+        return f"Order spectrum of the force between the teeth, {what}: its density, with the 95 % interval."
+    return f"Order spectrum of the force between the teeth, {what}: its lines, of orders of either sign, exact."
+
+
+def player(file: bytes) -> str:
+    """A WAV file, played as soon as it is there."""
+    data = b64encode(file).decode("ascii")
+    return f'<audio controls autoplay src="data:audio/wav;base64,{data}"></audio>'

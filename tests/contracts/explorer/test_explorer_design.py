@@ -1,0 +1,177 @@
+"""What a designer gives and gets on the page: machines in SI units, tolerances, design limits, sounds."""
+
+import asyncio
+import io
+from base64 import b64decode
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import wavfile
+from service_support import no_cluster
+from waiting import eventually
+
+import rattle
+from rattle.models import AnyGear, Impacting, Stiff
+from service.app import create_app
+from service.errors import UnavailableError
+from service.explorer.design import limits, rattling, tolerance
+from service.explorer.design.limits import DesignLimits, coarse_first
+from service.explorer.design.tolerance import RADIUS, Tolerance
+from service.explorer.point import loudness, parts
+from service.explorer.point.panel import PointPanel
+from service.explorer.point.view import PointView
+from service.settings import Settings
+from service.state import Front
+
+MACHINE = rattle.Machine(0.003, 5e-4, 100e-6, 15e-6, 0.05, rpm=3000)
+
+
+def with_front(data: Path, body: Callable[[Front], Awaitable[None]]) -> None:
+    async def main() -> None:
+        app = create_app(Settings(data=data, preload=False, explorer=False), no_cluster)
+        async with app.router.lifespan_context(app):
+            await body(app.state.front)
+
+    asyncio.run(main())
+
+
+def test_an_ellipse_holds_95_of_100_gears() -> None:
+    rng = np.random.default_rng(1)
+    inside = np.hypot(*rng.standard_normal((2, 200_000))) < RADIUS
+    assert inside.mean() == pytest.approx(0.95, abs=2e-3)
+    line = tolerance.outline(0.6, 0.1, None, Tolerance(0.02, 0.01, 0.9))
+    away = np.hypot((line[:, 0] - 0.6) / 0.02, (line[:, 1] - 0.1) / 0.01)
+    np.testing.assert_allclose(away, RADIUS, rtol=1e-12)
+
+
+def test_the_ellipse_of_a_machine_is_one_of_speed_and_eccentricity() -> None:
+    line = tolerance.outline(MACHINE.delta, MACHINE.epsilon, MACHINE, Tolerance(100.0, 2e-6, 0.9))
+    rpm = 60.0 * MACHINE.drag / (MACHINE.inertia * line[:, 0])
+    eccentricity = line[:, 1] * MACHINE.radius
+    np.testing.assert_allclose(np.hypot((rpm - 3000) / 100, (eccentricity - 15e-6) / 2e-6), RADIUS, rtol=1e-9)
+    far = tolerance.outline(0.6, 0.01, None, Tolerance(10.0, 10.0, 0.9))
+    assert far.min() >= 0.0  # cut off where no gears are
+    assert far[:, 0].min() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("gear", "quiet"),
+    [(rattle.Gear(0.6, 0.03), 1.0), (rattle.Gear(0.6, 0.25), 0.0), (Stiff(0.6, 1e4).gear(0.6, 0.03), 1.0)],
+)
+def test_the_yield_where_it_is_known(gear: AnyGear, quiet: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tolerance, "GEARS", 64)
+    monkeypatch.setattr(tolerance, "STIFF_GEARS", 8)
+    found = tolerance.yield_of(gear, None, Tolerance(0.005, 0.001, 0.9))
+    assert (found.quiet.value, found.passing.value) == (quiet, quiet)
+    assert f"{100 * quiet:.1f} % [" in tolerance.in_words(found, 0.9)
+
+
+def test_the_yield_of_a_machine_is_that_of_its_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = tolerance.given_of(MACHINE.gear, MACHINE, Tolerance(0.0, 3e-6, 0.9))
+    assert given["rpm"] == pytest.approx(3000)
+    assert given["eccentricity"] == rattle.Normal(15e-6, 3e-6, low=0.0)
+    assert (given["backlash"], given["drive"]) == (100e-6, "torque")
+    with pytest.raises(rattle.ParameterError, match="nothing varies"):
+        tolerance.yield_of(MACHINE.gear, MACHINE, Tolerance(0.0, 0.0, 0.9))
+    monkeypatch.setattr(tolerance, "GEARS", 128)
+    monkeypatch.setattr(tolerance, "JUDGED", 1)
+    found = tolerance.yield_of(MACHINE.gear, MACHINE, Tolerance(0.0, 1e-9, 0.9))
+    shares = {each.kind: each.fraction for each in MACHINE.attractors(1024)}
+    assert found.quiet.low - 0.03 < shares["quiet"] < found.quiet.high + 0.03
+
+
+def test_a_design_limit_is_found_once_coarse_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[float] = []
+
+    async def here(_front: Front, work: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
+        asked.append(arguments[1])
+        return work(*arguments)
+
+    async def body(front: Front) -> None:
+        monkeypatch.setattr(limits, "in_turn", here)
+        monkeypatch.setattr(limits, "COUNT", 64)
+        monkeypatch.setattr(limits, "VALUES", 5)
+        known = DesignLimits(front)
+        drawn = [found async for found in known.along(Impacting(0.6), (0.5, 0.9), 0.8)]
+        assert [delta.size for delta, _ in drawn] == [1, 2, 3, 4, 5, 5]
+        assert asked == pytest.approx([0.5, 0.9, 0.7, 0.6, 0.8])
+        delta, found = drawn[-1]
+        assert np.all(np.diff(delta) > 0)
+        exact = rattle.design_limit({"delta": 0.7, "beta": 0.6}, "epsilon", 0.8, count=64)
+        np.testing.assert_array_equal(found[:, 2], exact)
+        again = [delta.size async for delta, _ in known.along(Impacting(0.6), (0.5, 0.9), 0.8)]
+        assert (again, len(asked)) == ([5], 5)
+
+    with_front(tmp_path, body)
+
+
+def test_every_value_of_a_limit_is_looked_at_once() -> None:
+    found = coarse_first((0.4, 1.0))
+    assert len(found) == len(set(found)) == limits.VALUES
+    assert sorted(found) == np.linspace(0.4, 1.0, limits.VALUES).tolist()
+
+
+def test_intensities_are_told_in_both_units() -> None:
+    attractors = MACHINE.attractors(64)
+    found = rattling.intensities(MACHINE.gear, attractors)
+    loud = next(i for i, each in enumerate(attractors) if each.n_plus == 2)
+    si, plain = (
+        loudness.intensity_table(attractors, found, MACHINE.delta, machine, loudness.Palette())
+        for machine in (MACHINE, None)
+    )
+    power = MACHINE.intensity(attractors[loud]).power
+    assert f"<td>{loudness.number(power)}</td>" in si
+    assert "<td>100</td>" in si  # impacts a second, as in docs/engineers.md
+    assert "<td>103.2</td>" in si
+    assert f"<td>{loudness.number(found[loud].energy)}</td>" in plain  # type: ignore[union-attr]
+    lost = replace(attractors[loud], tau=0.1, v=1.0)
+    assert rattling.intensities(MACHINE.gear, (lost,)) == (None,)
+
+
+def test_a_machine_s_point_is_told_in_si_and_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def quick(work: Callable[..., Any], *arguments: Any) -> Any:
+        if work in (parts.basins, parts.lines, parts.margin, parts.diagram):
+            raise UnavailableError("not in this test")
+        return work(*((arguments[0], 64) if work is parts.chances else arguments))
+
+    async def body(front: Front) -> None:
+        panel = PointPanel("light")
+        state = {"tolerance": "0.0,1e-06,0.9"}
+        view = PointView(panel, front, MACHINE.delta, MACHINE.epsilon, Impacting(MACHINE.beta), MACHINE, **state)
+
+        async def compute(work: Any, *arguments: Any, **_: Any) -> Any:
+            return quick(work, *arguments)
+
+        monkeypatch.setattr(view._work, "compute", compute)
+        monkeypatch.setattr(tolerance, "GEARS", 16)
+        assert "A machine at 3000 rpm with an eccentricity of 15 µm" in panel.where.html
+        await eventually(lambda: "J a revolution" in panel.loud.html)
+        await eventually(lambda: "its lines" in panel.under_spectrum.html)
+        lines = panel.spectrum._lines.data
+        np.testing.assert_allclose(lines["x"][:3], [0.0, 50.0, 100.0])
+        assert lines["y"][0] == pytest.approx(4 * np.pi * MACHINE.delta * MACHINE.units.force)  # carries the drag
+        await eventually(lambda: "of the gears pass" in panel.tolerance.said.html)
+        assert panel.rpm.value == 3000
+        panel.on_play(1500.0)
+        await eventually(lambda: "<audio" in panel.heard.html)
+        data = b64decode(panel.heard.html.split("base64,")[1].split('"')[0])
+        rate, heard = wavfile.read(io.BytesIO(data))
+        assert heard.size == rattling.SECONDS * rate
+        assert np.abs(heard).max() > 20_000
+        panel.on_play(None)
+        await eventually(lambda: "above 0 rpm" in panel.heard.html)
+        first, second, _ = panel.tolerance._widgets
+        assert (first.label, second.label, second.value) == ("σ of speed, rpm", "σ of eccentricity, µm", 1.0)
+        second.value = 2.0
+        panel.tolerance._ask()
+        assert view.state == {"tolerance": "0.0,2e-06,0.9"}
+        second.value = None
+        panel.tolerance._ask()
+        assert "needs a number" in panel.tolerance.said.html
+        view.stop()
+
+    with_front(tmp_path, body)

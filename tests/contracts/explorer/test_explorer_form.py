@@ -1,0 +1,94 @@
+"""The form without a browser: which request it stands for, and back."""
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from bokeh.document import Document
+from service_support import BODY, no_cluster
+
+import rattle
+from rattle.models import Impacting
+from service.access.keys import Caller
+from service.app import create_app
+from service.explorer.common.viewer import Viewer
+from service.explorer.page.form import CELLS, Form
+from service.explorer.page.rows import machine_facts
+from service.settings import Settings
+from workers import SurveyRequest
+
+MACHINE: dict[str, Any] = {
+    "inertia": 0.003, "drag": 0.05, "backlash": 100e-6, "radius": 0.05, "drive": "speed",
+    "rpm": {"start": 1500.0, "stop": 6000.0, "num": 5}, "eccentricity": {"start": 2e-6, "stop": 60e-6, "num": 4},
+}  # fmt: skip
+IN_SI = SurveyRequest.model_validate({"machine": MACHINE, "quantities": ["attractors"]})
+ASKED = SurveyRequest.model_validate(
+    {name: value for name, value in BODY.items() if name != "tile"} | {
+        "quantities": ["attractors", "lyapunov", "families"], "slots": 5, "slots_by": "fraction",
+        "initial_conditions": {"count": 9, "v_max": 5.0, "v_min": 1.5, "tau_min": 0.1, "tau_max": 0.35},
+    }
+)  # fmt: skip
+
+
+def with_form(data: Path, body: Callable[[Form], None]) -> None:
+    async def main() -> None:
+        app = create_app(Settings(data=data, preload=False, explorer=False), no_cluster)
+        async with app.router.lifespan_context(app):
+            viewer = Viewer(app.state.front, Caller(), Document())
+            body(Form(viewer, lambda _: None, ""))
+            viewer.end()
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize("request_", [IN_SI, ASKED], ids=["machine", "sample"])
+def test_the_form_stands_for_the_survey_that_fills_it(request_: SurveyRequest, tmp_path: Path) -> None:
+    def body(form: Form) -> None:
+        form.fill(request_)
+        assert SurveyRequest.model_validate(form.fields()) == request_  # to the bit: the same survey
+        assert form.machine.panel.visible == (request_.machine is not None)
+
+    with_form(tmp_path, body)
+
+
+def test_a_machine_is_entered_in_the_units_of_a_drawing(tmp_path: Path) -> None:
+    def body(form: Form) -> None:
+        form.in_si.value = True
+        (backlash,) = (each for each in form.machine.widgets if each.label == "Backlash, µm")
+        backlash.value = 120.0
+        found = SurveyRequest.model_validate(form.fields())
+        machine = rattle.Machine(0.003, 5e-4, 120e-6, 60e-6, 0.05, rpm=1000)
+        assert (found.beta, found.delta.stop, found.epsilon.stop) == (machine.beta, machine.delta, machine.epsilon)
+        backlash.value = None
+        with pytest.raises(ValueError, match=r"machine\.backlash"):
+            SurveyRequest.model_validate(form.fields())
+        backlash.value = 120e3
+        with pytest.raises(ValueError, match="backlash must be in metres"):
+            SurveyRequest.model_validate(form.fields())
+
+    with_form(tmp_path, body)
+
+
+def test_a_window_of_a_machine_s_survey_is_saved_in_si(tmp_path: Path) -> None:
+    def body(form: Form) -> None:
+        assert IN_SI.machine is not None
+        form.fill_window((0.05, 0.06), (2e-4, 3e-4), Impacting(IN_SI.beta), IN_SI.machine)
+        found = SurveyRequest.model_validate(form.fields())
+        assert found.machine == IN_SI.machine
+        assert (found.delta.start, found.delta.stop) == pytest.approx((0.05, 0.06), rel=1e-11)
+        assert (found.epsilon.start, found.epsilon.stop) == pytest.approx((2e-4, 3e-4), rel=1e-11)
+        assert found.shape == (CELLS, CELLS)
+        form.fill_window((0.5, 0.6), (0.1, 0.2), Impacting(0.6))
+        assert SurveyRequest.model_validate(form.fields()).machine is None
+
+    with_form(tmp_path, body)
+
+
+def test_a_survey_of_a_machine_is_listed_in_si() -> None:
+    said = dict(machine_facts(IN_SI))
+    assert said["speed"] == "1500 … 6000 rpm"
+    assert said["eccentricity"] == "2 … 60 µm"
+    assert said["base radius"] == "50 mm"
+    assert machine_facts(ASKED) == []

@@ -1,0 +1,134 @@
+"""The map of a machine's survey, and points that are entered, without a browser."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import test_explorer_view as views
+from service_support import BODY
+from test_explorer_view import accepted, cells, done, with_map
+from waiting import eventually
+
+import rattle
+from service.explorer.common.address import Entered
+from service.explorer.design.tolerance import Tolerance, outline
+from service.explorer.map.readout import readout
+from service.explorer.map.view import MapView
+from service.state import Front
+from workers import SurveyRequest
+
+NUMBERS: dict[str, Any] = {"inertia": 0.003, "drag": 0.05, "backlash": 100e-6, "radius": 0.05}
+MACHINE = SurveyRequest.model_validate(
+    {
+        "machine": NUMBERS
+        | {
+            "rpm": {"start": 1500.0, "stop": 6000.0, "num": 3},
+            "eccentricity": {"start": 2e-6, "stop": 60e-6, "num": 3},
+        },
+        "quantities": ["region"],
+    }
+)
+ENTERED = Entered(**NUMBERS, eccentricity=20e-6, rpm=3000.0, stiffness=3e8)
+
+
+@pytest.fixture(autouse=True)
+def _no_points(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is told of points is not waited for."""
+
+    def told(*_: Any) -> None:
+        return None
+
+    monkeypatch.setattr("service.explorer.point.view.PointView._say_what_is_computed", told)
+
+    async def nothing(_: Any) -> None:
+        return None
+
+    monkeypatch.setattr("service.explorer.point.view.PointView._fill", nothing)
+
+
+def test_speeds_and_eccentricities_are_beside_the_axes_of_a_machine_only(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        speed, eccentricity = (shown.map.figure.select_one({"name": name}) for name in ("rpm", "eccentricity"))
+        shown.choose(done(front, MACHINE))
+        await eventually(lambda: cells(shown) == 1)
+        assert speed.visible
+        assert eccentricity.visible
+        machine = rattle.Machine(**NUMBERS, eccentricity=20e-6, rpm=3000)
+        assert speed.ticker.args["scale"] / machine.delta == pytest.approx(3000)
+        assert eccentricity.ticker.args["scale"] * machine.epsilon == pytest.approx(20)
+        assert shown.map.figure.below[0].axis_label == "damping δ"
+        shown.choose(accepted(front, views.REGIONS))
+        assert not speed.visible
+
+    with_map(tmp_path, body)
+
+
+def test_the_tolerances_of_an_open_point_are_drawn(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        shown.choose(done(front, MACHINE))
+        await eventually(lambda: cells(shown) == 1)
+        machine = rattle.Machine(**NUMBERS, eccentricity=20e-6, rpm=3000)
+        shown._point(machine.delta, machine.epsilon)
+        drawn = shown.map._ellipse
+        assert not len(drawn.data["x"])
+        shown._remember_point({"tolerance": "100.0,2e-06,0.9"})
+        expected = outline(machine.delta, machine.epsilon, machine, Tolerance(100.0, 2e-6, 0.9))
+        np.testing.assert_allclose(np.column_stack([drawn.data["x"], drawn.data["y"]]), expected, rtol=1e-9)
+        shown._close_point()
+        assert not len(drawn.data["x"])
+
+    with_map(tmp_path, body)
+
+
+def test_a_machine_that_is_entered_is_looked_at_with_its_own_model(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        shown.choose(done(front, MACHINE))
+        await eventually(lambda: cells(shown) == 1)
+        shown._machine_point(ENTERED)
+        view: Any = shown._beside._view
+        assert view._gear == ENTERED.machine.gear
+        assert view._gear.kappa == ENTERED.machine.kappa
+        assert not len(shown.map._cross.data["x"])  # it is not in this plane
+        assert shown.view.machine == ENTERED
+        rigid = ENTERED._replace(stiffness=None)
+        shown._machine_point(rigid)
+        assert len(shown.map._cross.data["x"]) == 1
+        shown._point(*shown.view.point)  # type: ignore[misc]
+        assert shown.view.machine is None
+
+    with_map(tmp_path, body)
+
+
+def test_what_is_entered_of_a_machine_is_checked(tmp_path: Path) -> None:
+    async def body(_front: Front, shown: MapView) -> None:
+        go = shown._beside.panel[0]
+        go[0].clicks += 1
+        select, plain, machine, show, said = go[1]
+        select.value = True
+        assert machine.visible
+        assert not plain.visible
+        fields = {each.label: each for row in machine for each in row}
+        fields["Base radius, mm"].value = None
+        show.clicks += 1
+        assert "needs radius too" in said.object.text
+        fields["Base radius, mm"].value = 50e3
+        show.clicks += 1
+        assert "radius must be in metres" in said.object.text
+        fields["Base radius, mm"].value = 50.0
+        show.clicks += 1
+        assert shown.view.machine == Entered(0.003, 5e-4, 100e-6, 15e-6, 0.05, 3000.0)
+        select.value = False
+        show.clicks += 1
+        assert (shown.view.machine, shown.view.point) == (None, (0.6, 0.1))
+
+    with_map(tmp_path, body)
+
+
+def test_a_point_of_a_machine_s_survey_is_read_in_si() -> None:
+    machine = rattle.Machine(**NUMBERS, eccentricity=20e-6, rpm=3000)
+    window = (0.02, 0.08), (0.0, 1e-3)
+    said = readout(None, machine.delta, machine.epsilon, MACHINE.gear_model, window, None, MACHINE.machine)
+    assert "<dd>3000 rpm</dd>" in said
+    assert "<dd>20 µm</dd>" in said
+    assert "rpm" not in readout(None, 0.6, 0.1, SurveyRequest(**BODY).gear_model, ((0.4, 1.0), (0.0, 0.3)))
