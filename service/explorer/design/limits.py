@@ -15,7 +15,7 @@ from service.kernels import Part
 from service.operations.turns import in_turn
 from service.state import Front
 
-VALUES = 33  # of δ, across a survey
+VALUES = 17  # of δ, across a survey
 COUNT = 512
 KEPT = 16
 

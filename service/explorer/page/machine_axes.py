@@ -11,6 +11,7 @@ from service.explorer.design.fields import EXACT, NUMBERS, PAIR, MachineFields
 from workers import SurveyRequest
 from workers.survey.machine import SurveyedMachine
 
+LEAST_DELTA = 0.1  # of the upper end
 FIRST = {"rpm": (1000.0, 3000.0, 61), "eccentricity": (1.0, 60.0, 60)}
 ABOUT = "<p class=faint>Teeth that do not give way: with a stiffness, another κ belongs to each speed.</p>"
 
@@ -59,6 +60,7 @@ class MachineAxes:
     def fill_window(self, delta: Pair, epsilon: Pair, machine: SurveyedMachine) -> None:
         """Take over a machine and a window of the plane: what is fast has little damping."""
         self._machine.show(machine.model_dump())
+        delta = max(delta[0], LEAST_DELTA * delta[1]), delta[1]  # a window may show more than the plane
         spans = {"rpm": (machine.rpm(delta[1]), machine.rpm(delta[0]))}
         spans["eccentricity"] = (machine.eccentricity(epsilon[0]), machine.eccentricity(epsilon[1]))
         for name, span in spans.items():

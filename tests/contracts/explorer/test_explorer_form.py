@@ -80,6 +80,8 @@ def test_a_window_of_a_machine_s_survey_is_saved_in_si(tmp_path: Path) -> None:
         assert (found.delta.start, found.delta.stop) == pytest.approx((0.05, 0.06), rel=1e-11)
         assert (found.epsilon.start, found.epsilon.stop) == pytest.approx((2e-4, 3e-4), rel=1e-11)
         assert found.shape == (CELLS, CELLS)
+        form.fill_window((0.0, 0.06), (0.0, 3e-4), Impacting(IN_SI.beta), IN_SI.machine)  # zoomed out
+        assert SurveyRequest.model_validate(form.fields()).delta.start == pytest.approx(6e-3)
         form.fill_window((0.5, 0.6), (0.1, 0.2), Impacting(0.6))
         assert SurveyRequest.model_validate(form.fields()).machine is None
 
