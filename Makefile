@@ -33,11 +33,11 @@ figures: $(SURVEY)
 	$(BIN)/rattle figure all --out figures
 
 test: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
-	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n auto --no-loadscope-reorder
 
 # Everything that tests can look at: more examples, finer grids, references computed anew. Before a release.
 test-deep: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
-	TEST_DEPTH=deep $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+	TEST_DEPTH=deep $(BIN)/python -m pytest -n auto --no-loadscope-reorder
 
 # No verdict depends on speed: three times beside busy programs, once on one core.
 test-under-load: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)

@@ -4,10 +4,29 @@ import gc
 import logging
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from depth import DEEP
 from postgres import Postgres, missing
+from xdist.scheduler import LoadFileScheduling
+
+#: Files that share what takes long to start (a browser with its service, a bucket) run in one process.
+TOGETHER = ("tests/browser/", "tests/integration/test_bucket_")
+
+
+class Files(LoadFileScheduling):
+    """A file is run by one process, and so are those that belong together."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = super()._split_scope(nodeid)
+        return next((several for several in TOGETHER if file.startswith(several)), file)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Files:
+    """Instead of `--dist loadfile`."""
+    return Files(config, log)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-SUITE = [sys.executable, "-m", "pytest", "-n", "auto", "--dist", "loadfile", "--no-loadscope-reorder"]
+SUITE = [sys.executable, "-m", "pytest", "-n", "auto", "--no-loadscope-reorder"]
 BUSY = "while True: pass"
 
 

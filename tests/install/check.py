@@ -119,8 +119,9 @@ class Environment:
             **kept,
             "HOME": str(home),
             "XDG_CACHE_HOME": str(home / ".cache"),
-            "RATTLE_CACHE_DIR": str(self.where / "kernels"),
-            "UV_CACHE_DIR": cache,  # downloads only
+            # Downloads, and kernels of the same code and releases: what another run of this made.
+            "RATTLE_CACHE_DIR": os.environ.get("RATTLE_CACHE_DIR") or str(Path.home() / ".cache" / "rattle"),
+            "UV_CACHE_DIR": cache,
         }
         try:
             return subprocess.run(

@@ -20,7 +20,7 @@ from mutations import PROTECTIONS, Protection
 
 ROOT = Path(__file__).parents[2]
 COPIED = ("rattle", "workers", "service", "tests", "pyproject.toml", "docker-compose.yml")
-SECONDS = 150  # a test that hangs has failed
+SECONDS = 150
 
 
 def _tail(output: str) -> str:
@@ -45,23 +45,28 @@ def _environment(copy: Path) -> dict[str, str]:
 
 
 def try_out(protection: Protection, copy: Path) -> bool:
-    """Whether the test fails without the protection; prints how."""
+    """Whether the test fails without the protection; prints how. One that hangs must end in that time with it."""
     whole = {edit.file: (copy / edit.file).read_text() for edit in protection.edits}
+    began = time.monotonic()
     try:
         for edit in protection.edits:
             edit.apply(copy)
-        began = time.monotonic()
-        command = [sys.executable, "-m", "pytest", "-x", "-q", f"--timeout={SECONDS}", "-p", "no:cacheprovider"]
-        told = subprocess.run(
-            [*command, *protection.test.split()], cwd=copy, env=_environment(copy), capture_output=True, text=True
-        )
+        told = _run(protection.test, copy)
     finally:
         for file, text in whole.items():
             (copy / file).write_text(text)
+    seconds, said = time.monotonic() - began, _tail(told.stdout)
     failed = told.returncode == 1  # 0: passed, others: it did not run
-    seconds = time.monotonic() - began
-    print(f"{'failed' if failed else 'NOT SEEN'} {seconds:4.0f} s  {protection.name}: {_tail(told.stdout)}", flush=True)
+    if failed and "Timeout" in said:
+        failed = _run(protection.test, copy).returncode == 0
+        said = "hangs" if failed else "slow, also with the protection: try it on an idle machine"
+    print(f"{'failed' if failed else 'NOT SEEN'} {seconds:4.0f} s  {protection.name}: {said}", flush=True)
     return failed
+
+
+def _run(test: str, copy: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pytest", "-x", "-q", f"--timeout={SECONDS}", "-p", "no:cacheprovider"]
+    return subprocess.run([*command, *test.split()], cwd=copy, env=_environment(copy), capture_output=True, text=True)
 
 
 def main() -> None:

@@ -2,7 +2,6 @@
 
 import os
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 from depth import deep
 from faults import Faults
-from s3_server import BUCKET, S3, s3_server
+from s3_server import BUCKET, S3
 from service_processes import (
     FIELDS,
     OPTIONS,
@@ -33,12 +32,6 @@ SOME = ("region", "attractors")
 REQUEST = SurveyRequest(**FIELDS, quantities=SOME)
 RUN = ("run", *OPTIONS, *ONE, *(word for name in SOME for word in ("--quantity", name)))
 MIDDLE = 3  # tiles that are done while the others are held
-
-
-@pytest.fixture(scope="module")
-def storage() -> Iterator[S3]:
-    with s3_server() as running:
-        yield running
 
 
 @pytest.fixture
@@ -86,6 +79,7 @@ def test_a_server_that_is_slow_and_fails_in_five_of_a_hundred_requests(s3: S3, e
         np.testing.assert_array_equal(dataset["region"], expected["region"])
 
 
+@deep
 def test_service_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_path: Path) -> None:
     faults, port, url, data = Faults(tmp_path), free_port(), f"s3://{BUCKET}/stores", tmp_path / "data"
     options = {"settings": faults.environment | s3.settings}

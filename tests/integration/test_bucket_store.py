@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
-from s3_server import BUCKET, S3, s3_server
+from s3_server import BUCKET, S3
 
 import workers.storage.bucket
 from workers import (
@@ -42,17 +41,11 @@ OTHER = REQUEST.model_copy(update={"seed": 1})
 TILES = tiles_of(REQUEST)
 
 
-@pytest.fixture(scope="module")
-def server() -> Iterator[S3]:
-    with s3_server() as s3:
-        yield s3
-
-
 @pytest.fixture
-def s3(server: S3, monkeypatch: pytest.MonkeyPatch) -> S3:
-    for name, value in server.settings.items():
+def s3(storage: S3, monkeypatch: pytest.MonkeyPatch) -> S3:
+    for name, value in storage.settings.items():
         monkeypatch.setenv(name, value)
-    return server
+    return storage
 
 
 @pytest.fixture(autouse=True)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from depth import either
 from distributed import Client, Worker
 from intruders import CERTIFICATE_REQUIRED, anybody, intrude, listening, named_sockets, refusal, stranger
 from service_processes import free_port, get, server
@@ -15,7 +16,7 @@ from waiting import wait_until
 
 from workers import embedded_cluster
 
-WORKERS = 2
+WORKERS = either(1, 2)
 
 
 @pytest.fixture(scope="module")

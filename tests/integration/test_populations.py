@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from depth import deep
 from service_processes import client_of, finish, free_port, server, start
 from waiting import wait_until
 
@@ -42,16 +43,17 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_command_that_was_killed_goes_on(whole: Path, tmp_path: Path) -> None:
     out = tmp_path / "population.zarr"
-    first = start("tolerance", *OPTIONS, "--workers", "2", "--out", str(out))
+    first = start("tolerance", *OPTIONS, "--workers", "1", "--out", str(out))
     wait_until(lambda: len(list(out.glob("status/c/*"))) >= 3)
     os.killpg(first.pid, signal.SIGKILL)
     first.wait()
-    again = finish("tolerance", *OPTIONS, "--workers", "2", "--out", str(out))
+    again = finish("tolerance", *OPTIONS, "--workers", "1", "--out", str(out))
     assert again.returncode == 0, again.stderr
     assert "runs quietly with a probability of" in again.stdout
     assert chunks(out) == chunks(whole)
 
 
+@deep
 def test_a_service_that_was_killed_goes_on(whole: Path, tmp_path: Path) -> None:
     data, port = tmp_path / "data", free_port()
     process = start("serve", "--port", str(port), "--data", str(data))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+from depth import deep
 from faults import Faults
 from service_processes import OPTIONS
 from waiting import HANG, wait_until
@@ -18,7 +19,7 @@ COMMAND = (
 )
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.7])
+@pytest.mark.parametrize("delay", [pytest.param(0.0, marks=deep), 0.7])
 def test_while_the_cluster_starts(tmp_path: Path, delay: float) -> None:
     faults, out = Faults(tmp_path), tmp_path / "survey.zarr"
     faults.hold(0)  # it cannot be done before the signal comes

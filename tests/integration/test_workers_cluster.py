@@ -14,6 +14,7 @@ from pathlib import Path
 import dask
 import pytest
 import xarray as xr
+from depth import deep
 from distributed import Client
 from intruders import certificates, listening
 from waiting import HANG, wait_until
@@ -145,6 +146,7 @@ def test_finished_tiles_are_released(cluster: Client, store: Path) -> None:
     wait_until(lambda: not cluster.futures and not cluster.cluster.scheduler.tasks)
 
 
+@deep
 def test_a_killed_worker_does_not_show(cluster: Client, store: Path, serial: xr.Dataset) -> None:
     victim = processes(cluster)[0]
     run(store, cluster, after(3, lambda: os.kill(victim, signal.SIGKILL)))

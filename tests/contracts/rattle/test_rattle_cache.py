@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from depth import deep
 from waiting import HANG
 
 import rattle
@@ -118,6 +119,7 @@ print(*(float(x).hex() for x in found.lyapunov.ravel()))
 """
 
 
+@deep
 def test_the_process_that_compiles_computes_the_same_bits_as_the_next(tmp_path: Path) -> None:
     """Of functions that several kernels call, each has to use its own copy in either."""
     environment = os.environ | {"RATTLE_CACHE_DIR": str(tmp_path), "NUMBA_DEBUG_CACHE": "1"}

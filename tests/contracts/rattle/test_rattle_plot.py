@@ -233,7 +233,7 @@ def test_lines_are_folded_at_the_sides() -> None:
     ("point", "missing", "basin"),
     [
         ((0.6, 0.05, 0.6), "A, B, C, D", "L"),  # nothing but quiet motion
-        ((0.6, 0.25, 0.6), "B, C", "Ch"),  # above the quiet limit
+        pytest.param((0.6, 0.25, 0.6), "B, C", "Ch", marks=deep),  # above the quiet limit
         ((0.6, 0.1, 1.2), "B, D", "C"),
         ((0.6, 5.0, 0.6), "A, B, C, D", "Ch"),
     ],

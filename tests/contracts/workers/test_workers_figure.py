@@ -65,7 +65,7 @@ def lines(axes: Axes) -> dict[str, np.ndarray]:
     return {str(line.get_label()): line.get_xydata() for line in axes.get_lines() if len(line.get_xdata()) > 1}
 
 
-@pytest.mark.parametrize("name", MAPS)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=deep if n % 3 else ()) for n, name in enumerate(MAPS)])
 def test_every_map_of_a_running_survey_is_drawn(partial: xr.Dataset, name: str) -> None:
     picture = pixels(map_png(partial, name))
     grey = np.all(np.isclose(picture[..., :3], 0.78, atol=0.005), axis=-1)

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from depth import deep
 from service_processes import assert_bit_identical, finish, serial_run, start
 from typer.testing import CliRunner
 from waiting import HANG, wait_until
@@ -51,6 +52,7 @@ def test_a_small_survey_starts_no_other_process_and_holds_the_same_bits(tmp_path
         assert_bit_identical(survey, serial_run(REQUEST))
 
 
+@deep
 def test_who_asks_for_processes_gets_them(tmp_path: Path) -> None:
     out = tmp_path / "survey.zarr"
     ran = finish("run", *OPTIONS, "--workers", "1", "--out", str(out))

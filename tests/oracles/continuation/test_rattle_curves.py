@@ -10,6 +10,7 @@ from itertools import pairwise
 import curves_high_precision as exact
 import numpy as np
 import pytest
+from depth import either
 from mpmath import mp, mpf
 
 import rattle
@@ -17,7 +18,7 @@ from rattle import curves
 
 SEED = int(os.environ.get("CURVES_SEED", 2009))
 NAMES = ("SN1", "SN2", "PD1", "PD2", "PDC", "G1", "G2")
-PAIRS = 8
+PAIRS = either(5, 8)
 HIGHEST = 1.0  # ε
 
 

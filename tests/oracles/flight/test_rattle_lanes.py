@@ -78,7 +78,7 @@ def _mapped(states):
 @pytest.mark.parametrize(
     ("regime", "count", "near"),
     [
-        (flights.PLANE, either(100_000, 700_000), 0.25),
+        (flights.PLANE, either(40_000, 700_000), 0.25),
         (flights.WIDE, either(60_000, 300_000), 0.25),
         (flights.ARCS, either(60_000, 300_000), 0.5),
     ],

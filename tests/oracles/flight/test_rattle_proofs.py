@@ -39,8 +39,8 @@ RNG_SEED = 2009
 @pytest.mark.parametrize(
     ("regime", "count", "march_every", "proved_share"),
     [
-        (flights.PLANE, either(1_000_000, 10_000_000), 10, (0.45, 0.75)),
-        (flights.WIDE, either(400_000, 2_000_000), 10, (0.3, 0.65)),
+        (flights.PLANE, either(300_000, 10_000_000), 10, (0.45, 0.75)),
+        (flights.WIDE, either(150_000, 2_000_000), 10, (0.3, 0.65)),
     ],
     ids=["plane", "wide"],
 )

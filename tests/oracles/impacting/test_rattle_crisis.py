@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from depth import deep, either
 from transients import crisis_of, escapes
 
 from rattle.crisis import boundary_crisis, crisis_curve
@@ -72,6 +73,7 @@ def test_lifetimes_point_to_the_same_crisis():
     assert chi < 5
 
 
+@deep
 def test_lifetimes_at_a_tangency():
     """Grebogi, Ott, Yorke (1987): γ = ln λ_s / (2 ln λ_u λ_s)."""
     crisis = 0.1108867568417
@@ -86,9 +88,9 @@ def test_lifetimes_at_a_tangency():
 
 def test_the_curve_is_followed_through_the_change_of_contact():
     """A fresh search, which knows no neighbour, agrees; the contact changes where the root's coefficient vanishes."""
-    curve = crisis_curve(low=0.75, high=0.762, resolution=0.006)
+    curve = crisis_curve(low=(low := either(0.756, 0.75)), high=0.762, resolution=0.006)
     assert (np.diff(curve.delta) > 0).all()
-    assert curve.delta[0] == 0.75
+    assert curve.delta[0] == low
     assert curve.points[-1].delta == 0.762
     assert curve.epsilon[-1] == pytest.approx(CRISIS, abs=1e-13)
     (change,) = curve.changes
@@ -98,7 +100,7 @@ def test_the_curve_is_followed_through_the_change_of_contact():
     ]
     for shift, contact in ((-3e-4, "tangency"), (3e-4, "corner")):
         assert in_delta([change], change.delta + shift).contact == contact
-    fresh = boundary_crisis(0.75)
+    fresh = boundary_crisis(low)
     assert fresh.epsilon == pytest.approx(curve.epsilon[0], abs=1e-10)
 
 

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from depth import deep
 from high_precision import Flight
 from mpmath import mp, mpf
 
@@ -122,7 +123,7 @@ def test_basins_by_cells_are_those_of_the_trajectories():
         assert same == pytest.approx(attractor.fraction, abs=0.06), name
 
 
-@pytest.mark.parametrize("beta", [0.1, 0.15])
+@pytest.mark.parametrize("beta", [pytest.param(0.1, marks=deep), 0.15])
 def test_the_crisis_and_the_side_of_it_agree_at_weak_damping(beta):
     delta = 0.98 * 4 * beta / np.pi
     crisis = boundary_crisis(delta, beta)

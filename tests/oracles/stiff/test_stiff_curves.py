@@ -90,6 +90,7 @@ def test_curves_converge_to_those_of_the_impacting_model(name: str) -> None:
     assert abs(off[1]) < 1.3 * rate * abs(off[0]) + 4e-7
 
 
+@deep
 def test_curves_go_on_through_the_codimension_two_points() -> None:
     """SN1 becomes G2 where A and C are born grazing, and G1 and SN2 meet in a cusp; both tend to COD22 and COD23."""
     off = []

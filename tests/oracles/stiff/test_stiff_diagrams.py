@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from depth import deep
 from stiff_high_precision import integrated
 
 import rattle
@@ -134,7 +135,7 @@ def test_attractors_lie_on_stable_branches() -> None:
     assert {(2, 2, 2), (3, 3, 2)} <= {each.label for each in found.branches}
 
 
-@pytest.mark.parametrize(("name", "delta"), [("PDC", 0.45), ("PD2", 0.5)])
+@pytest.mark.parametrize(("name", "delta"), [pytest.param("PDC", 0.45, marks=deep), ("PD2", 0.5)])
 def test_flips_that_are_not_next_to_a_birth_are_named(name: str, delta: float) -> None:
     at = trace(name, BETA, 1e4, (delta - 0.02, delta + 0.02)).at(delta)[0]
     found = diagram((delta, at - 0.004), (delta, at + 0.004), BETA, 1e4, 4, 2)
