@@ -1,7 +1,8 @@
 """gear-rattle as other people's code imports it, beside the library `rattle`.
 
-`run_survey` makes a survey and opens it, `open_survey` opens one that is there, and `Client` talks to a service. In an
-installed wheel the packages `workers` and `service` stand in here (setup.py): in the checkout they stand beside it.
+`run_survey` makes a survey and opens it, `open_survey` opens one that is there, `open_family` a family of its
+attractors, and `Client` talks to a service. In an installed wheel the packages `workers` and `service` stand in here
+(setup.py): in the checkout they stand beside it.
 """
 
 from importlib import import_module
@@ -10,18 +11,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rattle import __version__
     from service.client import Client, Job
-    from workers import SurveyRequest, open_survey, run_survey
+    from workers import SurveyRequest, open_family, open_survey, run_survey
 
 _PLACES = {
     "Client": "service.client",
     "Job": "service.client",
     "SurveyRequest": "workers.survey.request",
     "__version__": "rattle",
+    "open_family": "workers.families",
     "open_survey": "workers.storage.store",
     "run_survey": "workers.run",
 }
 
-__all__ = ["Client", "Job", "SurveyRequest", "__version__", "open_survey", "run_survey"]
+__all__ = ["Client", "Job", "SurveyRequest", "__version__", "open_family", "open_survey", "run_survey"]
 
 
 def __getattr__(name: str) -> Any:

@@ -25,12 +25,14 @@ class Silent(SimpleHTTPRequestHandler):
 
 
 @pytest.mark.skipif(not INSTALLED, reason="node or zarrita is not there: make readers")
-def test_zarrita_reads_every_array(tmp_path: Path) -> None:
+@pytest.mark.parametrize("beta", [0.6, (0.6, 0.7, 2)], ids=["a plane", "a third axis"])
+def test_zarrita_reads_every_array(tmp_path: Path, beta: float | tuple[float, float, int]) -> None:
     run_survey(
         delta=(0.55, 0.7, 3),
         epsilon=(0.05, 0.1, 2),
         initial_conditions={"count": 4},
         quantities=tuple(set(Group) - {Group.BASINS}),
+        beta=beta,
         out=tmp_path / "survey.zarr",
     ).close()
     with ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Silent, directory=str(tmp_path))) as server:
