@@ -16,7 +16,7 @@ from workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from workers.cluster.isolation import compute_tile_apart
 from workers.cluster.submission import Submission
 from workers.errors import ClusterLostError, StoppedError, SurveyError
-from workers.families import join_survey
+from workers.families.join import join_survey
 from workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from workers.storage.location import Place, place_of
 from workers.storage.store import before_tiles, require_aligned, write_tile

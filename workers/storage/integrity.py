@@ -163,7 +163,7 @@ def examine_tiles(
     done, damaged = set[int](), dict[int, tuple[str, ...]]()
     with ThreadPoolExecutor(READERS) as readers:
         for row in range(rows):
-            found = readers.map(lambda column, row=row: _damage(place, manifest, row, column), range(columns))
+            found = readers.map(lambda column, row=row: lost_of_tile(place, manifest, row, column), range(columns))
             for column, lost in enumerate(found):
                 if should_stop and should_stop():
                     readers.shutdown(cancel_futures=True)  # the rest of a long row is not waited for
@@ -175,7 +175,7 @@ def examine_tiles(
     return done, damaged
 
 
-def _damage(place: Place, manifest: Manifest, row: int, column: int) -> tuple[str, ...] | None:
+def lost_of_tile(place: Place, manifest: Manifest, row: int, column: int) -> tuple[str, ...] | None:
     """Return the variables of a tile that are lost or damaged; None if it is not computed."""
     keys = manifest.keys(row, column)
     noted = read(place, tile_key(row, column))

@@ -15,7 +15,16 @@ from workers.errors import StorageError, SurveyError, storage_error
 from workers.kinds import AnyRequest, AnyTile, blank, template_of
 from workers.populations.request import PopulationRequest
 from workers.storage.bucket import SCHEME
-from workers.storage.integrity import STATUS, Manifest, damaged_template, examine_tiles, manifest_of, read, read_sealed
+from workers.storage.integrity import (
+    STATUS,
+    Manifest,
+    damaged_template,
+    examine_tiles,
+    lost_of_tile,
+    manifest_of,
+    read,
+    read_sealed,
+)
 from workers.storage.location import Place, place_of
 from workers.survey.families import FAMILY
 from workers.survey.families import GROUP as FAMILIES
@@ -153,6 +162,12 @@ def _place(path: str, request: AnyRequest) -> Place:
     return place_of(path)
 
 
+def is_whole(request: SurveyRequest, place: Place, tile: Tile) -> bool:
+    """Whether a tile of a survey is computed and undamaged."""
+    row, column = (span.start // n for span, n in zip(tile.spans, request.tile_shape, strict=True))
+    return lost_of_tile(place, _require_same(request, place), row, column) == ()
+
+
 def rewrite_tile(request: SurveyRequest, place: Place, tile: Tile, values: Mapping[str, np.ndarray]) -> None:
     """Write the slots of a computed tile anew; values: all of its variables. One that was interrupted is damaged.
 
@@ -216,9 +231,9 @@ def has_added(where: str | Path | Place, name: str) -> bool:
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 
 
-def added_to_store(where: str | Path | Place, added: Template) -> None:
-    """Add what follows from all tiles: the files of `added`, whose root describes them. They appear with the root,
-    which comes last, and are sealed as the template's are.
+def added_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
+    """Add what follows from all tiles: the files of `added`, whose root describes them, and those that are there
+    already, with their checksums. They appear with the root, which comes last, and are sealed as the template's are.
 
     Raises:
         OSError: it cannot be written now.
@@ -229,7 +244,7 @@ def added_to_store(where: str | Path | Place, added: Template) -> None:
     if root is None or own is None:
         raise SurveyError(f"{place} is damaged: run the survey again to repair it")
     files = {key: content for key, content in added.items() if key != ROOT}
-    own["attributes"]["files"] |= files_of(files)
+    own["attributes"]["files"] |= files_of(files) | dict(there)
     sums = sealed(own)
     described = json.loads(added[ROOT])["consolidated_metadata"]["metadata"]
     described[GROUP] = root["consolidated_metadata"]["metadata"][GROUP] | {"attributes": json.loads(sums)["attributes"]}

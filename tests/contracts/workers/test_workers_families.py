@@ -27,7 +27,6 @@ from workers import (
 )
 from workers.cluster.runner import compute_and_write
 from workers.survey.families import EDGE_VARIABLES, FAMILY_VARIABLES
-from workers.survey.request import MAX_JOINED
 
 GROUPS = ("attractors", "lyapunov", "families")
 TILES = ((12, 10), (5, 4), (3, 10))
@@ -300,7 +299,6 @@ def test_who_does_not_ask_has_none(tmp_path: Path) -> None:
     [
         ({"quantities": ("families",)}, "families are made from attractors and lyapunov"),
         ({"quantities": ("attractors", "families")}, "families are made from attractors and lyapunov"),
-        ({"delta": {"start": 0.4, "stop": 1.0, "num": MAX_JOINED // 10 + 1}, "tile": {}}, "families of 1500010 cells"),
     ],
 )
 def test_what_cannot_be_joined_is_refused(change: dict[str, object], message: str) -> None:

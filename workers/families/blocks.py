@@ -1,0 +1,123 @@
+"""The blocks that a survey is joined in, whatever its tiles, and what is read and kept of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import zarr
+
+from rattle import Attractors
+from rattle.families.spread import Rectangle
+from workers.errors import reading
+from workers.storage.location import Place
+from workers.survey.families import FAMILY, GROUP, STORED, Slots, listed
+from workers.survey.request import SurveyRequest
+
+#: Slots of the cells of a block, some 100 MB of a worker. The bits of an orbit that enters depend on it, once in 10⁸.
+SLOTS_OF_BLOCK = 1 << 19
+
+
+@dataclass(frozen=True)
+class Block:
+    """A rectangle of cells, and where it is among the blocks; a chunk of what families add to the cells."""
+
+    row: int
+    column: int
+    cells: Rectangle
+
+    @property
+    def chunk(self) -> str:
+        """The key of its families in their slots."""
+        return f"{FAMILY}/c/0/{self.row}/{self.column}"
+
+    def kept(self, what: str) -> str:
+        """The key of what is kept of it while a survey is joined."""
+        return f"{GROUP}/joining/{self.row}.{self.column}.{what}"
+
+
+COMPONENTS, TARGETS = "components", "slots"  # what is kept
+
+
+def side_of(request: SurveyRequest) -> int:
+    """Cells along each side of a block."""
+    return max(1, math.isqrt(SLOTS_OF_BLOCK // request.n_slots))
+
+
+def blocks_of(request: SurveyRequest) -> list[Block]:
+    """The blocks that cover the grid of a survey, row by row."""
+    side, (rows, columns) = side_of(request), request.shape
+    return [
+        Block(i // side, j // side, Rectangle(i, min(i + side, rows), j, min(j + side, columns)))
+        for i in range(0, rows, side)
+        for j in range(0, columns, side)
+    ]
+
+
+def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
+    """A rectangle and the cells around it; before=0: only those after it."""
+    return Rectangle(
+        max(cells.top - before, 0),
+        min(cells.bottom + 1, shape[0]),
+        max(cells.left - before, 0),
+        min(cells.right + 1, shape[1]),
+    )
+
+
+def within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
+    """Whether cells, by their number in the grid, are in a rectangle."""
+    row, column = np.divmod(cell, columns)
+    found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
+    return found
+
+
+def numbered_in(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+    """A table whose cells are numbered in a rectangle instead of in the grid."""
+    row, column = np.divmod(table.cell, columns)
+    return table._replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
+
+
+def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+    """A table whose cells are numbered in the grid instead of in a rectangle."""
+    row, column = np.divmod(table.cell, cells.right - cells.left)
+    return table._replace(cell=(row + cells.top) * columns + column + cells.left)
+
+
+def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle) -> Slots:
+    """The attractors that a survey lists in a rectangle, in their order, with their cells in the grid."""
+    at = ..., slice(cells.top, cells.bottom), slice(cells.left, cells.right)
+    with reading(f"the attractors of {place}"):
+        values = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in STORED}
+    found = listed(values, request.initial_conditions.count)
+    return found._replace(attractors=numbered_over(found.attractors, cells, request.shape[1]))
+
+
+def read_components(place: Place, block: Block) -> np.ndarray:
+    """Of the attractors of a block, with what entered it, in their order: which component of the block each is of."""
+    with reading(f"what is kept of {place}"):
+        return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
+
+
+def read_targets(request: SurveyRequest, place: Place, cells: Rectangle) -> np.ndarray:
+    """The slots (places, m, n) in which the first, the second, … listed attractor of the cells of a rectangle is to be;
+    −1: there is none.
+    """
+    found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
+    for block in blocks_of(request):
+        of = block.cells
+        top, bottom = max(of.top, cells.top), min(of.bottom, cells.bottom)
+        left, right = max(of.left, cells.left), min(of.right, cells.right)
+        if top < bottom and left < right:
+            with reading(f"what is kept of {place}"):
+                kept = np.frombuffer(place.read(block.kept(TARGETS)), np.int8)
+            kept = kept.reshape(request.n_slots, of.bottom - of.top, of.right - of.left)
+            inside = kept[:, top - of.top : bottom - of.top, left - of.left : right - of.left]
+            found[:, top - cells.top : bottom - cells.top, left - cells.left : right - cells.left] = inside
+    return found
+
+
+def place_in_cell(cell: np.ndarray) -> np.ndarray:
+    """How many rows of the same cell are before each of a table in its order."""
+    found: np.ndarray = np.arange(cell.size) - np.searchsorted(cell, cell)
+    return found

@@ -1,0 +1,63 @@
+"""What is in the slots of a tile, moved to the slots of its families."""
+
+from __future__ import annotations
+
+import numpy as np
+import zarr
+
+from rattle.families.spread import Rectangle
+from workers.errors import reading
+from workers.families.blocks import place_in_cell, read_targets
+from workers.kinds import compute_tile
+from workers.storage.location import Place, place_of
+from workers.storage.store import is_whole, rewrite_tile, write_tile
+from workers.survey.families import STORED, listed, with_empty
+from workers.survey.request import SurveyRequest
+from workers.survey.tiles import Tile, TileArrays
+from workers.survey.values.quantities import stored
+from workers.survey.values.schema import SLOT
+
+
+def move_tile(request: SurveyRequest, path: str, tile: Tile) -> None:
+    """Move what is in the slots of a tile; one in which everything is in place is left as it is.
+
+    A tile that a task before this was moving when its worker died is neither as it was nor as it is to be: it is
+    computed again.
+    """
+    place, whole = place_of(path), True
+    if is_whole(request, place, tile):
+        values = _read(place, tile, STORED)
+    else:
+        values, whole = compute_tile(request, tile)[0], False
+    source = _source(request, place, tile, values)
+    slots = np.arange(request.n_slots)[:, None, None]
+    if whole and (source == slots).all():
+        return
+    quantities = [each for each in stored(request.quantities, request.model) if each.per_cell]
+    if whole:
+        values = _read(place, tile, [each.name for each in quantities])
+    for each in quantities:
+        if each.dims[0] == SLOT:
+            index = source.reshape(source.shape[0], *(1,) * (len(each.dims) - 3), *source.shape[1:])
+            values[each.name] = np.take_along_axis(values[each.name], index, 0)
+    if whole:
+        rewrite_tile(request, place, tile, values)
+    else:
+        write_tile(request, path, tile, values)
+
+
+def _read(place: Place, tile: Tile, names: tuple[str, ...] | list[str]) -> TileArrays:
+    with reading(f"tile {tile.index} of {place}"):
+        arrays = {name: zarr.open_array(place.zarr(), path=name, mode="r") for name in names}
+        return {name: np.asarray(array[..., tile.epsilon, tile.delta]) for name, array in arrays.items()}
+
+
+def _source(request: SurveyRequest, place: Place, tile: Tile, values: TileArrays) -> np.ndarray:
+    """From which slot each slot of a tile (slots, m, n) gets what is in it."""
+    cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
+    target = read_targets(request, place, cells).reshape(request.n_slots, -1)
+    found = listed(values, request.initial_conditions.count)
+    cell = found.attractors.cell
+    source = np.full(target.shape, -1, np.int8)
+    source[target[place_in_cell(cell), cell], cell] = found.slot
+    return with_empty(source.reshape(request.n_slots, cells.bottom - cells.top, -1))

@@ -1,0 +1,94 @@
+"""One family of a survey as a map."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rattle import KINDS, wilson_interval
+from workers.errors import SurveyError
+from workers.storage.location import Place
+from workers.storage.store import open_survey
+from workers.survey.families import FAMILY, GROUP
+from workers.survey.values.schema import CELL, Group
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PER_CELL = {
+    "fraction": "share of the sampled initial conditions; 0 of an orbit that exists and that none of them found",
+    "fraction_upper": "upper end of the 95 % Wilson interval of fraction",
+    "phase": "phase τ of a representative point, in forcing periods",
+    "velocity": "speed v of a representative point",
+    "lyapunov": "Lyapunov exponent per forcing period, natural logarithm",
+    "multiplier": "size of the Floquet multiplier of a periodic motion",
+    "attractors": "attractors of the cell that are of this family: more than one where monodromy is",
+}
+
+
+def open_family(path_or_url: str | Path | Place, number: int) -> xr.Dataset:
+    """One family of a survey that was computed with families, as a map over (epsilon, delta).
+
+    fraction, with its upper bound: NaN where the family is not; 0 where its orbit exists and no sample went to it.
+    phase, velocity: a point of it; lyapunov and, of a periodic one, multiplier, the size of each (exponent, …);
+    attractors: how many of them the cell has, whose shares are added and of which the largest is told. Attributes: its
+    row of the group `families`.
+
+    Raises:
+        SurveyError: there is no survey, it has no families, or none of this number.
+    """
+    import xarray as xr
+
+    with open_survey(path_or_url) as survey:
+        if FAMILY not in survey:
+            raise SurveyError(f"{path_or_url} has no families: compute it with --quantity {Group.FAMILIES}")
+        with open_survey(path_or_url, GROUP) as table:
+            if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
+                raise SurveyError(f"there are families 0 to {table.sizes['family'] - 1}, and no {number!r}")
+            row = {
+                str(name): values.item() for name, values in table.isel(family=int(number)).items() if not values.ndim
+            }
+            entered = table.isel(entered=np.flatnonzero(np.asarray(table["entered_family"]) == number)).load()
+        values = _map_of(survey, int(number), entered)
+        count = json.loads(survey.attrs["request"])["initial_conditions"]["count"]
+        coords = {name: survey[name].load() for name in CELL} | {"exponent": [1, 2]}
+    there = values["attractors"] > 0
+    won = np.where(there, np.rint(np.nan_to_num(values["fraction"]) * count), 0.0)
+    values["fraction_upper"] = np.where(there, wilson_interval(won, count)[1], np.nan)
+    m = int(row["m"])
+    values["multiplier"] = np.exp(m * values["lyapunov"]) if m else np.full_like(values["lyapunov"], np.nan)
+    dims = {name: (("exponent", *CELL) if values[name].ndim == 3 else CELL) for name in PER_CELL}
+    data = {name: (dims[name], values[name], {"long_name": PER_CELL[name], "units": "1"}) for name in PER_CELL}
+    kind = KINDS[row.pop("kind")]
+    label = f"P({m},{row['n_plus']},{row['n_minus']})" if m else kind
+    return xr.Dataset(data, coords, {"family": int(number), "kind": kind, "label": label, **row})
+
+
+def _map_of(survey: xr.Dataset, number: int, entered: xr.Dataset) -> dict[str, np.ndarray]:
+    """Fraction, point, exponents and number of a family's attractors, from its slots and from what was entered."""
+    of = np.asarray(survey[FAMILY]) == number
+    share = np.where(of, np.asarray(survey["attractor_fraction"], float), -1.0)
+    slot, there = share.argmax(axis=0), of.any(axis=0)
+    at = entered["entered_row"].values, entered["entered_column"].values
+
+    def best(name: str, of_entered: np.ndarray) -> np.ndarray:
+        """Of the attractor with the largest share, or else of the entered orbit."""
+        values = np.asarray(survey[f"attractor_{name}"], float)
+        index = slot.reshape(1, *(1,) * (values.ndim - 3), *slot.shape)
+        found: np.ndarray = np.where(there, np.take_along_axis(values, index, 0)[0], np.nan)
+        fresh = ~there[at]
+        found[..., at[0][fresh], at[1][fresh]] = of_entered[fresh].T
+        return found
+
+    attractors = of.sum(axis=0)
+    np.add.at(attractors, at, 1)
+    return {
+        "fraction": np.where(attractors > 0, np.where(of, share, 0.0).sum(axis=0), np.nan),
+        "phase": best("phase", entered["entered_phase"].values),
+        "velocity": best("velocity", entered["entered_velocity"].values),
+        "lyapunov": best("lyapunov", entered["entered_lyapunov"].values),
+        "attractors": attractors,
+    }
