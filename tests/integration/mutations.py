@@ -218,7 +218,7 @@ PROTECTIONS = (
         "a dismissal ends the process that prepares a survey",
         f"{SERVICE}::test_a_survey_that_is_being_prepared_can_be_dismissed",
         "workers/cluster/runner.py",
-        "        give_up(client, [future])\n",
+        "        end_tasks(client, [future])\n",
         "",
     ),
     _one(

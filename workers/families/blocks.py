@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,11 +22,12 @@ SLOTS_OF_BLOCK = 1 << 19
 
 @dataclass(frozen=True)
 class Block:
-    """A rectangle of cells, and where it is among the blocks; a chunk of what families add to the cells."""
+    """A rectangle of cells, and where it is among the blocks of so many cells a side; a chunk of what families add."""
 
     row: int
     column: int
     cells: Rectangle
+    side: int
 
     @property
     def chunk(self) -> str:
@@ -40,16 +42,11 @@ class Block:
 COMPONENTS, TARGETS = "components", "slots"  # what is kept
 
 
-def side_of(request: SurveyRequest) -> int:
-    """Cells along each side of a block."""
-    return max(1, math.isqrt(SLOTS_OF_BLOCK // request.n_slots))
-
-
 def blocks_of(request: SurveyRequest) -> list[Block]:
     """The blocks that cover the grid of a survey, row by row."""
-    side, (rows, columns) = side_of(request), request.shape
+    side, (rows, columns) = max(1, math.isqrt(SLOTS_OF_BLOCK // request.n_slots)), request.shape
     return [
-        Block(i // side, j // side, Rectangle(i, min(i + side, rows), j, min(j + side, columns)))
+        Block(i // side, j // side, Rectangle(i, min(i + side, rows), j, min(j + side, columns)), side)
         for i in range(0, rows, side)
         for j in range(0, columns, side)
     ]
@@ -99,22 +96,37 @@ def read_components(place: Place, block: Block) -> np.ndarray:
         return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
 
 
-def read_targets(request: SurveyRequest, place: Place, cells: Rectangle) -> np.ndarray:
-    """The slots (places, m, n) in which the first, the second, … listed attractor of the cells of a rectangle is to be;
-    −1: there is none.
+def common(one: Rectangle, other: Rectangle) -> Rectangle:
+    """The cells that are in both of two rectangles; none if it ends before it begins."""
+    return Rectangle(
+        max(one.top, other.top),
+        min(one.bottom, other.bottom),
+        max(one.left, other.left),
+        min(one.right, other.right),
+    )
+
+
+def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
+    """The slots (places, m, n) in which the first, the second, … listed attractor of the cells of a rectangle is to be,
+    −1: there is none; blocks: those that cover it.
     """
     found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
-    for block in blocks_of(request):
-        of = block.cells
-        top, bottom = max(of.top, cells.top), min(of.bottom, cells.bottom)
-        left, right = max(of.left, cells.left), min(of.right, cells.right)
-        if top < bottom and left < right:
-            with reading(f"what is kept of {place}"):
-                kept = np.frombuffer(place.read(block.kept(TARGETS)), np.int8)
-            kept = kept.reshape(request.n_slots, of.bottom - of.top, of.right - of.left)
-            inside = kept[:, top - of.top : bottom - of.top, left - of.left : right - of.left]
-            found[:, top - cells.top : bottom - cells.top, left - cells.left : right - cells.left] = inside
+    for block in blocks:
+        of, both = block.cells, common(block.cells, cells)
+        with reading(f"what is kept of {place}"):
+            kept = np.frombuffer(place.read(block.kept(TARGETS)), np.int8)
+        kept = kept.reshape(request.n_slots, of.bottom - of.top, of.right - of.left)
+        found[_at(both, cells)] = kept[_at(both, of)]
     return found
+
+
+def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
+    """Where a part of a rectangle is in an array (slots, m, n) over it."""
+    return (
+        slice(None),
+        slice(part.top - whole.top, part.bottom - whole.top),
+        slice(part.left - whole.left, part.right - whole.left),
+    )
 
 
 def place_in_cell(cell: np.ndarray) -> np.ndarray:

@@ -17,14 +17,14 @@ from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, added, numbers_of
 from rattle.families.table import tabulated
 from workers.boundaries.edges import Crossings, Polyline, crossings_of, edges_of
 from workers.errors import reading, storage_error
-from workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, side_of, with_rim, within
+from workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, with_rim, within
 from workers.families.move import move_tile
 from workers.families.tasks import Border, Connected, Told, connect, enter, tell, write_families
 from workers.storage.location import Place, place_of
 from workers.storage.store import added_to_store, has_added
 from workers.survey.families import GROUP, Joined, files_of_families, slots_of_families
 from workers.survey.request import SurveyRequest
-from workers.survey.tiles import tiles_of
+from workers.survey.tiles import Tile, tiles_of
 from workers.survey.values.schema import Group
 
 #: Does a task, a function of a request, a path and what follows, for each of these; results in their order.
@@ -88,7 +88,7 @@ class _Join:
         numbers = np.concatenate([family[of[part.entered]] for of, part in zip(component, parts, strict=True)])
         joined = Joined(table, Attractors._make(x[order] for x in orbits), numbers[order], self._columns)
         edges = edges_of((each.ends for each in told), family, table, list(curves))
-        added_to_store(self._place, files_of_families(self._request, side_of(self._request), joined, edges), chunks)
+        added_to_store(self._place, files_of_families(self._request, self._blocks[0].side, joined, edges), chunks)
         self._place.remove([block.kept(what) for block in self._blocks for what in (COMPONENTS, TARGETS)])
 
     def _of_blocks(self, task: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
@@ -111,6 +111,12 @@ class _Join:
         return type(near[0])._make(
             np.concatenate([x[at] for x, at in zip(column, rim, strict=True)]) for column in zip(*near, strict=True)
         )
+
+    def _around(self, tile: Tile) -> list[Block]:
+        """The blocks that cover a tile."""
+        side = self._blocks[0].side
+        rows, columns = (range(span.start // side, (span.stop - 1) // side + 1) for span in tile.spans)
+        return [self._blocks[self._number[at]] for at in product(rows, columns)]
 
     def _after(self, tables: Sequence[Rows]) -> list[Rows]:
         return [self._beside(block, tables, before=0) for block in self._blocks]
@@ -178,7 +184,8 @@ class _Join:
             write_families, ((orbits, of, slots[of]) for orbits, of in zip(entered, family, strict=True))
         )
         if self._request.slots_follow_families:
-            self._each(move_tile, self._request, str(self._place), [(tile,) for tile in tiles_of(self._request)])
+            tiles = [(tile, self._around(tile)) for tile in tiles_of(self._request)]
+            self._each(move_tile, self._request, str(self._place), tiles)
         return {block.chunk: checksum for block, checksum in zip(self._blocks, found, strict=True)}
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import zarr
 
 from rattle.families.spread import Rectangle
 from workers.errors import reading
-from workers.families.blocks import place_in_cell, read_targets
+from workers.families.blocks import Block, place_in_cell, read_targets
 from workers.kinds import compute_tile
 from workers.storage.location import Place, place_of
 from workers.storage.store import is_whole, rewrite_tile, write_tile
@@ -18,10 +20,10 @@ from workers.survey.values.quantities import stored
 from workers.survey.values.schema import SLOT
 
 
-def move_tile(request: SurveyRequest, path: str, tile: Tile) -> None:
+def move_tile(request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block]) -> None:
     """Move what is in the slots of a tile; one in which everything is in place is left as it is.
 
-    A tile that a task before this was moving when its worker died is neither as it was nor as it is to be: it is
+    blocks: those that cover it. A tile that a task before this was moving when its worker died is neither as it was nor as it is to be: it is
     computed again.
     """
     place, whole = place_of(path), True
@@ -29,7 +31,7 @@ def move_tile(request: SurveyRequest, path: str, tile: Tile) -> None:
         values = _read(place, tile, STORED)
     else:
         values, whole = compute_tile(request, tile)[0], False
-    source = _source(request, place, tile, values)
+    source = _source(request, place, tile, blocks, values)
     slots = np.arange(request.n_slots)[:, None, None]
     if whole and (source == slots).all():
         return
@@ -52,10 +54,12 @@ def _read(place: Place, tile: Tile, names: tuple[str, ...] | list[str]) -> TileA
         return {name: np.asarray(array[..., tile.epsilon, tile.delta]) for name, array in arrays.items()}
 
 
-def _source(request: SurveyRequest, place: Place, tile: Tile, values: TileArrays) -> np.ndarray:
+def _source(
+    request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[Block], values: TileArrays
+) -> np.ndarray:
     """From which slot each slot of a tile (slots, m, n) gets what is in it."""
     cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
-    target = read_targets(request, place, cells).reshape(request.n_slots, -1)
+    target = read_targets(request, place, cells, blocks).reshape(request.n_slots, -1)
     found = listed(values, request.initial_conditions.count)
     cell = found.attractors.cell
     source = np.full(target.shape, -1, np.int8)

@@ -28,7 +28,6 @@ from workers.families.blocks import (
     numbered_over,
     place_in_cell,
     read_components,
-    side_of,
     with_rim,
     within,
 )
@@ -162,7 +161,7 @@ def write_families(
     numbers[target, cell], targets[place_in_cell(cell), cell] = here, target
     place.put(block.kept(TARGETS), targets.tobytes())
     kept: dict[str, Buffer] = {}
-    array = create_numbers(zarr.create_group(MemoryStore(kept), zarr_format=3), request, side_of(request))
+    array = create_numbers(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
     content = kept[block.chunk].to_bytes()
     place.put(block.chunk, content)
