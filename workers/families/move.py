@@ -23,8 +23,8 @@ from workers.survey.values.schema import SLOT
 def move_tile(request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block]) -> None:
     """Move what is in the slots of a tile; one in which everything is in place is left as it is.
 
-    blocks: those that cover it. A tile that a task before this was moving when its worker died is neither as it was nor as it is to be: it is
-    computed again.
+    blocks: those that cover it. A tile that a task before this was moving when its worker died is neither as it was nor
+    as it is to be: it is computed again.
     """
     place, whole = place_of(path), True
     if is_whole(request, place, tile):
