@@ -229,6 +229,21 @@ PROTECTIONS = (
         "    while False:\n",
     ),
     _one(
+        "what enters a block goes on into the next ones",
+        "tests/contracts/workers/test_workers_families.py::test_blocks_do_not_show",
+        "workers/families/join.py",
+        "            if not again:\n",
+        "            if True:\n",
+    ),
+    _one(
+        "a tile of which the move was interrupted is not moved on",
+        "tests/contracts/workers/test_workers_families.py"
+        "::test_a_tile_that_was_being_moved_when_its_worker_died_is_moved_all_the_same",
+        "workers/families/move.py",
+        "    if is_whole(request, place, tile):\n",
+        "    if True:\n",
+    ),
+    _one(
         "a damaged root is mended",
         f"{SERVICE}::test_a_damaged_root_is_mended_on_request",
         "workers/storage/integrity.py",

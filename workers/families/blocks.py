@@ -36,7 +36,7 @@ class Block:
 
     def kept(self, what: str) -> str:
         """The key of what is kept of it while a survey is joined."""
-        return f"{GROUP}/joining/{self.row}.{self.column}.{what}"
+        return f"{GROUP}/joining.{self.row}.{self.column}.{what}"
 
 
 COMPONENTS, TARGETS = "components", "slots"  # what is kept
