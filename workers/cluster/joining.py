@@ -14,7 +14,7 @@ from workers.errors import StoppedError, SurveyError
 from workers.survey.request import SurveyRequest
 from workers.survey.tiles import POLL_SECONDS
 
-#: At a task, some deaths each: a process that has just been ended for another survey may still be given it.
+#: At a task, of two deaths each, as at a template.
 ATTEMPTS = 3
 
 

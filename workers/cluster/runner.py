@@ -13,7 +13,7 @@ from distributed import Client, Future, KilledWorker, get_worker
 
 from workers.cluster.cluster import end_tasks
 from workers.cluster.isolation import compute_tile_apart
-from workers.cluster.joining import ATTEMPTS, Joining
+from workers.cluster.joining import Joining
 from workers.cluster.submission import Submission
 from workers.errors import ClusterLostError, StoppedError, SurveyError
 from workers.families.join import join_survey
@@ -23,6 +23,9 @@ from workers.storage.store import before_tiles, require_aligned, write_tile
 from workers.survey.request import SurveyRequest
 from workers.survey.template import Template
 from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
+
+#: At a template, two deaths each: a process that has just been ended for another survey may still be given it.
+ATTEMPTS = 3
 
 
 def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, apart: bool = False) -> TileRecord:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-import zarr
 
 from rattle.families.spread import Rectangle
-from workers.errors import reading
 from workers.families.blocks import Block, place_in_cell, read_targets
 from workers.kinds import compute_tile
 from workers.storage.location import Place, place_of
-from workers.storage.store import is_whole, rewrite_tile, write_tile
-from workers.survey.families import STORED, listed, with_empty
+from workers.storage.store import read_tile, rewrite_tile, write_tile
+from workers.survey.families import listed, with_empty
 from workers.survey.request import SurveyRequest
 from workers.survey.tiles import Tile, TileArrays
 from workers.survey.values.quantities import stored
@@ -26,32 +24,22 @@ def move_tile(request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Bl
     blocks: those that cover it. A tile that a task before this was moving when its worker died is neither as it was nor
     as it is to be: it is computed again.
     """
-    place, whole = place_of(path), True
-    if is_whole(request, place, tile):
-        values = _read(place, tile, STORED)
-    else:
-        values, whole = compute_tile(request, tile)[0], False
+    values = read_tile(request, path, tile)
+    computed = values is not None
+    if values is None:
+        values = compute_tile(request, tile)[0]
+    place = place_of(path)
     source = _source(request, place, tile, blocks, values)
-    slots = np.arange(request.n_slots)[:, None, None]
-    if whole and (source == slots).all():
+    if computed and (source == np.arange(request.n_slots)[:, None, None]).all():
         return
-    quantities = [each for each in stored(request.quantities, request.model) if each.per_cell]
-    if whole:
-        values = _read(place, tile, [each.name for each in quantities])
-    for each in quantities:
-        if each.dims[0] == SLOT:
+    for each in stored(request.quantities, request.model):
+        if each.per_cell and each.dims[0] == SLOT:
             index = source.reshape(source.shape[0], *(1,) * (len(each.dims) - 3), *source.shape[1:])
             values[each.name] = np.take_along_axis(values[each.name], index, 0)
-    if whole:
+    if computed:
         rewrite_tile(request, place, tile, values)
     else:
         write_tile(request, path, tile, values)
-
-
-def _read(place: Place, tile: Tile, names: tuple[str, ...] | list[str]) -> TileArrays:
-    with reading(f"tile {tile.index} of {place}"):
-        arrays = {name: zarr.open_array(place.zarr(), path=name, mode="r") for name in names}
-        return {name: np.asarray(array[..., tile.epsilon, tile.delta]) for name, array in arrays.items()}
 
 
 def _source(

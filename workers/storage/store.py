@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
+from zarr.core.buffer import cpu
 
 from workers.errors import StorageError, SurveyError, storage_error
 from workers.kinds import AnyRequest, AnyTile, blank, template_of
@@ -20,10 +21,10 @@ from workers.storage.integrity import (
     Manifest,
     damaged_template,
     examine_tiles,
-    lost_of_tile,
     manifest_of,
     read,
     read_sealed,
+    whole_tile,
 )
 from workers.storage.location import Place, place_of
 from workers.survey.families import FAMILY
@@ -162,10 +163,23 @@ def _place(path: str, request: AnyRequest) -> Place:
     return place_of(path)
 
 
-def is_whole(request: SurveyRequest, place: Place, tile: Tile) -> bool:
-    """Whether a tile of a survey is computed and undamaged."""
-    row, column = (span.start // n for span, n in zip(tile.spans, request.tile_shape, strict=True))
-    return lost_of_tile(place, _require_same(request, place), row, column) == ()
+def read_tile(request: SurveyRequest, path: str, tile: Tile) -> dict[str, np.ndarray] | None:
+    """Read every variable of a tile; None if it is not computed, or damaged.
+
+    Raises:
+        StorageError: it cannot be read now.
+        SurveyError: the store is of another survey, or may not be read.
+    """
+    kept, arrays, _ = _blank(request)
+    row, column, keys = _keys(request, tile)
+    if (contents := whole_tile(_place(path, request), keys, row, column)) is None:
+        return None
+    values = {}
+    for name, content in contents.items():
+        kept[keys[name]] = cpu.Buffer.from_bytes(content)
+        values[name] = np.asarray(arrays[name][tile.at])
+        del kept[keys[name]]
+    return values
 
 
 def rewrite_tile(request: SurveyRequest, place: Place, tile: Tile, values: Mapping[str, np.ndarray]) -> None:
@@ -189,8 +203,7 @@ def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray
             raise SurveyError(f"tile {tile.index}: {name} has shape {given.shape}, not that of its chunk")
     if missing := chunks.keys() - values.keys():
         raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}")
-    row, column = (0, *(span.start // n for span, n in zip(tile.spans, request.tile_shape, strict=True)))[-2:]
-    keys = {name: key.format(row=row, column=column) for name, key in chunks.items()}
+    row, column, keys = _keys(request, tile)
     contents = {}
     for name, key in keys.items():
         arrays[name][tile.at] = values[name]
@@ -199,6 +212,12 @@ def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray
     arrays[TILES][:, row : row + 1, column : column + 1] = checksums_of(row, column, keys, contents)
     first = [(key, contents[name]) for name, key in keys.items() if name != STATUS]
     return [*first, (sums, kept.pop(sums).to_bytes()), (keys[STATUS], contents[STATUS])]
+
+
+def _keys(request: AnyRequest, tile: AnyTile) -> tuple[int, int, dict[str, str]]:
+    """Return where a tile is among the tiles, and the key of each of its chunks."""
+    row, column = (0, *(span.start // n for span, n in zip(tile.spans, request.tile_shape, strict=True)))[-2:]
+    return row, column, {name: key.format(row=row, column=column) for name, key in _blank(request)[2].items()}
 
 
 def finish_store(where: str | Path | Place) -> None:
