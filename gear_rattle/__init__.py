@@ -18,7 +18,7 @@ _PLACES = {
     "Job": "service.client",
     "SurveyRequest": "workers.survey.request",
     "__version__": "rattle",
-    "open_family": "workers.families",
+    "open_family": "workers.families.one",
     "open_survey": "workers.storage.store",
     "run_survey": "workers.run",
 }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,9 +18,8 @@ from rattle.continuation.diagram import Diagram
 from rattle.curves import CodimensionTwo, Curve
 from rattle.errors import RattleError, parameters, require_number
 from rattle.families.join import joined_rows
-from rattle.families.table import Families
 from rattle.impacting.attractors.classifier import attractors_of, cells_of, classify
-from rattle.impacting.attractors.families import joined_at
+from rattle.impacting.attractors.families import plane
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.branches import Branch
 from rattle.impacting.bifurcations.diagram import diagram
@@ -35,7 +34,7 @@ from rattle.orbits.iterates import Returned
 from rattle.orbits.period_one import PeriodOne
 from rattle.stiff.attractors.classifier import cells_of as stiff_cells_of
 from rattle.stiff.attractors.classifier import classify as stiff_classify
-from rattle.stiff.attractors.families import joined_at as stiff_joined_at
+from rattle.stiff.attractors.families import plane as stiff_plane
 
 Range = tuple[float, float]
 Columns = tuple[NDArray[np.float64], ...]
@@ -100,11 +99,9 @@ class Impacting:
         """The attractors of all cells."""
         return attractors_of(delta, epsilon, self.beta, count, v_max, seed, budget, tau, v_min)
 
-    def families(
-        self, delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: Attractors
-    ) -> Families:
-        """The families of a table of attractors, of the cells epsilon (m,) × delta (n,) with so many samples each."""
-        return joined_at(delta, epsilon, self.beta, count, table)
+    def cells(self, delta: NDArray[np.float64], epsilon: NDArray[np.float64]) -> Any:
+        """The cells epsilon (m,) × delta (n,) as kernels take them, row by row."""
+        return plane(delta, epsilon, self.beta)
 
     def classified(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Classifier:
         """States (n, k) of cells with parameters (n,) δ, ε, β, each followed to its end."""
@@ -208,11 +205,9 @@ class Stiff:
         """The attractors of all cells."""
         return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed, budget, tau, v_min)
 
-    def families(
-        self, delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, table: Attractors
-    ) -> Families:
-        """The families of a table of attractors."""
-        return stiff_joined_at(delta, epsilon, self.beta, self.kappa, count, table)
+    def cells(self, delta: NDArray[np.float64], epsilon: NDArray[np.float64]) -> Any:
+        """The cells epsilon (m,) × delta (n,) as kernels take them, row by row."""
+        return stiff_plane(delta, epsilon, self.beta, self.kappa)
 
     def classified(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Classifier:
         """States (n, k) of cells with parameters (n,) δ, ε, β, κ."""

@@ -6,6 +6,7 @@ import numpy as np
 
 import rattle
 from rattle.attractors.classify import BUDGET
+from rattle.families.join import joined
 from rattle.models import AnyModel, Model
 from service.explorer.point import parts
 from service.kernels import AT, Part, Work, model_for, note_compiled
@@ -25,7 +26,7 @@ def _attractors(model: AnyModel) -> None:
     rattle.warm_up(model.stiffness)
     intensities(model.gear(*AT), 16, None, 0, BUDGET)
     delta, epsilon = np.array(AT[:1]), np.array(AT[1:])
-    model.families(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], 16))
+    joined(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], 16), model.cells(delta, epsilon))
 
 
 def _point(model: AnyModel) -> None:

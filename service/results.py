@@ -74,7 +74,8 @@ def open_family(
     Raises:
         RattleError: there is no survey, it has no families, or none of this number.
     """
-    from workers.families import GROUP, family_in
+    from workers.families.one import family_in
+    from workers.survey.families import GROUP
     from workers.survey.seals import path_of
     from workers.survey.slices import slice_of
 

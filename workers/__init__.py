@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from workers.cluster.window import Frame, compute_part, map_quantity, window_survey
 from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
-from workers.families import join_survey, lacks_families, open_family
+from workers.families.join import join_survey, lacks_families
+from workers.families.one import open_family
 from workers.in_process import is_short, run_tiles_here
 from workers.kinds import AnyRequest, compute_tile, request_of, tiles_of
 from workers.populations.request import PopulationRequest

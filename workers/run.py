@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from workers.errors import SurveyError
-from workers.families import join_survey, lacks_families
+from workers.families.join import join_survey, lacks_families
 from workers.in_process import is_short, run_tiles_here
 from workers.storage.location import Place, place_of
 from workers.storage.store import create_store, finish_store, open_survey, tiles_done

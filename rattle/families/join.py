@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.table import CHAOTIC, PERIODIC, Attractors
+from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED, Attractors
 from rattle.errors import real_array, require
 from rattle.families.footprints import overlaps
-from rattle.families.spread import NOWHERE, Linked, lead, spread
-from rattle.families.table import Families, numbered, tabulated
+from rattle.families.spread import NOWHERE, Linked, Rectangle, lead, spread
+from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums_of
+from rattle.families.table import Families, tabulated
 
 AHEAD = (0, 1)  # sides of a cell, of which the others are the same seen from there
 STEPS = 16  # from a cell to the next, of an orbit that leads to another and is not led back to
@@ -32,55 +33,90 @@ def joined(
     """The families of the attractors of cells `epsilon` (m,) × `delta` (n,) with so many samples each, row by row of
     the grid; cells: as kernels take them.
     """
-    attractors, entered, family = joined_rows(table, (epsilon.size, delta.size), cells)
-    described = tabulated(delta, epsilon, count, attractors, family)
-    return Families(delta, epsilon, count, attractors, entered, family, described)
+    attractors, entered, family, sums = _joined(table, (epsilon.size, delta.size), cells)
+    return Families(delta, epsilon, count, attractors, entered, family, tabulated(delta, epsilon, count, sums))
 
 
 def joined_rows(
     table: Attractors, shape: tuple[int, int], cells: Any
 ) -> tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]:
     """The table of the cells of a grid with what entered them, whether each row did (rows,), and its family (rows,)."""
+    return _joined(table, shape, cells)[:3]
+
+
+def _joined(
+    table: Attractors, shape: tuple[int, int], cells: Any
+) -> tuple[Attractors, NDArray[np.bool_], NDArray[np.int64], Sums]:
+    orbits, n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
+    periodic = np.flatnonzero(table.kind == PERIODIC)
+    attractors = together(table, entered(orbits, periodic.size, n))
+    row = np.append(periodic, np.arange(table.cell.size, attractors.cell.size))  # of each orbit
+    component = components(attractors, row, orbits, shape, cells)
+    order = in_order(attractors)
+    attractors, component = Attractors._make(x[order] for x in attractors), component[order]
+    sums = sums_of(attractors, component, shape[1])
+    return attractors, order >= table.cell.size, numbers_of(sums)[component], sums
+
+
+def together(*tables: Attractors) -> Attractors:
+    """The rows of one table after those of another."""
+    return Attractors._make(np.concatenate(columns) for columns in zip(*tables, strict=True))
+
+
+def in_order(table: Attractors) -> NDArray[np.int64]:
+    """The order of rows (rows,): cell by cell, in each by falling number of samples, and nothing but what they are."""
+    return np.lexsort((table.tau, table.v, *table[4:0:-1], -table.samples, table.cell))
+
+
+def components(
+    table: Attractors, row: NDArray[np.int64], orbits: Linked, shape: tuple[int, int], cells: Any
+) -> NDArray[np.int64]:
+    """Which rows of a table are one (rows,): equal numbers; QUIET_FAMILY: quiet motion, NO_FAMILY: not told.
+
+    row: of each orbit; chaotic rows are in the order of their cells.
+    """
     from scipy.sparse import coo_array  # an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
 
-    orbits, n = continued(table, shape, cells)
-    periodic, chaotic = (np.flatnonzero(table.kind == kind) for kind in (PERIODIC, CHAOTIC))
-    whole = _with_entered(table, orbits, periodic.size, n)
-    row = np.append(periodic, np.arange(table.cell.size, whole.cell.size))  # of each orbit
+    chaotic = np.flatnonzero(table.kind == CHAOTIC)
     overlap = overlaps(table.cell[chaotic], table.tau[chaotic], table.v[chaotic], shape, cells)
-    pairs = zip(linked(orbits, n, cells), overlap, strict=True)
+    pairs = zip(linked(orbits, row.size, cells), overlap, strict=True)
     one, other = (np.append(row[orbit], chaotic[chaos]) for orbit, chaos in pairs)
-    graph = coo_array((np.ones(one.size, np.int8), (one, other)), (whole.cell.size,) * 2)
-    component = connected_components(graph, directed=False)[1]
-    order = np.lexsort((whole.tau, whole.v, *whole[4:0:-1], -whole.samples, whole.cell))
-    attractors, entered = Attractors._make(x[order] for x in whole), order >= table.cell.size
-    return attractors, entered, numbered(attractors, component[order])
+    graph = coo_array((np.ones(one.size, np.int8), (one, other)), (table.cell.size,) * 2)
+    component = 1 + connected_components(graph, directed=False)[1].astype(np.int64)
+    component[table.kind == QUIET] = QUIET_FAMILY
+    component[table.kind == UNDECIDED] = NO_FAMILY
+    return component
 
 
-def continued(table: Attractors, shape: tuple[int, int], cells: Any) -> tuple[Linked, int]:
-    """The periodic orbits of a table, and after them what they become in other cells, with the number of all."""
+def continued(table: Attractors, columns: int, inside: Rectangle, cells: Any, first: int = 0) -> tuple[Linked, int]:
+    """The periodic orbits of a table, whose rows of one cell are side by side, and after them what they become in the
+    cells of a rectangle of a grid with so many columns, with the number of all.
+
+    first: of the periodic orbits that are continued; those before it have been.
+    """
     periodic = np.flatnonzero(table.kind == PERIODIC)
     n = periodic.size
-    orbits = _room(n + n // 4 + 64, shape[0] * shape[1])
+    orbits = _room(n + n // 4 + 64, cells[0].size)
     for column, values in zip(orbits[:8], (table[i] for i in (0, 2, 3, 4, 6, 7, 8, 9)), strict=True):
         column[:n] = values[periodic]
     cell = orbits.cell[:n]
     orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
     orbits.last[cell] = np.arange(n)  # of equal cells the last one stays
-    done = 0
+    done = first
     while done < n:
-        done, n = spread(done, n, *shape, cells, orbits)
+        done, n = spread(done, n, columns, inside, cells, orbits)
         if done < n:
             orbits = _longer(orbits)
     return orbits, n
 
 
 def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of orbits, twice (pairs,), that are one in neighbouring cells: each leads to the other, or one does step by
-    step. What leads to an orbit that leads elsewhere has jumped.
+    """Pairs of orbits, twice (pairs,), of the first n that are one in neighbouring cells: each leads to the other, or
+    one does step by step. What leads to an orbit that leads elsewhere has jumped.
     """
     to = orbits.to[:n].astype(np.int64)
+    to[to >= n] = NOWHERE
     ones, others = [], []
     for side in range(4):
         one = np.flatnonzero(to[:, side] != NOWHERE)
@@ -117,24 +153,23 @@ def _longer(orbits: Linked) -> Linked:
     return Linked._make(wider)._replace(last=orbits.last)
 
 
-def _with_entered(table: Attractors, orbits: Linked, n_known: int, n: int) -> Attractors:
-    """The table with a row more for each orbit that was entered."""
+def entered(orbits: Linked, n_known: int, n: int) -> Attractors:
+    """A row for each orbit that was entered, after so many that were known."""
     new = slice(n_known, n)
     many = n - n_known
     zeros = np.zeros(many, np.int64)
-    rows = Attractors(
+    return Attractors(
         cell=orbits.cell[new].astype(np.int64),
         kind=np.full(many, PERIODIC),
         m=orbits.m[new].astype(np.int64),
         n_plus=orbits.n_plus[new].astype(np.int64),
         n_minus=orbits.n_minus[new].astype(np.int64),
         samples=zeros,
-        tau=orbits.tau[new],
-        v=orbits.v[new],
-        first=orbits.first[new],
-        second=orbits.second[new],
+        tau=orbits.tau[new].copy(),
+        v=orbits.v[new].copy(),
+        first=orbits.first[new].copy(),
+        second=orbits.second[new].copy(),
         error=np.zeros(many),
         impacts=zeros,
         watched=np.full(many, np.nan),
     )
-    return Attractors._make(np.append(x, y) for x, y in zip(table, rows, strict=True))

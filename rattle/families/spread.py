@@ -18,6 +18,15 @@ NOWHERE = -1
 ROWS, COLUMNS = (1, 0, -1, 0), (0, 1, 0, -1)
 
 
+class Rectangle(NamedTuple):
+    """Cells of a grid in rows top ≤ i < bottom and columns left ≤ j < right."""
+
+    top: int
+    bottom: int
+    left: int
+    right: int
+
+
 class Linked(NamedTuple):
     """Stable orbits of the cells of a grid, (room,), the used ones first: cell, label, fastest point, both
     ln|multiplier|/m, and the orbit of the same cell that was entered before it.
@@ -116,9 +125,10 @@ def continued(k, cell, n, orbits, point):
 
 
 @kernel
-def spread(done, n, rows, columns, cells, orbits):
-    """Continue the orbits from number `done` on, of n, into the neighbours of their cells in a grid of rows × columns,
-    and what is found there too. Returns both numbers again: equal when nothing is left, else there is no more room.
+def spread(done, n, columns, inside, cells, orbits):
+    """Continue the orbits from number `done` on, of n, into the neighbours of their cells that are in a rectangle of a
+    grid with so many columns, and what is found there too. Returns both numbers again: equal when nothing is left, else
+    there is no more room.
     """
     room = orbits.cell.size
     while done < n and n + 4 <= room:
@@ -126,7 +136,7 @@ def spread(done, n, rows, columns, cells, orbits):
         for side in range(4):
             i, j = row + ROWS[side], column + COLUMNS[side]
             found = NOWHERE
-            if 0 <= i < rows and 0 <= j < columns:
+            if inside.top <= i < inside.bottom and inside.left <= j < inside.right:
                 cell = i * columns + j
                 found = continued(done, cell, n, orbits, point_of(cell, cells))
                 if found == n:

@@ -1,14 +1,13 @@
 """Families of attractors over a grid of cells, and what is known of each."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, Attractors
-
-QUIET_FAMILY, NO_FAMILY = 0, -1
+from rattle.attractors.table import QUIET, Attractors
+from rattle.families.sums import QUIET_FAMILY, Sums, numbers_of
 
 
 class FamilyTable(NamedTuple):
@@ -66,70 +65,39 @@ class Families:
         return np.where(there, won / self.count, np.nan).reshape(shape)
 
 
-def numbered(attractors: Attractors, component: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Family numbers (rows,) from components (rows,) in any numbers: by falling number of cells, where these are equal
-    by their first rows. So nothing but the cells decides a number.
+def tabulated(delta: NDArray[np.float64], epsilon: NDArray[np.float64], count: int, sums: Sums) -> FamilyTable:
+    """What is known of each family of cells `epsilon` (m,) × `delta` (n,) with so many samples each, from the sums of
+    all of them.
     """
-    family = np.full(component.size, NO_FAMILY)
-    family[attractors.kind == QUIET] = QUIET_FAMILY
-    rows = np.flatnonzero((attractors.kind == PERIODIC) | (attractors.kind == CHAOTIC))
-    _, first, which = np.unique(component[rows], return_index=True, return_inverse=True)
-    here, _ = _distinct(which, attractors.cell[rows])
-    order = np.lexsort((first, -np.bincount(here, minlength=first.size)))
-    family[rows] = 1 + np.argsort(order)[which]
-    return family
+    family = numbers_of(sums)[sums.component]
+    n = int(family.max(initial=QUIET_FAMILY)) + 1
 
+    def of(values: NDArray[Any], nothing: float = 0) -> NDArray[Any]:
+        column = np.full(n, nothing, values.dtype)
+        column[family] = values
+        return column
 
-def _distinct(family: NDArray[np.int64], cell: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Each pair of a family and a cell once."""
-    width = int(cell.max(initial=0)) + 1
-    pairs = np.unique(family * width + cell)
-    return pairs // width, pairs % width
+    def between(
+        axis: NDArray[np.float64], one: NDArray[np.int64], other: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        low, high = np.minimum(axis[one], axis[other]), np.maximum(axis[one], axis[other])
+        return of(low, np.nan), of(high, np.nan)
 
-
-def tabulated(
-    delta: NDArray[np.float64],
-    epsilon: NDArray[np.float64],
-    count: int,
-    attractors: Attractors,
-    family: NDArray[np.int64],
-) -> FamilyTable:
-    """What is known of each family."""
-    rows = np.flatnonzero(family != NO_FAMILY)
-    each, cell = family[rows], attractors.cell[rows]
-    n = int(each.max(initial=QUIET_FAMILY)) + 1
-    share = attractors.samples[rows] / count
-    here, at = _distinct(each, cell)
-    cells = np.bincount(here, minlength=n)
-    row, column = np.divmod(at, delta.size)
-
-    def extreme(values: NDArray[np.float64], family: NDArray[np.int64]) -> tuple[NDArray[np.float64], ...]:
-        low, high = np.full(n, np.inf), np.full(n, -np.inf)
-        np.minimum.at(low, family, values)
-        np.maximum.at(high, family, values)
-        return tuple(np.where(np.isfinite(x), x, np.nan) for x in (low, high))
-
-    first = np.full(n, -1)
-    first[each[::-1]] = rows[::-1]  # a row of each
-    label = (np.where(first >= 0, x[first], 0) for x in attractors[2:5])
-    kind = np.where(first >= 0, attractors.kind[first], QUIET)
-    best = np.full(n, -1)
-    order = np.lexsort((-np.arange(rows.size), share))  # the first of equal ones comes last, and stays
-    best[each[order]] = order
-    place = np.where(best >= 0, cell[best], 0)
-    known = np.flatnonzero(~np.isnan(attractors.first[rows]))
-    columns = (
-        kind,
-        *label,
-        cells,
-        np.bincount(each, attractors.samples[rows] == 0, n).astype(np.int64),
-        *extreme(delta[column], here),
-        *extreme(epsilon[row], here),
-        np.where(best >= 0, share[best], 0.0),
-        np.bincount(each, share, n) / np.maximum(cells, 1),
-        np.where(best >= 0, delta[place % delta.size], np.nan),
-        np.where(best >= 0, epsilon[place // delta.size], np.nan),
-        extreme(attractors.first[rows][known], each[known])[1],
-        np.bincount(each, minlength=n) > cells,
+    row, column = np.divmod(sums.at, delta.size)
+    exponent = np.where(np.isfinite(sums.exponent), sums.exponent, np.nan)
+    return FamilyTable(
+        of(sums.kind, QUIET),
+        of(sums.m),
+        of(sums.n_plus),
+        of(sums.n_minus),
+        of(sums.cells),
+        of(sums.unsampled),
+        *between(delta, sums.left, sums.right),
+        *between(epsilon, sums.top, sums.bottom),
+        of(sums.most / count),
+        of(sums.samples / (count * np.maximum(sums.cells, 1))),
+        of(delta[column], np.nan),
+        of(epsilon[row], np.nan),
+        of(exponent, np.nan),
+        of(sums.rows > sums.cells),
     )
-    return FamilyTable._make(columns)

@@ -218,7 +218,7 @@ PROTECTIONS = (
         "a dismissal ends the process that prepares a survey",
         f"{SERVICE}::test_a_survey_that_is_being_prepared_can_be_dismissed",
         "workers/cluster/runner.py",
-        "        give_up(client, [future])\n",
+        "        end_tasks(client, [future])\n",
         "",
     ),
     _one(
@@ -227,6 +227,21 @@ PROTECTIONS = (
         "workers/cluster/cluster.py",
         "    while quiet < ROUNDS:\n",
         "    while False:\n",
+    ),
+    _one(
+        "what enters a block goes on into the next ones",
+        "tests/contracts/workers/test_workers_families.py::test_blocks_do_not_show",
+        "workers/families/join.py",
+        "            if not again:\n",
+        "            if True:\n",
+    ),
+    _one(
+        "a tile of which the move was interrupted is not moved on",
+        "tests/contracts/workers/test_workers_families.py"
+        "::test_a_tile_that_was_being_moved_when_its_worker_died_is_moved_all_the_same",
+        "workers/families/move.py",
+        "    if values is None:\n",
+        "    if False:\n",
     ),
     _one(
         "a damaged root is mended",

@@ -20,7 +20,9 @@ from intruders import certificates, listening
 from waiting import HANG, wait_until
 
 import workers.cluster.cluster
+import workers.cluster.joining
 import workers.cluster.submission
+import workers.families.blocks
 from workers import (
     Axis,
     ClusterLostError,
@@ -56,7 +58,8 @@ TILES = tiles_of(REQUEST)
 def _long_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine may be so busy that a worker takes minutes to come, or to come back."""
     monkeypatch.setattr(workers.cluster.cluster, "CONNECT_SECONDS", HANG)
-    monkeypatch.setattr(workers.cluster.submission, "WORKERLESS_SECONDS", HANG)
+    for room in (workers.cluster.submission, workers.cluster.joining):
+        monkeypatch.setattr(room, "WORKERLESS_SECONDS", HANG)
 
 
 @pytest.fixture(scope="module")
@@ -274,8 +277,9 @@ def test_a_task_that_began_while_it_was_given_up_has_ended(
     cluster.wait_for_workers(2)
 
 
-def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path) -> None:
-    """As in this process, to the byte; a stop leaves a survey that is joined later."""
+def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Block by block as in this process, to the byte; a stop leaves a survey that is joined later."""
+    monkeypatch.setattr(workers.families.blocks, "SLOTS_OF_BLOCK", 8 * 3**2)
     request = REQUEST.model_copy(update={"quantities": tuple(map(Group, ("attractors", "lyapunov", "families")))})
     there, here = tmp_path / "there.zarr", tmp_path / "here.zarr"
     create_store(request, there)

@@ -1,12 +1,13 @@
 """Where families of attractors end in a survey, and which of its traced curves passes there."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from rattle import Families
-from rattle.attractors.table import CHAOTIC, UNDECIDED
+from rattle import FamilyTable
+from rattle.attractors.table import CHAOTIC
+from rattle.families.spread import Rectangle
 from workers.boundaries.labels import labels_of
 
 Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]  # δ, ε and piece of the points of a curve, in their order
@@ -24,54 +25,93 @@ class Edges(NamedTuple):
     on: np.ndarray
 
 
-def edges_of(families: Families, curves: Mapping[str, Polyline]) -> Edges:
-    """The edges of the families of a survey, whose axes rise, and the curves that these are on.
-
-    A cell without a single attractor was not computed, and one with undecided samples may have what it does not list:
-    pairs with these are left out.
+class Ends(NamedTuple):
+    """The edges of some components (k,) in a part of a grid: number (k,) of pairs, on (k, curves) of those between
+    which each curve passes.
     """
-    rows, shape = families.attractors, (families.epsilon.size, families.delta.size)
-    n_cells, n_families = shape[0] * shape[1], families.table.cells.size
-    known = np.bincount(rows.cell, minlength=n_cells) > 0
-    known[rows.cell[rows.kind == UNDECIDED]] = False
-    named = families.family >= 0
-    here = np.unique(families.family[named] * n_cells + rows.cell[named])
-    family, cell = np.divmod(here, n_cells)
-    number, on = np.zeros(n_families, np.int64), np.zeros((n_families, len(curves)), np.int64)
-    concerned = np.array([_concerned(families, name) for name in curves]).reshape(len(curves), n_families)
-    passed = [_passed(curve, families.delta, families.epsilon) for curve in curves.values()]
-    row, column = np.divmod(cell, shape[1])
-    for axis, step in ((0, (0, 1)), (0, (0, -1)), (1, (1, 0)), (1, (-1, 0))):
-        i, j = row + step[0], column + step[1]
-        inside = (i >= 0) & (i < shape[0]) & (j >= 0) & (j < shape[1])
-        other = np.where(inside, i * shape[1] + j, 0)
-        key = family * n_cells + other
-        has = here[np.minimum(np.searchsorted(here, key), here.size - 1)] == key
-        ends = inside & known[cell] & known[other] & ~has
-        number += np.bincount(family[ends], minlength=n_families)
-        at = np.minimum(row, i)[ends], np.minimum(column, j)[ends]
-        for k in range(len(curves)):
-            on[:, k] += np.bincount(family[ends], passed[k][axis][at], n_families).astype(np.int64)
-    return Edges(tuple(curves), number, np.where(concerned.T, on, 0))
+
+    component: np.ndarray
+    number: np.ndarray
+    on: np.ndarray
 
 
-def _concerned(families: Families, name: str) -> np.ndarray:
+class Crossings(NamedTuple):
+    """Where a curve passes between neighbouring cells of a grid: rising numbers of cells, between which and the next
+    one along δ it passes, and along ε.
+    """
+
+    delta: np.ndarray
+    epsilon: np.ndarray
+
+
+def ends_in(
+    part: Rectangle, columns: int, cell: np.ndarray, component: np.ndarray, crossings: Sequence[Crossings]
+) -> Ends:
+    """The edges between the cells of a part of a grid with so many columns, whose axes rise, and the next ones along δ
+    and ε.
+
+    cell, component (rows,): the attractors of the part and of these next ones, component −1: undecided. A cell without
+    a single attractor was not computed, and one with undecided samples may have what it does not list: pairs with these
+    are left out.
+    """
+    width = part.right - part.left + 1
+    row, column = np.divmod(cell, columns)
+    row, column = row - part.top, column - part.left
+    within = (row >= 0) & (row <= part.bottom - part.top) & (column >= 0) & (column < width)
+    row, column, component = row[within], column[within], component[within]
+    n = (part.bottom - part.top + 1) * width
+    known = np.bincount(row * width + column, minlength=n) > 0
+    known[(row * width + column)[component < 0]] = False
+    named = component >= 0
+    ids, which = np.unique(component[named], return_inverse=True)
+    here = np.unique(which * n + (row * width + column)[named])
+    which, at = np.divmod(here, n)
+    row, column = np.divmod(at, width)
+    number, on = np.zeros(ids.size, np.int64), np.zeros((ids.size, len(crossings)), np.int64)
+    for axis, (down, right) in enumerate(((0, 1), (1, 0))):
+        for back in (0, 1):  # whether the family has the pair's second cell
+            i, j = row - back * down, column - back * right
+            other = (row + (1 - 2 * back) * down) * width + column + (1 - 2 * back) * right
+            pair = (i >= 0) & (i < part.bottom - part.top) & (j >= 0) & (j < part.right - part.left)
+            other = np.where(pair, other, 0)
+            has = here[np.minimum(np.searchsorted(here, which * n + other), here.size - 1)] == which * n + other
+            ends = pair & known[at] & known[other] & ~has
+            number += np.bincount(which[ends], minlength=ids.size)
+            first = (part.top + i[ends]) * columns + part.left + j[ends]
+            for k, crossing in enumerate(crossings):
+                on[:, k] += np.bincount(which[ends][np.isin(first, crossing[axis])], minlength=ids.size)
+    return Ends(ids, number, on)
+
+
+def edges_of(parts: Iterable[Ends], family: np.ndarray, table: FamilyTable, names: Sequence[str]) -> Edges:
+    """The edges of the families of a survey from those in its parts; family: of each component, which indexes it."""
+    n = table.cells.size
+    number, on = np.zeros(n, np.int64), np.zeros((n, len(names)), np.int64)
+    for part in parts:
+        np.add.at(number, family[part.component], part.number)
+        np.add.at(on, family[part.component], part.on)
+    concerned = np.array([_concerned(table, name) for name in names]).reshape(len(names), n)
+    return Edges(tuple(names), number, np.where(concerned.T, on, 0))
+
+
+def _concerned(table: FamilyTable, name: str) -> np.ndarray:
     """Whether a curve makes or ends motions of these families' labels; chaos has none."""
-    table, known = families.table, labels_of(name)
+    known = labels_of(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)
 
 
-def _passed(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Whether a curve passes between each cell and the next one along δ (m, n − 1), and along ε (m − 1, n)."""
-    return _along(curve, delta, epsilon), _along((curve[1], curve[0], curve[2]), epsilon, delta).T
+def crossings_of(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> Crossings:
+    """Where a curve passes between the cells epsilon (m,) × delta (n,)."""
+    row, column = _along(curve, delta, epsilon)
+    line, before = _along((curve[1], curve[0], curve[2]), epsilon, delta)
+    return Crossings(np.unique(row * delta.size + column), np.unique(before * delta.size + line))
 
 
-def _along(curve: Polyline, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Whether a polyline of (x, y) meets the line of each y between each x and the next: (y, x − 1)."""
-    found = np.zeros((y.size, max(x.size - 1, 0)), bool)
+def _along(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Where a polyline of (x, y) meets the line of a y between an x and the next: numbers of that y and that x."""
     if len(curve[0]) < 2 or x.size < 2:
-        return found
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
     (x0, x1), (y0, y1) = ((values[:-1], values[1:]) for values in curve[:2])
     begin = np.searchsorted(y, np.minimum(y0, y1), "left")
     end = np.searchsorted(y, np.maximum(y0, y1), "right")
@@ -83,6 +123,4 @@ def _along(curve: Polyline, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     share = np.where(rise != 0.0, (y[line] - y0[segment]) / np.where(rise != 0.0, rise, 1.0), 0.0)
     at = x0[segment] + share * (x1 - x0)[segment]
     inside = (x[0] <= at) & (at <= x[-1])
-    between = np.clip(np.searchsorted(x, at[inside], "right") - 1, 0, x.size - 2)
-    found[line[inside], between] = True
-    return found
+    return line[inside], np.clip(np.searchsorted(x, at[inside], "right") - 1, 0, x.size - 2)

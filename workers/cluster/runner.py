@@ -7,16 +7,16 @@ from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
-from typing import Any
 from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from workers.cluster.cluster import end_tasks, end_tasks_and_wait
+from workers.cluster.cluster import end_tasks
 from workers.cluster.isolation import compute_tile_apart
+from workers.cluster.joining import Joining
 from workers.cluster.submission import Submission
 from workers.errors import ClusterLostError, StoppedError, SurveyError
-from workers.families import join_survey
+from workers.families.join import join_survey
 from workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from workers.storage.location import Place, place_of
 from workers.storage.store import before_tiles, require_aligned, write_tile
@@ -53,58 +53,37 @@ def template_on(client: Client, request: AnyRequest, created: str | None, should
         SurveyError: it cannot be computed.
         ClusterLostError: the cluster is gone.
     """
-    found: Template = _attempted(client, should_stop, "traced", "curves", template_of, request, created)
-    return found
-
-
-def join_on(client: Client, request: SurveyRequest, where: str | Path | Place, should_stop: Callable[[], bool]) -> None:
-    """Do what `join_survey` does on a cluster, holding the store. Arguments and errors are those of `template_on`, and
-    its own.
-    """
-    place = place_of(where)
-    with place.writing():
-        arguments = join_survey, request, str(place)
-        _attempted(client, should_stop, "joined", "attractors", *arguments, give_up=end_tasks_and_wait)
-
-
-def _attempted(
-    client: Client,
-    should_stop: Callable[[], bool],
-    done: str,
-    to: str,
-    function: Callable[..., Any],
-    *arguments: Any,
-    give_up: Callable[[Client, list[Future]], None] = end_tasks,
-) -> Any:
     for _ in range(ATTEMPTS):
         with suppress(KilledWorker):
-            return _computed(client, should_stop, give_up, done, to, function, *arguments)
-    raise SurveyError(f"the {to} of the survey killed the process that {done} them: look at the log")
+            return _traced(client, request, created, should_stop)
+    raise SurveyError("the curves of the survey killed the process that traced them: look at the log")
 
 
-def _computed(
-    client: Client,
-    should_stop: Callable[[], bool],
-    give_up: Callable[[Client, list[Future]], None],
-    done: str,
-    to: str,
-    function: Callable[..., Any],
-    *arguments: Any,
-) -> Any:
-    future = client.submit(function, *arguments, key=f"{done}-{uuid4().hex}", pure=False)
+def _traced(client: Client, request: AnyRequest, created: str | None, should_stop: Callable[[], bool]) -> Template:
+    future = client.submit(template_of, request, created, key=f"template-{uuid4().hex}", pure=False)
     ended: SimpleQueue[Future] = SimpleQueue()
     future.add_done_callback(ended.put)
     try:
         while not should_stop():
             with suppress(Empty):  # not TimeoutError of `result`: dask forgets it sometimes, on Python 3.12
                 ended.get(timeout=POLL_SECONDS)
-                return future.result()
-        give_up(client, [future])
-        raise StoppedError(f"stopped while the {to} of the survey were {done}")
+                template: Template = future.result()
+                return template
+        end_tasks(client, [future])
+        raise StoppedError("stopped while the curves of the survey were traced")
     except (CancelledError, OSError) as error:
         raise ClusterLostError("the dask scheduler is gone: start one and run the survey again") from error
     finally:
         future.release()
+
+
+def join_on(client: Client, request: SurveyRequest, where: str | Path | Place, should_stop: Callable[[], bool]) -> None:
+    """Do what `join_survey` does on a cluster, block by block, holding the store. Arguments and errors are those of
+    `template_on`, and its own. After a stop no process computes any of it.
+    """
+    place = place_of(where)
+    with place.writing():
+        join_survey(request, place, Joining(client, should_stop).each)
 
 
 def run_tiles(

@@ -7,7 +7,7 @@ variables AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, AWS_ENDPOINT, an
 
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import timedelta
 from typing import TYPE_CHECKING
@@ -150,6 +150,13 @@ class Bucket:
 
         with self.reaching():
             obstore.put(self.objects, key, content)
+
+    def remove(self, keys: Iterable[str]) -> None:
+        """Remove objects; those that are not there are left out. Raises what `reaching` does."""
+        import obstore
+
+        with self.reaching():
+            obstore.delete(self.objects, list(keys))
 
     def sweep(self) -> None:
         """Remove what a killed creation left: its marker."""

@@ -186,13 +186,29 @@ def examine_tiles(
 
 def _damage(place: Place, manifest: Manifest, row: int, column: int) -> tuple[str, ...] | None:
     """Return the variables of a tile that are lost or damaged; None if it is not computed."""
-    keys = manifest.keys(row, column)
+    return _examined(place, manifest.keys(row, column), row, column)[1]
+
+
+def whole_tile(place: Place, keys: Mapping[str, str], row: int, column: int) -> dict[str, bytes] | None:
+    """Return the chunks of a tile, by variable; None if it is not computed, or damaged. keys: where they are.
+
+    Raises:
+        SurveyError, StorageError: as `read`.
+    """
+    contents, lost = _examined(place, keys, row, column)
+    return {name: content for name, content in contents.items() if content is not None} if lost == () else None
+
+
+def _examined(
+    place: Place, keys: Mapping[str, str], row: int, column: int
+) -> tuple[dict[str, bytes | None], tuple[str, ...] | None]:
+    """Return what is in a tile's files, and which variables are lost or damaged; None if it is not computed."""
     noted = read(place, tile_key(row, column))
     if noted is None and read(place, keys[STATUS]) is None:
-        return None
+        return {}, None
     known = checksums_in(noted or b"", tile_key(row, column), len(keys))
     if known is None:
-        return (GROUP,)
+        return {}, (GROUP,)
     contents = {name: read(place, key) for name, key in keys.items()}
     lost = tuple(
         name
@@ -200,7 +216,7 @@ def _damage(place: Place, manifest: Manifest, row: int, column: int) -> tuple[st
         if content is None or checksum(keys[name], content) != expected
     )
     # The status comes last: a tile that was interrupted before it is not computed, and not damaged.
-    return None if lost == (STATUS,) and contents[STATUS] is None else lost
+    return contents, None if lost == (STATUS,) and contents[STATUS] is None else lost
 
 
 def damaged_template(place: Place, manifest: Manifest) -> tuple[str, ...]:

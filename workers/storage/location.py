@@ -6,7 +6,7 @@ Both promise: a store appears whole or not at all, a key is replaced at once or 
 import fcntl
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import lru_cache
 from pathlib import Path
@@ -78,6 +78,11 @@ class Directory:
         except OSError:
             partial.unlink(missing_ok=True)
             raise
+
+    def remove(self, keys: Iterable[str]) -> None:
+        """Remove files; those that are not there are left out. Raises OSError."""
+        for key in keys:
+            (self.path / key).unlink(missing_ok=True)
 
     @contextmanager
     def writing(self) -> Iterator[None]:

@@ -10,12 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
+from zarr.core.buffer import cpu
 
 from workers.errors import StorageError, SurveyError, storage_error
 from workers.kinds import AnyRequest, AnyTile, blank, template_of
 from workers.populations.request import PopulationRequest
 from workers.storage.bucket import SCHEME
-from workers.storage.integrity import STATUS, Manifest, damaged_template, examine_tiles, manifest_of, read, read_sealed
+from workers.storage.integrity import (
+    STATUS,
+    Manifest,
+    damaged_template,
+    examine_tiles,
+    manifest_of,
+    read,
+    read_sealed,
+    whole_tile,
+)
 from workers.storage.location import Place, place_of
 from workers.survey.families import FAMILY
 from workers.survey.families import GROUP as FAMILIES
@@ -153,6 +163,25 @@ def _place(path: str, request: AnyRequest) -> Place:
     return place_of(path)
 
 
+def read_tile(request: SurveyRequest, path: str, tile: Tile) -> dict[str, np.ndarray] | None:
+    """Read every variable of a tile; None if it is not computed, or damaged.
+
+    Raises:
+        StorageError: it cannot be read now.
+        SurveyError: the store is of another survey, or may not be read.
+    """
+    kept, arrays, _ = _blank(request)
+    row, column, keys = _keys(request, tile)
+    if (contents := whole_tile(_place(path, request), keys, row, column)) is None:
+        return None
+    values = {}
+    for name, content in contents.items():
+        kept[keys[name]] = cpu.Buffer.from_bytes(content)
+        values[name] = np.asarray(arrays[name][tile.at])
+        del kept[keys[name]]
+    return values
+
+
 def rewrite_tile(request: SurveyRequest, place: Place, tile: Tile, values: Mapping[str, np.ndarray]) -> None:
     """Write the slots of a computed tile anew; values: all of its variables. One that was interrupted is damaged.
 
@@ -174,9 +203,7 @@ def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray
             raise SurveyError(f"tile {tile.index}: {name} has shape {given.shape}, not that of its chunk")
     if missing := chunks.keys() - values.keys():
         raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}")
-    rows, columns = request.tile_grid
-    row, column = divmod(tile.index, columns)
-    keys = {name: chunk_key(key, row, column, rows // request.n_slices) for name, key in chunks.items()}
+    row, column, keys = _keys(request, tile)
     contents = {}
     for name, key in keys.items():
         arrays[name][tile.at] = values[name]
@@ -185,6 +212,14 @@ def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray
     arrays[TILES][:, row : row + 1, column : column + 1] = checksums_of(row, column, keys, contents)
     first = [(key, contents[name]) for name, key in keys.items() if name != STATUS]
     return [*first, (sums, kept.pop(sums).to_bytes()), (keys[STATUS], contents[STATUS])]
+
+
+def _keys(request: AnyRequest, tile: AnyTile) -> tuple[int, int, dict[str, str]]:
+    """Return where a tile is among the tiles, and the key of each of its chunks."""
+    rows, columns = request.tile_grid
+    row, column = divmod(tile.index, columns)
+    chunks = _blank(request)[2]
+    return row, column, {name: chunk_key(key, row, column, rows // request.n_slices) for name, key in chunks.items()}
 
 
 def finish_store(where: str | Path | Place) -> None:
@@ -217,9 +252,9 @@ def has_added(where: str | Path | Place, name: str) -> bool:
     return manifest is not None and f"{name}/{ROOT}" in manifest.files
 
 
-def added_to_store(where: str | Path | Place, added: Template) -> None:
-    """Add what follows from all tiles: the files of `added`, whose root describes them. They appear with the root,
-    which comes last, and are sealed as the template's are.
+def added_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
+    """Add what follows from all tiles: the files of `added`, whose root describes them, and those that are there
+    already, with their checksums. They appear with the root, which comes last, and are sealed as the template's are.
 
     Raises:
         OSError: it cannot be written now.
@@ -230,7 +265,7 @@ def added_to_store(where: str | Path | Place, added: Template) -> None:
     if root is None or own is None:
         raise SurveyError(f"{place} is damaged: run the survey again to repair it")
     files = {key: content for key, content in added.items() if key != ROOT}
-    own["attributes"]["files"] |= files_of(files)
+    own["attributes"]["files"] |= files_of(files) | dict(there)
     sums = sealed(own)
     described = json.loads(added[ROOT])["consolidated_metadata"]["metadata"]
     described[GROUP] = root["consolidated_metadata"]["metadata"][GROUP] | {"attributes": json.loads(sums)["attributes"]}

@@ -8,8 +8,9 @@ import zarr
 from zarr.core.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from rattle import KINDS, Attractors, Families
-from rattle.families.table import NO_FAMILY
+from rattle import KINDS, Attractors, FamilyTable
+from rattle.families.join import in_order
+from rattle.families.sums import NO_FAMILY
 from workers.survey.curves import TEXT, Variable
 from workers.survey.request import Along, SurveyRequest
 from workers.survey.template import CODECS, WHOLE, Template, consolidate, contents, group_of, write_variables
@@ -21,7 +22,6 @@ STORED = (
     "attractor_velocity", "attractor_lyapunov",
 )  # fmt: skip
 FAMILY, GROUP = "attractor_family", "families"
-LARGEST_CHUNK = 512  # cells a side: files do not become many
 ROW, ENTERED = ("family",), ("entered",)
 REFERENCE = "docs/families.md"
 
@@ -43,17 +43,17 @@ FAMILY_VARIABLES: tuple[Variable, ...] = (
     Variable("epsilon_at", ROW, float, "eccentricity where its share is largest", lambda x: x.table.epsilon_at),
     Variable("exponent", ROW, float, "largest Lyapunov exponent of its cells", lambda x: x.table.exponent),
     Variable("monodromy", ROW, bool, "whether a cell has two attractors of it", lambda x: x.table.monodromy),
-    Variable("entered_family", ENTERED, np.int32, "family of an orbit that no slot has", lambda x: x.family[x.entered]),
+    Variable("entered_family", ENTERED, np.int32, "family of an orbit that no slot has", lambda x: x.entered_family),
     Variable("entered_row", ENTERED, np.int32, "number of its cell along epsilon, from 0", lambda x: _places(x)[0]),
     Variable("entered_column", ENTERED, np.int32, "number of its cell along delta, from 0", lambda x: _places(x)[1]),
-    Variable("entered_phase", ENTERED, float, "phase τ of its fastest impact", lambda x: x.attractors.tau[x.entered]),
-    Variable("entered_velocity", ENTERED, float, "speed v of its fastest impact", lambda x: x.attractors.v[x.entered]),
+    Variable("entered_phase", ENTERED, float, "phase τ of its fastest impact", lambda x: x.entered.tau),
+    Variable("entered_velocity", ENTERED, float, "speed v of its fastest impact", lambda x: x.entered.v),
     Variable(
         "entered_lyapunov",
         ("entered", "exponent"),
         float,
         "Lyapunov exponent per forcing period, natural logarithm",
-        lambda x: np.column_stack([x.attractors.first[x.entered], x.attractors.second[x.entered]]),
+        lambda x: np.column_stack([x.entered.first, x.entered.second]),
     ),
 )
 
@@ -79,13 +79,22 @@ class Slots(NamedTuple):
     slot: np.ndarray
 
 
-def _places(families: Families) -> tuple[np.ndarray, np.ndarray]:
-    return np.divmod(families.attractors.cell[families.entered], families.delta.size)
+class Joined(NamedTuple):
+    """The families of a survey, the orbits that no slot has in the order of their cells, and the family of each."""
+
+    table: FamilyTable
+    entered: Attractors
+    entered_family: np.ndarray
+    columns: int  # of the grid
 
 
-def listed(values: dict[str, np.ndarray], count: int, first_cell: int = 0) -> Slots:
-    """Return the attractors in the slots of some rows of cells, from the variables of STORED (slots, …, rows, n): in
-    each cell by falling share, whatever their slots.
+def _places(joined: Joined) -> tuple[np.ndarray, np.ndarray]:
+    return np.divmod(joined.entered.cell, joined.columns)
+
+
+def listed(values: Mapping[str, np.ndarray], count: int) -> Slots:
+    """Return the attractors in the slots of a rectangle of cells, from the variables of STORED (slots, …, rows, n): in
+    their order, whatever their slots, cells numbered row by row of the rectangle.
     """
     kind = np.moveaxis(values["attractor_kind"], 0, -1)
     flat = kind.reshape(-1, kind.shape[-1])
@@ -100,7 +109,7 @@ def listed(values: dict[str, np.ndarray], count: int, first_cell: int = 0) -> Sl
     samples = np.rint(of("fraction").astype(float) * count).astype(np.int64)
     nothing, unknown = np.zeros(cell.size, np.int64), np.full(cell.size, np.nan)
     table = Attractors(
-        cell=cell + first_cell,
+        cell=cell,
         kind=flat[cell, slot].astype(np.int64),
         m=of("m").astype(np.int64),
         n_plus=of("n_plus").astype(np.int64),
@@ -114,31 +123,8 @@ def listed(values: dict[str, np.ndarray], count: int, first_cell: int = 0) -> Sl
         impacts=nothing,
         watched=unknown,
     )
-    order = np.lexsort((table.tau, table.v, *table[4:0:-1], -samples, table.cell))
+    order = in_order(table)
     return Slots(Attractors._make(x[order] for x in table), slot[order])
-
-
-class Joined(NamedTuple):
-    """The families of a survey without a third axis, the number of each slot (slots, n_epsilon, n_delta), and from
-    which slot of its tile what is there comes, −1 where nothing does.
-    """
-
-    families: Families
-    numbers: np.ndarray
-    source: np.ndarray
-
-
-def joined_slots(request: SurveyRequest, found: Slots) -> Joined:
-    """Return the families of the attractors of a survey without a third axis, and their slots."""
-    count = request.initial_conditions.count
-    families = request.gear_model.families(request.delta.values(), request.epsilon.values(), count, found.attractors)
-    family, cell = families.family[~families.entered], found.attractors.cell
-    slot = slots_of(family, cell, request.n_slots) if request.slots_follow_families else found.slot
-    shape = request.n_slots, *request.shape
-    numbers = np.full((request.n_slots, request.n_cells), NO_FAMILY, np.int32)
-    source = np.full((request.n_slots, request.n_cells), -1, np.int8)
-    numbers[slot, cell], source[slot, cell] = family, found.slot
-    return Joined(families, numbers.reshape(shape), source.reshape(shape))
 
 
 def with_empty(source: np.ndarray) -> np.ndarray:
@@ -155,22 +141,39 @@ def with_empty(source: np.ndarray) -> np.ndarray:
     return whole
 
 
-def slots_of(family: np.ndarray, cell: np.ndarray, slots: int) -> np.ndarray:
-    """Return the slots of attractors (k,), in each cell by falling share, of which at most so many are in a cell.
+def slots_of_families(together: np.ndarray, families: int, slots: int) -> np.ndarray:
+    """Return the slot that each family has in all its cells (families,), −1 where there is none, from which of them are
+    together in a cell: pairs (k, 2), the smaller number first.
 
-    One family after the other, by their numbers, gets the lowest slot that is free in all its cells. What finds none,
-    and what a cell has of a family besides the first, gets the lowest that is free in its cell.
+    One family after the other, by their numbers, gets the lowest slot that is free in all its cells.
+    """
+    order = np.argsort(together[:, 1], kind="stable")
+    begin = np.searchsorted(together[order, 1], np.arange(families + 1)).tolist()
+    before = together[order, 0].tolist()
+    found: list[int] = []
+    for number in range(families):
+        used = 0
+        for other in before[begin[number] : begin[number + 1]]:
+            if found[other] >= 0:
+                used |= 1 << found[other]
+        free = _lowest_free(used)
+        found.append(free if free < slots else -1)
+    return np.array(found, np.int8)
+
+
+def slots_of(family: np.ndarray, cell: np.ndarray, of_family: np.ndarray) -> np.ndarray:
+    """Return the slots of attractors (k,), in each cell by falling share, from those of their families (k,), −1: none.
+
+    What has none, and what a cell has of a family besides the first, gets the lowest that is free in its cell.
     """
     slot = np.full(family.size, -1)
     used = np.zeros(int(cell.max(initial=-1)) + 1, np.uint64)  # a bit for each slot of a cell
     named = np.flatnonzero(family != NO_FAMILY)
     _, first = np.unique(family[named].astype(np.int64) * used.size + cell[named], return_index=True)
-    first = named[first]  # of each family in each cell, by family
-    for rows in np.split(first, np.flatnonzero(np.diff(family[first])) + 1):
-        free = _lowest_free(int(np.bitwise_or.reduce(used[cell[rows]])))
-        if free < slots:
-            slot[rows] = free
-            used[cell[rows]] |= np.uint64(1 << free)
+    first = named[first]  # of each family in each cell
+    first = first[of_family[first] >= 0]
+    slot[first] = of_family[first]
+    np.bitwise_or.at(used, cell[first], np.uint64(1) << slot[first].astype(np.uint64))
     for i in np.flatnonzero(slot < 0):
         slot[i] = _lowest_free(int(used[cell[i]]))
         used[cell[i]] |= np.uint64(1 << int(slot[i]))
@@ -182,34 +185,41 @@ def _lowest_free(used: int) -> int:
     return (~used & (used + 1)).bit_length() - 1
 
 
-def files_of_families(request: SurveyRequest, found: Mapping[Along, tuple[Joined, Any]]) -> Template:
-    """Return the files that families add to a store, by their key, with a root that describes them.
-
-    found: of each slice its families, and what EDGE_VARIABLES are read from.
-    """
-    kept: dict[str, Buffer] = {}
-    store = MemoryStore(kept)
-    root = zarr.create_group(store, zarr_format=3)
+def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.Array:
+    """Create the array of the families of all slots, in chunks of so many cells a side."""
     described: dict[str, Any] = {
         "long_name": "number of the family of the attractor, a row of the group families; 0: quiet, -1: none",
         "units": "1",
         "references": REFERENCE,
     }
-    numbers, one = [joined.numbers for joined, _ in found.values()], [1 for _ in request.third_axis]
-    root.create_array(
+    lengths = [axis.num for axis in request.third_axis.values()]
+    return root.create_array(
         FAMILY,
-        data=np.stack(numbers) if request.third else numbers[0],
-        chunks=(*one, request.n_slots, *(min(size, LARGEST_CHUNK) for size in request.shape)),
+        shape=(*lengths, request.n_slots, *request.shape),
+        dtype=np.int32,
+        chunks=(*(1 for _ in lengths), request.n_slots, *(min(side, size) for size in request.shape)),
         compressors=CODECS,
         config=WHOLE,
         fill_value=NO_FAMILY,
         dimension_names=(*request.third_axis, SLOT, *CELL),
         attributes=described,
     )
+
+
+def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, tuple[Joined, Any]]) -> Template:
+    """Return the files that families add to a store but the chunks of their numbers, by their key, with a root that
+    describes them.
+
+    found: of each slice its families, and what EDGE_VARIABLES are read from.
+    """
+    kept: dict[str, Buffer] = {}
+    store = MemoryStore(kept)
+    root = zarr.create_group(store, zarr_format=3)
+    create_numbers(root, request, side)
     for along, (joined, edges) in found.items():
         attributes = {"long_name": "families of attractors", "references": REFERENCE}
         group = group_of(root, request, along).create_group(GROUP, attributes=attributes)
-        write_variables(group, FAMILY_VARIABLES, joined.families)
+        write_variables(group, FAMILY_VARIABLES, joined)
         write_variables(group, EDGE_VARIABLES, edges)
     consolidate(store)
     return contents(kept)

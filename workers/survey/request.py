@@ -55,7 +55,6 @@ MOST_STIFF = 1e8  # a motion needs some √κ returns to become quiet: beyond, s
 BY_FRACTION, BY_FAMILY = "fraction", "family"  # what decides in which slot an attractor is
 SLOTS, MORE_SLOTS, MANY_ATTRACTORS = 8, 24, 0.1  # attractors that a cell lists; more below this damping
 MAX_SLOTS = 64
-MAX_JOINED = 1_500_000  # cells of a survey with families: a kilobyte each in the memory of one worker
 MAX_TILES = 1_000_000  # a file per variable and tile, a millisecond of scheduling each
 MAX_SLICES = 64  # along a third axis: the curves of each take seconds, and a hundred files
 
@@ -188,8 +187,6 @@ class SurveyRequest(Strict):
             raise ValueError("a survey has one third axis: give one number for beta, or for kappa")
         if Group.FAMILIES in self.quantities and not JOINED.issubset(self.quantities):
             raise ValueError(f"families are made from {' and '.join(sorted(JOINED))}: name these too")
-        if Group.FAMILIES in self.quantities and self.n_cells > MAX_JOINED:
-            raise ValueError(f"families of {self.n_cells} cells, at most {MAX_JOINED}: leave them out, or lower num")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
             raise ValueError("slots by family need the families: name these quantities too, or leave slots_by out")
         if unknown := set(self.quantities).difference(groups_of(self.model)):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors
 from rattle.errors import parameters, require_number
 from rattle.families.join import axis, joined
 from rattle.families.table import Families
@@ -28,12 +29,9 @@ def families_of(
     delta, epsilon = axis("delta", delta), axis("epsilon", epsilon)
     beta, kappa = (require_number(name, x, positive=True) for name, x in (("beta", beta), ("kappa", kappa)))
     table = attractors_of(delta, epsilon[:, None], beta, kappa, count, v_max, seed, budget)
-    return joined_at(delta, epsilon, beta, kappa, count, table)
+    return joined(delta, epsilon, count, table, plane(delta, epsilon, beta, kappa))
 
 
-def joined_at(
-    delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: float, kappa: float, count: int, table: Attractors
-) -> Families:
-    """The families of a table of attractors, of the cells epsilon (m,) × delta (n,) with so many samples each."""
-    columns = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon[:, None], beta, kappa=kappa))
-    return joined(delta, epsilon, count, table, cells_of(*columns))
+def plane(delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: float, kappa: float) -> Any:
+    """The cells epsilon (m,) × delta (n,) as kernels take them, row by row."""
+    return cells_of(*(np.array(x, order="C").ravel() for x in parameters(delta, epsilon[:, None], beta, kappa=kappa)))

@@ -1,12 +1,15 @@
 """The edges of families lie on the curves that make or end their motions."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 import rattle
 from rattle import curves
+from rattle.families.spread import Rectangle
 from rattle.families.table import Families
-from workers.boundaries.edges import Edges, edges_of
+from workers.boundaries.edges import Crossings, Edges, crossings_of, edges_of, ends_in
 
 DELTA, EPSILON = np.linspace(0.55, 0.65, 19), np.linspace(0.05, 0.08, 23)
 WINDOW = (0.54, 0.66), (0.045, 0.085)
@@ -17,10 +20,28 @@ def families() -> Families:
     return rattle.families_of(DELTA, EPSILON, count=8)
 
 
+@cache
+def crossings_on(name: str) -> Crossings:
+    curve = curves.trace(name, 0.6, *WINDOW)
+    return crossings_of((curve.delta, curve.epsilon, curve.piece), DELTA, EPSILON)
+
+
+def found_in(families: Families, names: tuple[str, ...], side: int) -> Edges:
+    """The edges of families, found in parts of so many cells a side."""
+    crossings = [crossings_on(name) for name in names]
+    rows = families.attractors
+    parts = [
+        Rectangle(i, min(i + side, EPSILON.size), j, min(j + side, DELTA.size))
+        for i in range(0, EPSILON.size, side)
+        for j in range(0, DELTA.size, side)
+    ]
+    ends = (ends_in(part, DELTA.size, rows.cell, families.family, crossings) for part in parts)
+    return edges_of(ends, np.arange(families.table.cells.size), families.table, names)
+
+
 @pytest.fixture(scope="module")
 def edges(families: Families) -> Edges:
-    traced = {name: curves.trace(name, 0.6, *WINDOW) for name in curves.NAMES}
-    return edges_of(families, {name: (curve.delta, curve.epsilon, curve.piece) for name, curve in traced.items()})
+    return found_in(families, tuple(curves.NAMES), 64)
 
 
 def pairs_of(inside: np.ndarray) -> int:
@@ -61,4 +82,11 @@ def test_cells_that_are_not_known_have_no_edges(families: Families) -> None:
     kept = rows.cell != middle
     attractors = rattle.Attractors._make(x[kept] for x in rows)
     without = Families(DELTA, EPSILON, 8, attractors, families.entered[kept], families.family[kept], families.table)
-    assert np.all(edges_of(without, {}).number <= edges_of(families, {}).number)
+    assert np.all(found_in(without, (), 64).number <= found_in(families, (), 64).number)
+
+
+@pytest.mark.parametrize("side", [3, 8])
+def test_parts_do_not_show(families: Families, edges: Edges, side: int) -> None:
+    parts = found_in(families, tuple(curves.NAMES), side)
+    assert np.array_equal(parts.number, edges.number)
+    assert np.array_equal(parts.on, edges.on)

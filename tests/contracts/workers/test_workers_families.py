@@ -1,6 +1,9 @@
 """The families of a survey: those of the library, whatever its tiles, kept under its seals, joined anew if lost."""
 
+import shutil
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,6 +12,7 @@ import zarr
 from pydantic import ValidationError
 
 import rattle
+import workers.families.blocks
 from workers import (
     Axis,
     Directory,
@@ -26,8 +30,8 @@ from workers import (
     tiles_of,
 )
 from workers.cluster.runner import compute_and_write
+from workers.families.join import here
 from workers.survey.families import EDGE_VARIABLES, FAMILY_VARIABLES
-from workers.survey.request import MAX_JOINED
 
 GROUPS = ("attractors", "lyapunov", "families")
 TILES = ((12, 10), (5, 4), (3, 10))
@@ -212,6 +216,36 @@ def test_slots_follow_families(whole: Path, followed: Path) -> None:
     assert any(len({*np.nonzero(shares.attractor_family.values == n)[0]}) > 1 for n in slots)
 
 
+@pytest.fixture(scope="module")
+def apart(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tiles of that survey, in another shape, not joined."""
+    return computed(by_family(TILES[1]), tmp_path_factory.mktemp("families") / "survey.zarr")
+
+
+@pytest.mark.parametrize(("side", "rounds"), [(7, 1), (3, 2)])
+def test_blocks_do_not_show(
+    followed: Path, apart: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, side: int, rounds: int
+) -> None:
+    """In one piece, orbits go from cell to cell through the whole grid; in blocks, round by round. The numbers and the
+    slots are the same to the bit.
+    """
+    request, path, done = by_family(TILES[1]), tmp_path / "survey.zarr", []
+
+    def each(task: Callable[..., Any], *arguments: Any) -> list[Any]:
+        done.append(task.__name__)
+        return here(task, *arguments)
+
+    monkeypatch.setattr(workers.families.blocks, "SLOTS_OF_BLOCK", 8 * side**2)
+    shutil.copytree(apart, path)
+    join_survey(request, path, each)
+    assert_same(path, followed)
+    assert slots_in(path).equals(slots_in(followed))
+    assert examine(path).whole
+    assert done.count("enter") >= rounds
+    assert [*(path / "families").glob("joining*")] == []
+    assert (path / f"attractor_family/c/0/{9 // side}/{11 // side}").exists()
+
+
 def assert_same_table(first: Path, second: Path) -> None:
     assert read(first)[1].equals(read(second)[1])
 
@@ -230,12 +264,40 @@ def test_slots_that_are_few_are_shared(tmp_path: Path) -> None:
     assert (few.attractor_family[0] <= 0).sum() > (shares.attractor_family[0] <= 0).sum()
 
 
+def test_a_tile_that_was_being_moved_when_its_worker_died_is_moved_all_the_same(
+    followed: Path, apart: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """dask does the task again, in another process: what is there then is of neither order."""
+    request, path = by_family(TILES[1]), tmp_path / "survey.zarr"
+    shutil.copytree(apart, path)
+    put, died = Directory.put, []
+
+    def dying(self: Directory, key: str, content: bytes) -> None:
+        if key.startswith("attractor_phase") and not died:
+            died.append(key)
+            raise KeyboardInterrupt
+        put(self, key, content)
+
+    def each(task: Callable[..., Any], of: SurveyRequest, where: str, items: Sequence[Any]) -> list[Any]:
+        try:
+            return here(task, of, where, items)
+        except KeyboardInterrupt:
+            return here(task, of, where, items)
+
+    monkeypatch.setattr(Directory, "put", dying)
+    join_survey(request, path, each)
+    assert died
+    finish_store(path)
+    assert examine(path).whole
+    assert slots_in(path).equals(slots_in(followed))
+
+
 @pytest.mark.parametrize("puts", [3, 14])
 def test_slots_that_are_being_moved_when_a_run_is_killed(
-    followed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, puts: int
+    followed: Path, apart: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, puts: int
 ) -> None:
     request, path = by_family(TILES[1]), tmp_path / "survey.zarr"
-    computed(request, path)
+    shutil.copytree(apart, path)
     put, written = Directory.put, []
 
     def dying(self: Directory, key: str, content: bytes) -> None:
@@ -300,7 +362,6 @@ def test_who_does_not_ask_has_none(tmp_path: Path) -> None:
     [
         ({"quantities": ("families",)}, "families are made from attractors and lyapunov"),
         ({"quantities": ("attractors", "families")}, "families are made from attractors and lyapunov"),
-        ({"delta": {"start": 0.4, "stop": 1.0, "num": MAX_JOINED // 10 + 1}, "tile": {}}, "families of 1500010 cells"),
     ],
 )
 def test_what_cannot_be_joined_is_refused(change: dict[str, object], message: str) -> None:

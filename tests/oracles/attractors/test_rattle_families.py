@@ -7,7 +7,7 @@ from scipy.ndimage import label as components
 import rattle
 from rattle import stiff
 from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED
-from rattle.families.table import NO_FAMILY, QUIET_FAMILY
+from rattle.families.sums import NO_FAMILY, QUIET_FAMILY
 
 DELTA, EPSILON = np.linspace(0.405, 0.6, 27), np.linspace(0.05, 0.16, 23)
 COUNT = 16

@@ -1,35 +1,26 @@
-"""The attractors of a survey joined to families, after its tiles: read from the store, and written to it; and one
-family of a survey as a map.
-"""
+"""One family of a survey as a map."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import zarr
 
-from rattle import KINDS, Attractors, wilson_interval
-from workers.boundaries.edges import Polyline, edges_of
-from workers.errors import SurveyError, reading, storage_error
-from workers.storage.location import Place, place_of
-from workers.storage.store import added_to_store, has_added, open_survey, rewrite_tile
-from workers.survey.families import FAMILY, GROUP, STORED, Slots, files_of_families, joined_slots, listed, with_empty
-from workers.survey.request import Along, SurveyRequest
+from rattle import KINDS, wilson_interval
+from workers.errors import SurveyError
+from workers.storage.location import Place
+from workers.storage.store import open_survey
+from workers.survey.families import FAMILY, GROUP
 from workers.survey.seals import path_of
 from workers.survey.slices import slice_of
-from workers.survey.tiles import Tile, tiles_of
-from workers.survey.values.quantities import stored
-from workers.survey.values.schema import CELL, SLOT, Group
+from workers.survey.values.schema import CELL, Group
 
 if TYPE_CHECKING:
     import xarray as xr
 
-#: Of a curve in the store: its points and what joins them.
-CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
 PER_CELL = {
     "fraction": "share of the sampled initial conditions; 0 of an orbit that exists and that none of them found",
     "fraction_upper": "upper end of the 95 % Wilson interval of fraction",
@@ -39,79 +30,6 @@ PER_CELL = {
     "multiplier": "size of the Floquet multiplier of a periodic motion",
     "attractors": "attractors of the cell that are of this family: more than one where monodromy is",
 }
-
-
-def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
-    """Whether a survey, whose tiles are all there, is still to be joined."""
-    return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
-
-
-def join_survey(request: SurveyRequest, where: str | Path | Place) -> None:
-    """Join the attractors of a survey whose tiles are all computed, each slice for itself, and store their families.
-
-    The caller holds the store. The result is a function of what the tiles hold: neither their shape nor the order in
-    which they came shows. A run that was killed meanwhile leaves a survey without families, which is joined anew.
-
-    Raises:
-        StorageError: it cannot be written now.
-        SurveyError: there is no survey, or it is damaged.
-    """
-    place = place_of(where)
-    found = {}
-    for along, each in request.slices.items():
-        joined = joined_slots(each, _slots(each, place, along))
-        found[along] = joined, edges_of(joined.families, _curves(each, place, along))
-    try:
-        _move(request, place, {along: joined.source for along, (joined, _) in found.items()})
-        added_to_store(place, files_of_families(request, found))
-    except OSError as error:
-        raise storage_error(f"the families of {place} cannot be written", error) from error
-
-
-def _slots(request: SurveyRequest, place: Place, along: Along) -> Slots:
-    """Read the attractors of a slice, a row of tiles at a time."""
-    parts = []
-    with reading(f"the attractors of {place}"):
-        arrays = {name: zarr.open_array(place.zarr(), path=name, mode="r") for name in STORED}
-        height, width = request.tile_shape[0], request.shape[1]
-        for row in range(0, request.shape[0], height):
-            here = Tile(0, slice(0, width), slice(row, row + height), along).at
-            values = {name: np.asarray(each[here]) for name, each in arrays.items()}
-            parts.append(listed(values, request.initial_conditions.count, row * width))
-    columns = zip(*(part.attractors for part in parts), strict=True)
-    attractors = Attractors._make(np.concatenate(column) for column in columns)
-    return Slots(attractors, np.concatenate([part.slot for part in parts]))
-
-
-def _move(request: SurveyRequest, place: Place, sources: Mapping[Along, np.ndarray]) -> None:
-    """Move what is in the slots of the tiles; tiles in which everything is in place are left as they are."""
-    quantities = [each for each in stored(request.quantities, request.model) if each.per_cell]
-    arrays = {each.name: zarr.open_array(place.zarr(), path=each.name, mode="r") for each in quantities}
-    slots = np.arange(request.n_slots)[:, None, None]
-    for tile in tiles_of(request):
-        here = with_empty(sources[tile.along][:, tile.epsilon, tile.delta])
-        if (here == slots).all():
-            continue
-        with reading(f"tile {tile.index} of {place}"):
-            values = {name: np.asarray(each[tile.at]) for name, each in arrays.items()}
-        for each in quantities:
-            if each.dims[0] == SLOT:
-                index = here.reshape(here.shape[0], *(1,) * (len(each.dims) - 3), *here.shape[1:])
-                values[each.name] = np.take_along_axis(values[each.name], index, 0)
-        rewrite_tile(request, place, tile, values)
-
-
-def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
-    """The curves of a slice, as they were traced for its template."""
-    found: dict[str, Polyline] = {}
-    with reading(f"the curves of {place}"):
-        for name in request.gear_model.curve_names:
-            delta, epsilon, piece = (
-                np.asarray(zarr.open_array(place.zarr(), path=path_of(along, f"curves/{name}/{each}"), mode="r")[:])
-                for each in CURVE_POINTS
-            )
-            found[name] = delta, epsilon, piece
-    return found
 
 
 def open_family(path_or_url: str | Path | Place, number: int, slice_number: int | None = None) -> xr.Dataset:

@@ -1,0 +1,109 @@
+"""What is known of families as sums over cells, which can be added: so the pieces of a grid are told one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.attractors.table import Attractors
+
+QUIET_FAMILY, NO_FAMILY = 0, -1
+
+Integers = NDArray[np.int64]
+
+
+class Sums(NamedTuple):
+    """What some cells of a grid have of components, arrays (components,), by rising number of these.
+
+    kind, m, n_plus, n_minus: the label. cells: that have it; rows: attractors of it, more where a cell has two;
+    unsampled: those to which no sample goes; samples: that go to them. top, bottom, left, right: the first and the last
+    row and column of its cells. most: samples of an attractor, and `at` the first cell that has them. exponent: the
+    largest λ₁, −∞ if none is known. first, place: the cell of its first attractor, and how many are before it there.
+    """
+
+    component: Integers
+    kind: Integers
+    m: Integers
+    n_plus: Integers
+    n_minus: Integers
+    cells: Integers
+    rows: Integers
+    unsampled: Integers
+    samples: Integers
+    top: Integers
+    bottom: Integers
+    left: Integers
+    right: Integers
+    most: Integers
+    at: Integers
+    exponent: NDArray[np.float64]
+    first: Integers
+    place: Integers
+
+
+def sums_of(table: Attractors, component: Integers, columns: int) -> Sums:
+    """The sums of attractors in their order, of components (rows,), in cells of a grid with so many columns."""
+    place = np.arange(component.size) - np.searchsorted(table.cell, table.cell)
+    of = np.flatnonzero(component != NO_FAMILY)
+    component, cell, samples = component[of], table.cell[of], table.samples[of]
+    here = np.lexsort((cell, component))  # keeps the order of rows
+    again = np.zeros(of.size, np.bool_)
+    same = (component[here][1:] == component[here][:-1]) & (cell[here][1:] == cell[here][:-1])
+    again[here[1:][same]] = True
+    row, column = np.divmod(cell, columns)
+    ones = np.ones(of.size, np.int64)
+    each = Sums(
+        component=component,
+        kind=table.kind[of],
+        m=table.m[of],
+        n_plus=table.n_plus[of],
+        n_minus=table.n_minus[of],
+        cells=ones - again,
+        rows=ones,
+        unsampled=(samples == 0).astype(np.int64),
+        samples=samples,
+        top=row,
+        bottom=row,
+        left=column,
+        right=column,
+        most=samples,
+        at=cell,
+        exponent=np.where(np.isnan(table.first[of]), -np.inf, table.first[of]),
+        first=cell,
+        place=place[of],
+    )
+    return added([each])
+
+
+def added(parts: Iterable[Sums]) -> Sums:
+    """The sums of all cells from those of some, each cell in one of them."""
+    all_ = Sums._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
+    if not all_.component.size:
+        return all_
+    order = np.lexsort((all_.place, all_.first, all_.component))
+    all_ = Sums._make(x[order] for x in all_)
+    begin = np.flatnonzero(np.diff(all_.component, prepend=all_.component[0] - 1))
+    by_samples = np.lexsort((all_.at, -all_.most, all_.component))[begin]
+    rules = {
+        np.add: ("cells", "rows", "unsampled", "samples"),
+        np.minimum: ("top", "left"),
+        np.maximum: ("bottom", "right", "exponent"),
+    }
+    found = {name: rule.reduceat(getattr(all_, name), begin) for rule, names in rules.items() for name in names}
+    found |= {name: getattr(all_, name)[by_samples] for name in ("most", "at")}
+    return Sums._make(x[begin] for x in all_)._replace(**found)
+
+
+def numbers_of(sums: Sums) -> Integers:
+    """The family of each component, which indexes it, −1 too: by falling number of cells, where these are equal by
+    their first attractors. So nothing but the cells decides a number.
+    """
+    others = np.flatnonzero(sums.component != QUIET_FAMILY)
+    order = others[np.lexsort((sums.place[others], sums.first[others], -sums.cells[others]))]
+    family = np.full(int(sums.component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)
+    family[QUIET_FAMILY] = QUIET_FAMILY
+    family[sums.component[order]] = 1 + np.arange(order.size)
+    return family

@@ -1,0 +1,77 @@
+"""The tasks of a join on a cluster."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from distributed import Client, KilledWorker
+
+from workers.cluster.cluster import end_tasks_and_wait
+from workers.cluster.in_flight import InFlight, Task
+from workers.cluster.submission import LOST, WORKERLESS_SECONDS
+from workers.errors import StoppedError, SurveyError
+from workers.survey.request import SurveyRequest
+from workers.survey.tiles import POLL_SECONDS
+
+#: At a task, of two deaths each, as at a template.
+ATTEMPTS = 3
+
+
+@dataclass(frozen=True)
+class _Item:
+    """One of those that a task is done for, and the attempt at it."""
+
+    number: int
+    attempt: int
+
+
+class Joining(InFlight[_Item, Any]):
+    """A join whose tasks are done on a cluster: `each` is that of `join_survey`."""
+
+    def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
+        """Take what is asked several times a second whether the join shall stop."""
+        super().__init__(client, "join", LOST)
+        self._should_stop = should_stop
+        self._waiting = deque[_Item]()
+
+    def each(
+        self, task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
+    ) -> list[Any]:
+        """Do a task for each of these, as many at a time as the cluster has threads; results in their order.
+
+        Raises:
+            StoppedError: because `should_stop` said so; no process computes any of it then.
+            SurveyError: it cannot be done.
+            ClusterLostError: the cluster is gone.
+        """
+        found = [None] * len(items)
+        self._waiting = deque(_Item(number, 1) for number in range(len(items)))
+        try:
+            while self._waiting or self.in_flight:
+                if self._should_stop():
+                    raise StoppedError("stopped while the attractors of the survey were joined")
+                room = self.threads(WORKERLESS_SECONDS) - len(self.in_flight)
+                for _ in range(min(room, len(self._waiting))):
+                    item = self._waiting.popleft()
+                    self.put(item, task, request, path, *items[item.number])
+                if ended := self.next_ended(POLL_SECONDS, fetch_seconds=WORKERLESS_SECONDS):
+                    done, result = ended
+                    found[done.work.number] = result
+                    self.drop(done.work.__eq__)
+        finally:
+            if futures := [task.future for task in self.in_flight.values()]:
+                self.in_flight.clear()
+                end_tasks_and_wait(self._client, futures)
+        return found
+
+    def after_error(self, task: Task[_Item], error: BaseException) -> None:
+        """Go on after a worker's death, raise anything else."""
+        self.drop(task.work.__eq__)
+        if not isinstance(error, KilledWorker):
+            raise error
+        if task.work.attempt == ATTEMPTS:
+            raise SurveyError(
+                "the attractors of the survey killed the process that joined them: look at the log"
+            ) from error
+        self._waiting.append(_Item(task.work.number, task.work.attempt + 1))

@@ -1,0 +1,142 @@
+"""The blocks that a survey is joined in, whatever its tiles, and what is read and kept of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from types import EllipsisType
+
+import numpy as np
+import zarr
+
+from rattle import Attractors
+from rattle.families.spread import Rectangle
+from workers.errors import reading
+from workers.storage.location import Place
+from workers.survey.families import FAMILY, GROUP, STORED, Slots, listed
+from workers.survey.request import Along, SurveyRequest
+
+#: Slots of the cells of a block, some 100 MB of a worker. The bits of an orbit that enters depend on it, once in 10⁸.
+SLOTS_OF_BLOCK = 1 << 19
+
+
+@dataclass(frozen=True)
+class Block:
+    """A rectangle of cells, and where it is among the blocks of so many cells a side; a chunk of what families add."""
+
+    row: int
+    column: int
+    cells: Rectangle
+    side: int
+    along: Along = ()  # in which slice it is
+
+    @property
+    def chunk(self) -> str:
+        """The key of its families in their slots."""
+        return "/".join([FAMILY, "c", *map(str, (*self.along, 0, self.row, self.column))])
+
+    def kept(self, what: str) -> str:
+        """The key of what is kept of it while a survey is joined."""
+        return ".".join([f"{GROUP}/joining", *map(str, (*self.along, self.row, self.column)), what])
+
+
+COMPONENTS, TARGETS = "components", "slots"  # what is kept
+
+
+def blocks_of(request: SurveyRequest, along: Along = ()) -> list[Block]:
+    """The blocks that cover the grid of a survey without a third axis, or of a slice, row by row."""
+    side, (rows, columns) = max(1, math.isqrt(SLOTS_OF_BLOCK // request.n_slots)), request.shape
+    return [
+        Block(i // side, j // side, Rectangle(i, min(i + side, rows), j, min(j + side, columns)), side, along)
+        for i in range(0, rows, side)
+        for j in range(0, columns, side)
+    ]
+
+
+def with_rim(cells: Rectangle, shape: tuple[int, int], before: int = 1) -> Rectangle:
+    """A rectangle and the cells around it; before=0: only those after it."""
+    return Rectangle(
+        max(cells.top - before, 0),
+        min(cells.bottom + 1, shape[0]),
+        max(cells.left - before, 0),
+        min(cells.right + 1, shape[1]),
+    )
+
+
+def within(cell: np.ndarray, cells: Rectangle, columns: int) -> np.ndarray:
+    """Whether cells, by their number in the grid, are in a rectangle."""
+    row, column = np.divmod(cell, columns)
+    found: np.ndarray = (cells.top <= row) & (row < cells.bottom) & (cells.left <= column) & (column < cells.right)
+    return found
+
+
+def numbered_in(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+    """A table whose cells are numbered in a rectangle instead of in the grid."""
+    row, column = np.divmod(table.cell, columns)
+    return table._replace(cell=(row - cells.top) * (cells.right - cells.left) + column - cells.left)
+
+
+def numbered_over(table: Attractors, cells: Rectangle, columns: int) -> Attractors:
+    """A table whose cells are numbered in the grid instead of in a rectangle."""
+    row, column = np.divmod(table.cell, cells.right - cells.left)
+    return table._replace(cell=(row + cells.top) * columns + column + cells.left)
+
+
+def attractors_in(request: SurveyRequest, place: Place, cells: Rectangle, along: Along) -> Slots:
+    """The attractors that a survey lists in a rectangle of a slice, in their order, with their cells in the grid."""
+    at: tuple[int | slice | EllipsisType, ...] = (
+        *along,
+        ...,
+        slice(cells.top, cells.bottom),
+        slice(cells.left, cells.right),
+    )
+    with reading(f"the attractors of {place}"):
+        values = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[at]) for name in STORED}
+    found = listed(values, request.initial_conditions.count)
+    return found._replace(attractors=numbered_over(found.attractors, cells, request.shape[1]))
+
+
+def read_components(place: Place, block: Block) -> np.ndarray:
+    """Of the attractors of a block, with what entered it, in their order: which component of the block each is of."""
+    with reading(f"what is kept of {place}"):
+        return np.frombuffer(place.read(block.kept(COMPONENTS)), np.int32).astype(np.int64)
+
+
+def common(one: Rectangle, other: Rectangle) -> Rectangle:
+    """The cells that are in both of two rectangles; none if it ends before it begins."""
+    return Rectangle(
+        max(one.top, other.top),
+        min(one.bottom, other.bottom),
+        max(one.left, other.left),
+        min(one.right, other.right),
+    )
+
+
+def read_targets(request: SurveyRequest, place: Place, cells: Rectangle, blocks: Iterable[Block]) -> np.ndarray:
+    """The slots (places, m, n) in which the first, the second, … listed attractor of the cells of a rectangle is to be,
+    −1: there is none; blocks: those that cover it.
+    """
+    found = np.empty((request.n_slots, cells.bottom - cells.top, cells.right - cells.left), np.int8)
+    for block in blocks:
+        of, both = block.cells, common(block.cells, cells)
+        with reading(f"what is kept of {place}"):
+            kept = np.frombuffer(place.read(block.kept(TARGETS)), np.int8)
+        kept = kept.reshape(request.n_slots, of.bottom - of.top, of.right - of.left)
+        found[_at(both, cells)] = kept[_at(both, of)]
+    return found
+
+
+def _at(part: Rectangle, whole: Rectangle) -> tuple[slice, slice, slice]:
+    """Where a part of a rectangle is in an array (slots, m, n) over it."""
+    return (
+        slice(None),
+        slice(part.top - whole.top, part.bottom - whole.top),
+        slice(part.left - whole.left, part.right - whole.left),
+    )
+
+
+def place_in_cell(cell: np.ndarray) -> np.ndarray:
+    """How many rows of the same cell are before each of a table in its order."""
+    found: np.ndarray = np.arange(cell.size) - np.searchsorted(cell, cell)
+    return found

@@ -1,0 +1,213 @@
+"""The attractors of a survey joined to families, after its tiles: by blocks, whose tasks may run anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import pairwise, product
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import zarr
+
+from rattle import Attractors
+from rattle.families.join import in_order, together
+from rattle.families.pieces import no_attractors
+from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, added, numbers_of
+from rattle.families.table import tabulated
+from workers.boundaries.edges import Crossings, Edges, Polyline, crossings_of, edges_of
+from workers.errors import reading, storage_error
+from workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, with_rim, within
+from workers.families.move import move_tile
+from workers.families.tasks import Border, Connected, Told, connect, enter, tell, write_families
+from workers.storage.location import Place, place_of
+from workers.storage.store import added_to_store, has_added
+from workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
+from workers.survey.request import Along, SurveyRequest
+from workers.survey.seals import path_of
+from workers.survey.tiles import Tile, tiles_of
+from workers.survey.values.schema import Group
+
+#: Does a task, a function of a request, a path and what follows, for each of these; results in their order.
+Each = Callable[[Callable[..., Any], SurveyRequest, str, Sequence[tuple[Any, ...]]], list[Any]]
+#: Of a curve in the store: its points and what joins them.
+CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
+
+Rows = TypeVar("Rows", Attractors, Border)
+
+
+def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
+    """Whether a survey, whose tiles are all there, is still to be joined."""
+    return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
+
+
+def here(task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]) -> list[Any]:
+    """Do a task in this process, for one after the other."""
+    return [task(request, path, *item) for item in items]
+
+
+def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:
+    """Join the attractors of a survey whose tiles are all computed, each slice for itself, and store their families.
+
+    The caller holds the store. The result is a function of what the tiles hold: neither their shape nor the order in
+    which they came shows. A run that was killed meanwhile leaves a survey without families, which is joined anew.
+
+    Raises:
+        StorageError: it cannot be written now.
+        SurveyError: there is no survey, or it is damaged.
+    """
+    place = place_of(where)
+    joins = [_Join(request, place, each, along) for along in request.slices]
+    try:
+        found = {join.along: join.run() for join in joins}
+        files = files_of_families(request, joins[0].blocks[0].side, {along: x[:2] for along, x in found.items()})
+        added_to_store(place, files, {key: of for _, _, chunks in found.values() for key, of in chunks.items()})
+        place.remove([block.kept(what) for join in joins for block in join.blocks for what in (COMPONENTS, TARGETS)])
+    except OSError as error:
+        raise storage_error(f"the families of {place} cannot be written", error) from error
+
+
+class _Join:
+    """One join of a slice: what is known of all blocks is here, in memory that grows with families and borders."""
+
+    def __init__(self, survey: SurveyRequest, place: Place, each: Each, along: Along) -> None:
+        self.along, self._survey, self._request = along, survey, survey.at(along)
+        self._place, self._each = place, each
+        self._columns = survey.shape[1]
+        self.blocks = blocks_of(self._request, along)
+        self._number = {(block.row, block.column): i for i, block in enumerate(self.blocks)}
+
+    def run(self) -> tuple[Joined, Edges, dict[str, str]]:
+        """Join the slice, and write the families of its cells: all of them, where they end, and checksums of chunks."""
+        curves = _curves(self._request, self._place, self.along)
+        entered = self._entered()
+        parts: list[Connected] = self._of_blocks(connect, zip(entered, self._after(entered), strict=True))
+        component = self._components(parts)
+        told = self._told(entered, parts, component, curves)
+        sums = added(each.sums for each in told)
+        family = numbers_of(sums)
+        delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
+        table = tabulated(delta, epsilon, self._request.initial_conditions.count, sums)
+        slots = self._slots(told, family, table.cells.size)
+        chunks = self._written(entered, [family[each] for each in component], slots)
+        orbits, order = together(*entered), in_order(together(*entered))
+        numbers = np.concatenate([family[of[part.entered]] for of, part in zip(component, parts, strict=True)])
+        joined = Joined(table, Attractors._make(x[order] for x in orbits), numbers[order], self._columns)
+        return joined, edges_of((each.ends for each in told), family, table, list(curves)), chunks
+
+    def _of_blocks(self, task: Callable[..., Any], arguments: Iterable[tuple[Any, ...]]) -> list[Any]:
+        items = [(block, *more) for block, more in zip(self.blocks, arguments, strict=True)]
+        return self._each(task, self._request, str(self._place), items)
+
+    def _near(self, block: Block) -> list[int]:
+        """A block and those around it."""
+        steps = product((-1, 0, 1), repeat=2)
+        found = (self._number.get((block.row + i, block.column + j)) for i, j in steps)
+        return [i for i in found if i is not None]
+
+    def _beside(self, block: Block, tables: Sequence[Rows], before: int = 1) -> Rows:
+        """Of tables of the blocks, the rows in the cells around one of them; before = 0: in those after it."""
+        frame = with_rim(block.cells, self._request.shape, before)
+        near = [tables[i] for i in self._near(block)]
+        rim = [
+            within(table.cell, frame, self._columns) & ~within(table.cell, block.cells, self._columns) for table in near
+        ]
+        return type(near[0])._make(
+            np.concatenate([x[at] for x, at in zip(column, rim, strict=True)]) for column in zip(*near, strict=True)
+        )
+
+    def _around(self, tile: Tile) -> list[Block]:
+        """The blocks that cover a tile."""
+        side = self.blocks[0].side
+        rows, columns = (range(span.start // side, (span.stop - 1) // side + 1) for span in tile.spans)
+        return [self.blocks[self._number[at]] for at in product(rows, columns)]
+
+    def _after(self, tables: Sequence[Rows]) -> list[Rows]:
+        return [self._beside(block, tables, before=0) for block in self.blocks]
+
+    def _entered(self) -> list[Attractors]:
+        """What enters each block, in rounds: what is new in one is continued into those beside it, until nothing is."""
+        nothing = no_attractors()
+        new: list[Attractors] = self._of_blocks(enter, [(nothing, None)] * len(self.blocks))
+        entered = list(new)
+        while True:
+            beside = [self._beside(block, new) for block in self.blocks]
+            again = [i for i, each in enumerate(beside) if each.cell.size]
+            if not again:
+                return entered
+            items = [(self.blocks[i], entered[i], beside[i]) for i in again]
+            new = [nothing] * len(self.blocks)
+            for i, found in zip(again, self._each(enter, self._request, str(self._place), items), strict=True):
+                new[i], entered[i] = found, together(entered[i], found)
+
+    def _components(self, parts: Sequence[Connected]) -> list[np.ndarray]:
+        """The components of the survey: of each of a block's, and of −1."""
+        from scipy.sparse import coo_array  # an eighth of a second to load
+        from scipy.sparse.csgraph import connected_components
+
+        begin = np.cumsum([0, *(part.number for part in parts)])
+        first = _of_all([part.first for part in parts], begin)
+        beyond = _of_all([part.beyond for part in parts], begin)
+        order = np.argsort(first.key)
+        other = first.component[order[np.searchsorted(first.key[order], beyond.key)]]
+        graph = coo_array((np.ones(other.size, np.int8), (beyond.component, other)), (int(begin[-1]),) * 2)
+        component = 1 + connected_components(graph, directed=False)[1].astype(np.int64)
+        component[begin[:-1]] = QUIET_FAMILY
+        return [np.append(component[i:j], NO_FAMILY) for i, j in pairwise(begin)]
+
+    def _told(
+        self,
+        entered: Sequence[Attractors],
+        parts: Sequence[Connected],
+        component: Sequence[np.ndarray],
+        curves: Mapping[str, Polyline],
+    ) -> list[Told]:
+        delta, epsilon = self._request.delta.values(), self._request.epsilon.values()
+        crossings = [crossings_of(curve, delta, epsilon) for curve in curves.values()]
+        passed = [
+            [Crossings._make(x[within(x, block.cells, self._columns)] for x in each) for each in crossings]
+            for block in self.blocks
+        ]
+        first = [
+            part.first._replace(component=of[part.first.component]) for part, of in zip(parts, component, strict=True)
+        ]
+        return self._of_blocks(tell, zip(entered, component, self._after(first), passed, strict=True))
+
+    def _slots(self, told: Sequence[Told], family: np.ndarray, families: int) -> np.ndarray:
+        """The slot of each family in all its cells, and of −1."""
+        if not self._request.slots_follow_families:
+            return np.full(families + 1, -1, np.int8)
+        pairs = np.unique(np.sort(np.concatenate([family[each.pairs] for each in told]), axis=1), axis=0)
+        return np.append(slots_of_families(pairs, families, self._request.n_slots), np.int8(-1))
+
+    def _written(
+        self, entered: Sequence[Attractors], family: Sequence[np.ndarray], slots: np.ndarray
+    ) -> dict[str, str]:
+        """Write the families of all cells, and move attractors to their slots. Returns checksums of what was added."""
+        found = self._of_blocks(
+            write_families, ((orbits, of, slots[of]) for orbits, of in zip(entered, family, strict=True))
+        )
+        if self._request.slots_follow_families:
+            tiles = [(tile, self._around(tile)) for tile in tiles_of(self._survey) if tile.along == self.along]
+            self._each(move_tile, self._survey, str(self._place), tiles)
+        return {block.chunk: checksum for block, checksum in zip(self.blocks, found, strict=True)}
+
+
+def _of_all(borders: Sequence[Border], begin: np.ndarray) -> Border:
+    """The borders of all blocks, whose components begin with these numbers."""
+    columns = zip(*borders, strict=True)
+    found = Border._make(np.concatenate(column) for column in columns)
+    return found._replace(component=found.component + np.repeat(begin[:-1], [each.cell.size for each in borders]))
+
+
+def _curves(request: SurveyRequest, place: Place, along: Along) -> dict[str, Polyline]:
+    """The curves of a slice, as they were traced for its template."""
+    found: dict[str, Polyline] = {}
+    with reading(f"the curves of {place}"):
+        for name in request.gear_model.curve_names:
+            delta, epsilon, piece = (
+                np.asarray(zarr.open_array(place.zarr(), path=path_of(along, f"curves/{name}/{each}"), mode="r")[:])
+                for each in CURVE_POINTS
+            )
+            found[name] = delta, epsilon, piece
+    return found

@@ -1,0 +1,55 @@
+"""What is in the slots of a tile, moved to the slots of its families."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rattle.families.spread import Rectangle
+from workers.families.blocks import Block, place_in_cell, read_targets
+from workers.kinds import compute_tile
+from workers.storage.location import Place, place_of
+from workers.storage.store import read_tile, rewrite_tile, write_tile
+from workers.survey.families import listed, with_empty
+from workers.survey.request import SurveyRequest
+from workers.survey.tiles import Tile, TileArrays
+from workers.survey.values.quantities import stored
+from workers.survey.values.schema import SLOT
+
+
+def move_tile(request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block]) -> None:
+    """Move what is in the slots of a tile; one in which everything is in place is left as it is.
+
+    blocks: those that cover it. A tile that a task before this was moving when its worker died is neither as it was nor
+    as it is to be: it is computed again.
+    """
+    values = read_tile(request, path, tile)
+    computed = values is not None
+    if values is None:
+        values = compute_tile(request, tile)[0]
+    place = place_of(path)
+    source = _source(request, place, tile, blocks, values)
+    if computed and (source == np.arange(request.n_slots)[:, None, None]).all():
+        return
+    for each in stored(request.quantities, request.model):
+        if each.per_cell and each.dims[0] == SLOT:
+            index = source.reshape(source.shape[0], *(1,) * (len(each.dims) - 3), *source.shape[1:])
+            values[each.name] = np.take_along_axis(values[each.name], index, 0)
+    if computed:
+        rewrite_tile(request, place, tile, values)
+    else:
+        write_tile(request, path, tile, values)
+
+
+def _source(
+    request: SurveyRequest, place: Place, tile: Tile, blocks: Sequence[Block], values: TileArrays
+) -> np.ndarray:
+    """From which slot each slot of a tile (slots, m, n) gets what is in it."""
+    cells = Rectangle(tile.epsilon.start, tile.epsilon.stop, tile.delta.start, tile.delta.stop)
+    target = read_targets(request, place, cells, blocks).reshape(request.n_slots, -1)
+    found = listed(values, request.initial_conditions.count)
+    cell = found.attractors.cell
+    source = np.full(target.shape, -1, np.int8)
+    source[target[place_in_cell(cell), cell], cell] = found.slot
+    return with_empty(source.reshape(request.n_slots, cells.bottom - cells.top, -1))

@@ -1,0 +1,196 @@
+"""What is done with one block of a survey, or one tile, while its attractors are joined.
+
+Each task is a function of what the tiles hold and of its arguments, and may be done twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import zarr
+from zarr.core.buffer import Buffer
+from zarr.storage import MemoryStore
+
+from rattle import Attractors
+from rattle.families.join import in_order, together
+from rattle.families.pieces import connected, entering
+from rattle.families.spread import Rectangle
+from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, sums_of
+from workers.boundaries.edges import Crossings, Ends, ends_in
+from workers.families.blocks import (
+    COMPONENTS,
+    TARGETS,
+    Block,
+    attractors_in,
+    numbered_in,
+    numbered_over,
+    place_in_cell,
+    read_components,
+    with_rim,
+    within,
+)
+from workers.storage.location import place_of
+from workers.survey.families import create_numbers, slots_of
+from workers.survey.request import SurveyRequest
+from workers.survey.seals import checksum
+
+PLACES = 1 << 16  # more than a cell has attractors
+
+
+class Border(NamedTuple):
+    """Attractors (k,) on the border of a block: their cell, their place in it, and what they are of."""
+
+    cell: np.ndarray
+    place: np.ndarray
+    component: np.ndarray
+
+    @property
+    def key(self) -> np.ndarray:
+        """A number of each."""
+        found: np.ndarray = self.cell * PLACES + self.place
+        return found
+
+
+class Connected(NamedTuple):
+    """The components of a block, 0 to number − 1, of which 0 is quiet motion.
+
+    first: the attractors of its first row and column. beyond: those that follow its last ones, and which component of
+    the block they are one with. entered: of what entered the block, as it was given.
+    """
+
+    number: int
+    first: Border
+    beyond: Border
+    entered: np.ndarray
+
+
+class Told(NamedTuple):
+    """What a block tells of components of the survey: their sums, where they end, and which are listed in one cell."""
+
+    sums: Sums
+    ends: Ends
+    pairs: np.ndarray
+
+
+def enter(
+    request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors | None
+) -> Attractors:
+    """What enters a block from its own attractors and those around it; or, after it has entered, from orbits beside it
+    that are new.
+    """
+    columns = request.shape[1]
+    cells, frame, tried = block.cells, with_rim(block.cells, request.shape), beside is not None
+    table = attractors_in(request, place_of(path), cells if tried else frame, block.along).attractors
+    inside = within(table.cell, cells, columns)
+    beside = beside or Attractors._make(x[~inside] for x in table)
+    table = together(Attractors._make(x[inside] for x in table), entered)
+    order = in_order(table)
+    tables = Attractors._make(x[order] for x in table), beside
+    here, there = (numbered_in(each, frame, columns) for each in tables)
+    top, left = frame.top, frame.left
+    piece = Rectangle(cells.top - top, cells.bottom - top, cells.left - left, cells.right - left)
+    new = entering(here, there, tried, frame.right - left, piece, _cells(request, frame))
+    return numbered_over(new, frame, columns)
+
+
+def connect(request: SurveyRequest, path: str, block: Block, entered: Attractors, beside: Attractors) -> Connected:
+    """Join the attractors of a block with each other and with those that follow it; entered: what entered the block,
+    beside: what entered these. Keeps the component of each.
+    """
+    place, columns = place_of(path), request.shape[1]
+    frame = with_rim(block.cells, request.shape, before=0)
+    found = attractors_in(request, place, frame, block.along).attractors
+    n = found.cell.size
+    table = together(found, entered, beside)
+    order = in_order(table)
+    table = Attractors._make(x[order] for x in table)
+    shape = frame.bottom - frame.top, frame.right - frame.left
+    component = connected(numbered_in(table, frame, columns), shape, _cells(request, frame))
+    inside, where = within(table.cell, block.cells, columns), place_in_cell(table.cell)
+    mine = np.unique(component[inside & (component > QUIET_FAMILY)])
+    numbers = np.full(int(component.max(initial=QUIET_FAMILY)) + 2, NO_FAMILY)  # of −1 too
+    numbers[QUIET_FAMILY], numbers[mine] = QUIET_FAMILY, 1 + np.arange(mine.size)
+    component = numbers[component]
+    place.put(block.kept(COMPONENTS), component[inside].astype(np.int32).tobytes())
+    row, column = np.divmod(table.cell, columns)
+    first = inside & ((row == block.cells.top) | (column == block.cells.left))
+    beyond = ~inside & (component > QUIET_FAMILY)
+    on_first, on_beyond = (Border(table.cell[of], where[of], component[of]) for of in (first, beyond))
+    given = np.empty_like(component)
+    given[order] = component
+    return Connected(1 + mine.size, on_first, on_beyond, given[n : n + entered.cell.size])
+
+
+def tell(
+    request: SurveyRequest,
+    path: str,
+    block: Block,
+    entered: Attractors,
+    component: np.ndarray,
+    beyond: Border,
+    crossings: Sequence[Crossings],
+) -> Told:
+    """Tell what a block has of the components of the survey; component: these, of its own and −1. beyond: of the
+    attractors that follow it.
+    """
+    table, of, is_listed = _known(request, path, block, entered)
+    of, columns = component[of], request.shape[1]
+    cell, each = np.append(table.cell, beyond.cell), np.append(of, beyond.component)
+    ends = ends_in(block.cells, columns, cell, each, crossings)
+    pairs = _pairs(table.cell[is_listed], of[is_listed])
+    return Told(sums_of(table, of, columns), ends, pairs)
+
+
+def write_families(
+    request: SurveyRequest, path: str, block: Block, entered: Attractors, family: np.ndarray, slot: np.ndarray
+) -> str:
+    """Write the families of a block, and keep the slots of its attractors; family, slot: of each of its components and
+    −1, slot −1: none in all cells. Returns the checksum of what was written.
+    """
+    place, cells = place_of(path), block.cells
+    _table, component, is_listed = _known(request, path, block, entered)
+    found = attractors_in(request, place, cells, block.along)
+    component = component[is_listed]
+    cell, here = numbered_in(found.attractors, cells, request.shape[1]).cell, family[component]
+    target = slots_of(here, cell, slot[component]) if request.slots_follow_families else found.slot
+    shape = request.n_slots, cells.bottom - cells.top, cells.right - cells.left
+    numbers = np.full((request.n_slots, shape[1] * shape[2]), NO_FAMILY, np.int32)
+    targets = np.full(numbers.shape, -1, np.int8)
+    numbers[target, cell], targets[place_in_cell(cell), cell] = here, target
+    place.put(block.kept(TARGETS), targets.tobytes())
+    kept: dict[str, Buffer] = {}
+    array = create_numbers(zarr.create_group(MemoryStore(kept), zarr_format=3), request, block.side)
+    array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
+    content = kept[replace(block, along=()).chunk].to_bytes()  # one more axis of length 1 changes no byte
+    place.put(block.chunk, content)
+    return checksum(block.chunk, content).hex()
+
+
+def _cells(request: SurveyRequest, cells: Rectangle) -> object:
+    delta, epsilon = request.delta.values(), request.epsilon.values()
+    return request.gear_model.cells(delta[cells.left : cells.right], epsilon[cells.top : cells.bottom])
+
+
+def _known(
+    request: SurveyRequest, path: str, block: Block, entered: Attractors
+) -> tuple[Attractors, np.ndarray, np.ndarray]:
+    """The attractors of a block in their order, their components in it, and whether its tiles list them."""
+    place = place_of(path)
+    found = attractors_in(request, place, block.cells, block.along).attractors
+    table = together(found, entered)
+    order = in_order(table)
+    return Attractors._make(x[order] for x in table), read_components(place, block), order < found.cell.size
+
+
+def _pairs(cell: np.ndarray, component: np.ndarray) -> np.ndarray:
+    """Which components are in one cell (k, 2), the smaller one first; rows in their order."""
+    found = [np.zeros((0, 2), np.int64)]
+    for apart in range(1, int(np.bincount(np.unique(cell, return_inverse=True)[1]).max(initial=0))):
+        same = cell[apart:] == cell[:-apart]
+        pairs = np.column_stack([component[:-apart][same], component[apart:][same]])
+        pairs = np.sort(pairs[(pairs[:, 0] != pairs[:, 1]) & (pairs >= 0).all(axis=1)], axis=1)
+        found.append(np.unique(pairs, axis=0))
+    return np.unique(np.concatenate(found), axis=0)
