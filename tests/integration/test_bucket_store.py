@@ -23,6 +23,7 @@ from workers import (
     create_store,
     examine,
     finish_store,
+    join_survey,
     open_survey,
     place_of,
     tiles_done,
@@ -81,6 +82,24 @@ def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.M
     assert on_disk.pop(".lock") == b""
     assert documents(place_of(url)) == on_disk
     assert examine(url) == examine(path)
+
+
+def test_families_are_joined_in_it(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And nothing of what is kept meanwhile is left."""
+    monkeypatch.setattr("workers.families.join._curves", lambda *_: {})
+    monkeypatch.setattr("workers.families.blocks.SLOTS_OF_BLOCK", 8 * 3**2)
+    groups = {"quantities": ("attractors", "lyapunov", "families"), "initial_conditions": {"count": 4}}
+    request = SurveyRequest.model_validate(REQUEST.model_dump() | groups)
+    create_store(request, url)
+    for tile in tiles_of(request):
+        write_tile(request, url, tile, compute_tile(request, tile)[0])
+    join_survey(request, url)
+    finish_store(url)
+    assert examine(url).whole
+    assert not [key for key in documents(place_of(url)) if "joining" in key]
+    with open_survey(url) as survey, open_survey(url, "families") as families:
+        listed = survey["attractor_family"].load()
+        assert int(families["cells"].sum()) == int((listed >= 0).sum()) + families.sizes["entered"]
 
 
 def test_plain_xarray_opens_it(url: str) -> None:
