@@ -25,7 +25,7 @@ from service.explorer.map.overlays import Crises
 from service.explorer.map.planes import Atlas
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
-from service.explorer.page.page import _row
+from service.explorer.page.rows import row_of
 from service.operations.surveys import submit_survey
 from service.settings import Settings
 from service.state import Front
@@ -244,7 +244,7 @@ def test_a_slider_chooses_the_slice_of_a_third_axis(tmp_path: Path) -> None:
 def test_the_list_tells_of_a_third_axis(tmp_path: Path) -> None:
     async def body(front: Front, _shown: MapView) -> None:
         job = accepted(front, THIRD)
-        row = _row(Standing(job, None, None), View(survey=job.id, variable="region", slice=2), True)
+        row = row_of(Standing(job, None, None), View(survey=job.id, variable="region", slice=2), True)
         assert (row["size"], row["slice"]) == ("6 × 4 × 3", ["beta", 2])
         assert ["β", "0.4 … 0.6, 3 values"] in row["facts"]
 
