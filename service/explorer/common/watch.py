@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import panel as pn
+
 
 class Watch:
     """Over some widgets."""
@@ -25,3 +27,22 @@ class Watch:
             yield
         finally:
             self._is_paused = False
+
+
+def on_press(button: pn.widgets.Button, act: Callable[[], object]) -> None:
+    """Act when a button is pressed, once nothing else changes the document: of a press that follows an entry at once,
+    Panel tells without the document's lock, and no text could be changed then.
+    """
+
+    def pressed(_event: object) -> None:
+        document = pn.state.curdoc
+        if document is None or document.session_context is None:
+            act()
+        else:
+            document.add_next_tick_callback(lambda: _acted(act))
+
+    button.on_click(pressed)
+
+
+def _acted(act: Callable[[], object]) -> None:
+    act()

@@ -11,6 +11,7 @@ import panel as pn
 from rattle import RattleError
 from service.explorer.common.address import Entered
 from service.explorer.common.text import Text
+from service.explorer.common.watch import on_press
 from service.explorer.design.fields import EXACT, POINT, MachineFields
 
 
@@ -24,7 +25,7 @@ class GoTo:
         self._open = pn.widgets.Button(
             label="Go to a point", css_classes=["go-to"], stylesheets=[sheet], margin=(0, 0, 6, 0)
         )
-        self._open.on_click(lambda _event: self._toggle())
+        on_press(self._open, self._toggle)
         self._fields: pn.Column | None = None
         self.panel = pn.Column(self._open, sizing_mode="stretch_width", margin=0)
 
@@ -46,7 +47,7 @@ class GoTo:
         self._machine = MachineFields(POINT, self._sheet)
         self._machine.panel.visible = False
         show = pn.widgets.Button(label="Show", css_classes=["show"], margin=(6, 4), stylesheets=[self._sheet])
-        show.on_click(lambda _event: self._show())
+        on_press(show, self._show)
         self._said = Text("", self._sheet, margin=(0, 4))
 
         def on_way(event: Any) -> None:

@@ -10,6 +10,7 @@ import panel as pn
 from rattle import Machine
 from rattle.models import AnyGear
 from service.explorer.common.text import Text
+from service.explorer.common.watch import on_press
 from service.explorer.design.fields import EXACT, NUMBERS
 from service.explorer.design.tolerance import Tolerance
 
@@ -28,7 +29,7 @@ class ToleranceFields:
         self._widgets = first, second, share
         self._per = 1.0, 1.0
         self._button = pn.widgets.Button(label="Ellipse and yield", **style)
-        self._button.on_click(lambda _event: self._ask())
+        on_press(self._button, self._ask)
         self.said = Text("", *sheets, margin=(0, 4))
         heading = Text("<h3>Tolerances</h3>", *sheets, margin=(0, 4))
         self.panel = pn.Column(

@@ -12,6 +12,7 @@ from rattle.models import AnyModel
 from service.explorer.common.address import Ranges
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
+from service.explorer.common.watch import on_press
 from service.explorer.design.go_to import GoTo
 from service.explorer.map.planes import Block, Plane
 from service.explorer.map.readout import finer_value, readout
@@ -41,7 +42,7 @@ class Beside:
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
         )
-        self._close.on_click(lambda _event: self.close(tell=True))
+        on_press(self._close, lambda: self.close(tell=True))
         self._view: PointView | None = None
         self._points: PointPanel | None = None
         self._point = pn.Column(sizing_mode="stretch_width", margin=0)

@@ -9,7 +9,7 @@ from typing import Any
 import panel as pn
 
 from service.explorer.common.address import LIMITS, Limits, Pair
-from service.explorer.common.watch import Watch
+from service.explorer.common.watch import Watch, on_press
 from service.explorer.map.colouring import Colouring
 from workers import SurveyRequest
 
@@ -49,7 +49,7 @@ class Controls:
         save = pn.widgets.Button(
             label="Save window as survey", **{**styled, "margin": (2, 0, 2, 8)}, css_classes=["save"]
         )
-        save.on_click(lambda _event: uses.save())
+        on_press(save, lambda: uses.save())
         self._watch = Watch()
         for widget, used in (
             (self._variable, uses.variable), (self._index, uses.index), (self._slice, uses.slice),

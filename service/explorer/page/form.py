@@ -17,6 +17,7 @@ from rattle.models import AnyModel, Model
 from service.database.tables import Scope
 from service.explorer.common.address import Pair
 from service.explorer.common.viewer import Viewer
+from service.explorer.common.watch import on_press
 from service.explorer.page.machine_axes import MachineAxes
 from service.explorer.page.sample_fields import SampleFields
 from service.operations.estimate import Estimate, estimate
@@ -78,7 +79,7 @@ class Form:
         self.in_si.param.watch(lambda _event: self._on_way(), "value")
         for widget in self._widgets():
             widget.param.watch(lambda _event: self._changed(), "value")
-        self.submit.on_click(lambda _event: viewer.start(self._submit()))
+        on_press(self.submit, lambda: viewer.start(self._submit()))
         self._plain = pn.Column(
             *(pn.Row(*three, sizing_mode="stretch_width") for three in self.axes.values()),
             pn.Row(self.model, self.kappa, sizing_mode="stretch_width"),

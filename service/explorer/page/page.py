@@ -16,6 +16,7 @@ from service.explorer.common.address import View
 from service.explorer.common.lists import SurveyList
 from service.explorer.common.news import Standing
 from service.explorer.common.viewer import CALLER, Viewer
+from service.explorer.common.watch import on_press
 from service.explorer.files import asset
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
@@ -70,7 +71,7 @@ class Page:
             self._act, chosen=view.survey, signed_in=viewer.signed_in, margin=0, sizing_mode="stretch_width"
         )
         self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
-        self._new.on_click(lambda _event: self._toggle_form())
+        on_press(self._new, self._toggle_form)
         self._side = pn.Column(self._new, self._notice, self._list, sizing_mode="stretch_width", margin=0)
         self._map = MapView(shared, viewer, view, theme, sheet, self._remember, self._save_window)
         self._list.param.watch(lambda event: self._choose(event.new), "chosen")

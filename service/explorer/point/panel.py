@@ -9,7 +9,7 @@ from typing import Any
 import panel as pn
 
 from service.explorer.common.text import Text
-from service.explorer.common.watch import Watch
+from service.explorer.common.watch import Watch, on_press
 from service.explorer.design.fields import EXACT
 from service.explorer.design.tolerance_fields import ToleranceFields
 from service.explorer.files import asset
@@ -121,7 +121,7 @@ class PointPanel:
         found = pn.widgets.Button(
             label="Play", css_classes=["play"], margin=(2, 4), align="end", stylesheets=self._sheets
         )
-        found.on_click(lambda _event: self.on_play(self.rpm.value))
+        on_press(found, lambda: self.on_play(self.rpm.value))
         return found
 
     @cached_property

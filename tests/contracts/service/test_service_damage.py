@@ -17,7 +17,8 @@ from service.database import Database, DoneTile
 from service.database.tables import State
 from service.explorer.common.address import View
 from service.explorer.common.news import Standing
-from service.explorer.page.page import _first, _row
+from service.explorer.page.page import _first
+from service.explorer.page.rows import row_of
 from service.settings import Settings
 from workers import Bucket, SurveyRequest, compute_tile, create_store, tiles_of
 from workers.storage.store import write_tile
@@ -192,7 +193,7 @@ def test_the_explorer_lists_a_damaged_one_and_shows_another(tmp_path: Path) -> N
         database = front_of(client).database
         damage(database, ids[1], "'{'")
         standings = [Standing(job, None, None) for job in database.jobs(2)[0]]
-        rows = [_row(each, View(survey=ids[1]), owned=True) for each in standings]
+        rows = [row_of(each, View(survey=ids[1]), owned=True) for each in standings]
         assert [(row["id"], row["state"], row["variable"]) for row in rows] == [
             (ids[1], "failed", ""),
             (ids[0], "accepted", ""),

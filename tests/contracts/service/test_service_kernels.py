@@ -141,6 +141,7 @@ import sys
 import numpy as np
 
 from rattle import RattleError
+from rattle.families.join import joined
 from rattle.models import Model, model_of
 from service.operations.estimate import cell_seconds
 from service.explorer.point import parts as point_parts
@@ -189,7 +190,7 @@ usual = SurveyRequest(**axes, initial_conditions={"count": 4}, **fields)
 template_of(usual)
 compute_tile(usual, tiles_of(usual)[0])
 delta, epsilon = np.linspace(0.35, 0.4, 3), np.linspace(0.2, 0.3, 3)
-model.families(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], 16))
+joined(delta, epsilon, 16, model.attractors_of(delta, epsilon[:, None], 16), model.cells(delta, epsilon))
 print("needed:", needed)
 """
 
