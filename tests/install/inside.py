@@ -7,6 +7,7 @@ Runs in the environment that is checked, in an empty directory, with the path of
 
 from __future__ import annotations
 
+import asyncio
 import json
 import re
 import resource
@@ -26,7 +27,7 @@ from websockets.sync.client import connect
 import rattle
 import service as foreign_service
 import workers as foreign_workers
-from gear_rattle import service, workers
+from gear_rattle import run_survey, service, workers
 
 RATTLE = str(Path(sys.executable).with_name("rattle"))
 HANG = 600.0  # seconds: nothing takes as long unless it hangs
@@ -152,10 +153,25 @@ def command_is_right() -> None:
     is_right(xr.open_zarr("own.zarr"))
 
 
+def notebook_is_right() -> None:
+    """What a notebook does: a survey by one call, where an event loop runs already, and results as tables."""
+
+    async def cell() -> xr.Dataset:
+        return run_survey(
+            delta=(0.6, 0.7, 2), epsilon=(0.05, 0.1, 2), initial_conditions={"count": 4}, out="notebook.zarr"
+        )
+
+    is_right(asyncio.run(cell()))
+    gear = rattle.Gear(0.6, 0.1)
+    for shown in (gear, gear.attractors(16)[0], gear.orbits()[0]):
+        assert "<table" in shown._repr_html_(), shown
+
+
 def main() -> None:
     is_installed(Path(sys.argv[1]))
     is_the_version_of(Path(sys.argv[1]))
     command_is_right()
+    notebook_is_right()
     with served() as url, httpx.Client(base_url=url, timeout=HANG) as client:
         survey_is_right(client)
         page_is_right(client)  # last: it lets kernels of points be compiled, which the end of the service ends
