@@ -74,15 +74,9 @@ def open_family(
     Raises:
         RattleError: there is no survey, it has no families, or none of this number.
     """
-    from workers.families.one import family_in
-    from workers.survey.families import GROUP
-    from workers.survey.seals import path_of
-    from workers.survey.slices import slice_of
+    from workers.families.one import family_of
 
-    with open_results(store, headers) as whole:
-        survey = slice_of(whole, slice_number)
-        group = path_of(() if slice_number is None else (slice_number,), GROUP)
-        return family_in(survey, lambda: open_results(store, headers, group), number, str(store))
+    return family_of(lambda group: open_results(store, headers, group), str(store), number, slice_number)
 
 
 def _is_trusted(url: str) -> bool:

@@ -30,12 +30,11 @@ def explain(
     """
     from service.results import open_results
     from workers.boundaries.explain import explain as explained
-    from workers.survey.seals import path_of
-    from workers.survey.slices import slice_of
+    from workers.survey.slices import group_in, slice_of
 
     with open_results(store) as whole:
-        dataset, along = slice_of(whole, slice_), () if slice_ is None else (slice_,)
-        families = open_results(store, group=path_of(along, "families")) if "attractor_family" in dataset else None
+        dataset = slice_of(whole, slice_)
+        families = open_results(store, group=group_in(slice_, "families")) if "attractor_family" in dataset else None
         found = explained(dataset, most_curves, families)
     _print(found, rows)
     if found.region_explained.sum() < found.pairs.region.sum():

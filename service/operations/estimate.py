@@ -79,8 +79,9 @@ def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
         if job.cells_done >= LEAST_CELLS
         and job.is_readable
         and set(job.request["quantities"]) == wanted
-        and _same_model(request, job)
-        and _same_watch(request, job)
+        and (other := SurveyRequest.model_validate(job.request))
+        and _same_model(request, other)
+        and _same_watch(request, other)
         and 1.0 / SIMILAR <= _ratio(request, job) <= SIMILAR
     ]
     return min(like, key=lambda job: abs(math.log(_ratio(request, job))), default=None)
@@ -93,17 +94,16 @@ def _ratio(request: SurveyRequest, job: JobRow) -> float:
     return request.initial_conditions.count / count
 
 
-def _same_model(request: SurveyRequest, job: JobRow) -> bool:
+def _same_model(request: SurveyRequest, other: SurveyRequest) -> bool:
     """Whether it is the same model, the stiff one with like stiffness; surveys from before there were two have none."""
-    ours, theirs = request.stiffness, SurveyRequest.model_validate(job.request).stiffness
+    ours, theirs = request.stiffness, other.stiffness
     if ours is None or theirs is None:
         return ours is theirs
     return 1.0 / SIMILAR <= ours / theirs <= SIMILAR
 
 
-def _same_watch(request: SurveyRequest, job: JobRow) -> bool:
+def _same_watch(request: SurveyRequest, other: SurveyRequest) -> bool:
     """Whether samples are watched for about as long: in relaxation times where damping is weak, within the budget."""
-    other = SurveyRequest.model_validate(job.request)
     ratio = max(request.delta.start, STRONG) / max(other.delta.start, STRONG)
     sample, its = request.initial_conditions, other.initial_conditions
     same = (sample.budget, sample.tau, sample.v_min, request.v_max) == (its.budget, its.tau, its.v_min, other.v_max)

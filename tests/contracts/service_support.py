@@ -11,10 +11,13 @@ from waiting import HANG
 
 from service.access import keys
 from service.app import create_app
+from service.database import DoneTile
 from service.database.tables import Scope
 from service.errors import UnavailableError
 from service.settings import Settings
 from service.state import Front
+from workers import SurveyRequest, compute_tile, create_store, tiles_of
+from workers.storage.store import write_tile
 
 HERE = "http://127.0.0.1:8000"
 BODY: dict[str, Any] = {
@@ -77,6 +80,15 @@ def submit(client: TestClient, headers: dict[str, str], **changes: Any) -> str:
     response = client.post("/v1/surveys?force=true", json=BODY | changes, headers=headers)
     assert response.status_code == 202, response.text
     return str(response.json()["id"])
+
+
+def compute(front: Front, survey_id: str, request: SurveyRequest, tiles: slice = slice(None)) -> None:
+    """Compute tiles of an accepted survey, as its workers would."""
+    store = front.directory.store(survey_id)
+    create_store(request, store)
+    for tile in tiles_of(request)[tiles]:
+        write_tile(request, str(store), tile, compute_tile(request, tile)[0])
+        front.database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
 
 
 @contextmanager

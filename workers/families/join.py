@@ -25,7 +25,7 @@ from workers.storage.store import added_to_store, has_added
 from workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
 from workers.survey.request import Along, SurveyRequest
 from workers.survey.seals import path_of
-from workers.survey.tiles import Tile, tiles_of
+from workers.survey.tiles import Tile, tiles_at
 from workers.survey.values.schema import Group
 
 #: Does a task, a function of a request, a path and what follows, for each of these; results in their order.
@@ -90,7 +90,8 @@ class _Join:
         table = tabulated(delta, epsilon, self._request.initial_conditions.count, sums)
         slots = self._slots(told, family, table.cells.size)
         chunks = self._written(entered, [family[each] for each in component], slots)
-        orbits, order = together(*entered), in_order(together(*entered))
+        orbits = together(*entered)
+        order = in_order(orbits)
         numbers = np.concatenate([family[of[part.entered]] for of, part in zip(component, parts, strict=True)])
         joined = Joined(table, Attractors._make(x[order] for x in orbits), numbers[order], self._columns)
         return joined, edges_of((each.ends for each in told), family, table, list(curves)), chunks
@@ -188,7 +189,7 @@ class _Join:
             write_families, ((orbits, of, slots[of]) for orbits, of in zip(entered, family, strict=True))
         )
         if self._request.slots_follow_families:
-            tiles = [(tile, self._around(tile)) for tile in tiles_of(self._survey) if tile.along == self.along]
+            tiles = [(tile, self._around(tile)) for tile in tiles_at(self._survey, self.along)]
             self._each(move_tile, self._survey, str(self._place), tiles)
         return {block.chunk: checksum for block, checksum in zip(self.blocks, found, strict=True)}
 

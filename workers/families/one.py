@@ -14,8 +14,7 @@ from workers.errors import SurveyError
 from workers.storage.location import Place
 from workers.storage.store import open_survey
 from workers.survey.families import FAMILY, GROUP
-from workers.survey.seals import path_of
-from workers.survey.slices import slice_of
+from workers.survey.slices import group_in, slice_of
 from workers.survey.values.schema import CELL, Group
 
 if TYPE_CHECKING:
@@ -45,28 +44,29 @@ def open_family(path_or_url: str | Path | Place, number: int, slice_number: int 
     Raises:
         SurveyError: there is no survey, it has no families, or none of this number, or no such slice.
     """
-    with open_survey(path_or_url) as whole:
-        along = () if slice_number is None else (slice_number,)
-        survey, group = slice_of(whole, slice_number), path_of(along, GROUP)
-        return family_in(survey, lambda: open_survey(path_or_url, group), number, str(path_or_url))
+    return family_of(lambda group: open_survey(path_or_url, group), str(path_or_url), number, slice_number)
 
 
-def family_in(survey: xr.Dataset, families: Callable[[], xr.Dataset], number: int, name: str) -> xr.Dataset:
-    """The same of a survey, or a slice of it, that has been opened, and told of by its name; `families` opens its group
-    of that name. Raises as `open_family`.
+def family_of(
+    opened: Callable[[str | None], xr.Dataset], name: str, number: int, slice_number: int | None = None
+) -> xr.Dataset:
+    """The same of a survey that is told of by its name, and that `opened` opens, or a group of it. Raises as
+    `open_family`.
     """
     import xarray as xr
 
-    if FAMILY not in survey:
-        raise SurveyError(f"{name} has no families: compute it with --quantity {Group.FAMILIES}")
-    with families() as table:
-        if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
-            raise SurveyError(f"there are families 0 to {table.sizes['family'] - 1}, and no {number!r}")
-        row = {str(key): values.item() for key, values in table.isel(family=int(number)).items() if not values.ndim}
-        entered = table.isel(entered=np.flatnonzero(np.asarray(table["entered_family"]) == number)).load()
-    values = _map_of(survey, int(number), entered)
-    count = json.loads(survey.attrs["request"])["initial_conditions"]["count"]
-    coords = {name: survey[name].load() for name in CELL} | {"exponent": [1, 2]}
+    with opened(None) as whole:
+        survey = slice_of(whole, slice_number)
+        if FAMILY not in survey:
+            raise SurveyError(f"{name} has no families: compute it with --quantity {Group.FAMILIES}")
+        with opened(group_in(slice_number, GROUP)) as table:
+            if not (isinstance(number, int | np.integer) and 0 <= number < table.sizes["family"]):
+                raise SurveyError(f"there are families 0 to {table.sizes['family'] - 1}, and no {number!r}")
+            row = {str(key): values.item() for key, values in table.isel(family=int(number)).items() if not values.ndim}
+            entered = table.isel(entered=np.flatnonzero(np.asarray(table["entered_family"]) == number)).load()
+        values = _map_of(survey, int(number), entered)
+        count = json.loads(survey.attrs["request"])["initial_conditions"]["count"]
+        coords = {axis: survey[axis].load() for axis in CELL} | {"exponent": [1, 2]}
     there = values["attractors"] > 0
     won = np.where(there, np.rint(np.nan_to_num(values["fraction"]) * count), 0.0)
     values["fraction_upper"] = np.where(there, wilson_interval(won, count)[1], np.nan)

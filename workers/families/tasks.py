@@ -32,8 +32,8 @@ from workers.families.blocks import (
     with_rim,
     within,
 )
-from workers.storage.location import place_of
-from workers.survey.families import create_numbers, slots_of
+from workers.storage.location import Place, place_of
+from workers.survey.families import Slots, create_numbers, slots_of
 from workers.survey.request import SurveyRequest
 from workers.survey.seals import checksum
 
@@ -136,7 +136,9 @@ def tell(
     """Tell what a block has of the components of the survey; component: these, of its own and −1. beyond: of the
     attractors that follow it.
     """
-    table, of, is_listed = _known(request, path, block, entered)
+    place = place_of(path)
+    found = attractors_in(request, place, block.cells, block.along)
+    table, of, is_listed = _known(place, block, found, entered)
     of, columns = component[of], request.shape[1]
     cell, each = np.append(table.cell, beyond.cell), np.append(of, beyond.component)
     ends = ends_in(block.cells, columns, cell, each, crossings)
@@ -151,8 +153,8 @@ def write_families(
     −1, slot −1: none in all cells. Returns the checksum of what was written.
     """
     place, cells = place_of(path), block.cells
-    _table, component, is_listed = _known(request, path, block, entered)
     found = attractors_in(request, place, cells, block.along)
+    _table, component, is_listed = _known(place, block, found, entered)
     component = component[is_listed]
     cell, here = numbered_in(found.attractors, cells, request.shape[1]).cell, family[component]
     target = slots_of(here, cell, slot[component]) if request.slots_follow_families else found.slot
@@ -174,15 +176,14 @@ def _cells(request: SurveyRequest, cells: Rectangle) -> object:
     return request.gear_model.cells(delta[cells.left : cells.right], epsilon[cells.top : cells.bottom])
 
 
-def _known(
-    request: SurveyRequest, path: str, block: Block, entered: Attractors
-) -> tuple[Attractors, np.ndarray, np.ndarray]:
-    """The attractors of a block in their order, their components in it, and whether its tiles list them."""
-    place = place_of(path)
-    found = attractors_in(request, place, block.cells, block.along).attractors
-    table = together(found, entered)
+def _known(place: Place, block: Block, found: Slots, entered: Attractors) -> tuple[Attractors, np.ndarray, np.ndarray]:
+    """The attractors of a block in their order, their components in it, and whether its tiles list them; found: those
+    that they list.
+    """
+    table = together(found.attractors, entered)
     order = in_order(table)
-    return Attractors._make(x[order] for x in table), read_components(place, block), order < found.cell.size
+    listed = order < found.attractors.cell.size
+    return Attractors._make(x[order] for x in table), read_components(place, block), listed
 
 
 def _pairs(cell: np.ndarray, component: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rattle.models import AnyModel, model_of
 from workers.errors import SurveyError
+from workers.survey.seals import path_of
 from workers.survey.values.schema import FIXED
 
 if TYPE_CHECKING:
@@ -38,6 +39,11 @@ def slice_of(dataset: xr.Dataset, number: int | None = None) -> xr.Dataset:
     third = third_of(dataset)
     require_slice(third, number)
     return dataset.isel(dict.fromkeys(third, number))
+
+
+def group_in(number: int | None, group: str) -> str:
+    """Return where a slice has a group, or with None a survey without a third axis."""
+    return path_of(() if number is None else (number,), group)
 
 
 def slices_of(dataset: xr.Dataset) -> Iterator[xr.Dataset]:

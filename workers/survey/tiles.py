@@ -75,6 +75,11 @@ def tiles_of(request: SurveyRequest) -> list[Tile]:
     return [Tile(index, *span) for index, span in enumerate(spans)]
 
 
+def tiles_at(request: SurveyRequest, along: Along) -> list[Tile]:
+    """Return the tiles of one slice of the request."""
+    return [tile for tile in tiles_of(request) if tile.along == along]
+
+
 def cells_of(request: SurveyRequest, tile: Tile | None = None) -> Cells:
     """Return the cells of a tile, or the whole grid, which then has no third axis."""
     request = request if tile is None else request.at(tile.along)

@@ -34,15 +34,14 @@ def on_press(button: pn.widgets.Button, act: Callable[[], object]) -> None:
     Panel tells without the document's lock, and no text could be changed then.
     """
 
+    def acted() -> None:  # a task that it returns would be waited for, under the lock
+        act()
+
     def pressed(_event: object) -> None:
         document = pn.state.curdoc
         if document is None or document.session_context is None:
-            act()
+            acted()
         else:
-            document.add_next_tick_callback(lambda: _acted(act))
+            document.add_next_tick_callback(acted)
 
     button.on_click(pressed)
-
-
-def _acted(act: Callable[[], object]) -> None:
-    act()

@@ -9,6 +9,7 @@ import panel as pn
 
 from rattle import Machine, RattleError
 from rattle.machine.conversion import DRIVES
+from service.explorer.common.address import Pair
 from workers.survey.machine import SurveyedMachine
 
 DIGITS = 12  # of a number that was converted and back
@@ -55,6 +56,14 @@ POINT = (*PAIR, "rpm", "eccentricity", "stiffness")
 def in_unit(name: str, value: float) -> str:
     """A number of a machine in its unit, for people."""
     return f"{NUMBERS[name].entered(value):.6g}"
+
+
+def spans_of(machine: SurveyedMachine, delta: Pair, epsilon: Pair) -> dict[str, Pair]:
+    """The speeds and eccentricities of a window of the plane, each (low, high): what is fast has little damping."""
+    return {
+        "rpm": (float(machine.rpm(delta[1])), float(machine.rpm(delta[0]))),
+        "eccentricity": (float(machine.eccentricity(epsilon[0])), float(machine.eccentricity(epsilon[1]))),
+    }
 
 
 def machine_at(machine: SurveyedMachine | None, delta: float, epsilon: float) -> Machine | None:

@@ -9,13 +9,13 @@ import panel as pn
 
 from rattle import Machine
 from rattle.models import AnyGear
+from service.explorer.common.address import SHARE
 from service.explorer.common.text import Text
 from service.explorer.common.watch import on_press
 from service.explorer.design.fields import EXACT, NUMBERS
 from service.explorer.design.tolerance import Tolerance
 
 TENTH = 0.1  # of the point's numbers: standard deviations that are offered
-SHARE = 0.9
 
 
 class ToleranceFields:

@@ -16,9 +16,10 @@ from service.database.tables import JobRow, State
 from service.errors import MissingError
 from service.explorer.common.address import Pair, Ranges
 from service.state import Front
-from workers import SurveyRequest, open_survey, tiles_of
+from workers import SurveyRequest, open_survey
 from workers.pictures.maps import numbers, plane_of, with_periodic
 from workers.survey.slices import slice_of
+from workers.survey.tiles import tiles_at
 from workers.survey.values.schema import CELL
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # maps, and cells of them all, which take 5 bytes each
@@ -65,7 +66,7 @@ class Plane:
         self.delta, self.epsilon = (np.asarray(self._dataset[axis], np.float64) for axis in ("delta", "epsilon"))
         self.values = np.full(self.plane.shape, np.nan, np.float32)
         self.status = np.zeros(self.plane.shape, np.int8)
-        self._tiles = {tile.index: tile for tile in tiles_of(request) if tile.along == along}
+        self._tiles = {tile.index: tile for tile in tiles_at(request, along)}
         self._known: set[int] = set()
         self._lock = threading.Lock()
 

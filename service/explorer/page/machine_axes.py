@@ -7,7 +7,7 @@ from typing import Any
 import panel as pn
 
 from service.explorer.common.address import Pair
-from service.explorer.design.fields import EXACT, NUMBERS, PAIR, MachineFields
+from service.explorer.design.fields import EXACT, NUMBERS, PAIR, MachineFields, spans_of
 from workers import SurveyRequest
 from workers.survey.machine import SurveyedMachine
 
@@ -58,14 +58,12 @@ class MachineAxes:
             self._axes[name][2].value = num
 
     def fill_window(self, delta: Pair, epsilon: Pair, machine: SurveyedMachine) -> None:
-        """Take over a machine and a window of the plane: what is fast has little damping."""
+        """Take over a machine and a window of the plane."""
         self._machine.show(machine.model_dump())
         delta = max(delta[0], LEAST_DELTA * delta[1]), delta[1]  # a window may show more than the plane
-        spans = {"rpm": (machine.rpm(delta[1]), machine.rpm(delta[0]))}
-        spans["eccentricity"] = (machine.eccentricity(epsilon[0]), machine.eccentricity(epsilon[1]))
-        for name, span in spans.items():
+        for name, span in spans_of(machine, delta, epsilon).items():
             for widget, value in zip(self._axes[name], span, strict=False):
-                widget.value = NUMBERS[name].entered(float(value))
+                widget.value = NUMBERS[name].entered(value)
 
     def fill_counts(self, num: int) -> None:
         """As many values along each axis."""

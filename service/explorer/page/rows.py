@@ -7,7 +7,7 @@ from typing import Any
 
 from service.explorer.common.address import View
 from service.explorer.common.news import Standing
-from service.explorer.design.fields import NUMBERS, PAIR, in_unit
+from service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
 from workers import SurveyRequest
 from workers.survey.values.schema import FIXED
 
@@ -68,8 +68,7 @@ def machine_facts(request: SurveyRequest) -> list[list[str]]:
     machine, delta, epsilon = request.machine, request.delta, request.epsilon
     if machine is None:
         return []
-    spans = {"rpm": (machine.rpm(delta.stop), machine.rpm(delta.start))}
-    spans["eccentricity"] = (machine.eccentricity(epsilon.start), machine.eccentricity(epsilon.stop))
+    spans = spans_of(machine, (delta.start, delta.stop), (epsilon.start, epsilon.stop))
     facts = [
         [NUMBERS[name].name.lower(), f"{in_unit(name, low)} … {in_unit(name, high)} {NUMBERS[name].unit}"]
         for name, (low, high) in spans.items()

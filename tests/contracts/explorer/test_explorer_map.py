@@ -9,11 +9,10 @@ import pytest
 from bokeh.document import Document
 from bokeh.models import ColorBar, Label
 from fastapi.testclient import TestClient
-from service_support import BODY, front_end, front_of
+from service_support import BODY, compute, front_end, front_of
 
 from rattle import KINDS
 from rattle.orbits.period_one import REGIONS
-from service.database import DoneTile
 from service.database.tables import State
 from service.explorer.common.glyphs import style_of
 from service.explorer.map import planes
@@ -22,9 +21,8 @@ from service.explorer.map.cursor import following, stepped, zoomed
 from service.explorer.map.figure import Map
 from service.explorer.map.planes import Atlas, Block, Plane
 from service.explorer.map.readout import in_words
-from workers import SurveyRequest, compute_tile, create_store, tiles_of
+from workers import SurveyRequest
 from workers.pictures.maps import REGION_COLOURS
-from workers.storage.store import write_tile
 
 REQUEST = SurveyRequest(
     **BODY | {
@@ -47,11 +45,7 @@ def survey(client: TestClient) -> str:
     """The id of a survey that is done."""
     survey_id = str(client.post("/v1/surveys", json=REQUEST.model_dump(mode="json")).json()["id"])
     front = front_of(client)
-    store = front.directory.store(survey_id)
-    create_store(REQUEST, store)
-    for tile in tiles_of(REQUEST):
-        write_tile(REQUEST, str(store), tile, compute_tile(REQUEST, tile)[0])
-        front.database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    compute(front, survey_id, REQUEST)
     front.database.set_state(survey_id, State.SUCCESSFUL)
     return survey_id
 
@@ -199,11 +193,7 @@ def test_attractors_have_phases_that_mean_something(
     request = SurveyRequest(**BODY | {"quantities": ["attractors"], "slots": 2})
     front = front_of(client)
     survey_id = str(client.post("/v1/surveys?force=true", json=request.model_dump(mode="json")).json()["id"])
-    store = front.directory.store(survey_id)
-    create_store(request, store)
-    for tile in tiles_of(request):
-        write_tile(request, str(store), tile, compute_tile(request, tile)[0])
-        front.database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    compute(front, survey_id, request)
     front.database.set_state(survey_id, State.SUCCESSFUL)
     job = front.database.job(survey_id)
     kinds, phases, periods = (

@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from bokeh.document import Document
-from service_support import BODY, no_cluster
+from service_support import BODY, compute, no_cluster
 from waiting import eventually
 
 import rattle
 from rattle.models import Impacting, Stiff
 from service.access.keys import Caller
 from service.app import create_app
-from service.database import DoneTile
 from service.database.tables import JobRow, State
 from service.explorer.common.address import Pair, View
 from service.explorer.common.news import News, Standing
@@ -29,8 +28,7 @@ from service.explorer.page.rows import row_of
 from service.operations.surveys import submit_survey
 from service.settings import Settings
 from service.state import Front
-from workers import Frame, SurveyRequest, compute_tile, create_store, open_survey, tiles_of
-from workers.storage.store import write_tile
+from workers import Frame, SurveyRequest, open_survey
 
 REGIONS = SurveyRequest(**BODY | {"quantities": ["region"]})
 STIFF = SurveyRequest(
@@ -76,11 +74,7 @@ def accepted(front: Front, request: SurveyRequest) -> JobRow:
 def done(front: Front, request: SurveyRequest) -> JobRow:
     """A survey that is done."""
     survey_id = accepted(front, request).id
-    store = front.directory.store(survey_id)
-    create_store(request, store)
-    for tile in tiles_of(request):
-        write_tile(request, str(store), tile, compute_tile(request, tile)[0])
-        front.database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    compute(front, survey_id, request)
     front.database.set_state(survey_id, State.SUCCESSFUL)
     return front.database.job(survey_id)
 

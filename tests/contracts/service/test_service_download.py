@@ -11,14 +11,14 @@ import pandas
 import pytest
 import xarray as xr
 from fastapi.testclient import TestClient
-from service_support import BODY, assert_problem, front_end, front_of
+from service_support import BODY, assert_problem, compute, front_end, front_of
 
 from service.database import DoneTile
 from service.database.tables import State
 from service.explorer.map.colouring import colouring
 from service.explorer.map.planes import Atlas
 from service.operations.estimate import cell_seconds, most_like
-from workers import SurveyRequest, compute_tile, create_store, open_survey, tiles_of
+from workers import SurveyRequest, compute_tile, open_survey, tiles_of
 from workers.storage.store import open_groups, write_tile
 from workers.survey.values.schema import Form
 
@@ -35,14 +35,8 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
 def running(client: TestClient) -> str:
     """The id of a survey with all tiles but the last."""
     survey_id = str(client.post("/v1/surveys", json=BODY).json()["id"])
-    database = front_of(client).database
-    database.set_state(survey_id, State.RUNNING)
-    store = front_of(client).directory.store(survey_id)
-    create_store(REQUEST, store)
-    for tile in tiles_of(REQUEST)[:-1]:
-        arrays, _ = compute_tile(REQUEST, tile)
-        write_tile(REQUEST, str(store), tile, arrays)
-        database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    front_of(client).database.set_state(survey_id, State.RUNNING)
+    compute(front_of(client), survey_id, REQUEST, slice(-1))
     return survey_id
 
 

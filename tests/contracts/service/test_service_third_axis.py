@@ -7,18 +7,16 @@ from typing import Any
 import pytest
 import xarray as xr
 from fastapi.testclient import TestClient
-from service_support import BODY, assert_problem, front_end, front_of
+from service_support import BODY, assert_problem, compute, front_end, front_of
 from typer.testing import CliRunner
 
 from service.cli import app
 from service.client import Client
 from service.commands.options import survey_request
-from service.database import DoneTile
 from service.database.tables import State
 from service.operations.chunks import is_owed
 from service.operations.estimate import _few_cells, most_like
-from workers import Axis, SurveyRequest, compute_tile, create_store, examine, tiles_of
-from workers.storage.store import write_tile
+from workers import Axis, SurveyRequest, create_store, examine
 
 BETA = {"start": 0.4, "stop": 0.6, "num": 3}
 THIRD = BODY | {"beta": BETA, "quantities": ["region"]}
@@ -35,13 +33,8 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
 def running(client: TestClient) -> str:
     """The id of a survey with all tiles but the last, of the last slice."""
     survey_id = str(client.post("/v1/surveys", json=THIRD).json()["id"])
-    database, store = front_of(client).database, front_of(client).directory.store(survey_id)
-    database.set_state(survey_id, State.RUNNING)
-    create_store(REQUEST, store)
-    for tile in tiles_of(REQUEST)[:-1]:
-        arrays, _ = compute_tile(REQUEST, tile)
-        write_tile(REQUEST, str(store), tile, arrays)
-        database.add_tile(survey_id, DoneTile(tile.index, tile.n_cells, 0.5, 0, []))
+    front_of(client).database.set_state(survey_id, State.RUNNING)
+    compute(front_of(client), survey_id, REQUEST, slice(-1))
     return survey_id
 
 
