@@ -18,11 +18,9 @@ from workers.errors import SurveyError, reading
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
 from workers.survey.slices import require_slice, third_of, value_along
 from workers.survey.values.evaluate import FAILED
-from workers.survey.values.schema import CELL, FIXED
+from workers.survey.values.schema import CELL, FIXED, OF_PERIODIC, is_phase
 
 NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"
-#: What only periodic attractors have: of another it is that of any of its states.
-OF_PERIODIC = frozenset({"attractor_phase"})
 #: What it means that a computed cell of a map has no value, or the value 0, if that is not a number among others.
 WITHOUT_VALUE = {
     "basin_entropy": "undecided",
@@ -214,8 +212,8 @@ def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normali
             ["no", "yes"],
         )
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-    if str(plane.name).endswith("_phase"):
-        return colormaps["twilight_shifted"], Normalize(0, 1), None, []  # 0.99 and 0.01 are neighbours
+    if is_phase(str(plane.name)):
+        return colormaps["twilight_shifted"], Normalize(0, 1), None, []
     if str(plane.name).endswith("_fraction"):
         return colormaps["viridis"], Normalize(0, 1), None, []
     if np.issubdtype(plane.dtype, np.integer) and values.size:

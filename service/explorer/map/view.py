@@ -34,8 +34,8 @@ from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
 from service.explorer.point.state import tolerance_of
 from workers import Frame, SurveyRequest
-from workers.pictures.maps import OF_PERIODIC
 from workers.survey.machine import SurveyedMachine
+from workers.survey.values.schema import OF_PERIODIC
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
 PAUSE = 1.0  # between two drawings of a survey that runs
