@@ -29,7 +29,7 @@ from service.explorer.map.cursor import Cursor
 from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
-from service.explorer.map.planes import Block, Plane, box_of, maps_of
+from service.explorer.map.planes import Block, Plane, Room, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
 from service.explorer.point.state import tolerance_of
@@ -204,9 +204,9 @@ class MapView:
     async def _draw_once(self, job: JobRow, view: View) -> bool:
         """Draw what is known; whether that is all there is by now."""
 
-        def prepare() -> tuple[Plane, bool, Block, Colouring]:
+        def prepare(room: Room = self.map.pixels) -> tuple[Plane, bool, Block, Colouring]:
             plane, is_whole = self._shared.atlas.plane(job, view.variable, view.index, view.slice)
-            block = plane.block()
+            block = plane.block(room=room)
             return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
 
         def show(what: Callable[[], None]) -> None:
@@ -379,21 +379,21 @@ class MapView:
             self._seen = partial(plane.enlarged, window)
             self.map.frame(values_shown(plane, self._seen()), window)
         else:
-            self._seen = partial(plane.block, window)
+            self._seen = partial(plane.block, window, self.map.pixels)
         self._count()
         is_coarser = coarser(plane, window, self.map.pixels)
         if is_coarser and self.view.variable in OF_PERIODIC:
             self._say_zoom(SURVEY_ONLY)
         elif is_coarser:
             self._zoom.start(plane, self.view.variable, self.view.index, window, self.map.pixels)
-        elif plane.is_thinned:
-            self._viewer.start(self._all_cells(plane, window))
+        elif plane.is_thinned(self.map.pixels):
+            self._viewer.start(self._all_cells(plane, window, self.map.pixels))
 
-    async def _all_cells(self, plane: Plane, window: Ranges) -> None:
+    async def _all_cells(self, plane: Plane, window: Ranges, room: Room) -> None:
         """Draw those cells of a window that are left out where the whole survey is drawn."""
 
         def prepare() -> tuple[np.ndarray, Ranges]:
-            block = plane.block(window)
+            block = plane.block(window, room)
             return values_shown(plane, block), block.box
 
         values, box = await self._viewer.read(prepare)

@@ -8,7 +8,6 @@ from types import EllipsisType
 
 import numpy as np
 
-from workers.survey.axes import Axis
 from workers.survey.request import Along, SurveyRequest
 from workers.survey.values.quantities import held, shape_of
 
@@ -55,14 +54,23 @@ class LevelBlock:
         return *self.along, ..., *(slice(span.start // cells, -(-span.stop // cells)) for span, cells in spans)
 
 
-def levels_of(shape: Pair) -> tuple[Level, ...]:
-    """The levels of a survey of this shape: each axis is halved while it has more than LEAST."""
+def halvings(shape: Pair) -> tuple[Level, ...]:
+    """All levels that cells of this shape can have, down to a single one: an axis of more than LEAST is halved while
+    there is one, then both are.
+    """
     cells, found, now = (1, 1), list[Level](), shape
-    while max(shape) > LARGEST and max(now) > LEAST:
-        cells = _pair(each * 2 if size > LEAST else each for each, size in zip(cells, now, strict=True))
+    while max(now) > 1:
+        least = LEAST if max(now) > LEAST else 1
+        cells = _pair(each * 2 if size > least else each for each, size in zip(cells, now, strict=True))
         now = _pair(-(-size // each) for size, each in zip(shape, cells, strict=True))
         found.append(Level(len(found) + 1, cells, now))
     return tuple(found)
+
+
+def levels_of(shape: Pair) -> tuple[Level, ...]:
+    """The levels that a survey of this shape has in its store: none up to LARGEST, then down to LEAST."""
+    all_of = halvings(shape) if max(shape) > LARGEST else ()
+    return all_of[: 1 + sum(max(level.shape) > LEAST for level in all_of)]
 
 
 def steps_of(levels: tuple[Level, ...]) -> list[Pair]:
@@ -95,10 +103,12 @@ def blocks_of(request: SurveyRequest) -> list[LevelBlock]:
     ]
 
 
-def centres(axis: Axis, level_cells: int, number: int) -> np.ndarray:
-    """The middles (number,) of a level's cells, evenly spaced, as if the last one had as many cells as the others."""
-    step = (axis.stop - axis.start) / (axis.num - 1)
-    found: np.ndarray = axis.start + step * (level_cells * np.arange(number) + (level_cells - 1) / 2)
+def centres(axis: np.ndarray, cells: int) -> np.ndarray:
+    """The middles of a level's cells, so many of the survey's each, whose own are `axis`: evenly spaced, as if the last
+    one had as many as the others.
+    """
+    step = (axis[-1] - axis[0]) / (axis.size - 1)
+    found: np.ndarray = axis[0] + step * (cells * np.arange(-(-axis.size // cells)) + (cells - 1) / 2)
     return found
 
 

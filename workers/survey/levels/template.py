@@ -138,9 +138,9 @@ def _layout(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
 
 def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: Level, dims: set[str]) -> None:
     axes = (request.epsilon, request.delta)
-    for name, dim, axis, cells, number in zip(CELL, LEVEL_CELL, axes, level.cells, level.shape, strict=True):
+    for name, dim, axis, cells in zip(CELL, LEVEL_CELL, axes, level.cells, strict=True):
         long_name = f"{COORDINATES[name].long_name}, middle of the cells"
-        write(group, dim, (dim,), centres(axis, cells, number), {"long_name": long_name, "units": "1"})
+        write(group, dim, (dim,), centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
     for dim in sorted(dims):
         words = "what is told of the numbers of the cells" if dim == STATISTIC else about(request, dim)
         values = coordinate_values(_labels(request, dim))
