@@ -60,6 +60,8 @@ class Block:
 class Plane:
     """One map of one survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
 
+    is_kept = True  # in memory, all cells
+
     def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
         place = front.directory.store(job.id)
         if not place.exists():
@@ -73,9 +75,9 @@ class Plane:
         self.request = request.at(self._along)
         self._levels = halvings(self.request.shape)
         self.delta, self.epsilon = (np.asarray(self._dataset[axis], np.float64) for axis in ("delta", "epsilon"))
-        self.values = np.full(self.plane.shape, np.nan, np.float32)
-        self.status = np.zeros(self.plane.shape, np.int8)
-        self._tiles = {tile.index: tile for tile in tiles_at(request, self._along)}
+        kept = self.plane.shape if self.is_kept else (0, 0)
+        self.values, self.status = np.full(kept, np.nan, np.float32), np.zeros(kept, np.int8)
+        self._tiles = {tile.index: tile for tile in tiles_at(request, self._along)} if self.is_kept else {}
         self._known: set[int] = set()
         self._lock = threading.Lock()
 
@@ -181,9 +183,10 @@ class Plane:
 class LeveledPlane(Plane):
     """A map of a survey that has ended and has levels: what is drawn is read when it is drawn."""
 
+    is_kept = False
+
     def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
         super().__init__(front, job, variable, index, number)
-        self.values, self.status = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.int8)
         self._levels = levels_of(self.request.shape)
         self._opened: dict[str, xr.Dataset] = {}
 

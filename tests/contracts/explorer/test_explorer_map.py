@@ -1,11 +1,13 @@
 """What the explorer draws of a survey, without a browser: cells, limits, legends, overlays, what a click means."""
 
 from collections.abc import Iterator
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from bokeh.document import Document
 from bokeh.models import ColorBar, Label
 from fastapi.testclient import TestClient
@@ -21,7 +23,8 @@ from service.explorer.map.cursor import following, stepped, zoomed
 from service.explorer.map.figure import Map
 from service.explorer.map.planes import Atlas, Block, LeveledPlane, Plane
 from service.explorer.map.readout import in_words
-from workers import SurveyRequest, complete, is_incomplete
+from workers import SurveyRequest, complete, is_incomplete, open_survey
+from workers.pictures.levels import groups_of, overview
 from workers.pictures.maps import REGION_COLOURS
 from workers.survey.levels import grid
 
@@ -139,6 +142,19 @@ def test_of_a_survey_with_levels_is_read_what_is_drawn(
     np.testing.assert_array_equal(plane.enlarged(close).values, in_memory.enlarged(close).values)
     assert str(plane.at(plane.delta[9], plane.epsilon[5])) == str(in_memory.at(plane.delta[9], plane.epsilon[5]))
     assert plane.values.size == 0
+
+
+def test_a_picture_is_drawn_from_levels(client: TestClient, leveled: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same as from all cells, of which none is read."""
+    store, room = front_of(client).directory.store(leveled), (9, 16)
+    with open_survey(store) as survey:
+        whole = overview(survey, "region", 0, room, None)
+        monkeypatch.setattr("workers.pictures.levels.of_cells", None)
+        levels = groups_of(partial(open_survey, store), None, True)
+        drawn = overview(survey, "region", 0, room, levels)
+    xr.testing.assert_identical(drawn, whole)
+    assert drawn.region.shape == (8, 15)
+    assert client.get(f"/v1/surveys/{leveled}/map.png").content.startswith(b"\x89PNG")
 
 
 def test_a_map_that_takes_long_is_read_a_piece_at_a_time(
