@@ -121,3 +121,18 @@ def test_an_island_is_in_the_picture() -> None:
     sea = pixels(None)
     for at in ((700, 301), (1299, 1099)):
         assert (pixels(at) & ~sea).sum() > 0
+
+
+def test_an_island_beside_what_is_rarer_is_shown_too() -> None:
+    """Beside a line of what is in fewer cells, whose other cells are shown."""
+    values, status = np.ones(SHAPE), np.ones(SHAPE, np.int8)
+    values[:, 30:] = 2
+    values[16:40, 9] = 3
+    values[25, 10] = 2
+    plane = plane_of("attractor_kind", CODED, np.int8, values)
+    for level in halvings(SHAPE)[1:3]:  # in which the island and the line are in one cell
+        seen = of_cells(plane, values, status, level).values
+        island = 25 // level.cells[0], 10 // level.cells[1]
+        assert seen[island] == 2
+        line = seen[16 // level.cells[0] : 40 // level.cells[0], island[1]]
+        assert (line == 3).sum() == line.size - 1
