@@ -21,6 +21,8 @@ from workers.survey.values.schema import CELL, is_phase
 
 RARE = 2.0  # an extreme is rare where the mean is more than so many times closer to the other one
 
+NEAR = 1  # cells of a picture on each side in which a code is rarer than another one
+
 #: Opens a group of a survey's store, None if it has none of that name.
 OpenGroup = Callable[[str], xr.Dataset | None]
 
@@ -151,8 +153,8 @@ def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
 
 
 def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> Seen:
-    """Of the codes of a cell but one that most of its cells have, that is shown which is in the fewest cells of this
-    picture; rows, columns: how many cells of the survey these have.
+    """Of the codes of a cell but one that most of its cells have, that is shown which is in the fewest of the cells
+    about it, or else of this picture; rows, columns: how many cells of the survey these have.
     """
     values = found.most.astype(np.int64)
     others = found.occurs & ~(found.occurs.dtype.type(1) << found.most.astype(found.occurs.dtype))
@@ -162,36 +164,20 @@ def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns:
         if (found.occurs >> code & 1).any()
     }
     shown = np.where(found.share > 0.5, others, found.occurs)
-    for code in sorted(cells, key=lambda code: int(cells[code].sum()), reverse=True):
-        values[(shown >> code & 1).astype(bool)] = code
-    _show_each_island(values, cells)
+    fewest = np.full(values.shape, np.iinfo(np.int64).max)
+    for code in sorted(cells, key=lambda code: int(cells[code].sum())):
+        around = _around(cells[code])
+        better = (shown >> code & 1).astype(bool) & (around < fewest)
+        values[better], fewest[better] = code, around[better]
     return Seen(values.astype(np.float32), _status(states), _shares(found, others, cells, np.outer(rows, columns)))
 
 
-def _show_each_island(values: np.ndarray, cells: Mapping[int, np.ndarray]) -> None:
-    """Give each island of each code one cell of those in which it occurs, where none shows it, if the cell is not all
-    that is shown of another island.
-    """
-    from scipy.ndimage import find_objects, label  # a fifth of a second to load
-
-    islands, sizes = np.zeros((len(cells), *values.shape), np.int32), []
-    place = {code: number for number, code in enumerate(cells)}
-    for code, number in place.items():
-        islands[number], count = label(cells[code], np.ones((3, 3)))
-        seen = islands[number][values == code]
-        sizes.append(np.bincount(seen, minlength=count + 1))  # of each island, the cells that show it
-    for code, number in place.items():
-        around = find_objects(islands[number])
-        for island in np.flatnonzero(sizes[number][1:] == 0) + 1:
-            rows, columns = np.nonzero(islands[number][around[island - 1]] == island)
-            at = rows + around[island - 1][0].start, columns + around[island - 1][1].start
-            others = np.array([place[int(other)] for other in values[at]])
-            spare = np.array([sizes[other][islands[other][i, j]] for other, i, j in zip(others, *at, strict=True)])
-            if spare.max() > 1:
-                best = int(spare.argmax())
-                i, j = at[0][best], at[1][best]
-                sizes[others[best]][islands[others[best]][i, j]] -= 1
-                values[i, j], sizes[number][island] = code, 1
+def _around(cells: np.ndarray) -> np.ndarray:
+    """How many of the cells about each are among these."""
+    size = 2 * NEAR + 1
+    sums = np.pad(cells, ((NEAR + 1, NEAR), (NEAR + 1, NEAR))).astype(np.int64).cumsum(axis=0).cumsum(axis=1)
+    found: np.ndarray = sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size] + sums[:-size, :-size]
+    return found
 
 
 def _shares(
