@@ -29,7 +29,7 @@ from service.explorer.map.cursor import Cursor
 from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
-from service.explorer.map.planes import Block, Plane, Room, box_of, maps_of
+from service.explorer.map.planes import SIDE, Block, Plane, Room, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
 from service.explorer.point.state import tolerance_of
@@ -63,18 +63,11 @@ class MapView:
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
         self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
+        for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
+            self.map.figure.on_change(size, self._on_size)
         self._zoom = Zoom(viewer, self._frame, self._say_zoom)
-        self._lines = Lines(
-            shared.crises,
-            shared.limits,
-            viewer,
-            self.map,
-            view.overlays,
-            view.share,
-            self._on_lines,
-            self._on_share,
-            sheet,
-        )
+        heard = self._on_lines, self._on_share
+        self._lines = Lines(shared.crises, shared.limits, viewer, self.map, view.overlays, view.share, *heard, sheet)
         self._lines.tell(self.model, self.window[0])
         words: dict[str, Callable[[Pair], None]] = {
             "all": lambda _at: self._reset(),
@@ -190,6 +183,9 @@ class MapView:
         if self._job is not None:
             self._follow(self._job)
 
+    def _on_size(self, _attribute: str, _old: object, _new: object) -> None:
+        self._redraw()
+
     async def _keep_drawing(self) -> None:
         """Draw until what is drawn is what is wanted; a survey that runs is drawn at most once in PAUSE."""
         while (wanted := self._wanted()) != self._drawn:
@@ -229,7 +225,9 @@ class MapView:
         job, view = self._job, self.view
         if job is None:
             return ()
-        return job.id, job.state, job.cells_done, view.variable, view.index, view.slice, view.limits, view.log
+        is_large = self._request is not None and max(self._request.shape) > SIDE
+        room = self.map.pixels if is_large else ()
+        return job.id, job.state, job.cells_done, view.variable, view.index, view.slice, view.limits, view.log, room
 
     def _show_waiting(self) -> None:
         self._show_nothing("<p class=faint>This survey waits for its turn.</p>")
