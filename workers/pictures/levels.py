@@ -106,7 +106,7 @@ def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened:
     if (level := part.level) is None:
         return dataset
     stored = opened(level.path) if opened and level in levels_of(shape) else None
-    if stored is not None:
+    if stored is not None and variable in stored:  # of families there are numbers of cells alone
         seen = of_level(plane, stored, index, level, part.at)
     else:
         with reading(f"the map of {variable}"):

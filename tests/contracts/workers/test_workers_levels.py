@@ -5,6 +5,7 @@ import shutil
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,11 +30,13 @@ from workers import (
     tiles_of,
 )
 from workers.overviews import make_levels
+from workers.pictures.levels import groups_of, overview
 from workers.storage.added import here
 from workers.storage.store import before_tiles, write_tile
 from workers.survey.levels import reduce
 from workers.survey.levels.grid import GROUP, Pair, blocks_of, levels_of, steps_of
 from workers.survey.levels.template import OCCURS, SHARE, meanings
+from workers.survey.slices import slice_of
 from workers.survey.values.quantities import held
 from workers.survey.values.schema import is_phase
 
@@ -223,6 +226,14 @@ def test_levels_are_of_what_the_cells_hold_in_the_end(joined: Path) -> None:
                 for statistic, pool in (("least", np.fmin), ("largest", np.fmax)):
                     expected = pool.reduce(some, axis=-1).astype(np.float32)
                     np.testing.assert_array_equal(found.sel(statistic=statistic), expected, name)
+
+
+def test_what_levels_do_not_have_is_drawn_from_the_cells(joined: Path) -> None:
+    levels = groups_of(partial(open_survey, joined), 1, True)
+    one = slice_of(open_survey(joined), 1)
+    drawn = overview(one, "attractor_family", 0, (3, 4), levels)
+    assert drawn.attractor_family.shape == (3, 4)
+    assert np.isin(drawn.attractor_family, one.attractor_family[0]).all()
 
 
 def test_any_reader_finds_them(joined: Path) -> None:
