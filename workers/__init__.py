@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from workers.cluster.window import Frame, compute_part, map_quantity, window_survey
+from workers.completion import complete, is_incomplete
 from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
 from workers.families.join import join_survey, lacks_families
 from workers.families.one import open_family
@@ -29,13 +30,13 @@ from workers.survey.values.schema import Group, Quantity
 if TYPE_CHECKING:
     from workers.cluster.cluster import connect, embedded_cluster
     from workers.cluster.refinement import refined
-    from workers.cluster.runner import join_on, run_tiles, template_on
+    from workers.cluster.runner import complete_on, run_tiles, template_on
 
 #: What needs dask's cluster, a quarter of a second that a survey in one process does not wait for.
 _ON_CLUSTERS = {
+    "complete_on": "workers.cluster.runner",
     "connect": "workers.cluster.cluster",
     "embedded_cluster": "workers.cluster.cluster",
-    "join_on": "workers.cluster.runner",
     "refined": "workers.cluster.refinement",
     "run_tiles": "workers.cluster.runner",
     "template_on": "workers.cluster.runner",
@@ -63,6 +64,8 @@ __all__ = [
     "TileRecord",
     "TileShape",
     "Window",
+    "complete",
+    "complete_on",
     "compute_part",
     "compute_tile",
     "connect",
@@ -70,8 +73,8 @@ __all__ = [
     "embedded_cluster",
     "examine",
     "finish_store",
+    "is_incomplete",
     "is_short",
-    "join_on",
     "join_survey",
     "lacks_families",
     "map_quantity",

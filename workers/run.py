@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from workers.completion import complete, is_incomplete
 from workers.errors import SurveyError
-from workers.families.join import join_survey, lacks_families
 from workers.in_process import is_short, run_tiles_here
 from workers.storage.location import Place, place_of
 from workers.storage.store import create_store, finish_store, open_survey, tiles_done
@@ -78,7 +78,7 @@ def _run(
     create_store(request, place)
     done = tiles_done(request, place)
     missing = [tile for tile in tiles_of(request) if tile.index not in done]
-    if missing or lacks_families(request, place):
+    if missing or is_incomplete(request, place):
         _compute(request, place, missing, cluster, progress)
     finish_store(place)
     return open_survey(place)
@@ -101,16 +101,14 @@ def _compute(
 
     if cluster is None and is_short(request, request.n_cells):
         run_tiles_here(request, place, missing, on_tile, _never)
-        if lacks_families(request, place):
-            with place.writing():
-                join_survey(request, place)
+        with place.writing():
+            complete(request, place)
         return
-    from workers.cluster.runner import join_on, run_tiles
+    from workers.cluster.runner import complete_on, run_tiles
 
     with _client(cluster) as client:
         run_tiles(request, place, missing, client, on_tile, _never)
-        if lacks_families(request, place):
-            join_on(client, request, place, _never)
+        complete_on(client, request, place, _never)
 
 
 def _client(cluster: str | Client | int | None) -> AbstractContextManager[Client]:

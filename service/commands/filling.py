@@ -13,7 +13,7 @@ import typer
 if TYPE_CHECKING:
     from distributed import Client
 
-    from workers import AnyRequest, SurveyRequest, TileRecord
+    from workers import AnyRequest, TileRecord
     from workers.kinds import AnyTile
 
 INTERRUPTED = 130
@@ -30,7 +30,7 @@ def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | No
     survey.create_store(request, out)
     done = survey.tiles_done(request, out)
     missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
-    if missing or (isinstance(request, survey.SurveyRequest) and survey.lacks_families(request, out)):
+    if missing or survey.is_incomplete(request, out):
         with stop_requested() as stop, compiling_told():
             try:
                 short = survey.is_short(request, sum(tile.n_cells for tile in missing) or request.n_cells)
@@ -92,8 +92,8 @@ def _compute(
         else:
             survey.run_tiles(request, out, missing, client, on_tile, should_stop)
         seconds = time.monotonic() - began
-        if not should_stop() and isinstance(request, survey.SurveyRequest) and survey.lacks_families(request, out):
-            _join(request, out, client, should_stop)
+        if not should_stop() and survey.is_incomplete(request, out):
+            _complete(request, out, client, should_stop)
     if missing:
         typer.echo(f"{done - before} {what} in {seconds:.1f} s: {(done - before) / seconds:.1f} {what}/s")
     for i, j, message in failed[:MAX_MESSAGES]:
@@ -101,12 +101,13 @@ def _compute(
         typer.echo(f"failed: {where}: {message}", err=True)
 
 
-def _join(request: SurveyRequest, out: str, client: Client | None, should_stop: Callable[[], bool]) -> None:
+def _complete(request: AnyRequest, out: str, client: Client | None, should_stop: Callable[[], bool]) -> None:
     import workers as survey
 
-    typer.echo("Joining the attractors to families …", err=True)
+    is_joined = survey.Group.FAMILIES in request.quantities
+    typer.echo("Joining the attractors to families …" if is_joined else "Making the levels …", err=True)
     if client is None:
         with survey.place_of(out).writing():
-            survey.join_survey(request, out)
+            survey.complete(request, out)
     else:
-        survey.join_on(client, request, out, should_stop)
+        survey.complete_on(client, request, out, should_stop)

@@ -22,11 +22,10 @@ from workers import (
     ClusterLostError,
     StoppedError,
     StorageError,
-    SurveyRequest,
+    complete_on,
     create_store,
     finish_store,
-    join_on,
-    lacks_families,
+    is_incomplete,
     request_of,
     run_tiles,
     template_on,
@@ -275,8 +274,8 @@ class JobManager:
 
         run_tiles(request, path, missing, client, on_tile, self._interrupted, self._dismissed.is_set)
         if not self._interrupted():
-            if isinstance(request, SurveyRequest) and lacks_families(request, path):
-                join_on(client, request, path, self._interrupted)
+            if is_incomplete(request, path):
+                complete_on(client, request, path, self._interrupted)
             finish_store(path)
             self._database.set_state(survey_id, State.SUCCESSFUL)
 

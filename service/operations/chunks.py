@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
+from service.database.tables import State
 from service.state import Front
 from workers import Bucket, place_of
 from workers.storage.integrity import Manifest, manifest_of
@@ -14,7 +15,8 @@ from workers.survey.seals import SEALED
 def is_owed(front: Front, survey_id: str, key: str) -> bool:
     """Whether the store of this survey, if it is whole, has this key. For a thread: reads the database."""
     try:
-        manifest = _manifest(front.directory.store(survey_id))
+        ended = front.database.job(survey_id).state == State.SUCCESSFUL
+        manifest = _manifest(front.directory.store(survey_id), ended)
     except LookupError:  # no store yet, or none that says anything
         return False
     if key in manifest.files or key in SEALED:
@@ -24,8 +26,10 @@ def is_owed(front: Front, survey_id: str, key: str) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _manifest(store: Path | Bucket) -> Manifest:
-    """What does not change as long as there is the store. Raises LookupError."""
+def _manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  # to be kept apart by
+    """What does not change as long as there is the store, but that families and levels come at the end of a run. Raises
+    LookupError.
+    """
     if (manifest := manifest_of(place_of(store))) is None:
         raise LookupError
     return manifest

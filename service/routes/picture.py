@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,8 @@ from service.state import FrontState
 from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
 from service.web.problems import declared
 from workers import QUANTITIES, Bucket, open_survey
+from workers.storage.store import has_added
+from workers.survey.levels.grid import GROUP as LEVELS
 from workers.survey.request import MAX_SLICES
 from workers.survey.slices import slice_of
 
@@ -62,7 +65,9 @@ async def picture(
 
 
 def _draw(place: Path | Bucket, variable: str, index: int, slice_number: int | None) -> bytes:
+    from workers.pictures.levels import groups_of
     from workers.pictures.maps import map_png  # matplotlib: a second for who asks first, not for every start
 
     with open_survey(place) as dataset:
-        return map_png(slice_of(dataset, slice_number), variable, index)
+        levels = groups_of(partial(open_survey, place), slice_number, has_added(place, LEVELS))
+        return map_png(slice_of(dataset, slice_number), variable, index, levels)

@@ -31,11 +31,11 @@ from workers import (
     SurveyError,
     SurveyRequest,
     TileRecord,
+    complete_on,
     connect,
     create_store,
     embedded_cluster,
     finish_store,
-    join_on,
     join_survey,
     lacks_families,
     open_survey,
@@ -285,10 +285,10 @@ def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path, mon
     create_store(request, there)
     run_tiles(request, there, tiles_of(request), cluster, lambda _: None, lambda: False)
     shutil.copytree(there, here)
-    with pytest.raises(StoppedError, match="stopped while the attractors of the survey were joined"):
-        join_on(cluster, request, there, lambda: True)
+    with pytest.raises(StoppedError, match="stopped while the survey was completed"):
+        complete_on(cluster, request, there, lambda: True)
     assert lacks_families(request, there)
-    join_on(cluster, request, there, lambda: False)
+    complete_on(cluster, request, there, lambda: False)
     join_survey(request, here)
     assert not lacks_families(request, there)
     files = [path.relative_to(here) for path in here.rglob("*") if path.is_file()]

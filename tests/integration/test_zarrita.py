@@ -14,6 +14,7 @@ import xarray as xr
 from waiting import HANG
 
 from workers import Group, run_survey
+from workers.survey.levels import grid
 
 READERS = Path(__file__).parents[1] / "readers"
 INSTALLED = shutil.which("node") is not None and (READERS / "node_modules" / "zarrita").is_dir()
@@ -25,8 +26,12 @@ class Silent(SimpleHTTPRequestHandler):
 
 
 @pytest.mark.skipif(not INSTALLED, reason="node or zarrita is not there: make readers")
-@pytest.mark.parametrize("beta", [0.6, (0.6, 0.7, 2)], ids=["a plane", "a third axis"])
-def test_zarrita_reads_every_array(tmp_path: Path, beta: float | tuple[float, float, int]) -> None:
+@pytest.mark.parametrize("beta", [0.6, (0.6, 0.7, 2)], ids=["a plane", "a third axis with levels"])
+def test_zarrita_reads_every_array(
+    tmp_path: Path, beta: float | tuple[float, float, int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(grid, "LARGEST", 3 if beta == 0.6 else 2)
+    monkeypatch.setattr(grid, "LEAST", 2)
     run_survey(
         delta=(0.55, 0.7, 3),
         epsilon=(0.05, 0.1, 2),
@@ -52,6 +57,7 @@ def test_zarrita_reads_every_array(tmp_path: Path, beta: float | tuple[float, fl
         }
     assert {name for name, values in ours.items() if values.size} - read.keys() == set()
     assert len(ours) > 100
+    assert ("levels/1/region_occurs" in ours) is (beta != 0.6)
     for name, values in ours.items():
         if values.dtype.kind in "OUT":
             assert not values.size or read[name]["texts"] == values.ravel().tolist(), name

@@ -1,4 +1,4 @@
-"""The tasks of a join on a cluster."""
+"""On a cluster, the tasks by which a survey is completed: those of its join and of its levels."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -27,10 +27,10 @@ class _Item:
 
 
 class Joining(InFlight[_Item, Any]):
-    """A join whose tasks are done on a cluster: `each` is that of `join_survey`."""
+    """What is done for each part of a survey on a cluster: `each` is that of `complete`."""
 
     def __init__(self, client: Client, should_stop: Callable[[], bool]) -> None:
-        """Take what is asked several times a second whether the join shall stop."""
+        """Take what is asked several times a second whether this shall stop."""
         super().__init__(client, "join", LOST)
         self._should_stop = should_stop
         self._waiting = deque[_Item]()
@@ -50,7 +50,7 @@ class Joining(InFlight[_Item, Any]):
         try:
             while self._waiting or self.in_flight:
                 if self._should_stop():
-                    raise StoppedError("stopped while the attractors of the survey were joined")
+                    raise StoppedError("stopped while the survey was completed")
                 room = self.threads(WORKERLESS_SECONDS) - len(self.in_flight)
                 for _ in range(min(room, len(self._waiting))):
                     item = self._waiting.popleft()
@@ -72,6 +72,6 @@ class Joining(InFlight[_Item, Any]):
             raise error
         if task.work.attempt == ATTEMPTS:
             raise SurveyError(
-                "the attractors of the survey killed the process that joined them: look at the log"
+                "the survey killed the process that completed it, block by block: look at the log"
             ) from error
         self._waiting.append(_Item(task.work.number, task.work.attempt + 1))

@@ -15,12 +15,11 @@ from workers.cluster.cluster import end_tasks
 from workers.cluster.isolation import compute_tile_apart
 from workers.cluster.joining import Joining
 from workers.cluster.submission import Submission
+from workers.completion import complete
 from workers.errors import ClusterLostError, StoppedError, SurveyError
-from workers.families.join import join_survey
 from workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from workers.storage.location import Place, place_of
 from workers.storage.store import before_tiles, require_aligned, write_tile
-from workers.survey.request import SurveyRequest
 from workers.survey.template import Template
 from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
 
@@ -77,13 +76,15 @@ def _traced(client: Client, request: AnyRequest, created: str | None, should_sto
         future.release()
 
 
-def join_on(client: Client, request: SurveyRequest, where: str | Path | Place, should_stop: Callable[[], bool]) -> None:
-    """Do what `join_survey` does on a cluster, block by block, holding the store. Arguments and errors are those of
+def complete_on(
+    client: Client, request: AnyRequest, where: str | Path | Place, should_stop: Callable[[], bool]
+) -> None:
+    """Do what `complete` does on a cluster, block by block, holding the store. Arguments and errors are those of
     `template_on`, and its own. After a stop no process computes any of it.
     """
     place = place_of(where)
     with place.writing():
-        join_survey(request, place, Joining(client, should_stop).each)
+        complete(request, place, Joining(client, should_stop).each)
 
 
 def run_tiles(

@@ -20,6 +20,7 @@ from workers.errors import reading, storage_error
 from workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, with_rim, within
 from workers.families.move import move_tile
 from workers.families.tasks import Border, Connected, Told, connect, enter, tell, write_families
+from workers.storage.added import Each, here
 from workers.storage.location import Place, place_of
 from workers.storage.store import added_to_store, has_added
 from workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
@@ -28,8 +29,6 @@ from workers.survey.seals import path_of
 from workers.survey.tiles import Tile, tiles_at
 from workers.survey.values.schema import Group
 
-#: Does a task, a function of a request, a path and what follows, for each of these; results in their order.
-Each = Callable[[Callable[..., Any], SurveyRequest, str, Sequence[tuple[Any, ...]]], list[Any]]
 #: Of a curve in the store: its points and what joins them.
 CURVE_POINTS = ("point_delta", "point_epsilon", "piece")
 
@@ -39,11 +38,6 @@ Rows = TypeVar("Rows", Attractors, Border)
 def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
     """Whether a survey, whose tiles are all there, is still to be joined."""
     return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
-
-
-def here(task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]) -> list[Any]:
-    """Do a task in this process, for one after the other."""
-    return [task(request, path, *item) for item in items]
 
 
 def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:

@@ -11,18 +11,17 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 
-from rattle.attractors.table import PERIODIC
 from rattle.orbits.period_one import PAPER_REGIONS
 from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
+from workers.pictures.levels import OpenGroup, overview
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
-from workers.survey.slices import require_slice, third_of, value_along
+from workers.pictures.planes import numbers, plane_of, with_periodic
+from workers.survey.slices import value_along
 from workers.survey.values.evaluate import FAILED
-from workers.survey.values.schema import CELL, FIXED
+from workers.survey.values.schema import FIXED, OF_PERIODIC, is_phase
 
 NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"
-#: What only periodic attractors have: of another it is that of any of its states.
-OF_PERIODIC = frozenset({"attractor_phase"})
 #: What it means that a computed cell of a map has no value, or the value 0, if that is not a number among others.
 WITHOUT_VALUE = {
     "basin_entropy": "undecided",
@@ -37,26 +36,31 @@ REGION_COLOURS = (
     "#599999", "#d9b2f2", "#59ccf2", "#bfcc7f", "#8c8c7f", "#f28ca6", "#7f8ca6", "#669959",
 )  # fmt: skip
 FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow
+ROOM = (512, 512)  # cells of a map, which has more pixels
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
 
-def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
+def map_png(dataset: xr.Dataset, variable: str, index: int = 0, opened: OpenGroup | None = None) -> bytes:
     """Draw a variable of an open survey, finished or not, as a PNG picture.
+
+    Of more cells than there are pixels, cells become one, and what is rare among these is shown.
 
     Args:
         variable: any variable over (epsilon, delta).
         index: which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
+        opened: opens a level of the survey, which is faster than to read all cells.
 
     Raises:
         SurveyError: the survey has no such map, it cannot be read, or its axes reach too far to be drawn.
     """
-    plane = plane_of(dataset, variable, index)
+    shown = overview(dataset, variable, index, ROOM, opened)
+    plane = plane_of(shown, variable, index if shown is dataset else 0)
     with reading(f"the map of {variable}"):
-        plane = with_periodic(dataset, plane.load(), index)
-        dataset["status"].load()
+        plane = with_periodic(shown, plane.load(), index) if shown is dataset else plane
+        shown["status"].load()
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
-    draw_map(axes, dataset, plane, WITHOUT_VALUE.get(variable, "none"))
+    draw_map(axes, shown, plane, WITHOUT_VALUE.get(variable, "none"))
     third = "".join(f", {name} = {value:g}" for name, value in value_along(dataset).items())
     axes.set_title(title_of(plane) + third, fontsize=11)
     curves = draw_curves(axes, dataset, CURVES_ON.get(variable, ()))
@@ -66,33 +70,6 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0) -> bytes:
     with BytesIO() as png:
         figure.savefig(png, format="png")
         return png.getvalue()
-
-
-def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
-    """Return a variable on (epsilon, delta) alone. Raises SurveyError if there is no such map, or a third axis."""
-    require_slice(third_of(dataset), None)
-    if variable not in dataset.data_vars or dataset[variable].dims[-2:] != CELL:
-        maps = sorted(str(name) for name, values in dataset.data_vars.items() if values.dims[-2:] == CELL)
-        raise SurveyError(f"no map of {variable!r} in this survey: it has {', '.join(maps)}")
-    plane = dataset[variable]
-    first, *others = [*plane.dims[:-2], ""]
-    if index and not first:
-        raise SurveyError(f"{variable} has a single map: leave the index out")
-    if first:
-        if not 0 <= index < plane.sizes[first]:
-            raise SurveyError(
-                f"{variable} has {plane.sizes[first]} maps: use an index from 0 to {plane.sizes[first] - 1}"
-            )
-        plane = plane.isel({first: index, **{dim: 0 for dim in others if dim}})
-    return plane
-
-
-def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:
-    """Return a map, or a part of it, without the cells whose attractor has no such number: those not periodic."""
-    if plane.name not in OF_PERIODIC:
-        return plane
-    kind = dataset["attractor_kind"][index].sel(delta=plane["delta"], epsilon=plane["epsilon"])
-    return plane.where(kind.values == PERIODIC)
 
 
 def title_of(plane: xr.DataArray) -> str:
@@ -141,11 +118,6 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
             axes.plot([], [], "s", color=colour, markeredgecolor="0.4", label=label)
     axes.set_xlabel("damping δ")
     axes.set_ylabel("eccentricity ε")
-
-
-def numbers(plane: xr.DataArray) -> np.ndarray:
-    """Return what is drawn of a map, float64 (epsilon, delta): of complex values the modulus."""
-    return np.asarray(np.abs(plane) if np.iscomplexobj(plane) else plane).astype(float)
 
 
 def valueless_layers(
@@ -214,8 +186,8 @@ def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normali
             ["no", "yes"],
         )
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-    if str(plane.name).endswith("_phase"):
-        return colormaps["twilight_shifted"], Normalize(0, 1), None, []  # 0.99 and 0.01 are neighbours
+    if is_phase(str(plane.name)):
+        return colormaps["twilight_shifted"], Normalize(0, 1), None, []
     if str(plane.name).endswith("_fraction"):
         return colormaps["viridis"], Normalize(0, 1), None, []
     if np.issubdtype(plane.dtype, np.integer) and values.size:

@@ -29,6 +29,7 @@ from workers.storage.integrity import (
 from workers.storage.location import Place, place_of
 from workers.survey.families import FAMILY
 from workers.survey.families import GROUP as FAMILIES
+from workers.survey.levels.grid import GROUP as LEVELS
 from workers.survey.request import SurveyRequest
 from workers.survey.seals import GROUP, OWN, ROOT, SLICES, TILES, checksums_of, chunk_key, files_of, sealed, tile_key
 from workers.survey.template import Template, now
@@ -309,7 +310,7 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
 
 
 def _is_added(key: str) -> bool:
-    return not {FAMILY, FAMILIES}.isdisjoint(key.split("/"))
+    return not {FAMILY, FAMILIES, LEVELS}.isdisjoint(key.split("/"))
 
 
 def _missing_cells(place: Place) -> int:
@@ -356,6 +357,8 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
 def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
     """Open what a survey has beside its cells, as it is stored: curves, their points and families, by their paths.
 
+    Levels, which say nothing that cells do not, are opened one by one.
+
     Raises SurveyError: they cannot be read.
     """
     import xarray as xr
@@ -364,7 +367,7 @@ def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
         found = xr.open_groups(_readable(path_or_url), engine="zarr", chunks=None, consolidated=True)
     except Exception as error:  # what the disk, the network or a foreign format raises
         raise SurveyError(f"no survey can be opened at {path_or_url}: {error}") from error
-    return {path.strip("/"): each for path, each in found.items() if path.strip("/") not in ("", GROUP)}
+    return {path.strip("/"): each for path, each in found.items() if path.split("/")[1] not in ("", GROUP, LEVELS)}
 
 
 def _readable(path_or_url: str | Path | Place) -> Any:

@@ -312,7 +312,7 @@ class SurveyRequest(Strict):
             side = min(side, math.isqrt(int(samples / longer) // self.initial_conditions.count))
         if Group.BASINS in self.quantities:
             side = min(side, BASIN_SIDE)
-        return max(side, SMALLEST_DEFAULT)
+        return min(max(side, SMALLEST_DEFAULT), math.isqrt(MAX_TILE_CELLS))
 
     @property
     def samples_per_cell(self) -> int:

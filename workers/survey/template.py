@@ -155,11 +155,11 @@ def _title(request: SurveyRequest) -> str:
 def _machine_attributes(request: SurveyRequest) -> dict[str, Any]:
     """Return the numbers of the machine, and which arrays are coordinates beside the axes (CF, for a whole file)."""
     machine = {} if request.machine is None else request.machine.model_dump()
-    names = [*(name for name in _fixed(request) if name != request.third), *(AXES if machine else ())]
+    names = [*(name for name in fixed(request) if name != request.third), *(AXES if machine else ())]
     return {"coordinates": " ".join(names), **{f"machine_{name}": value for name, value in machine.items()}}
 
 
-def _fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
+def fixed(request: SurveyRequest) -> dict[str, tuple[float | Axis, str]]:
     """Return the parameters that all cells of a slice have, and what they are: coordinates without a dimension, but for
     a third axis.
     """
@@ -180,14 +180,11 @@ def now() -> str:
 
 def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str]) -> None:
     axes = {"delta": request.delta, "epsilon": request.epsilon}
-    for dim, coordinate in COORDINATES.items():
+    for dim in COORDINATES:
         if dim in dims:
             values = axes[dim].values() if dim in axes else coordinate_values(labels_of(dim, request.n_slots))
-            long_name = coordinate.long_name
-            if dim == SLOT and request.slots_follow_families:
-                long_name = "slot of the attractor: that of its family, as far as there are slots"
-            write(root, dim, (dim,), values, {"long_name": long_name, "units": "1"})
-    for name, (value, long_name) in _fixed(request).items():
+            write(root, dim, (dim,), values, {"long_name": about(request, dim), "units": "1"})
+    for name, (value, long_name) in fixed(request).items():
         values = value.values() if isinstance(value, Axis) else np.array(value)
         write(root, name, (name,) * values.ndim, values, {"long_name": long_name, "units": "1"})
     if request.machine is not None:
@@ -196,6 +193,13 @@ def _write_coordinates(root: zarr.Group, request: SurveyRequest, dims: set[str])
         write(root, "rpm", ("delta",), rpm, {"long_name": "mean speed", "units": "rpm"})
         described = {"long_name": "amplitude of the transmission error along the line of action", "units": "m"}
         write(root, "eccentricity", ("epsilon",), eccentricity, described)
+
+
+def about(request: SurveyRequest, dim: str) -> str:
+    """What a dimension is."""
+    if dim == SLOT and request.slots_follow_families:
+        return "slot of the attractor: that of its family, as far as there are slots"
+    return COORDINATES[dim].long_name
 
 
 def coordinate_values(values: tuple[int, ...] | tuple[str, ...]) -> np.ndarray:

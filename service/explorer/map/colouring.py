@@ -51,7 +51,19 @@ class Colouring:
 def layers_of(plane: Plane, block: Block) -> dict[str, tuple[np.ndarray, str]]:
     """Which cells have no value, and the colour for each reason."""
     variable = str(plane.plane.name)
-    return valueless_layers(variable, block.values, block.status, WITHOUT_VALUE.get(variable, "none"))
+    return valueless_layers(variable, block.values, block.status, _nothing(plane))
+
+
+def _nothing(plane: Plane) -> str:
+    """What it means that a computed cell has no value."""
+    return WITHOUT_VALUE.get(str(plane.plane.name), "none")
+
+
+def _share(block: Block, code: int, shown: np.ndarray, computed: int) -> float:
+    """Of the computed cells of the survey, also where several of them are drawn as one."""
+    if block.shares:
+        return block.shares.get(code, 0.0)
+    return float((shown == code).sum() / max(computed, 1))
 
 
 def values_shown(plane: Plane, block: Block) -> np.ndarray:
@@ -70,8 +82,11 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> C
     shown = values[reasons == 0].astype(float)
     cmap, norm, codes, labels = scale_of(plane.plane, shown)
     computed = int((block.status != 0).sum())
+    nothing = _nothing(plane)
     shades = tuple(
         Shade(label, colour, float((reasons == number).sum() / reasons.size))
+        if block.without is None or label != nothing
+        else Shade(label, colour, block.without)
         for number, (label, (_, colour)) in enumerate(layers.items(), start=1)
         if (reasons == number).any()
     )
@@ -80,7 +95,7 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> C
     if codes is not None and labels:
         colours = [to_hex(cmap(norm(code))) for code in range(int(codes[0]), int(codes[-1]) + 1)]
         named = tuple(
-            Shade(label, colours[int(code - codes[0])], float((shown == code).sum() / max(computed, 1)))
+            Shade(label, colours[int(code - codes[0])], _share(block, int(code), shown, computed))
             for code, label in zip(codes, labels, strict=True)
         )
         low, high = codes[0] - 0.5, codes[-1] + 0.5

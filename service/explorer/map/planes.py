@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -17,24 +17,30 @@ from service.errors import MissingError
 from service.explorer.common.address import Pair, Ranges
 from service.state import Front
 from workers import SurveyRequest, open_survey
-from workers.pictures.maps import numbers, plane_of, with_periodic
+from workers.errors import reading
+from workers.pictures.levels import Part, Seen, of_cells, of_level, part_for
+from workers.pictures.planes import numbers, plane_of, with_periodic
+from workers.storage.store import has_added
+from workers.survey.levels.grid import GROUP, centres, halvings, levels_of
 from workers.survey.slices import slice_of
 from workers.survey.tiles import tiles_at
 from workers.survey.values.schema import CELL
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # maps, and cells of them all, which take 5 bytes each
 ENLARGED = 200  # points along an axis of an enlarged window
-SIDE = 1024  # cells along an axis that are drawn at once: more than a screen has room for
+SIDE = 512  # cells along an axis that are drawn at once, unless the screen is known to have room for more
 BAND = 1 << 20  # numbers that are read at a time
 SLICE_SECONDS = 1.0  # of reading, after which what is known is drawn
 Key = tuple[str, str, int, int]
+Room = tuple[int, int]  # pixels along (delta, epsilon)
 
 
 @dataclass(frozen=True)
 class Block:
     """The cells of a map that are drawn: values float32 and status (epsilon, delta), and what they cover.
 
-    Of more than SIDE cells along an axis, these are some, evenly spread, each in the place of those beside it.
+    Of more cells than there is room for, several are one, which shows what is rare among them. shares, without: of
+    `workers.pictures.levels.Seen`.
     """
 
     delta: np.ndarray
@@ -42,6 +48,8 @@ class Block:
     values: np.ndarray
     status: np.ndarray
     box: Ranges
+    shares: Mapping[int, float] = field(default_factory=dict)
+    without: float | None = None
 
     def at(self, delta: float, epsilon: float) -> float | None:
         """The value at a point; None outside."""
@@ -52,6 +60,8 @@ class Block:
 class Plane:
     """One map of one survey: `values`, float32 (epsilon, delta), and `status` of each cell."""
 
+    is_kept = True  # in memory, all cells
+
     def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
         place = front.directory.store(job.id)
         if not place.exists():
@@ -59,14 +69,15 @@ class Plane:
         self.id, self.number = job.id, job.number
         self._front = front
         request = SurveyRequest.model_validate(job.request)
-        along = request.along(number)
-        self._dataset = slice_of(open_survey(place), *along)
+        self._place, self._along = place, request.along(number)
+        self._dataset = slice_of(open_survey(place), *self._along)
         self.plane, self._index = plane_of(self._dataset, variable, index), index
-        self.request = request.at(along)
+        self.request = request.at(self._along)
+        self._levels = halvings(self.request.shape)
         self.delta, self.epsilon = (np.asarray(self._dataset[axis], np.float64) for axis in ("delta", "epsilon"))
-        self.values = np.full(self.plane.shape, np.nan, np.float32)
-        self.status = np.zeros(self.plane.shape, np.int8)
-        self._tiles = {tile.index: tile for tile in tiles_at(request, along)}
+        kept = self.plane.shape if self.is_kept else (0, 0)
+        self.values, self.status = np.full(kept, np.nan, np.float32), np.zeros(kept, np.int8)
+        self._tiles = {tile.index: tile for tile in tiles_at(request, self._along)} if self.is_kept else {}
         self._known: set[int] = set()
         self._lock = threading.Lock()
 
@@ -108,18 +119,33 @@ class Plane:
         """What the cells cover."""
         return box_of(self.delta, self.epsilon)
 
-    @property
-    def is_thinned(self) -> bool:
-        """Whether there are more cells than are drawn at once."""
-        return max(self.values.shape) > SIDE
+    def is_thinned(self, room: Room = (SIDE, SIDE)) -> bool:
+        """Whether there are more cells than this room, of pixels along (delta, epsilon), is for."""
+        return self.delta.size > room[0] or self.epsilon.size > room[1]
 
-    def block(self, window: Ranges | None = None) -> Block:
-        """The cells in a window, or all, as they are drawn."""
-        spans = window or self.box
-        j, i = (_some(axis, span) for axis, span in zip((self.delta, self.epsilon), spans, strict=True))
-        where = np.ix_(i.chosen, j.chosen)
-        box = j.covered, i.covered
-        return Block(self.delta[j.chosen], self.epsilon[i.chosen], self.values[where], self.status[where], box)
+    def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE)) -> Block:
+        """The cells in a window, or all, as they are drawn where there are so many pixels along (delta, epsilon)."""
+        (j, end_j), (i, end_i) = (
+            _within(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
+        )
+        part = part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
+        seen, (rows, columns) = self._seen(part), part.at
+        across, along = (part.level.cells if part.level else (1, 1))[::-1]
+        delta, epsilon = centres(self.delta, across)[columns], centres(self.epsilon, along)[rows]
+        box = _covered(self.delta, across, columns), _covered(self.epsilon, along, rows)
+        return Block(delta, epsilon, seen.values, seen.status, box, seen.shares, seen.without)
+
+    def _seen(self, part: Part) -> Seen:
+        if part.level is None:
+            return Seen(*self._cells(*part.at))
+        rows, columns = (
+            slice(span.start * cells, span.stop * cells) for span, cells in zip(part.at, part.level.cells, strict=True)
+        )
+        return of_cells(self.plane, *self._cells(rows, columns), part.level)
+
+    def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Values and status of some cells."""
+        return self.values[rows, columns], self.status[rows, columns]
 
     def enlarged(self, window: Ranges) -> Block:
         """A window that is far narrower than the survey, each point of it as the cell that it is in."""
@@ -131,14 +157,19 @@ class Plane:
         status = np.zeros(values.shape, np.int8)
         j, i = (_places(axis, points) for axis, points in ((self.delta, delta), (self.epsilon, epsilon)))
         inside = np.ix_(i >= 0, j >= 0)
-        from_cells = np.ix_(i[i >= 0], j[j >= 0])
-        values[inside], status[inside] = self.values[from_cells], self.status[from_cells]
+        if inside[0].size and inside[1].size:
+            i, j = i[i >= 0], j[j >= 0]
+            found = self._cells(slice(i[0], i[-1] + 1), slice(j[0], j[-1] + 1))
+            values[inside], status[inside] = (each[np.ix_(i - i[0], j - j[0])] for each in found)
         return Block(delta, epsilon, values, status, window)
 
     def at(self, delta: float, epsilon: float) -> tuple[float, int] | None:
         """Value and status of the cell at a point; None outside of the survey."""
         j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
-        return None if j is None or i is None else (float(self.values[i, j]), int(self.status[i, j]))
+        if j is None or i is None:
+            return None
+        value, status = self._cells(slice(i, i + 1), slice(j, j + 1))
+        return float(value[0, 0]), int(status[0, 0])
 
     def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
         """All that the survey has of the cell at a point, loaded; None outside of it. Blocks: for a thread."""
@@ -149,22 +180,50 @@ class Plane:
         return self._dataset[names].isel(epsilon=i, delta=j).load()
 
 
-class _Some(NamedTuple):
-    """Cells along an axis that are drawn, and what they cover with those between them."""
+class LeveledPlane(Plane):
+    """A map of a survey that has ended and has levels: what is drawn is read when it is drawn."""
 
-    chosen: np.ndarray
-    covered: Pair
+    is_kept = False
+
+    def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
+        super().__init__(front, job, variable, index, number)
+        self._levels = levels_of(self.request.shape)
+        self._opened: dict[str, xr.Dataset] = {}
+
+    def update(self, job: JobRow) -> bool:  # noqa: ARG002  # of one that has ended
+        """Nothing is new."""
+        return True
+
+    def _seen(self, part: Part) -> Seen:
+        if part.level is None:
+            return super()._seen(part)
+        return of_level(self.plane, self._level(part.level.path), self._index, part.level, part.at)
+
+    def _level(self, path: str) -> xr.Dataset:
+        with self._lock:
+            if path not in self._opened:
+                self._opened[path] = slice_of(open_survey(self._place, path), *self._along)
+            return self._opened[path]
+
+    def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
+        with reading(f"the map of {self.plane.name}"):
+            cells = numbers(with_periodic(self._dataset, self.plane[rows, columns], self._index))
+            return cells.astype(np.float32), np.asarray(self._dataset["status"][rows, columns])
 
 
-def _some(axis: np.ndarray, span: Pair) -> _Some:
-    """At most SIDE cells that lie in a span, evenly spread; the nearest one of an empty span."""
+def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
+    """The first cell along an axis that lies in a span, and the one after the last; the nearest of an empty span."""
     half = (axis[-1] - axis[0]) / (2 * (axis.size - 1))
     first, end = (int(each) for each in np.searchsorted(axis, (span[0] - half, span[1] + half)))
     first = min(first, axis.size - 1)
-    number = max(end - first, 1)
-    kept = -(-number // -(-number // SIDE))
-    chosen = first + ((np.arange(kept) + 0.5) * number / kept).astype(int)
-    return _Some(chosen, (float(axis[first] - half), float(axis[first + number - 1] + half)))
+    return first, max(end, first + 1)
+
+
+def _covered(axis: np.ndarray, cells: int, span: slice) -> Pair:
+    """What cells of a level cover, or of the map itself."""
+    step = (axis[-1] - axis[0]) / (axis.size - 1)
+    begin = axis[0] - step / 2
+    return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)
 
 
 def box_of(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
@@ -210,12 +269,18 @@ class Atlas:
             if plane is not None:
                 self._planes.move_to_end(key)
         if plane is None:
-            plane = Plane(self._front, job, variable, index, number)
+            plane = self._new(job)(self._front, job, variable, index, number)
             with self._lock:
                 plane = self._planes.setdefault(key, plane)
                 while len(self._planes) > 1 and (len(self._planes) > KEPT or self._cells > KEPT_CELLS):
                     self._planes.popitem(last=False)
         return plane, plane.update(job)
+
+    def _new(self, job: JobRow) -> type[Plane]:
+        """How the maps of a survey are read."""
+        is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
+        ended = is_large and job.state == State.SUCCESSFUL
+        return LeveledPlane if ended and has_added(self._front.directory.store(job.id), GROUP) else Plane
 
     @property
     def _cells(self) -> int:

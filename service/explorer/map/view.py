@@ -29,13 +29,13 @@ from service.explorer.map.cursor import Cursor
 from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
-from service.explorer.map.planes import Block, Plane, box_of, maps_of
+from service.explorer.map.planes import SIDE, Block, Plane, Room, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
 from service.explorer.point.state import tolerance_of
 from workers import Frame, SurveyRequest
-from workers.pictures.maps import OF_PERIODIC
 from workers.survey.machine import SurveyedMachine
+from workers.survey.values.schema import OF_PERIODIC
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
 PAUSE = 1.0  # between two drawings of a survey that runs
@@ -63,18 +63,11 @@ class MapView:
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
         self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
+        for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
+            self.map.figure.on_change(size, self._on_size)
         self._zoom = Zoom(viewer, self._frame, self._say_zoom)
-        self._lines = Lines(
-            shared.crises,
-            shared.limits,
-            viewer,
-            self.map,
-            view.overlays,
-            view.share,
-            self._on_lines,
-            self._on_share,
-            sheet,
-        )
+        heard = self._on_lines, self._on_share
+        self._lines = Lines(shared.crises, shared.limits, viewer, self.map, view.overlays, view.share, *heard, sheet)
         self._lines.tell(self.model, self.window[0])
         words: dict[str, Callable[[Pair], None]] = {
             "all": lambda _at: self._reset(),
@@ -190,6 +183,9 @@ class MapView:
         if self._job is not None:
             self._follow(self._job)
 
+    def _on_size(self, _attribute: str, _old: object, _new: object) -> None:
+        self._redraw()
+
     async def _keep_drawing(self) -> None:
         """Draw until what is drawn is what is wanted; a survey that runs is drawn at most once in PAUSE."""
         while (wanted := self._wanted()) != self._drawn:
@@ -204,9 +200,9 @@ class MapView:
     async def _draw_once(self, job: JobRow, view: View) -> bool:
         """Draw what is known; whether that is all there is by now."""
 
-        def prepare() -> tuple[Plane, bool, Block, Colouring]:
+        def prepare(room: Room = self.map.pixels) -> tuple[Plane, bool, Block, Colouring]:
             plane, is_whole = self._shared.atlas.plane(job, view.variable, view.index, view.slice)
-            block = plane.block()
+            block = plane.block(room=room)
             return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
 
         def show(what: Callable[[], None]) -> None:
@@ -229,7 +225,9 @@ class MapView:
         job, view = self._job, self.view
         if job is None:
             return ()
-        return job.id, job.state, job.cells_done, view.variable, view.index, view.slice, view.limits, view.log
+        is_large = self._request is not None and max(self._request.shape) > SIDE
+        room = self.map.pixels if is_large else ()
+        return job.id, job.state, job.cells_done, view.variable, view.index, view.slice, view.limits, view.log, room
 
     def _show_waiting(self) -> None:
         self._show_nothing("<p class=faint>This survey waits for its turn.</p>")
@@ -379,21 +377,21 @@ class MapView:
             self._seen = partial(plane.enlarged, window)
             self.map.frame(values_shown(plane, self._seen()), window)
         else:
-            self._seen = partial(plane.block, window)
+            self._seen = partial(plane.block, window, self.map.pixels)
         self._count()
         is_coarser = coarser(plane, window, self.map.pixels)
         if is_coarser and self.view.variable in OF_PERIODIC:
             self._say_zoom(SURVEY_ONLY)
         elif is_coarser:
             self._zoom.start(plane, self.view.variable, self.view.index, window, self.map.pixels)
-        elif plane.is_thinned:
-            self._viewer.start(self._all_cells(plane, window))
+        elif plane.is_thinned(self.map.pixels):
+            self._viewer.start(self._all_cells(plane, window, self.map.pixels))
 
-    async def _all_cells(self, plane: Plane, window: Ranges) -> None:
+    async def _all_cells(self, plane: Plane, window: Ranges, room: Room) -> None:
         """Draw those cells of a window that are left out where the whole survey is drawn."""
 
         def prepare() -> tuple[np.ndarray, Ranges]:
-            block = plane.block(window)
+            block = plane.block(window, room)
             return values_shown(plane, block), block.box
 
         values, box = await self._viewer.read(prepare)

@@ -1,11 +1,13 @@
 """What the explorer draws of a survey, without a browser: cells, limits, legends, overlays, what a click means."""
 
 from collections.abc import Iterator
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+import xarray as xr
 from bokeh.document import Document
 from bokeh.models import ColorBar, Label
 from fastapi.testclient import TestClient
@@ -19,10 +21,12 @@ from service.explorer.map import planes
 from service.explorer.map.colouring import colouring, values_shown
 from service.explorer.map.cursor import following, stepped, zoomed
 from service.explorer.map.figure import Map
-from service.explorer.map.planes import Atlas, Block, Plane
+from service.explorer.map.planes import Atlas, Block, LeveledPlane, Plane
 from service.explorer.map.readout import in_words
-from workers import SurveyRequest
+from workers import SurveyRequest, complete, is_incomplete, open_survey
+from workers.pictures.levels import groups_of, overview
 from workers.pictures.maps import REGION_COLOURS
+from workers.survey.levels import grid
 
 REQUEST = SurveyRequest(
     **BODY | {
@@ -51,6 +55,17 @@ def survey(client: TestClient) -> str:
 
 
 @pytest.fixture
+def leveled(client: TestClient, survey: str, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The same survey, in the store of which are levels."""
+    monkeypatch.setattr(grid, "LARGEST", 16)
+    monkeypatch.setattr(grid, "LEAST", 8)
+    store = front_of(client).directory.store(survey)
+    if is_incomplete(REQUEST, store):
+        complete(REQUEST, store)
+    return survey
+
+
+@pytest.fixture
 def plane(client: TestClient, survey: str) -> Plane:
     front = front_of(client)
     found, whole = Atlas(front).plane(front.database.job(survey), "region", 0)
@@ -65,6 +80,10 @@ def new_map(**heard: Any) -> Map:
     return found
 
 
+def shares_of(plane: Plane, block: Block) -> dict[str, float]:
+    return {shade.label: shade.share for shade in colouring(plane, block, "auto", False).shades}
+
+
 def test_cells_are_drawn_where_they_are(plane: Plane) -> None:
     drawn = new_map()
     drawn.cells(plane.block(), colouring(plane, plane.block(), "auto", False))
@@ -77,25 +96,65 @@ def test_cells_are_drawn_where_they_are(plane: Plane) -> None:
     np.testing.assert_array_equal(source["image"][0], plane.values)
 
 
-def test_a_large_survey_is_drawn_thinned_and_whole_where_one_looks_closer(
-    plane: Plane, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(planes, "SIDE", 8)
-    assert plane.is_thinned
-    block = plane.block()
-    assert block.values.shape == (8, 8)  # of 15 × 29
-    assert block.box == plane.box
-    for (low, high), axis, centres in zip(
-        block.box, (plane.delta, plane.epsilon), (block.delta, block.epsilon), strict=True
-    ):
-        places = low + (np.arange(8) + 0.5) * (high - low) / 8
-        assert np.abs(places - centres).max() <= (axis[1] - axis[0]) * 1.01  # in the place of a neighbour at most
-    i, j = (np.searchsorted(axis, some) for axis, some in ((plane.epsilon, block.epsilon), (plane.delta, block.delta)))
-    np.testing.assert_array_equal(block.values, plane.values[np.ix_(i, j)])
+def test_a_large_survey_is_drawn_with_what_is_rare_and_whole_where_one_looks_closer(plane: Plane) -> None:
+    room = (8, 8)
+    assert plane.is_thinned(room)
+    assert not plane.is_thinned((29, 15))
+    block = plane.block(room=room)
+    assert block.values.shape == (4, 8)  # of 15 × 29, four of each axis in one
+    for i, j in np.ndindex(4, 8):
+        codes, counts = np.unique(plane.values[4 * i : 4 * i + 4, 4 * j : 4 * j + 4], return_counts=True)
+        rare = codes[2 * counts <= counts.sum()]
+        assert block.values[i, j] in (rare if rare.size else codes)
+    step = plane.delta[1] - plane.delta[0]
+    np.testing.assert_allclose(block.delta, plane.delta[0] + 1.5 * step + 4 * step * np.arange(8))
+    np.testing.assert_allclose(block.box[0], (plane.delta[0] - step / 2, plane.delta[0] + 31.5 * step))
+    for label, share in shares_of(plane, plane.block(room=(15, 8))).items():  # not of what is shown
+        assert share == pytest.approx((plane.values == REGIONS.index(label)).mean(), abs=0.002)
+    assert sum(shares_of(plane, block).values()) == pytest.approx(1)
     window = ((plane.delta[9] - 1e-3, plane.delta[13] + 1e-3), (plane.epsilon[2], plane.epsilon[6]))
-    close = plane.block(window)
+    close = plane.block(window, room)
     np.testing.assert_array_equal(values_shown(plane, close), plane.values[2:7, 9:14])
     np.testing.assert_array_equal(close.delta, plane.delta[9:14])
+
+
+@pytest.mark.parametrize(("variable", "index"), [("region", 0), ("orbit_exists", 2), ("orbit_velocity", 3)])
+def test_of_a_survey_with_levels_is_read_what_is_drawn(
+    client: TestClient, leveled: str, variable: str, index: int
+) -> None:
+    front = front_of(client)
+    job = front.database.job(leveled)
+    plane, whole = Atlas(front).plane(job, variable, index)
+    assert whole
+    assert isinstance(plane, LeveledPlane)
+    in_memory = Plane(front, job, variable, index)
+    in_memory.update(job)
+    some = ((plane.delta[3], plane.delta[12]), (plane.epsilon[5], plane.epsilon[11]))
+    for window in (None, some):
+        for room in ((40, 40), (16, 8), (9, 9), (4, 4)):
+            found, expected = plane.block(window, room), in_memory.block(window, room)
+            if room[0] > 4:  # for which it has a level
+                np.testing.assert_allclose(found.values, expected.values, rtol=1e-6)
+                np.testing.assert_array_equal(found.status, expected.status)
+                assert found.shares == pytest.approx(expected.shares)
+                assert found.box == expected.box
+    close = ((plane.delta[3], plane.delta[4]), (plane.epsilon[5], plane.epsilon[6]))
+    np.testing.assert_array_equal(plane.enlarged(close).values, in_memory.enlarged(close).values)
+    assert str(plane.at(plane.delta[9], plane.epsilon[5])) == str(in_memory.at(plane.delta[9], plane.epsilon[5]))
+    assert plane.values.size == 0
+
+
+def test_a_picture_is_drawn_from_levels(client: TestClient, leveled: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same as from all cells, of which none is read."""
+    store, room = front_of(client).directory.store(leveled), (9, 16)
+    with open_survey(store) as survey:
+        whole = overview(survey, "region", 0, room, None)
+        monkeypatch.setattr("workers.pictures.levels.of_cells", None)
+        levels = groups_of(partial(open_survey, store), None, True)
+        drawn = overview(survey, "region", 0, room, levels)
+    xr.testing.assert_identical(drawn, whole)
+    assert drawn.region.shape == (8, 15)
+    assert client.get(f"/v1/surveys/{leveled}/map.png").content.startswith(b"\x89PNG")
 
 
 def test_a_map_that_takes_long_is_read_a_piece_at_a_time(

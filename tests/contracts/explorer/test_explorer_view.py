@@ -20,6 +20,7 @@ from service.explorer.common.address import Pair, View
 from service.explorer.common.news import News, Standing
 from service.explorer.common.viewer import Viewer
 from service.explorer.design.limits import DesignLimits
+from service.explorer.map import view as map_view
 from service.explorer.map.overlays import Crises
 from service.explorer.map.planes import Atlas
 from service.explorer.map.shared import Shared
@@ -202,6 +203,22 @@ def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
         assert shown._said.html.endswith(f"computed here, {rattle.REGIONS[other]}</p>")
         shown._reset()
         await eventually(lambda: shares().get(code) == pytest.approx((plane.values == at[0]).mean()))
+
+    with_map(tmp_path, body)
+
+
+def test_a_large_survey_is_drawn_for_the_pixels_that_a_browser_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(map_view, "SIDE", 2)
+
+    async def body(front: Front, shown: MapView) -> None:
+        source = shown.map.figure.select_one({"name": "cells0"}).data_source
+        shown.choose(done(front, REGIONS))
+        await eventually(lambda: [each.shape for each in source.data["image"]] == [(4, 6)])
+        for name, size in (("inner_width", 5), ("inner_height", 3)):
+            shown.map.figure.set_from_json(name, size)
+        await eventually(lambda: [each.shape for each in source.data["image"]] == [(2, 3)])
 
     with_map(tmp_path, body)
 

@@ -8,7 +8,7 @@ import obstore
 import pytest
 from fastapi.testclient import TestClient
 from s3_server import BUCKET, s3_server
-from service_support import BODY, assert_problem, front_end, front_of, idle_cluster, local_client
+from service_support import BODY, assert_problem, compute, front_end, front_of, idle_cluster, local_client
 from sqlalchemy import text
 from waiting import wait_until
 
@@ -20,8 +20,9 @@ from service.explorer.common.news import Standing
 from service.explorer.page.page import _first
 from service.explorer.page.rows import row_of
 from service.settings import Settings
-from workers import Bucket, SurveyRequest, compute_tile, create_store, tiles_of
+from workers import Bucket, SurveyRequest, complete, compute_tile, create_store, tiles_of
 from workers.storage.store import write_tile
+from workers.survey.levels import grid
 
 REQUEST = SurveyRequest(**BODY)
 TILE = tiles_of(REQUEST)[1]  # the first row, the second column
@@ -99,6 +100,25 @@ def test_a_chunk_that_was_computed_and_is_lost_is_no_fill_value(
             assert client.head(f"{store}/{key}").status_code == 503
         for key in nothing:
             assert_problem(client.get(f"{store}/{key}"), 404)
+
+
+def test_a_chunk_of_a_level_that_is_lost_is_no_fill_value_either(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where it was asked for while there were no levels yet."""
+    monkeypatch.setattr(grid, "LARGEST", 3)
+    monkeypatch.setattr(grid, "LEAST", 2)
+    with on_disk(tmp_path, monkeypatch) as (client, take):
+        survey_id = str(client.post("/v1/surveys", json=BODY).json()["id"])
+        front, key = front_of(client), "levels/1/region_occurs/c/0/0"
+        here = f"/v1/surveys/{survey_id}/store/{key}"
+        compute(front, survey_id, REQUEST)
+        assert client.get(here).status_code == 404
+        complete(REQUEST, front.directory.store(survey_id))
+        front.database.set_state(survey_id, State.SUCCESSFUL)
+        assert client.get(here).status_code == 200
+        take(survey_id, key)
+        assert_problem(client.get(here), 503, "verify")
 
 
 def test_links_in_a_circle_are_a_problem_of_the_survey(tmp_path: Path) -> None:

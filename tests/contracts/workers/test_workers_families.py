@@ -30,7 +30,7 @@ from workers import (
     tiles_of,
 )
 from workers.cluster.runner import compute_and_write
-from workers.families.join import here
+from workers.storage.added import here
 from workers.survey.families import EDGE_VARIABLES, FAMILY_VARIABLES
 
 GROUPS = ("attractors", "lyapunov", "families")

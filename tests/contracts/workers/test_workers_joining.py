@@ -93,7 +93,7 @@ def test_what_kills_again_and_again_is_told(given_up: list[int]) -> None:
             raise killed()
         return ENDLESS
 
-    with pytest.raises(SurveyError, match="the attractors of the survey killed the process that joined them"):
+    with pytest.raises(SurveyError, match="the survey killed the process that completed it"):
         each(task)
     assert given_up[0] >= 1
 
@@ -111,6 +111,6 @@ def test_what_fails_is_raised_and_the_others_are_given_up(given_up: list[int]) -
 
 def test_a_stop_leaves_nothing_at_work(given_up: list[int]) -> None:
     asked = iter([False, False, True])
-    with pytest.raises(StoppedError, match="stopped while the attractors of the survey were joined"):
+    with pytest.raises(StoppedError, match="stopped while the survey was completed"):
         each(lambda _: ENDLESS, lambda: next(asked))
     assert given_up == [3]

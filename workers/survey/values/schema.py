@@ -13,6 +13,8 @@ from workers.survey.values.evaluate import Evaluate
 CELL = ("epsilon", "delta")
 SLOT = "attractor"  # the dimension of slots
 FIXED = ("beta", "kappa")  # coordinates of a whole survey
+#: What only periodic attractors have: of another it is that of any of its states.
+OF_PERIODIC = frozenset({"attractor_phase"})
 PARTS = {"real": "real part", "imag": "imaginary part"}  # of a complex variable, each stored as one of its own
 
 
@@ -103,6 +105,11 @@ class Quantity:
         if self.flags:
             attributes |= {"flag_values": list(range(len(self.flags))), "flag_meanings": " ".join(self.flags)}
         return attributes
+
+
+def is_phase(name: str) -> bool:
+    """Whether a variable is a phase, of which 0.99 and 0.01 are neighbours."""
+    return name.endswith("_phase")
 
 
 def _part(evaluate: Evaluate, part: str, cells: Any) -> np.ndarray:

@@ -1,0 +1,115 @@
+"""The levels of a survey, made after its tiles and what moves them: by blocks, whose tasks may run anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import zarr
+from zarr.core.buffer import Buffer
+from zarr.storage import MemoryStore
+
+from rattle.attractors.table import PERIODIC
+from workers.errors import reading, storage_error
+from workers.storage.added import Each, here
+from workers.storage.location import Place, place_of
+from workers.storage.store import added_to_store, has_added
+from workers.survey.levels import reduce
+from workers.survey.levels.grid import GROUP, LevelBlock, blocks_of, levels_of, steps_of
+from workers.survey.levels.template import create, described, files_of_levels, maps, meanings
+from workers.survey.request import SurveyRequest
+from workers.survey.seals import checksum
+from workers.survey.values.evaluate import FAILED
+from workers.survey.values.schema import OF_PERIODIC, Quantity, is_phase
+
+
+def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:
+    """Whether levels of a survey, whose tiles are all there and joined, are still to be made."""
+    return bool(levels_of(request.shape)) and not has_added(where, GROUP)
+
+
+def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:
+    """Make the levels of a survey whose tiles are as they will be, and store them.
+
+    The caller holds the store. The result is a function of what the cells hold: neither the tiles' shape nor an order
+    shows. A run that was killed meanwhile leaves a survey without levels, whose levels are made anew.
+
+    Raises:
+        StorageError: it cannot be written now.
+        SurveyError: there is no survey, or it is damaged.
+    """
+    place = place_of(where)
+    found = each(make_block, request, str(place), [(block,) for block in blocks_of(request)])
+    try:
+        added_to_store(place, files_of_levels(request), {key: of for sums in found for key, of in sums.items()})
+    except OSError as error:
+        raise storage_error(f"the levels of {place} cannot be written", error) from error
+
+
+def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str, str]:
+    """Write a block of all levels. Returns the checksums of what was written, by their keys. May be done twice."""
+    place = place_of(path)
+    found: dict[str, str] = {}
+    status = _read(place, block, "status")
+    for quantity in maps(request):
+        values = _values(place, block, quantity)
+        known = status > 0 if quantity.name == "status" else (status > 0) & (status != FAILED)
+        if quantity.name in OF_PERIODIC:
+            known = known & (_read(place, block, "attractor_kind") == PERIODIC)
+        for key, content in _chunks(request, block, quantity, values, known):
+            place.put(key, content)
+            found[key] = checksum(key, content).hex()
+    return found
+
+
+def _read(place: Place, block: LevelBlock, name: str) -> np.ndarray:
+    with reading(f"{name} of {place}"):
+        array = zarr.open_array(place.zarr(), path=name, mode="r")
+        return np.asarray(array[block.at])
+
+
+def _values(place: Place, block: LevelBlock, quantity: Quantity) -> np.ndarray:
+    """Of complex numbers the moduli."""
+    parts = [_read(place, block, part.name) for part in quantity.parts]
+    found: np.ndarray = np.hypot(*parts) if len(parts) > 1 else parts[0]
+    return found
+
+
+def _chunks(
+    request: SurveyRequest, block: LevelBlock, quantity: Quantity, values: np.ndarray, known: np.ndarray
+) -> Iterator[tuple[str, bytes]]:
+    """The chunks of a variable: of each level, and of codes the arrays that tell of them."""
+    levels = levels_of(request.shape)
+    arrays = described(quantity)
+    beside = values.shape[:-2]
+    found: list[list[tuple[np.ndarray, ...]]] = [[] for _ in levels]  # of each level, of each map
+    for at in np.ndindex(*beside):
+        of = known[at] if known.ndim > 2 else known
+        for made, each in zip(found, _reduced(quantity, values[at], of, request), strict=True):
+            made.append(each)
+    for level, made in zip(levels, found, strict=True):
+        kept: dict[str, Buffer] = {}
+        root = zarr.create_group(MemoryStore(kept), zarr_format=3)
+        for number, array in enumerate(arrays):
+            stored = create(root, request, level, array)
+            stored[block.at_level(level)] = _stacked([each[number] for each in made], beside)
+        yield from ((key, kept[key].to_bytes()) for key in sorted(kept) if "/c/" in key)
+
+
+def _reduced(
+    quantity: Quantity, values: np.ndarray, known: np.ndarray, request: SurveyRequest
+) -> Iterator[tuple[np.ndarray, ...]]:
+    """Of each level the arrays of one map, as `described` has them."""
+    steps = steps_of(levels_of(request.shape))
+    if words := meanings(quantity):
+        yield from reduce.codes(values, known, steps, len(words))
+    else:
+        made = reduce.phases if is_phase(quantity.name) else reduce.numbers
+        yield from ((each,) for each in made(values, known, steps))
+
+
+def _stacked(made: Sequence[np.ndarray], beside: tuple[int, ...]) -> np.ndarray:
+    """The maps of an array in one."""
+    statistics = made[0].shape[:-2]
+    return np.stack(made, axis=len(statistics)).reshape(*statistics, *beside, *made[0].shape[-2:])

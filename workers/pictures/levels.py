@@ -1,0 +1,213 @@
+"""What a picture shows of a survey that has more cells than the picture has room for: of cells that become one, what is
+rare among them. So no island is lost, however small it becomes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import xarray as xr
+
+from workers.errors import reading
+from workers.pictures.planes import numbers, plane_of, with_periodic
+from workers.survey.levels import reduce
+from workers.survey.levels.grid import GROUP, Level, Pair, centres, halvings, levels_of
+from workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
+from workers.survey.slices import slice_of
+from workers.survey.values.evaluate import FAILED
+from workers.survey.values.schema import CELL, is_phase
+
+RARE = 2.0  # an extreme is rare where the mean is more than so many times closer to the other one
+
+NEAR = 1  # cells of a picture on each side in which a code is rarer than another one
+
+#: Opens a group of a survey's store, None if it has none of that name.
+OpenGroup = Callable[[str], xr.Dataset | None]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What is shown of cells (epsilon, delta): float32, and the status of each.
+
+    Shares are those of the survey's own cells, not of what is shown: of codes, and of cells that have no number.
+    """
+
+    values: np.ndarray
+    status: np.ndarray
+    shares: Mapping[int, float] = field(default_factory=dict)
+    without: float | None = None
+
+
+@dataclass(frozen=True)
+class Part:
+    """Cells of a map, or of a level of it, that are together; along (epsilon, delta)."""
+
+    level: Level | None
+    at: tuple[slice, slice]
+
+
+def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Part:
+    """The finest of these levels in which a window, from its first cells to its end, has no more cells than there is
+    room for; the coarsest if it has more in all. None stands for the map itself.
+    """
+    for level in (None, *levels):
+        cells = level.cells if level else (1, 1)
+        rows, columns = (slice(a // each, -(-b // each)) for a, b, each in zip(first, end, cells, strict=True))
+        found = Part(level, (rows, columns))
+        if rows.stop - rows.start <= room[0] and columns.stop - columns.start <= room[1]:
+            break
+    return found
+
+
+def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> Seen:
+    """What is seen of cells of a map (m, n), as `numbers` has them, that begin where a cell of the level does."""
+    steps = [_step(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
+    *_, states = reduce.codes(status, status > 0, steps, FAILED + 1)
+    known = (status > 0) & (status != FAILED)
+    if count := _number_of_codes(plane):
+        *_, found = reduce.codes(np.nan_to_num(values).astype(np.int8), known, steps, count)
+        everything = slice(None)
+        sizes = (_sizes(size, cells, everything) for size, cells in zip(values.shape, level.cells, strict=True))
+        return _coded(found, states, *sizes)
+    *_, statistics = (reduce.phases if is_phase(str(plane.name)) else reduce.numbers)(values, known, steps)
+    return _numbered(plane, statistics, states)
+
+
+def of_level(plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]) -> Seen:
+    """What is seen of a part of a level, as it is stored; plane: the same map of the survey."""
+    name = str(plane.name)
+
+    def read(name: str) -> np.ndarray:
+        array = stored[name]
+        beside = [dim for dim in array.dims[:-2] if dim != STATISTIC]
+        chosen = dict(zip(beside, [index] + [0] * len(beside), strict=False))
+        return np.asarray(array.isel(chosen | dict(zip(LEVEL_CELL, at, strict=True))))
+
+    with reading(f"the map of {name}"):
+        states = reduce.Codes(*(read("status" + end) for end in ("", SHARE, OCCURS)))
+        if _number_of_codes(plane):
+            found = reduce.Codes(*(read(name + end) for end in ("", SHARE, OCCURS)))
+            return _coded(found, states, *(_sizes(*each) for each in zip(plane.shape, level.cells, at, strict=True)))
+        return _numbered(plane, read(name), states)
+
+
+def overview(dataset: xr.Dataset, variable: str, index: int, room: Pair, opened: OpenGroup | None) -> xr.Dataset:
+    """An open survey, or a slice of it, with one map alone, in so few cells that a picture has room for them.
+
+    opened: of the same survey or slice; without levels in the store the map is read in whole.
+
+    Raises SurveyError: there is no such map, or it cannot be read.
+    """
+    plane = plane_of(dataset, variable, index)
+    shape = plane.shape[0], plane.shape[1]
+    part = part_for(halvings(shape), (0, 0), shape, room)
+    if (level := part.level) is None:
+        return dataset
+    stored = opened(level.path) if opened and level in levels_of(shape) else None
+    if stored is not None and variable in stored:  # of families there are numbers of cells alone
+        seen = of_level(plane, stored, index, level, part.at)
+    else:
+        with reading(f"the map of {variable}"):
+            cells = numbers(with_periodic(dataset, plane.load(), index))
+            seen = of_cells(plane, cells, np.asarray(dataset["status"]), level)
+    axes = {name: centres(dataset[name].values, cells) for name, cells in zip(CELL, level.cells, strict=True)}
+    modulus = {"long_name": f"|{plane.attrs.get('long_name', variable)}|"} if np.iscomplexobj(plane) else {}
+    whole = np.issubdtype(plane.dtype, np.integer) or plane.dtype == bool
+    values = np.nan_to_num(seen.values).astype(plane.dtype) if whole else seen.values
+    beside = {name: value for name, value in plane.coords.items() if not value.dims}
+    return xr.Dataset(
+        {variable: (CELL, values, plane.attrs | modulus), "status": (CELL, seen.status, dataset["status"].attrs)},
+        {**axes, **beside},
+        dataset.attrs,
+    )
+
+
+def groups_of(opened: Callable[[str], xr.Dataset], number: int | None, has_levels: bool) -> OpenGroup:
+    """Levels of a survey, or of a slice of it, by how a group of its store is opened."""
+    return lambda path: slice_of(opened(path), number) if has_levels and path.startswith(GROUP) else None
+
+
+def _step(cells: Pair, number: int) -> Pair:
+    """How many cells become one in a halving of this number, if an axis is halved until it has its due."""
+    return (2 if cells[0] >> number > 1 else 1), (2 if cells[1] >> number > 1 else 1)
+
+
+def _number_of_codes(plane: xr.DataArray) -> int:
+    return 2 if plane.dtype == bool else len(plane.attrs.get("flag_meanings", "").split())
+
+
+def _status(states: reduce.Codes) -> np.ndarray:
+    """That a cell failed is told if one did."""
+    failed = (states.occurs >> FAILED & 1).astype(bool)
+    found: np.ndarray = np.where(failed, np.int8(FAILED), states.most).astype(np.int8)
+    return found
+
+
+def _sizes(size: int, cells: int, at: slice) -> np.ndarray:
+    """How many cells along an axis of so many some cells of a level have, which have `cells` but for the last one."""
+    begins = np.arange(0, size, cells)[at]
+    found: np.ndarray = np.minimum(size - begins, cells)
+    return found
+
+
+def _coded(found: reduce.Codes, states: reduce.Codes, rows: np.ndarray, columns: np.ndarray) -> Seen:
+    """Of the codes of a cell but one that most of its cells have, that is shown which is in the fewest of the cells
+    about it, or else of this picture; rows, columns: how many cells of the survey these have.
+    """
+    values = found.most.astype(np.int64)
+    others = found.occurs & ~(found.occurs.dtype.type(1) << found.most.astype(found.occurs.dtype))
+    cells = {
+        code: (found.occurs >> code & 1).astype(bool)
+        for code in range(8 * found.occurs.itemsize)
+        if (found.occurs >> code & 1).any()
+    }
+    shown = np.where(found.share > 0.5, others, found.occurs)
+    fewest = np.full(values.shape, np.iinfo(np.int64).max)
+    for code in sorted(cells, key=lambda code: int(cells[code].sum())):
+        around = _around(cells[code])
+        better = (shown >> code & 1).astype(bool) & (around < fewest)
+        values[better], fewest[better] = code, around[better]
+    return Seen(values.astype(np.float32), _status(states), _shares(found, others, cells, np.outer(rows, columns)))
+
+
+def _around(cells: np.ndarray) -> np.ndarray:
+    """How many of the cells about each are among these."""
+    size = 2 * NEAR + 1
+    sums = np.pad(cells, ((NEAR + 1, NEAR), (NEAR + 1, NEAR))).astype(np.int64).cumsum(axis=0).cumsum(axis=1)
+    found: np.ndarray = sums[size:, size:] - sums[:-size, size:] - sums[size:, :-size] + sums[:-size, :-size]
+    return found
+
+
+def _shares(
+    found: reduce.Codes, others: np.ndarray, cells: Mapping[int, np.ndarray], sizes: np.ndarray
+) -> dict[int, float]:
+    """Shares of codes: exact where all cells are known, and no cell of a level has more than two codes."""
+    known = sizes[found.occurs > 0].sum()
+    each = (1 - found.share) / np.maximum(np.bitwise_count(others), 1)
+    return {
+        code: float((sizes * np.where(found.most == code, found.share, each))[there].sum() / known)
+        for code, there in cells.items()
+    }
+
+
+def _numbered(plane: xr.DataArray, statistics: np.ndarray, states: reduce.Codes) -> Seen:
+    """A number is the mean, or an extreme that is rare; none where to have none is rare."""
+    mean, least, largest, share = statistics.astype(float)
+    with np.errstate(invalid="ignore"):
+        above, below = largest - mean, mean - least
+        values = mean.copy()
+        if np.issubdtype(plane.dtype, np.integer):  # a number that there is
+            values = np.where(above < below, largest, least)
+        values = np.where(above > RARE * below, largest, values)
+        values = np.where(below > RARE * above, least, values)
+        if is_phase(str(plane.name)):
+            values = values % 1.0
+        infinite = np.isinf(largest)
+        values = np.where(infinite & (share <= 0.5) & (share > 0), mean, values)
+        lacking = np.where(infinite, largest, np.nan)
+        values = np.where(((share < 1) & (share > 0.5)) | (share == 0), lacking, values)
+    known = np.isfinite(share)
+    without = None if infinite.any() or not known.any() else float(1 - share[known].mean())
+    return Seen(values.astype(np.float32), _status(states), without=without)

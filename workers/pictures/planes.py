@@ -1,0 +1,41 @@
+"""One variable of a survey over the (δ, ε) plane."""
+
+import numpy as np
+import xarray as xr
+
+from rattle.attractors.table import PERIODIC
+from workers.errors import SurveyError
+from workers.survey.slices import require_slice, third_of
+from workers.survey.values.schema import CELL, OF_PERIODIC
+
+
+def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
+    """Return a variable on (epsilon, delta) alone. Raises SurveyError if there is no such map, or a third axis."""
+    require_slice(third_of(dataset), None)
+    if variable not in dataset.data_vars or dataset[variable].dims[-2:] != CELL:
+        maps = sorted(str(name) for name, values in dataset.data_vars.items() if values.dims[-2:] == CELL)
+        raise SurveyError(f"no map of {variable!r} in this survey: it has {', '.join(maps)}")
+    plane = dataset[variable]
+    first, *others = [*plane.dims[:-2], ""]
+    if index and not first:
+        raise SurveyError(f"{variable} has a single map: leave the index out")
+    if first:
+        if not 0 <= index < plane.sizes[first]:
+            raise SurveyError(
+                f"{variable} has {plane.sizes[first]} maps: use an index from 0 to {plane.sizes[first] - 1}"
+            )
+        plane = plane.isel({first: index, **{dim: 0 for dim in others if dim}})
+    return plane
+
+
+def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:
+    """Return a map, or a part of it, without the cells whose attractor has no such number: those not periodic."""
+    if plane.name not in OF_PERIODIC:
+        return plane
+    kind = dataset["attractor_kind"][index].sel(delta=plane["delta"], epsilon=plane["epsilon"])
+    return plane.where(kind.values == PERIODIC)
+
+
+def numbers(plane: xr.DataArray) -> np.ndarray:
+    """Return what is drawn of a map, float64 (epsilon, delta): of complex values the modulus."""
+    return np.asarray(np.abs(plane) if np.iscomplexobj(plane) else plane).astype(float)

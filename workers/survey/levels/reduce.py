@@ -1,0 +1,110 @@
+"""What several cells have together: codes, numbers and phases of rectangles of cells, in one number each.
+
+Every function takes values (m, n), which cells are `known` (m, n), and for one level after the other how many cells
+of the level before, 1 or 2 along each axis, become one; it yields what each level has. Levels follow from the cells,
+not from one another: the most frequent of most frequent codes is not the most frequent one. At the end of an axis a
+cell of a level may have fewer cells.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import reduce
+from typing import NamedTuple
+
+import numpy as np
+
+from workers.survey.levels.grid import Pair
+
+#: What is told of numbers: share is that of the known cells that have a finite one.
+STATISTICS = ("mean", "least", "largest", "share")
+
+
+class Codes(NamedTuple):
+    """Of cells with codes (m, n): the most frequent, the lowest of several, and its share; a bit for each that occurs.
+
+    Where no cell is known these are 0, NaN and 0.
+    """
+
+    most: np.ndarray
+    share: np.ndarray
+    occurs: np.ndarray
+
+
+def pooled(
+    values: np.ndarray, step: Pair, pool: Callable[[np.ndarray, np.ndarray], np.ndarray], filler: float = 0
+) -> np.ndarray:
+    """Make cells of a level from those of the one before, always in the same order."""
+    lacking = [(0, -size % each) for size, each in zip(values.shape, step, strict=True)]
+    if any(after for _, after in lacking):
+        values = np.pad(values, lacking, constant_values=filler)
+    return reduce(pool, [values[i :: step[0], j :: step[1]] for i in range(step[0]) for j in range(step[1])])
+
+
+def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int) -> Iterator[Codes]:
+    """Codes 0 to number − 1, at most 32."""
+    there = [int(code) for code in np.unique(values[known])]
+    counts = {code: (values == code) & known for code in there}
+    of = known.astype(np.int32)
+    for step in steps:
+        counts = {code: pooled(count.astype(np.int32), step, np.add) for code, count in counts.items()}
+        of = pooled(of, step, np.add)
+        most, highest = np.zeros(of.shape, values.dtype), np.zeros(of.shape, np.int32)
+        occurs = np.zeros(of.shape, mask_type(number))
+        for code, count in counts.items():
+            more = count > highest
+            most[more], highest[more] = code, count[more]
+            occurs[count > 0] |= occurs.dtype.type(1 << code)
+        yield Codes(most, _over(highest, of).astype(np.float32), occurs)
+
+
+def mask_type(number: int) -> np.dtype[np.unsignedinteger]:
+    """What has a bit for each of so many codes."""
+    return np.dtype(np.uint8 if number <= 8 else np.uint16 if number <= 16 else np.uint32)
+
+
+def numbers(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
+    """Numbers as STATISTICS (4, m, n), float32: the mean of the finite ones, the least and the largest of all.
+
+    NaN where no cell has one.
+    """
+    values = np.where(known, values, np.nan).astype(float)
+    finite = np.isfinite(values)
+    total, count, of = np.where(finite, values, 0.0), finite.astype(np.int32), known.astype(np.int32)
+    least, largest = values, values
+    for step in steps:
+        total, count, of = (pooled(each, step, np.add) for each in (total, count, of))
+        least, largest = (pooled(each, step, pool, np.nan) for each, pool in ((least, np.fmin), (largest, np.fmax)))
+        mean = np.clip(_over(total, count), least, largest)  # rounding may not lead out of them
+        yield _single(mean, least, largest, _over(count, of))
+
+
+def phases(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair]) -> Iterator[np.ndarray]:
+    """Phases, of a circle of length 1, as STATISTICS: their mean direction in [0, 1), and where on either side of it
+    they reach to, the least perhaps below 0 and the largest perhaps 1 or more.
+    """
+    values = np.where(known, values, np.nan).astype(float)
+    finite = np.isfinite(values)
+    angle = 2 * np.pi * np.where(finite, values, 0.0)
+    along, across = np.where(finite, np.cos(angle), 0.0), np.where(finite, np.sin(angle), 0.0)
+    count, of = finite.astype(np.int32), known.astype(np.int32)
+    for level, step in enumerate(steps, start=1):
+        along, across, count, of = (pooled(each, step, np.add) for each in (along, across, count, of))
+        mean = np.where(count > 0, np.arctan2(across, along) / (2 * np.pi) % 1.0, np.nan)
+        here = mean
+        for each in reversed(steps[:level]):
+            here = here.repeat(each[0], axis=0).repeat(each[1], axis=1)
+        away = (values - here[: values.shape[0], : values.shape[1]] + 0.5) % 1.0 - 0.5
+        least = largest = away
+        for each in steps[:level]:
+            least, largest = pooled(least, each, np.fmin, np.nan), pooled(largest, each, np.fmax, np.nan)
+        yield _single(mean, mean + least, mean + largest, _over(count, of))
+
+
+def _over(count: np.ndarray, of: np.ndarray) -> np.ndarray:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found: np.ndarray = np.where(of > 0, count / of, np.nan)
+    return found
+
+
+def _single(*statistics: np.ndarray) -> np.ndarray:
+    with np.errstate(over="ignore"):
+        return np.stack([each.astype(np.float32) for each in statistics])

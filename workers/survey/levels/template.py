@@ -1,0 +1,149 @@
+"""What a store has of levels: a group for each, its arrays, and what says how they belong together."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import zarr
+from zarr.core.buffer import Buffer
+from zarr.storage import MemoryStore
+
+from workers.survey.levels.grid import GROUP, Level, block_shape, centres, levels_of, steps_of
+from workers.survey.levels.reduce import STATISTICS, mask_type
+from workers.survey.request import SurveyRequest
+from workers.survey.template import (
+    CODECS,
+    WHOLE,
+    Template,
+    about,
+    consolidate,
+    contents,
+    coordinate_values,
+    fixed,
+    write,
+)
+from workers.survey.values.quantities import COORDINATES, held, labels_of
+from workers.survey.values.schema import CELL, Quantity
+
+#: Dimensions of a level: others than the survey's, whose coordinates are other ones.
+LEVEL_CELL = ("level_epsilon", "level_delta")
+STATISTIC = "statistic"
+SHARE, OCCURS = "_share", "_occurs"  # what of codes is beside the most frequent one
+MULTISCALES = {
+    "schema_url": "https://raw.githubusercontent.com/zarr-conventions/multiscales/refs/tags/v1/schema.json",
+    "spec_url": "https://github.com/zarr-conventions/multiscales/blob/v1/README.md",
+    "uuid": "d35379db-88df-4056-af3a-620245f8e347",
+    "name": "multiscales",
+    "description": "Multiscale layout of zarr datasets",
+}
+
+
+class Described(NamedTuple):
+    """An array of a level: its dimensions but those of its cells and of a third axis."""
+
+    name: str
+    dims: tuple[str, ...]
+    dtype: np.dtype[Any]
+    attributes: dict[str, Any]
+
+
+def maps(request: SurveyRequest) -> list[Quantity]:
+    """The variables that levels have."""
+    return [each for each in held(request.quantities, request.model) if each.per_cell]
+
+
+def meanings(quantity: Quantity) -> tuple[str, ...]:
+    """What the codes of a variable mean; nothing of one with numbers."""
+    return ("no", "yes") if quantity.dtype == "bool" else quantity.flags
+
+
+def described(quantity: Quantity) -> tuple[Described, ...]:
+    """The arrays that a level has of a variable; of complex numbers these are moduli."""
+    name, dims, words = quantity.name, quantity.dims[:-2], meanings(quantity)
+    if not words:
+        modulus = np.dtype(quantity.dtype).kind == "c"
+        long_name = f"|{quantity.long_name}|" if modulus else quantity.long_name
+        numbers = quantity.attributes | {"long_name": long_name}
+        return (Described(name, (STATISTIC, *dims), np.dtype(np.float32), numbers),)
+    most = quantity.attributes | {"cell_methods": f"{LEVEL_CELL[0]}: {LEVEL_CELL[1]}: mode"}
+    masks = mask_type(len(words))
+    flags = {"flag_masks": [1 << code for code in range(len(words))], "flag_meanings": " ".join(words)}
+    same = {"units": "1", "references": quantity.reference}
+    share = f"share of the cells that have the most frequent {name}"
+    occurs = f"which values of {name} occur, a bit each"
+    return (
+        Described(name, dims, np.dtype(quantity.dtype), most),
+        Described(name + SHARE, dims, np.dtype(np.float32), {"long_name": share, **same}),
+        Described(name + OCCURS, dims, masks, {"long_name": occurs, **same, **flags}),
+    )
+
+
+def create(root: zarr.Group, request: SurveyRequest, level: Level, array: Described) -> zarr.Array:
+    """Create an array of a level, of which each block is a chunk."""
+    axes = request.third_axis
+    beside = [len(_labels(request, dim)) for dim in array.dims]
+    sides = [
+        min(size // cells, most)
+        for size, cells, most in zip(block_shape(request), level.cells, level.shape, strict=True)
+    ]
+    return root.create_array(
+        f"{level.path}/{array.name}",
+        shape=(*(axis.num for axis in axes.values()), *beside, *level.shape),
+        chunks=(*(1 for _ in axes), *beside, *sides),
+        dtype=array.dtype,
+        fill_value=float("nan") if array.dtype.kind == "f" else array.dtype.type(0).item(),
+        compressors=CODECS,
+        config=WHOLE,
+        dimension_names=(*axes, *array.dims, *LEVEL_CELL),
+        attributes=array.attributes,
+    )
+
+
+def _labels(request: SurveyRequest, dim: str) -> tuple[int, ...] | tuple[str, ...]:
+    return STATISTICS if dim == STATISTIC else labels_of(dim, request.n_slots)
+
+
+def files_of_levels(request: SurveyRequest) -> Template:
+    """Return the files that levels add to a store but their chunks, by their key, with a root that describes them."""
+    kept: dict[str, Buffer] = {}
+    store = MemoryStore(kept)
+    root = zarr.create_group(store, zarr_format=3)
+    levels = levels_of(request.shape)
+    attributes = {
+        "long_name": "the survey in less and less resolution; level 0 is the survey itself",
+        "zarr_conventions": [MULTISCALES],
+        "multiscales": {"layout": list(_layout(levels)), "resampling_method": "mode of codes, average of numbers"},
+    }
+    root.create_group(GROUP, attributes=attributes)
+    for level in levels:
+        cells = dict(zip((f"cells_{name}" for name in CELL), level.cells, strict=True))
+        long_name = f"level {level.number}: {' x '.join(map(str, level.cells))} cells of the survey in each"
+        group = root.create_group(level.path, attributes={"long_name": long_name, **cells})
+        arrays = [array for quantity in maps(request) for array in described(quantity)]
+        _write_coordinates(group, request, level, {dim for array in arrays for dim in array.dims})
+        for array in arrays:
+            create(root, request, level, array)
+    consolidate(store)
+    return contents(kept)
+
+
+def _layout(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
+    """As the convention has it: along (epsilon, delta), relative to the level before, the first one to the survey."""
+    for level, step in zip(levels, steps_of(levels), strict=True):
+        before = {"derived_from": str(level.number - 1)} if level.number > 1 else {}
+        translation = [(each - 1) / 2 for each in step]
+        transform = {"scale": [float(each) for each in step], "translation": translation}
+        yield {"asset": str(level.number), **before, "transform": transform}
+
+
+def _write_coordinates(group: zarr.Group, request: SurveyRequest, level: Level, dims: set[str]) -> None:
+    axes = (request.epsilon, request.delta)
+    for name, dim, axis, cells in zip(CELL, LEVEL_CELL, axes, level.cells, strict=True):
+        long_name = f"{COORDINATES[name].long_name}, middle of the cells"
+        write(group, dim, (dim,), centres(axis.values(), cells), {"long_name": long_name, "units": "1"})
+    for dim in sorted(dims):
+        words = "what is told of the numbers of the cells" if dim == STATISTIC else about(request, dim)
+        values = coordinate_values(_labels(request, dim))
+        write(group, dim, (dim,), values, {"long_name": words, "units": "1"})
+    for name, axis in request.third_axis.items():
+        write(group, name, (name,), axis.values(), {"long_name": fixed(request)[name][1], "units": "1"})
