@@ -19,7 +19,7 @@ from rattle.proof.chaos.images import Image, image
 from rattle.proof.flights import Plane
 
 Pair = tuple[Fraction, Fraction]
-MOST_PIECES = 60_000
+MOST_PIECES = 12_000
 FINEST = 2.0**-12  # half-width of a piece, of a set
 
 
@@ -81,15 +81,13 @@ class Mapped:
     images: dict[Part, Image | None] = field(default_factory=dict)
 
     def image(self, part: Part) -> Image | None:
-        """Π of a part, with the derivatives by ξ and η; None if it is not proved what its motions meet."""
+        """Π of a part, or None if it is not proved what its motions meet."""
         if part not in self.images:
             matrix = self.source.matrix
             centre = self.source.middle + matrix * arb_mat(2, 1, [part.xi, part.eta])
-            sizes = arb_mat([[abs(each) for each in row] for row in matrix.tolist()])
-            radius = sizes * arb_mat(2, 1, [part.width, part.height])
+            sides = matrix * arb_mat([[part.width, 0], [0, part.height]])
             try:
-                found = image(self.plane, (centre[0, 0], centre[1, 0]), (radius[0, 0], radius[1, 0]), self.walls)
-                self.images[part] = Image(found.middle, found.slope * matrix)
+                self.images[part] = image(self.plane, (centre[0, 0], centre[1, 0]), sides, self.walls)
             except NotProvedError:
                 self.images[part] = None
         return self.images[part]
@@ -122,7 +120,7 @@ class Mapped:
             found = self.image(here)
             grown = [1.0, 1.0]
             if found is not None:
-                (xi, eta), grown = _seen_from(target, periods, found, here)
+                (xi, eta), grown = _seen_from(target, periods, found)
                 if xi > 1 or xi < -1:
                     yield 1 if xi > 1 else -1
                     continue
@@ -134,13 +132,12 @@ class Mapped:
             parts += _halves(here, grown)
 
 
-def _seen_from(target: HSet, periods: int, found: Image, part: Part) -> tuple[tuple[arb, arb], list[float]]:
+def _seen_from(target: HSet, periods: int, found: Image) -> tuple[tuple[arb, arb], list[float]]:
     """ξ and η of an image, and how much of their width is due to either side of the part."""
     away = arb_mat(2, 1, [found.middle[0] - periods, found.middle[1]]) - target.middle
     start, slope = target.coordinates * away, target.coordinates * found.slope
-    widths, unit = (part.width, part.height), arb(0, 1)
-    xi, eta = (start[i, 0] + sum((slope[i, j] * widths[j] * unit for j in range(2)), arb(0)) for i in range(2))
-    return (xi, eta), [max(float(abs(slope[i, j]).upper()) for i in range(2)) * widths[j] for j in range(2)]
+    xi, eta = (start[i, 0] + arb(0, 1) * sum((abs(slope[i, j]) for j in range(2)), arb(0)) for i in range(2))
+    return (xi, eta), [max(float(abs(slope[i, j]).upper()) for i in range(2)) for j in range(2)]
 
 
 def _is_refuted(xi: arb, eta: arb, grown: Sequence[float], inside: bool) -> bool:

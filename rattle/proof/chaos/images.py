@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 from rattle.errors import NotProvedError
 from rattle.flight import first_impact, law
 from rattle.proof.balls import arb, arb_mat
-from rattle.proof.flights import Flight, Plane, require_first
+from rattle.proof.flights import Flight, Plane, require_first, sign
 
 GROWN = 1.25  # by which the guess of a ball of arrival times is widened, each time that it is refused
 MOST_GROWN = 6
 MOST_NEWTON = 3
+MOST_PARTS = 200  # of a flight
 NEAR = 1e-15  # what is left of the middle's time of arrival
 
 
 class Image(NamedTuple):
-    """Where the middle of a set goes, and the derivatives of Π on all of it: Π(x) lies in middle + slope (x − c)."""
+    """Where the middle of a set goes, and the derivatives of Π on all of it by coordinates in [−1, 1]²."""
 
     middle: tuple[arb, arb]
     slope: arb_mat
@@ -33,52 +35,116 @@ class Arrival:
     slope: arb_mat
 
 
-def image(plane: Plane, centre: tuple[arb, arb], radius: tuple[arb, arb], walls: Sequence[int]) -> Image:
-    """Π of all (t, v) in centre ± radius, whose motions meet these walls between two impacts on Σ⁺.
+def image(plane: Plane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
+    """Π of all (t, v) in centre + sides [−1, 1]², whose motions meet these walls between two impacts on Σ⁺, with the
+    derivatives by the coordinates in [−1, 1]².
 
     Raises NotProvedError unless that is proved of all of them.
     """
-    (t, v), (rt, rv) = centre, radius
-    middle, spread = (t, -v), arb_mat(2, 1, [arb(0, 1) * rt, arb(0, 1) * rv])
-    slope, wall = arb_mat([[1, 0], [0, -1]]), 1
+    turn = arb_mat([[1, 0], [0, -1]])  # from speeds on Σ⁺ to velocities, and from velocities of arrival to those after
+    middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
     for target in (*walls, 1):
-        wide = slope * spread
-        here = arrival(plane, middle, (wide[0, 0], wide[1, 0]), wall, target)
-        middle, wall = (here.time, -here.velocity), target
-        slope = arb_mat([[1, 0], [0, -1]]) * here.slope * slope
-    return Image((middle[0], -middle[1]), arb_mat([[1, 0], [0, -1]]) * slope)
+        here = arrival(plane, middle, sides, wall, target)
+        middle, sides, wall = (here.time, -here.velocity), turn * here.slope * sides, target
+    return Image((middle[0], -middle[1]), turn * sides)
 
 
-def arrival(plane: Plane, middle: tuple[arb, arb], wide: tuple[arb, arb], wall: int, target: int) -> Arrival:
-    """The flights from a wall at times and with velocities middle + wide, which end first at the wall `target`."""
+def arrival(plane: Plane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
+    """The flights from a wall at times and with velocities middle + sides [−1, 1]², which end first at `target`."""
     distance, name = plane.beta * (target - wall), "a flight"
     time = _time(plane, middle, wall, target)
-    at_middle = _flight(plane, *middle, time)
-    t0, w0 = middle[0] + wide[0], middle[1] + wide[1]
-    by_t0, by_w0 = _derivatives(_flight(plane, *middle, time), time)
-    guess = abs(by_t0[0] / at_middle.w1) * wide[0].rad() + abs(by_w0[0] / at_middle.w1) * wide[1].rad() + arb(1e-25)
-    here = _flight(plane, t0, w0, time)
-    (height_t0, _), (height_w0, _) = _derivatives(here, time)
-    # Φ at the middle's time of arrival, less the wall, by the mean value theorem
-    missed = at_middle.at(time)[0] - distance + height_t0 * wide[0] + height_w0 * wide[1]
+    bundle = Bundle(plane, middle, sides)
+    at_middle = bundle.until(time)
+    by_t0, by_w0 = _derivatives(at_middle, time)
+    guess = abs(spread(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
+    missed = bundle.height(time) - distance
     for _ in range(MOST_GROWN):
-        guess = guess * GROWN
+        guess = (guess * GROWN).upper()
         late = arb(0, 1) * guess
-        speed = _flight(plane, t0, w0, time + late).w1
+        speed = bundle.all_until(time + late).w1
         if not (speed > 0 or speed < 0):
             raise NotProvedError(f"{name} may graze")
         moved = -missed / speed
-        if abs(moved) < guess.lower():
+        if abs(moved) < guess:
             break
     else:
         raise NotProvedError(f"the time at which {name} ends is not enclosed")
-    here = _flight(plane, t0, w0, time + moved)
-    require_first(here, wall, target, name)
+    here = bundle.all_until(time + moved)
+    bundle.require_clear(here, wall, target, name)
     (height_t0, speed_t0), (height_w0, speed_w0) = _derivatives(here, here.t1)
     pull = plane.force(*(2 * here.t1).sin_cos_pi()) - plane.delta * here.w1
-    rows = [[-height_t0 / here.w1, -height_w0 / here.w1], []]
-    rows[1] = [speed_t0 + pull * rows[0][0], speed_w0 + pull * rows[0][1]]
-    return Arrival(time, at_middle.w1, arb_mat(rows))
+    late_t0, late_w0 = -height_t0 / here.w1, -height_w0 / here.w1
+    slope = arb_mat([[late_t0, late_w0], [speed_t0 + pull * late_t0, speed_w0 + pull * late_w0]])
+    return Arrival(time, at_middle.w1, slope)
+
+
+def spread(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
+    """What by_t0 dt₀ + by_w0 dw₀ is at most for (dt₀, dw₀) in sides [−1, 1]²."""
+    return sum((abs(by_t0 * sides[0, j] + by_w0 * sides[1, j]) for j in range(2)), arb(0))
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Flights that leave a wall at times and with velocities middle + sides [−1, 1]²."""
+
+    plane: Plane
+    middle: tuple[arb, arb]
+    sides: arb_mat
+
+    @cached_property
+    def hull(self) -> tuple[arb, arb]:
+        """Balls that hold all of them."""
+        unit = arb(0, 1)
+        t0, w0 = (self.middle[i] + unit * sum((abs(self.sides[i, j]) for j in range(2)), arb(0)) for i in range(2))
+        return t0, w0
+
+    def until(self, t: arb) -> Flight:
+        """The middle one."""
+        return _flight(self.plane, *self.middle, t)
+
+    def all_until(self, t: arb) -> Flight:
+        """All of them."""
+        return _flight(self.plane, *self.hull, t)
+
+    def height(self, t: arb) -> arb:
+        """Φ(t) − Φ(t₀) of all of them, by the mean value theorem."""
+        return self._at(t, 0)
+
+    def speed(self, t: arb) -> arb:
+        """Φ'(t) likewise."""
+        return self._at(t, 1)
+
+    def _at(self, t: arb, which: int) -> arb:
+        by_t0, by_w0 = _derivatives(self.all_until(t), t)
+        return self.until(t).at(t)[which] + arb(0, 1) * spread(self.sides, by_t0[which], by_w0[which])
+
+    def require_clear(self, here: Flight, wall: int, target: int, name: str) -> None:
+        """Raise NotProvedError unless these flights meet no wall on their way, by their extrema or, where these are not
+        told apart, by bisection of the time: in each part Φ' has one sign, or Φ is clear of the walls all through it.
+        """
+        try:
+            require_first(here, wall, target, name)
+        except NotProvedError:
+            if sign(here.w0) != -wall or sign(here.w1) != target or not here.t1 > here.t0:
+                raise
+        else:
+            return
+        above, below = here.plane.beta * (1 - wall), -here.plane.beta * (1 + wall)
+        parts = [(here.t0.lower(), here.t1.upper())]
+        for _ in range(MOST_PARTS):
+            start, end = parts.pop()
+            part = start.union(end)
+            middle, slope = part.mid(), self.speed(part)
+            if not (slope > 0 or slope < 0):
+                height = self.height(middle)
+                if not (height < above and height > below):
+                    break
+                height += slope * (part - middle)
+                if not (height < above and height > below):
+                    parts += [(start, middle), (middle, end)]
+            if not parts:
+                return
+        raise NotProvedError(f"{name} may meet a wall on its way")
 
 
 def _flight(plane: Plane, t0: arb, w0: arb, t1: arb) -> Flight:

@@ -21,12 +21,13 @@ STATES, SETTLING, WATCHED = 1500, 400, 200  # motions that are tried, impacts be
 CHAOTIC = 0.02  # exponent per forcing period
 KEPT, STEPS, MIDDLE = 400, 72, 36  # motions, their impacts, and the impact at which places are looked for
 PLACES = 24
-SIZES = (0.03, 0.01, 0.003, 0.001, 3e-4, 1e-4, 3e-5)  # along the unstable direction
-SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # how much longer the other side is
+SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # along the unstable direction
+SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)  # how much longer the other side is
 MOST_STEPS = 16  # of a loop
-TRIED, EACH, MOST_WORDS = 12, 3, 40  # places of which all is worked out; segments with one word; words
+TRIED, EACH, MOST_WORDS = 24, 3, 40  # places of which all is worked out; segments with one word; words
 ROOM = 1.2  # what a set reaches beyond the next, and how much higher the next is
 HIGHEST = 0.95
+UNEVEN, FLAT = 6.0, 0.9  # ratio of stretches in a hub; cosine of an angle in its image
 CORRECTED = 3  # times that the places are improved at which the edges of a set are reached
 SCHEDULED = 4  # times that loops are chosen, for the h of the last choice
 NEAR = 1e-7  # for differences
@@ -107,7 +108,7 @@ def search(gear: Gear) -> Iterator[Found]:
         for size in SIZES:
             for shape in SHAPES:
                 hub = Box(place, np.column_stack([unstable * size, stable * size * shape]))
-                if np.ptp(pi(_samples(hub, 5, 3))[1]) == 0:
+                if _is_flat(pi, hub):
                     segments = list(_returns(hub, states, words))
                     guesses.append((growth([len(word) for word in {x.words for x in segments}]), len(guesses), hub, segments))
     guesses.sort(key=lambda x: (-x[0], x[1]))
@@ -173,6 +174,17 @@ def _samples(box: Box, across: int, high: int) -> Array:
     """A grid of states (across, high, 2) of a box."""
     grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
     return np.asarray(box.centre + grid @ box.sides.T)
+
+
+def _is_flat(pi: Map, hub: Box) -> bool:
+    """Whether Π stretches the box much the same everywhere, so that its image hardly bends."""
+    after, words = pi(_samples(hub, 9, 5))
+    if np.ptp(words) > 0 or words[0, 0] < 0:
+        return False
+    moves = away(after[1:], after[:-1])
+    lengths = np.linalg.norm(moves, axis=-1)
+    mean = _unit(moves.mean((0, 1)))
+    return bool(lengths.min() > 0 and lengths.max() < UNEVEN * lengths.min() and (moves @ mean > FLAT * lengths).all())
 
 
 def _returns(hub: Box, states: Array, words: NDArray[np.int64]) -> Iterator[Segment]:
