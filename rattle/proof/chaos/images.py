@@ -59,7 +59,7 @@ def arrival(plane: Plane, middle: tuple[arb, arb], sides: arb_mat, wall: int, ta
     guess = abs(spread(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
     missed = bundle.height(time) - distance
     for _ in range(MOST_GROWN):
-        guess = (guess * GROWN).upper()
+        guess = guess.upper() * GROWN
         late = arb(0, 1) * guess
         speed = bundle.all_until(time + late).w1
         if not (speed > 0 or speed < 0):
@@ -67,6 +67,7 @@ def arrival(plane: Plane, middle: tuple[arb, arb], sides: arb_mat, wall: int, ta
         moved = -missed / speed
         if abs(moved) < guess:
             break
+        guess = guess.max(abs(moved))
     else:
         raise NotProvedError(f"the time at which {name} ends is not enclosed")
     here = bundle.all_until(time + moved)
@@ -136,10 +137,7 @@ class Bundle:
             part = start.union(end)
             middle, slope = part.mid(), self.speed(part)
             if not (slope > 0 or slope < 0):
-                height = self.height(middle)
-                if not (height < above and height > below):
-                    break
-                height += slope * (part - middle)
+                height = self.height(middle) + slope * (part - middle)
                 if not (height < above and height > below):
                     parts += [(start, middle), (middle, end)]
             if not parts:
