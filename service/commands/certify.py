@@ -1,9 +1,9 @@
-"""``rattle certify``: periodic motions and bifurcations as theorems, and the check of what others proved."""
+"""``rattle certify``: periodic motions, bifurcations and chaos as theorems, and the check of what others proved."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +14,7 @@ from service.commands.options import Slice
 
 if TYPE_CHECKING:
     from rattle.proof.bifurcations.certificate import BifurcationCertificate
+    from rattle.proof.chaos.certificate import HorseshoeCertificate
 
 NOT_PROVED, INTERRUPTED = 1, 130
 SUFFIX = ".certificates.zarr"
@@ -41,6 +42,7 @@ def certify(
     codimension_two: Annotated[
         bool, typer.Option("--codimension-two", help="Prove the points where curves meet, at --beta.")
     ] = False,
+    chaos: Annotated[bool, typer.Option("--chaos", help="Prove that --point has chaotic motions instead.")] = False,
     check: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Check certificates, one a line, with none of the prover's code."),
@@ -49,7 +51,8 @@ def certify(
     """Prove that periodic motions exist, alone near by, with their labels, and whether they attract.
 
     Of a survey, or of a slice of it: all periodic attractors, into a store beside it; the same command resumes. Of a
-    point, of curves, of points where curves meet: one certificate a line. Exit status 1 if something is not proved; that does not mean that it is false.
+    point, of curves, of points where curves meet, of chaos: one certificate a line. Exit status 1 if something is not
+    proved; that does not mean that it is false.
     """
     if [store, point, check, codimension_two or None].count(None) != 3:
         raise typer.BadParameter(
@@ -57,8 +60,12 @@ def certify(
         )
     if curves and store is None:
         raise typer.BadParameter("--curves are those of a STORE")
+    if chaos and (point is None or kappa is not None):
+        raise typer.BadParameter("--chaos is of the impacting gear at one --point DELTA EPSILON")
     if check is not None:
         _check(check)
+    elif point is not None and chaos:
+        _write(_chaos(*point, beta))
     elif point is not None:
         _prove_point(*point, beta, kappa)
     elif codimension_two:
@@ -70,7 +77,18 @@ def certify(
         _prove_survey(store, out or Path(beside), processes, slice_)
 
 
-def _write(certificates: Iterable[BifurcationCertificate | str]) -> None:
+def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate | str]:
+    """The certificate of a horseshoe, or why there is none."""
+    import rattle
+    from rattle.proof.chaos.prove import certify_chaos
+
+    try:
+        yield certify_chaos(delta, epsilon, beta)
+    except rattle.NotProvedError as why:
+        yield str(why)
+
+
+def _write(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate | str]) -> None:
     """One a line; what is not proved is said beside."""
     refused = False
     for each in certificates:
@@ -86,12 +104,13 @@ def _write(certificates: Iterable[BifurcationCertificate | str]) -> None:
 def _check(path: Path) -> None:
     from rattle.proof import check
     from rattle.proof.bifurcations.check import check as check_bifurcation
+    from rattle.proof.chaos.check import check as check_horseshoe
     from workers.certificates import CERTIFICATES
 
     file = path / CERTIFICATES if path.is_dir() else path
     if not file.is_file():
         raise typer.BadParameter(f"there is no file {file}")
-    checkers: dict[object, Callable[[str], str]] = {"bifurcation": check_bifurcation}
+    checkers: dict[object, Callable[[str], str]] = {"bifurcation": check_bifurcation, "horseshoe": check_horseshoe}
     refused = False
     for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
         try:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from rattle.continuation.conditions import Kind
-from rattle.proof.certificate import FORMAT, Ends, text, texts
 from rattle.proof.bifurcations.systems import Motion
+from rattle.proof.certificate import FORMAT, Ends, text, texts
 
 THEOREM = "bifurcation"
 WORDS = {Kind.SADDLE_NODE: "saddle-node", Kind.FLIP: "flip", Kind.GRAZING: "graze"}

@@ -192,7 +192,7 @@ class Bifurcation:
     def require_happens(self, x: Sequence[Interval]) -> None:
         """Each piece begins and ends at its walls, with speed 0 at the graze alone, and meets none on its way."""
         delta, epsilon = self.parameters(x)
-        motion = SimpleNamespace(
+        motion: Any = SimpleNamespace(
             walls=self.walls, m=self.m, k=[ZERO], delta=delta, epsilon=epsilon, beta=self.known["beta"]
         )
         for i in range(self.n):

@@ -11,7 +11,7 @@ from rattle._version import __version__
 from rattle.continuation.arclength import tangent_at, with_value
 from rattle.continuation.conditions import MULTIPLIER, Kind, condition
 from rattle.continuation.curves import QUIET_LIMIT
-from rattle.errors import NotProvedError, ParameterError, require, require_number
+from rattle.errors import NotProvedError, require, require_number
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.bifurcations.registry import CURVES, Definition
@@ -23,7 +23,7 @@ from rattle.proof.bifurcations.certificate import BifurcationCertificate
 from rattle.proof.bifurcations.systems import FREE, Motion, System, require_happens
 from rattle.proof.certificate import Ends, Exact, exact
 from rattle.proof.finder import LONG, require_least_period
-from rattle.proof.krawczyk import MOST_MOVED, enclosed
+from rattle.proof.krawczyk import enclosed
 
 #: A published enclosure is wider than the ball by so many of its widths, and by this much: others round otherwise.
 ROOM, LEAST = 10**4, Fraction(1, 10**20)

@@ -2,10 +2,11 @@
 
 Unknown are the times (n,) of its impacts, δ, ε or both, and of a saddle-node or a flip a vector φ (n,):
 
-    R = 0, J(μ) φ = 0, ⟨l, φ⟩ = 1    with μ = 1, −1      (G. Moore and A. Spence, SIAM J. Numer. Anal. 17 (1980) 567–576)
+    R = 0, J(μ) φ = 0, ⟨l, φ⟩ = 1    with μ = 1, −1
     R = 0, w₁ = 0                    the velocity with which the impact that grazes is reached
 
-R and J are those of `rattle.impacting.orbits.equations`. A point of codimension two is a graze with one condition more.
+(G. Moore and A. Spence, SIAM J. Numer. Anal. 17 (1980) 567–576). R and J are those of
+`rattle.impacting.orbits.equations`. A point of codimension two is a graze with one condition more.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from rattle.continuation.conditions import MULTIPLIER, Kind
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat, arb_series
 from rattle.proof.codimension_two import CONDITIONS
-from rattle.proof.flights import UP, Flight, Plane, extrema, flight, require_first
+from rattle.proof.flights import UP, Flight, Plane, extrema, require_first
 from rattle.proof.impacting import Impacting
 
 Series = arb_series
@@ -184,11 +185,6 @@ def require_touches(each: Flight, wall: int, target: int, touched: int, time: ar
     if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):
         raise NotProvedError(f"{name} would come from behind a wall, or not turn where it grazes")
     above, below = each.plane.beta * (1 - wall), -each.plane.beta * (1 + wall)
-    close = [
-        turn for turn, height in extrema(each, name) if not (height > below if turn == UP else height < above)
-    ]
+    close = [turn for turn, height in extrema(each, name) if not (height > below if turn == UP else height < above)]
     if close != [-touched]:
         raise NotProvedError(f"{name} may touch a wall besides where it grazes")
-
-
-__all__ = ["FREE", "Motion", "System", "flight", "require_happens"]

@@ -52,8 +52,8 @@ class HorseshoeCertificate:
         where = ", ".join(f"{name} = {text(value)}" for name, value in self.parameters.items())
         lengths = ", ".join(str(loop.length) for loop in self.loops)
         return (
-            f"At {where} the impact map has a horseshoe of {len(self.loops)} loops ({lengths} impacts): entropy at least "
-            f"{text(self.per_impact)} an impact on Σ⁺, {text(self.per_period)} a forcing period."
+            f"At {where} the impact map has a horseshoe of {len(self.loops)} loops ({lengths} impacts): entropy at "
+            f"least {text(self.per_impact)} an impact on Σ⁺, {text(self.per_period)} a forcing period."
         )
 
     def document(self) -> dict[str, object]:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -110,7 +111,9 @@ def search(gear: Gear) -> Iterator[Found]:
                 hub = Box(place, np.column_stack([unstable * size, stable * size * shape]))
                 if _is_flat(pi, hub):
                     segments = list(_returns(hub, states, words))
-                    guesses.append((growth([len(word) for word in {x.words for x in segments}]), len(guesses), hub, segments))
+                    guesses.append(
+                        (growth([len(word) for word in {x.words for x in segments}]), len(guesses), hub, segments)
+                    )
     guesses.sort(key=lambda x: (-x[0], x[1]))
     found = [Found(hub, tuple(_loops(pi, hub, segments))) for _, _, hub, segments in guesses[:TRIED]]
     yield from sorted(found, key=lambda x: -_growth_of(x.loops))
@@ -193,7 +196,7 @@ def _returns(hub: Box, states: Array, words: NDArray[np.int64]) -> Iterator[Segm
     found: list[tuple[int, int, int]] = []
     for j in np.flatnonzero(inside.sum(0) > 1):
         visits = np.flatnonzero(inside[:, j])
-        found += [(int(b - a), int(a), int(j)) for a, b in zip(visits[:-1], visits[1:], strict=True)]
+        found += [(int(b - a), int(a), int(j)) for a, b in pairwise(visits)]
     seen: dict[tuple[int, ...], int] = {}
     for length, start, j in sorted(found):
         word = tuple(int(x) for x in words[start : start + length, j])
@@ -306,5 +309,3 @@ def _across(pi: Map, source: Box, target: Box, word: int) -> tuple[float, tuple[
         return np.inf, (0.0, 0.0)
     middle = eta.size // 2
     return float(np.abs(found[..., 1]).max()), (float(xi[:, middle].min()), float(xi[:, middle].max()))
-
-
