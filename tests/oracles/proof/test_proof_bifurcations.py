@@ -2,6 +2,7 @@
 
 import json
 from fractions import Fraction
+from pathlib import Path
 
 import curves_high_precision as exact
 import pytest
@@ -9,10 +10,12 @@ from depth import either
 from mpmath import mpf
 
 import rattle
+from rattle.paper.numbers import PROVED, at
 from rattle.proof.bifurcations import prove
 from rattle.proof.bifurcations.check import check
 from rattle.proof.check import Refused
 
+DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
 PLACES = {"SN1": "0.6", "SN2": "0.6", "PD1": "0.6", "G1": "0.6", "PDC": "0.5", "G2": "0.8"}
 
 
@@ -158,3 +161,18 @@ def test_what_cannot_be_meant_is_said():
         prove.certify_curve_point("SN1", -0.6, 0.1)
     with pytest.raises(rattle.ParameterError, match="Event"):
         prove.certify_event(3)
+
+
+def test_what_the_paper_table_calls_proved_is(corners):
+    """Each number as docs/paper.md has it, in an enclosure."""
+    rows = [line.split(" | ") for line in DOCUMENT.read_text().splitlines() if ", proved | " in line]
+    assert {row[1] for row in rows} == set(PROVED)
+    for row in rows:
+        name, where = PROVED[row[1]]
+        said = row[3].removesuffix(", proved")
+        if name in corners:
+            ends = corners[name].solved[where]
+        else:
+            ends = prove.certify_curve_point(name, where, at(name, float(where))).solved["epsilon"]
+        assert ends[1] - ends[0] < Fraction(1, 10**14)
+        assert abs(sum(ends) / 2 - Fraction(said)) < Fraction(1, 10**10)
