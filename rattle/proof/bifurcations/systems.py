@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from rattle.continuation.conditions import MULTIPLIER, Kind
 from rattle.errors import NotProvedError
@@ -69,10 +69,11 @@ class System:
         """The equations at unknowns (N,): times, what is not known of δ and ε, φ."""
         return Evaluated(self, at)
 
-    def parameters(self, at: Sequence[arb] | Sequence[Series]) -> list[arb] | list[Series]:
-        """δ and ε."""
+    def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
+        """δ and ε, balls or series as the unknowns are; what is known is a ball."""
         free = iter(at[self.motion.n :])
-        return [self.known[name] if name in self.known else next(free) for name in FREE]
+        delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
+        return delta, epsilon
 
     def plane(self, at: Sequence[arb]) -> Plane:
         """The point of the plane."""

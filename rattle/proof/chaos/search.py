@@ -104,7 +104,7 @@ def search(gear: Gear) -> Iterator[Found]:
     states, words = _chaotic(gear)
     pi = Map(gear)
     tangents = pi.tangent(states[:-1])
-    guesses = []
+    guesses: list[tuple[float, int, Box, list[Segment]]] = []
     for place, unstable, stable in _places(gear, pi, states, tangents):
         for size in SIZES:
             for shape in SHAPES:
@@ -192,11 +192,11 @@ def _is_flat(pi: Map, hub: Box) -> bool:
 
 def _returns(hub: Box, states: Array, words: NDArray[np.int64]) -> Iterator[Segment]:
     """First returns to the hub, the shortest first, at most EACH with the same words."""
-    inside = (np.abs(away(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1).all(-1)
+    inside = np.all(np.abs(away(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
     found: list[tuple[int, int, int]] = []
-    for j in np.flatnonzero(inside.sum(0) > 1):
-        visits = np.flatnonzero(inside[:, j])
-        found += [(int(b - a), int(a), int(j)) for a, b in pairwise(visits)]
+    for column in np.flatnonzero(inside.sum(0) > 1):
+        visits = np.flatnonzero(inside[:, column])
+        found += [(int(b - a), int(a), int(column)) for a, b in pairwise(visits)]
     seen: dict[tuple[int, ...], int] = {}
     for length, start, j in sorted(found):
         word = tuple(int(x) for x in words[start : start + length, j])
