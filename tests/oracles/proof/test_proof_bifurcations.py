@@ -1,6 +1,7 @@
 """Points of bifurcation curves and of codimension two: enclosures hold what 40 digits say; false ones are refused."""
 
 import json
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -11,9 +12,11 @@ from mpmath import mpf
 
 import rattle
 from rattle.paper.numbers import PROVED, at
-from rattle.proof.bifurcations import prove
+from rattle.proof.balls import arb, ball, precision
+from rattle.proof.bifurcations import prove, systems
 from rattle.proof.bifurcations.check import check
 from rattle.proof.check import Refused
+from rattle.proof.flights import Plane, flight
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "paper.md"
 PLACES = {"SN1": "0.6", "SN2": "0.6", "PD1": "0.6", "G1": "0.6", "PDC": "0.5", "G2": "0.8"}
@@ -152,6 +155,28 @@ def test_a_curve_of_a_motion_that_passes_a_wall_is_refused():
     for name, delta, epsilon in (("SN1", 0.9, rattle.sn1(0.9)), ("PDC", 0.6, rattle.flip(0.6))):
         with pytest.raises(rattle.NotProvedError, match="may touch Σ⁻"):
             prove.certify_curve_point(name, delta, float(epsilon))
+
+
+def test_a_flight_that_turns_before_the_wall_does_not_touch_it(points):
+    """The graze of G1 in a gap that is wider, or at a time before the flight."""
+    graze = points["G1"]
+    with precision():
+        epsilon = ball(sum(graze.solved["epsilon"]) / 2)
+        plane = Plane(ball(graze.known["delta"]), epsilon, ball(graze.known["beta"]))
+        start, touch = (ball(t) for t in graze.times)
+        turn = (2 * start).sin_cos_pi()
+
+        def touches(gap, time):
+            here = replace(plane, beta=gap)
+            return systems.require_touches(
+                flight(here, start, start + 1, turn, turn, arb(0)), 1, 1, -1, time, "the flight"
+            )
+
+        touches(plane.beta, touch)
+        with pytest.raises(rattle.NotProvedError, match="besides where it grazes"):
+            touches(plane.beta + arb("1e-6"), touch)
+        with pytest.raises(rattle.NotProvedError, match="not turn where it grazes"):
+            touches(plane.beta, start - arb("0.01"))
 
 
 def test_what_cannot_be_meant_is_said():
