@@ -1,4 +1,4 @@
-"""Check certificates of points of bifurcation curves, trusting nobody: `python check.py FILE`.
+"""Check certificates of points of bifurcation curves, trusting nobody: mpmath's intervals, none of the finder's code.
 
 Of this project it needs `rattle/proof/check.py` besides, of which it takes intervals and the pieces of motions. All is
 proved anew, otherwise than it was found. Unknown are the times t and velocities w after all impacts, then what is not
