@@ -1,6 +1,7 @@
 """The report as Markdown: docs/paper.md."""
 
 from rattle.paper.derivations import DERIVATIONS, NOT_CHECKED, NOT_HELD
+from rattle.paper.numbers import PROVED
 from rattle.paper.records import Number, Report
 
 HEAD = """\
@@ -13,15 +14,16 @@ model*, SIAM J. Appl. Dyn. Syst. 8 (2009) 1694–1711. Every number and statemen
 
 RULE = """\
 A number agrees if it lies within half a unit of the last digit that the paper gives, within one unit where the
-paper writes ≈. An interval agrees only as a whole.
+paper writes ≈. An interval agrees only as a whole. Computed values that are called proved are enclosed to less than
+1e-14 by a theorem (docs/proofs.md).
 """
 
 
 def value(number: Number) -> str:
-    """The computed value to ten decimals, or both ends of the interval to seven."""
+    """The computed value to ten decimals, and whether it is proved, or both ends of the interval to seven."""
     if isinstance(number.computed, tuple):
         return "{:.7f} to {:.7f}".format(*number.computed)
-    return f"{number.computed:.10f}"
+    return f"{number.computed:.10f}" + (", proved" if number.what in PROVED else "")
 
 
 def difference(number: Number) -> str:

@@ -33,6 +33,19 @@ STATED = {
     "λ₁ = λ₂ = 2/3, δ": ("5.2", "≈ 0.8109", ""),
 }
 
+#: What is a theorem: the curve with its damping, or the point of codimension two with its coordinate (docs/proofs.md).
+PROVED = {
+    **{f"{curve} at δ = {delta}": (curve, delta) for curve in ("SN1", "G1") for delta in ("0.6", "0.762")},
+    "SN2 at δ = 0.6": ("SN2", "0.6"),
+    "PD1 at δ = 0.6": ("PD1", "0.6"),
+    "COD21: multipliers on G1 turn real, δ": ("COD21", "delta"),
+    "COD21: multipliers on G1 turn real, ε": ("COD21", "epsilon"),
+    "COD21: SN2 and PD1 meet G1, δ": ("COD23", "delta"),
+    "COD21: SN2 and PD1 meet G1, ε": ("COD23", "epsilon"),
+    "COD22: SN1 meets G1 and G2, δ": ("COD22", "delta"),
+    "COD22: SN1 meets G1 and G2, ε": ("COD22", "epsilon"),
+}
+
 
 def at(curve: str, delta: float) -> float:
     """ε of a bifurcation curve at one damping; NaN where it is absent."""

@@ -1,13 +1,20 @@
-"""``rattle certify``: periodic motions as theorems, and the check of what others proved."""
+"""``rattle certify``: periodic motions, bifurcations and chaos as theorems, and the check of what others proved."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from service.commands import certify_bifurcations as bifurcations
 from service.commands.options import Slice
+
+if TYPE_CHECKING:
+    from rattle.proof.bifurcations.certificate import BifurcationCertificate
+    from rattle.proof.chaos.certificate import HorseshoeCertificate
 
 NOT_PROVED, INTERRUPTED = 1, 130
 SUFFIX = ".certificates.zarr"
@@ -31,6 +38,11 @@ def certify(
         str | None, typer.Option(help="Stiffness, for --point.", show_default="none: the impacting model")
     ] = None,
     slice_: Slice = None,
+    curves: Annotated[bool, typer.Option("--curves", help="Prove the points of the curves of STORE instead.")] = False,
+    codimension_two: Annotated[
+        bool, typer.Option("--codimension-two", help="Prove the points where curves meet, at --beta.")
+    ] = False,
+    chaos: Annotated[bool, typer.Option("--chaos", help="Prove that --point has chaotic motions instead.")] = False,
     check: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Check certificates, one a line, with none of the prover's code."),
@@ -39,28 +51,83 @@ def certify(
     """Prove that periodic motions exist, alone near by, with their labels, and whether they attract.
 
     Of a survey, or of a slice of it: all periodic attractors, into a store beside it; the same command resumes. Of a
-    point: one certificate a line. Exit status 1 if something is not proved; that does not mean that it is false.
+    point, of curves, of points where curves meet, of chaos: one certificate a line. Exit status 1 if something is not
+    proved; that does not mean that it is false.
     """
-    if [store, point, check].count(None) != 2:
-        raise typer.BadParameter("name the STORE of a survey, or --point DELTA EPSILON, or --check FILE")
+    if [store, point, check, codimension_two or None].count(None) != 3:
+        raise typer.BadParameter(
+            "name the STORE of a survey, or --point DELTA EPSILON, or --codimension-two, or --check FILE"
+        )
+    if curves and store is None:
+        raise typer.BadParameter("--curves are those of a STORE")
+    if chaos and (point is None or kappa is not None):
+        raise typer.BadParameter("--chaos is of the impacting gear at one --point DELTA EPSILON")
     if check is not None:
         _check(check)
+    elif point is not None and chaos:
+        _write(_chaos(*point, beta))
     elif point is not None:
         _prove_point(*point, beta, kappa)
+    elif codimension_two:
+        _write(bifurcations.codimension_two(beta))
+    elif store is not None and curves:
+        _write(bifurcations.points_of_curves(store, slice_))
     elif store is not None:
         beside = store.rstrip("/").removesuffix(".zarr") + ("" if slice_ is None else f".slice{slice_}") + SUFFIX
         _prove_survey(store, out or Path(beside), processes, slice_)
 
 
+def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate | str]:
+    """The certificate of a horseshoe, or why there is none."""
+    import rattle
+    from rattle.proof.chaos.prove import certify_chaos
+
+    try:
+        yield certify_chaos(delta, epsilon, beta)
+    except rattle.NotProvedError as why:
+        yield str(why)
+
+
+def _write(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate | str]) -> None:
+    """One a line; what is not proved is said beside."""
+    refused = False
+    for each in certificates:
+        if isinstance(each, str):
+            refused = True
+            typer.echo(f"not proved: {each}", err=True)
+        else:
+            typer.echo(each.json())
+    if refused:
+        raise typer.Exit(NOT_PROVED)
+
+
 def _check(path: Path) -> None:
     from rattle.proof import check
+    from rattle.proof.bifurcations.check import check as check_bifurcation
+    from rattle.proof.chaos.check import check as check_horseshoe
     from workers.certificates import CERTIFICATES
 
     file = path / CERTIFICATES if path.is_dir() else path
     if not file.is_file():
         raise typer.BadParameter(f"there is no file {file}")
-    if check.main(str(file)):
+    checkers: dict[object, Callable[[str], str]] = {"bifurcation": check_bifurcation, "horseshoe": check_horseshoe}
+    refused = False
+    for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
+        try:
+            typer.echo(f"proved: {checkers.get(_theorem(line), check.check)(line)}")
+        except check.Refused as why:
+            refused = True
+            typer.echo(f"NOT PROVED, line {number}: {why}")
+    if refused:
         raise typer.Exit(NOT_PROVED)
+
+
+def _theorem(line: str) -> object:
+    """What kind of theorem a certificate is for; None of a motion, and of what is no certificate."""
+    try:
+        return json.loads(line).get("theorem")
+    except (ValueError, AttributeError, RecursionError):
+        return None
 
 
 def _prove_point(delta: str, epsilon: str, beta: str, kappa: str | None) -> None:

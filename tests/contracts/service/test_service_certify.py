@@ -37,7 +37,19 @@ def test_a_point_is_taken_as_these_very_numbers_and_its_certificates_are_proved_
 
 
 @pytest.mark.parametrize(
-    "arguments", [(), ("survey.zarr", "--check", "file"), ("--check", "nowhere"), ("--point", "0.6", "x")]
+    "arguments",
+    [
+        (),
+        ("survey.zarr", "--check", "file"),
+        ("--check", "nowhere"),
+        ("--point", "0.6", "x"),
+        ("--curves",),
+        ("--curves", "--point", "0.6", "0.1"),
+        ("--codimension-two", "--point", "0.6", "0.1"),
+        ("--chaos",),
+        ("--chaos", "--point", "0.6", "0.1", "--kappa", "1e4"),
+        ("--chaos", "--point", "0.6", "0"),
+    ],
 )
 def test_what_cannot_be_meant_is_said(arguments: tuple[str, ...]) -> None:
     said = ran(*arguments)
@@ -54,6 +66,13 @@ def test_a_survey_has_its_certificates_beside_it(tmp_path: Path) -> None:
     checked = ran("--check", tmp_path / "survey.certificates.zarr")
     assert checked.exit_code == 0
     assert checked.stdout.startswith("proved: P(1, 1, 0), attracting")
+    points = ran(store, "--curves")
+    assert points.exit_code == 0
+    names = [json.loads(line)["name"] for line in points.stdout.splitlines()]
+    assert names
+    assert set(names) == {"SN1"}
+    (tmp_path / "points.jsonl").write_text(points.stdout.splitlines()[0])
+    assert ran("--check", tmp_path / "points.jsonl").stdout.startswith("proved: SN1 of [1], at beta = 0.5999")
 
 
 def test_without_the_extra_a_sentence_names_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,3 +82,26 @@ def test_without_the_extra_a_sentence_names_it(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setitem(sys.modules, "flint", None)
     with pytest.raises(rattle.MissingExtraError, match=r"gear-rattle\[proof\]"):
         raise ran("--point", "0.6", "0.0615").exception or AssertionError
+
+
+def test_points_where_curves_meet_are_proved_and_checked_beside_motions(tmp_path: Path) -> None:
+    said = ran("--codimension-two", "--beta", "0.6")
+    assert said.exit_code == 0
+    assert [json.loads(line)["name"] for line in said.stdout.splitlines()] == ["COD20", "COD21", "COD23", "COD22"]
+    motion = ran("--point", "0.6", "0.0615").stdout.splitlines()[0]
+    corner = said.stdout.splitlines()[0]
+    (tmp_path / "several.jsonl").write_text("\n".join([corner, motion, corner.replace("COD20", "COD21"), "{"]))
+    checked = ran("--check", tmp_path / "several.jsonl")
+    assert checked.exit_code == 1
+    corner_said, motion_said, wrong, unread = checked.stdout.splitlines()
+    assert corner_said == "proved: COD20 of [1, -1], at beta = 0.6: delta, epsilon to 2e-20"
+    assert motion_said.startswith("proved: P(1, 1, 0)")
+    assert wrong.startswith("NOT PROVED, line 3")
+    assert unread.startswith("NOT PROVED, line 4")
+
+
+def test_chaos_that_is_not_there_is_not_proved() -> None:
+    said = ran("--chaos", "--point", "0.6", "0.0615")
+    assert said.exit_code == 1
+    assert said.stdout == ""
+    assert "not proved: no motion that seems chaotic was found here" in said.stderr

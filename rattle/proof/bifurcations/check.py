@@ -1,0 +1,284 @@
+"""Check certificates of points of bifurcation curves, trusting nobody: mpmath's intervals, none of the finder's code.
+
+Of this project it needs `rattle/proof/check.py` besides, of which it takes intervals and the pieces of motions. All is
+proved anew, otherwise than it was found. Unknown are the times t and velocities w after all impacts, then what is not
+known of δ and ε. With T the trace of the motion's tangent map and E = e^(−δm), T = 1 + E where a multiplier is 1 and
+T = −1 − E where one is −1; a graze has w = 0. docs/proofs.md has the lemmas.
+"""
+
+import json
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+from mpmath import fp
+
+from rattle.proof.check import (
+    IV,
+    MOST_PARTS,
+    SLACK,
+    TWO_PI,
+    UNIT,
+    ZERO,
+    Interval,
+    Piece,
+    Refused,
+    exact,
+    positive,
+    require,
+    turned,
+)
+
+RADIUS, FASTER = IV.mpf(10) ** -16, 1000  # of the box in times and parameters; of velocities, so many times that
+FREE = ("delta", "epsilon")
+P11, P111, GRAZE = ([1], None), ([1, -1], None), ([1, -1], 1)
+#: Walls and grazing impact of a name; other names are for any motion.
+NAMES = {
+    ("SN", "SN1"): P11, ("PD", "PDC"): P11, ("SN", "SN2"): P111, ("PD", "PD1"): P111, ("PD", "PD2"): P111,
+    **{("GR", name): GRAZE for name in ("G1", "G2", "COD20", "COD21", "COD22", "COD23")},
+}  # fmt: skip
+
+
+class Jet:
+    """An interval, and its derivatives by all unknowns."""
+
+    def __init__(self, value: Interval, slopes: Sequence[Interval] = ()) -> None:
+        self.value, self.slopes = value, slopes
+
+    def chained(self, value: Interval, slope: Interval) -> "Jet":
+        return Jet(value, [slope * each for each in self.slopes])
+
+    def combined(self, other: Any, value: Interval, by: Interval, by_other: Interval) -> "Jet":
+        own, others = self.slopes or [ZERO] * len(other.slopes), other.slopes or [ZERO] * len(self.slopes)
+        return Jet(value, [by * a + by_other * b for a, b in zip(own, others, strict=True)])
+
+    def __add__(self, other: Any) -> "Jet":
+        other = jet(other)
+        return self.combined(other, self.value + other.value, ZERO + 1, ZERO + 1)
+
+    def __mul__(self, other: Any) -> "Jet":
+        other = jet(other)
+        return self.combined(other, self.value * other.value, other.value, self.value)
+
+    def __neg__(self) -> "Jet":
+        return self.chained(-self.value, ZERO - 1)
+
+    def __sub__(self, other: Any) -> "Jet":
+        return self + -jet(other)
+
+    def __truediv__(self, other: "Jet") -> "Jet":
+        return self * other.chained(1 / other.value, -1 / other.value**2)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def exp(self) -> "Jet":
+        value = IV.exp(self.value) * (1 + SLACK)
+        return self.chained(value, value)
+
+    def turned(self) -> "tuple[Jet, Jet]":
+        """Sine and cosine of 2π times it."""
+        sine, cosine = turned(self.value)
+        return self.chained(sine, TWO_PI * cosine), self.chained(cosine, -TWO_PI * sine)
+
+
+def jet(x: Any) -> Jet:
+    return x if isinstance(x, Jet) else Jet(ZERO + x)
+
+
+class Bifurcation:
+    """What a certificate says."""
+
+    def __init__(self, document: Any) -> None:
+        require(document["model"] == "impacting", "it is of another model")
+        self.walls, self.m, self.kind, self.impact = (document[key] for key in ("walls", "m", "kind", "impact"))
+        self.n, self.name = len(self.walls), document["name"]
+        whole = [self.m, *self.walls] + ([] if self.impact is None else [self.impact])
+        require(all(type(x) is int for x in whole) and self.m > 0 and {*self.walls} <= {1, -1}, "its walls")
+        require(self.kind in ("SN", "PD", "GR") and (self.impact is None) == (self.kind != "GR"), "its kind")
+        require(self.impact is None or 0 <= self.impact < self.n > 1, "the number of its grazing impact")
+        if self.name != self.kind:
+            meant = NAMES.get((self.kind, self.name))
+            require(meant == (self.walls, self.impact) and self.m == 1, f"its name, {self.name}")
+        self.point = self.name if self.name[:3] == "COD" else None
+        known, solved = document["known"], document["solved"]
+        require({*known, *solved} == {"beta", *FREE} and "beta" in known, "its parameters")
+        require(len(known) + len(solved) == 3 and len(solved) == (2 if self.point else 1), "how many it solves for")
+        self.known = {name: exact(value) for name, value in known.items()}
+        self.free = [name for name in FREE if name in solved]
+        self.ends = [[exact(end) for end in solved[name]] for name in self.free]
+        self.times, self.radius = [exact(t) for t in document["times"]], exact(document["radius"])
+        require(len(self.times) == self.n and positive(*self.known.values()), "its times, or a parameter, are wrong")
+
+    def parameters(self, at: Sequence[Any]) -> list[Any]:
+        """δ and ε at unknowns x."""
+        free = iter(at[2 * self.n :])
+        return [self.known[name] if name in self.known else next(free) for name in FREE]
+
+    def centre(self) -> list[Interval]:
+        """About the motion: of each flight between two times the velocity at its begin, then parameters."""
+        free = [(low + high) / 2 for low, high in self.ends]
+        delta, epsilon = self.parameters([ZERO] * (2 * self.n) + free)
+        found = []
+        for i, t in enumerate(self.times):
+            j = (i + 1) % self.n
+            u, (sine, cosine) = self.times[j] + (0 if j else self.m) - t, turned(t)
+            lacks = (self.walls[j] - self.walls[i]) * self.known["beta"] - 2 * TWO_PI * u
+            lacks -= epsilon * (turned(self.times[j])[1] - cosine)
+            w = 2 * TWO_PI - TWO_PI * epsilon * sine + lacks * delta / (1 - IV.exp(-delta * u))
+            found += [t, w if i != self.impact else ZERO]
+        return [IV.mpf(x.mid) for x in found + free]
+
+    def equations(self, x: Sequence[Interval]) -> tuple[list[Interval], list[list[Interval]]]:
+        """Their values, all 0 at the point, and their derivatives."""
+        unit = [[ZERO + (i == j) for j in range(len(x))] for i in range(len(x))]
+        at = [Jet(value, slopes) for value, slopes in zip(x, unit, strict=True)]
+        delta, epsilon = (jet(each) for each in self.parameters(at))
+        values, pieces, turn = [], [], jet(TWO_PI)
+        for i in range(self.n):
+            j = (i + 1) % self.n
+            t, w, t1, w1 = at[2 * i], at[2 * i + 1], at[2 * j] + (0 if j else self.m), at[2 * j + 1]
+            (sine, cosine), (sine1, cosine1) = t.turned(), t1.turned()
+            kept = (-(delta * (t1 - t))).exp()
+            reach, pushed = (jet(1) - kept) / delta, w - 2 * turn + turn * epsilon * sine
+            y = reach * pushed + 2 * turn * (t1 - t) + epsilon * (cosine1 - cosine)
+            v = kept * pushed + 2 * turn - turn * epsilon * sine1
+            values += [y - (self.walls[j] - self.walls[i]) * self.known["beta"], -v - w1]
+            force = turn * (2 * delta - epsilon * (turn * cosine1 + delta * sine1))
+            pieces.append((reach, kept, None if j == self.impact else -2 * force, w1))
+        if self.impact is not None:
+            values.append(at[2 * self.impact + 1])
+        if self.kind != "GR" or self.point:
+            values.append(self.condition(pieces, delta))
+        return [each.value for each in values], [each.slopes for each in values]
+
+    def condition(self, pieces: Sequence[Any], delta: Jet) -> Jet:
+        """What vanishes besides: of the tangent map of (Φ, Φ') from the graze, or the first impact, on."""
+        a, b, c, d, speeds = jet(1), jet(0), jet(0), jet(1), jet(1)
+        first = self.impact or 0
+        for i in range(self.n):
+            reach, kept, push, w = pieces[(first + i) % self.n]
+            a, b, c, d = a + reach * c, b + reach * d, kept * c, kept * d
+            if push is not None:  # times w: [[-1, 0], [push/w, -1]], which a small speed makes large
+                a, b, c, d = -a * w, -b * w, push * a - c * w, push * b - d * w
+                speeds = speeds * w
+        trace, half = a + d, (delta * (-self.m / IV.mpf(2))).exp()
+        at_one, at_minus_one = speeds * (half * half + 1), -speeds * (half * half + 1)
+        conditions = {
+            "SN": trace - at_one, "PD": trace - at_minus_one,
+            "COD20": trace - at_minus_one, "COD21": trace - speeds * half * 2, "COD22": trace - at_one, "COD23": b,
+        }  # fmt: skip
+        return conditions[self.point or self.kind]
+
+    def enclosed(self) -> list[Interval]:
+        """Intervals that hold the point of the box, by Krawczyk's operator."""
+        x = self.centre()
+        size = len(x)
+        radii = [RADIUS * (FASTER if i < 2 * self.n and i % 2 else 1) for i in range(size)]
+        spread = [radius * UNIT for radius in radii]
+        values, rows = self.equations(x)
+        require(len(values) == size, "it has other unknowns than equations")
+        about = (fp.matrix([[each.mid for each in row] for row in rows]) ** -1).tolist()
+        for _ in range(6):  # once proves it, and again gives less each time
+            _, rows = self.equations([a + b for a, b in zip(x, spread, strict=True)])
+            moved = []
+            for i, line in enumerate(about):
+                less = [sum((line[k] * rows[k][j] for k in range(size)), ZERO - (i == j)) for j in range(size)]
+                moved.append(-sum(a * b + c * d for a, b, c, d in zip(line, values, less, spread, strict=True)))
+            inside = (positive(radius - dx, radius + dx) for radius, dx in zip(radii, moved, strict=True))
+            require(all(inside), "its box is not mapped into itself")
+            spread = moved
+        return [a + b for a, b in zip(x, spread, strict=True)]
+
+    def require_happens(self, x: Sequence[Interval]) -> None:
+        """Each piece begins and ends at its walls, with speed 0 at the graze alone, and meets none on its way."""
+        delta, epsilon = self.parameters(x)
+        motion: Any = SimpleNamespace(
+            walls=self.walls, m=self.m, k=[ZERO], delta=delta, epsilon=epsilon, beta=self.known["beta"]
+        )
+        for i in range(self.n):
+            piece, j = Piece(motion, i, x), (i + 1) % self.n
+            require(positive(piece.duration), f"piece {i + 1} takes no time")
+            require(i == self.impact or positive(-piece.wall * piece.w), f"piece {i + 1} begins behind its wall")
+            grazes = i == self.impact, j == self.impact
+            require(stays(piece, *grazes), f"piece {i + 1} may meet a wall on its way")
+
+    def require_least_period(self, x: Sequence[Interval]) -> None:
+        """No part of the m forcing periods is a period."""
+        made = [i for i in range(self.n) if i != self.impact]
+        walls, times = [self.walls[i] for i in made], [x[2 * i] for i in made]
+        times += [t + self.m for t in times]
+        for parts in range(2, len(walls) + 1):
+            shift = len(walls) // parts
+            if self.m % parts == len(walls) % parts == 0 and [*walls[shift:], *walls[:shift]] == walls:
+                gaps = [b - a - self.m // parts for a, b in zip(times, times[shift:], strict=False)]
+                require(any(positive(gap) or positive(-gap) for gap in gaps), f"it may repeat {parts} times")
+
+
+def stays(piece: Piece, begins_grazing: bool, ends_grazing: bool) -> bool:
+    """Whether a piece is clear of the walls between its ends, the speed at one of which may be 0.
+
+    There Φ' = 0, and Φ'' has the sign of the way out: so Φ' has one sign around, and Φ is clear beside the graze.
+    """
+    if not (begins_grazing or ends_grazing):
+        return piece.stays()
+    wall = piece.wall if begins_grazing else piece.target
+    part = piece.duration.b
+    for _ in range(MOST_PARTS):
+        part = part / 2
+        u = IV.mpf([0, part.b]) if begins_grazing else IV.mpf([(piece.duration - part).a, piece.duration.b])
+        if positive(-wall * (piece.force(u) - piece.delta * piece.after(u)[1])):
+            break
+    else:
+        return False
+    low, high = (part.a, piece.duration.b) if begins_grazing else (ZERO, (piece.duration - part).b)
+    ends = [IV.mpf(low), IV.mpf(high)]
+    beside = piece.after(ends[0] if begins_grazing else ends[1])[0]
+    return clear(piece, beside) and lasts(piece, *ends)
+
+
+def clear(piece: Piece, y: Interval) -> bool:
+    return positive((1 - piece.wall) * piece.beta - y, (1 + piece.wall) * piece.beta + y)
+
+
+def lasts(piece: Piece, low: Interval, high: Interval) -> bool:
+    """Whether a piece is clear between two times, at which it is, or is on its wall."""
+    parts = [(low.a, high.b)]
+    for _ in range(MOST_PARTS):
+        low, high = parts.pop()
+        part, middle = IV.mpf([low, high]), (low + high).mid / 2
+        slope = piece.after(part)[1]
+        if not (positive(slope) or positive(-slope)):
+            y = piece.after(middle)[0]
+            if not clear(piece, y):
+                return False
+            if not clear(piece, y + slope * (part - middle)):
+                parts += [(low, middle), (middle, high)]
+        if not parts:
+            return True
+    return False
+
+
+def check(text: str) -> str:
+    """Prove what a certificate claims, and return that in words. Raises Refused."""
+    try:
+        document = json.loads(text)
+        require(document["format"] == 1 and document["theorem"] == "bifurcation", "its format is not known")
+        claim = Bifurcation(document)
+        x = claim.enclosed()
+        for value, (low, high) in zip(x[2 * claim.n :], claim.ends, strict=True):
+            require(positive(value - low, high - value), "a parameter is not proved to be between its ends")
+        for value, time in zip(x[: 2 * claim.n : 2], claim.times, strict=True):
+            require(positive(claim.radius - (value - time), claim.radius + (value - time)), "a time is farther away")
+        require(positive(*claim.parameters(x)), "a parameter is not positive")
+        claim.require_happens(x)
+        claim.require_least_period(x)
+        side = {"G1": 1, "G2": -1}.get(claim.name, 0)
+        require(side == 0 or positive(side * turned(x[0])[1]), "it is a graze of the other motion")
+        where = ", ".join(f"{name} = {value}" for name, value in document["known"].items())
+        return f"{claim.name} of {document['walls']}, at {where}: {', '.join(claim.free)} to {max_width(claim):.0e}"
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
+        raise Refused(f"it cannot be read: {error}") from error
+
+
+def max_width(claim: Bifurcation) -> float:
+    return max(float((high - low).b) for low, high in claim.ends)

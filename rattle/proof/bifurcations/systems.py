@@ -1,0 +1,191 @@
+"""Extended systems in balls: a periodic motion, and what makes it bifurcate, as equations with regular zeros.
+
+Unknown are the times (n,) of its impacts, δ, ε or both, and of a saddle-node or a flip a vector φ (n,):
+
+    R = 0, J(μ) φ = 0, ⟨l, φ⟩ = 1    with μ = 1, −1
+    R = 0, w₁ = 0                    the velocity with which the impact that grazes is reached
+
+(G. Moore and A. Spence, SIAM J. Numer. Anal. 17 (1980) 567–576). R and J are those of
+`rattle.impacting.orbits.equations`. A point of codimension two is a graze with one condition more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from rattle.continuation.conditions import MULTIPLIER, Kind
+from rattle.errors import NotProvedError
+from rattle.proof.balls import PI, arb, arb_mat, arb_series
+from rattle.proof.codimension_two import CONDITIONS
+from rattle.proof.flights import UP, Flight, Plane, extrema, require_first
+from rattle.proof.impacting import Impacting
+
+Series = arb_series
+FREE = ("delta", "epsilon")
+
+
+class Between(NamedTuple):
+    """The velocities at both ends of a flight between two times, and their derivatives, as series."""
+
+    w0: Series
+    w1: Series
+    w0_t0: Series
+    w0_t1: Series
+    w1_t0: Series
+    w1_t1: Series
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What does not change along a curve: the walls (n,) of a motion in m forcing periods, what happens to it, the
+    number of the impact that grazes, and the name of a point of codimension two.
+    """
+
+    walls: tuple[int, ...]
+    m: int
+    kind: Kind
+    impact: int | None = None
+    point: str | None = None
+
+    @property
+    def n(self) -> int:
+        """Impacts per period."""
+        return len(self.walls)
+
+
+@dataclass(frozen=True)
+class System:
+    """The equations of a motion at a half-backlash; known: δ or ε where it is given; side: l (n,)."""
+
+    motion: Motion
+    beta: arb
+    known: dict[str, arb]
+    side: Sequence[float] = ()
+
+    def __call__(self, at: Sequence[arb]) -> Evaluated:
+        """The equations at unknowns (N,): times, what is not known of δ and ε, φ."""
+        return Evaluated(self, at)
+
+    def parameters(self, at: Sequence[Any]) -> tuple[Any, Any]:
+        """δ and ε, balls or series as the unknowns are; what is known is a ball."""
+        free = iter(at[self.motion.n :])
+        delta, epsilon = (self.known[name] if name in self.known else next(free) for name in FREE)
+        return delta, epsilon
+
+    def plane(self, at: Sequence[arb]) -> Plane:
+        """The point of the plane."""
+        return Plane(*self.parameters(at), self.beta)
+
+
+@dataclass(frozen=True)
+class Evaluated:
+    """A system somewhere."""
+
+    system: System
+    at: Sequence[arb]
+
+    @property
+    def residual(self) -> list[arb]:
+        """R (N,)."""
+        return [each[0] for each in self._values([arb_series([x]) for x in self.at])]
+
+    @cached_property
+    def jacobian(self) -> arb_mat:
+        """∂R/∂x (N, N), each column by a series of first order."""
+        columns = []
+        for k in range(len(self.at)):
+            moved = [arb_series([x, 1] if j == k else [x]) for j, x in enumerate(self.at)]
+            columns.append([each[1] for each in self._values(moved)])
+        return arb_mat(columns).transpose()
+
+    def _values(self, at: list[Series]) -> list[Series]:
+        motion, (delta, epsilon) = self.system.motion, self.system.parameters(at)
+        n, times = motion.n, at[: motion.n]
+        zero = arb_series([0])
+        flights = [
+            between(
+                delta + zero, epsilon + zero, times[i], times[i + 1] if i + 1 < n else times[0] + motion.m,
+                self.system.beta * (motion.walls[(i + 1) % n] - motion.walls[i]),
+            )
+            for i in range(n)
+        ]  # fmt: skip
+        values = [each.w0 + flights[i - 1].w1 for i, each in enumerate(flights)]
+        if motion.impact is not None:
+            values.append(flights[motion.impact - 1].w1)
+        if motion.point is not None:
+            values.append(_condition(motion.point, delta, epsilon, times))
+        if motion.kind is not Kind.GRAZING:
+            phi, turn = at[-n:], int(MULTIPLIER[motion.kind])
+            values += [_row(flights, phi, i, turn) for i in range(n)]
+            values.append(sum((x * side for x, side in zip(phi, self.system.side, strict=True)), zero) - 1)
+        return values
+
+
+def _row(flights: Sequence[Between], phi: Sequence[Series], i: int, turn: int) -> Series:
+    """Row i of J(μ) φ, where φ is μ times as large a period later, μ = ±1."""
+    n, here, before = len(flights), flights[i], flights[i - 1]
+    after = phi[(i + 1) % n] * (turn if i + 1 == n else 1)
+    earlier = phi[i - 1] * (turn if i == 0 else 1)
+    return (here.w0_t0 + before.w1_t1) * phi[i] + here.w0_t1 * after + before.w1_t0 * earlier
+
+
+def _condition(point: str, delta: Series, epsilon: Series, times: Sequence[Series]) -> Series:
+    """What vanishes at a point of codimension two, where C grazes."""
+    x = epsilon * (2 * PI() * times[0]).cos()
+    return CONDITIONS[point](delta, x, times[1] - times[0], (-delta).exp())
+
+
+def between(delta: Series, epsilon: Series, t0: Series, t1: Series, distance: arb) -> Between:
+    """The flight between two times (`rattle.proof.flights.flight`), in series."""
+    two_pi = 2 * PI()
+    swing, forcing = two_pi * epsilon, two_pi * two_pi * epsilon
+    (sin0, cos0), (sin1, cos1) = (((two_pi * t).sin(), (two_pi * t).cos()) for t in (t0, t1))
+    decay = (-delta * (t1 - t0)).exp()
+    pull = delta / (1 - decay)
+    rest = (2 * two_pi * (t1 - t0) + epsilon * (cos1 - cos0) - distance) * pull
+    w0, w1 = 2 * two_pi - swing * sin0 - rest, 2 * two_pi - swing * sin1 - rest * decay
+    return Between(
+        w0,
+        w1,
+        w0_t0=w0 * pull + delta * rest - forcing * cos0,
+        w0_t1=-pull * w1,
+        w1_t0=decay * pull * w0,
+        w1_t1=(delta * rest - w1 * pull) * decay - forcing * cos1,
+    )
+
+
+def require_happens(system: System, zero: Sequence[arb]) -> None:
+    """Raise NotProvedError unless the motion meets its walls and no other, with speeds that are not 0 but at the graze:
+    there it touches the wall from inside.
+    """
+    motion, plane, times = system.motion, system.plane(zero), zero[: system.motion.n]
+    grazed = motion.impact
+    if grazed is None:
+        Impacting(plane, motion.walls, motion.m)(times).require_admissible()
+        return
+    walls = (*motion.walls[:grazed], *motion.walls[grazed + 1 :])
+    missed = Impacting(plane, walls, motion.m)([*times[:grazed], *times[grazed + 1 :]])
+    for i, each in enumerate(missed.flights):
+        target, name = walls[(i + 1) % len(walls)], f"the flight after impact {i + 1} that is made"
+        if i == (grazed - 1) % len(walls):
+            time = times[grazed] if grazed else times[0] + motion.m
+            require_touches(each, walls[i], target, motion.walls[grazed], time, name)
+        else:
+            require_first(each, walls[i], target, name)
+
+
+def require_touches(each: Flight, wall: int, target: int, touched: int, time: arb, name: str) -> None:
+    """Raise NotProvedError unless a flight that has speed 0 on the wall `touched` at `time` meets none before its end.
+
+    It turns at that time if g pushes it off: so that is one of its extrema, and all others must be clear of the walls.
+    """
+    push = each.plane.force(*(2 * time).sin_cos_pi())
+    if not (-touched * push > 0 and each.t0 < time < each.t1 and -wall * each.w0 > 0 and target * each.w1 > 0):
+        raise NotProvedError(f"{name} would come from behind a wall, or not turn where it grazes")
+    above, below = each.plane.beta * (1 - wall), -each.plane.beta * (1 + wall)
+    close = [turn for turn, height in extrema(each, name) if not (height > below if turn == UP else height < above)]
+    if close != [-touched]:
+        raise NotProvedError(f"{name} may touch a wall besides where it grazes")

@@ -1,0 +1,244 @@
+"""Check certificates of horseshoes, trusting nobody: mpmath's intervals, and none of the finder's code.
+
+Of this project it needs `rattle/proof/check.py` besides, of which it takes intervals. A set is (t, v) = centre + ξ
+unstable + η stable with |ξ|, |η| ≤ 1, v being the speed after an impact on Σ⁺ at time t; docs/proofs.md has the lemmas.
+"""
+
+import json
+import math
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+from rattle.proof.check import IV, SLACK, TWO_PI, UNIT, ZERO, Interval, Refused, exact, positive, require, turned
+
+MOST_PARTS, MOST_TIMES, MOST_SETS, MOST_LOOPS, MOST_LENGTH = 4000, 300, 2000, 200, 100
+Vector = tuple[Interval, Interval]
+Part = tuple[float, float, float, float]  # ξ, η of its middle, half its sides
+WHOLE, EDGES = (0.0, 0.0, 1.0, 1.0), ((-1.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 1.0))
+
+
+class Bundle:
+    """Flights from a wall at times and with velocities middle + [−1, 1] first + [−1, 1] second."""
+
+    def __init__(self, plane: "Claim", wall: int, middle: Vector, sides: tuple[Vector, Vector]) -> None:
+        self.plane, self.wall, self.middle, self.sides = plane, wall, middle, sides
+        self.hull = tuple(x + UNIT * (abs(a) + abs(b)) for x, a, b in zip(middle, *sides, strict=True))
+
+    def flown(self, start: Vector, t: Interval) -> Vector:
+        """Φ(t) less the wall, and Φ'(t)."""
+        (sine, cosine), (sine1, cosine1), d, e = turned(start[0]), turned(t), self.plane.delta, self.plane.epsilon
+        kept, pushed = self.kept(start, t), start[1] - 2 * TWO_PI + TWO_PI * e * sine
+        y = 2 * TWO_PI * (t - start[0]) + e * (cosine1 - cosine) + (1 - kept) / d * pushed
+        return y, 2 * TWO_PI - TWO_PI * e * sine1 + kept * pushed
+
+    def kept(self, start: Vector, t: Interval) -> Interval:
+        return IV.exp(-self.plane.delta * (t - start[0])) * (1 + SLACK)
+
+    def derivatives(self, t: Interval) -> tuple[Vector, Vector]:
+        """Of Φ(t) and Φ'(t) on all flights, by both sides: those of the flow are −(w + S w'), S and −C w', C."""
+        c = self.kept((self.hull[0], self.hull[1]), t)
+        s = (1 - c) / self.plane.delta
+        y, v = (-self.hull[1] - s * self.push, s), (-c * self.push, c)
+        heights, speeds = ([by[0] * side[0] + by[1] * side[1] for side in self.sides] for by in (y, v))
+        return (heights[0], heights[1]), (speeds[0], speeds[1])
+
+    @cached_property
+    def push(self) -> Interval:
+        """Φ'' at the departure, of all flights."""
+        return self.plane.force(self.hull[0]) - self.plane.delta * self.hull[1]
+
+    def at(self, t: Interval) -> Vector:
+        """Φ(t) less the wall and Φ'(t) of all flights, by the mean value theorem."""
+        (y, v), (heights, speeds) = self.flown(self.middle, t), self.derivatives(t)
+        return y + UNIT * (abs(heights[0]) + abs(heights[1])), v + UNIT * (abs(speeds[0]) + abs(speeds[1]))
+
+    def landed(self, target: int) -> tuple[Vector, tuple[Vector, Vector]]:
+        """Time and velocity after the impact of the middle flight, and what becomes of the sides. Raises Refused."""
+        end = (target - self.wall) * self.plane.beta
+        time = self.guessed(target)
+        for _ in range(5):
+            y, v = self.flown(self.middle, time)
+            time = IV.mpf((time - (y - end) / v).mid)
+        late = self.newton(self.flown(self.middle, time)[0] - end, time, IV.mpf(10) ** -30, middle=True)
+        landing = time + late
+        late = self.newton(self.at(landing)[0] - end, time, IV.mpf(10) ** -20, middle=False)
+        arrival = time + late
+        speed = self.at(arrival)[1]
+        require(positive(-self.wall * self.hull[1], target * speed), "a flight may come from behind a wall, or graze")
+        require(self.is_clear(arrival), "a flight may meet another wall")
+        heights, speeds = self.derivatives(arrival)
+        pull = self.plane.force(arrival) - self.plane.delta * speed
+        moved = [(-h / speed, -(v - pull * h / speed)) for h, v in zip(heights, speeds, strict=True)]
+        return (landing, -self.flown(self.middle, landing)[1]), (moved[0], moved[1])
+
+    def newton(self, missed: Interval, time: Interval, room: Interval, middle: bool) -> Interval:
+        """How late flights are that lack so much of the wall at a time: one root each, by Newton's interval method."""
+        for _ in range(8):
+            around = time + room * UNIT
+            speed = self.flown(self.middle, around)[1] if middle else self.at(around)[1]
+            require(positive(speed) or positive(-speed), "a flight may graze")
+            late = -missed / speed
+            if positive(room - late, room + late):
+                return late
+            room = IV.mpf(1.3) * max(room, IV.mpf(abs(late).b))
+        raise Refused("the time of an impact is not enclosed")
+
+    def guessed(self, target: int) -> Interval:
+        """About when the middle flight meets the wall, in doubles."""
+        t0, w, d, e, b = (float(x.mid) for x in (*self.middle, self.plane.delta, self.plane.epsilon, self.plane.beta))
+        turn, end = 2 * math.pi, (target - self.wall) * b
+        pushed = w - 2 * turn + turn * e * math.sin(turn * t0)
+
+        def height(t: float) -> float:
+            gone = e * (math.cos(turn * t) - math.cos(turn * t0)) - math.expm1(-d * (t - t0)) / d * pushed
+            return 2 * turn * (t - t0) + gone - end
+
+        low, step = t0 + 1e-6, 2e-3
+        for _ in range(4000):
+            if height(low) * height(low + step) <= 0:
+                high = low + step
+                for _ in range(60):
+                    middle = (low + high) / 2
+                    low, high = (low, middle) if height(low) * height(middle) <= 0 else (middle, high)
+                return IV.mpf(low)
+            low += step
+        raise Refused("a flight does not end")
+
+    def is_clear(self, arrival: Interval) -> bool:
+        """Whether all flights are clear of the walls on their way: at all times Φ' has one sign, or Φ is clear."""
+        parts = [(IV.mpf(self.hull[0].a), IV.mpf(arrival.b))]
+        above, below = (1 - self.wall) * self.plane.beta, (1 + self.wall) * self.plane.beta
+        for _ in range(MOST_TIMES):
+            low, high = parts.pop()
+            part, middle = IV.mpf([low.a, high.b]), IV.mpf(((low + high) / 2).mid)
+            slope = self.at(part)[1]
+            if not (positive(slope) or positive(-slope)):
+                y = self.at(middle)[0] + slope * (part - middle)
+                if not positive(above - y, below + y):
+                    parts += [(low, middle), (middle, high)]
+            if not parts:
+                return True
+        return False
+
+
+class Claim:
+    """What a certificate says."""
+
+    def __init__(self, document: Any) -> None:
+        require(document["model"] == "impacting", "it is of another model")
+        require({*document["parameters"]} == {"delta", "epsilon", "beta"}, "its parameters")
+        self.delta, self.epsilon, self.beta = (exact(document["parameters"][n]) for n in ("delta", "epsilon", "beta"))
+        require(positive(self.delta, self.epsilon, self.beta), "a parameter is not positive")
+        require(0 < len(document["sets"]) <= MOST_SETS, "the number of its sets")
+        self.sets = [[exact(number) for number in each] for each in document["sets"]]
+        self.numbers = [[Fraction(number) for number in each] for each in document["sets"]]
+        require(all(len(each) == 6 for each in self.sets), "a set that is not six numbers")
+        self.loops = [(each["sets"], each["sigma_minus"], each["periods"]) for each in document["loops"]]
+        require(1 < len(self.loops) <= MOST_LOOPS, "the number of its loops")
+        for sets, words, periods in self.loops:
+            whole = all(type(x) is int and x >= 0 for x in [*sets, *words]) and all(type(x) is int for x in periods)
+            fits = len(words) == len(periods) == len(sets) + 1 <= MOST_LENGTH and all(x < len(self.sets) for x in sets)
+            require(whole and fits and max(words) <= MOST_LENGTH and sum(periods) > 0, "a loop")
+
+    def force(self, t: Interval) -> Interval:
+        """g(t) = 4πδ − 4π²ε cos 2πt − 2πδε sin 2πt."""
+        sine, cosine = turned(t)
+        return TWO_PI * (2 * self.delta - self.epsilon * (TWO_PI * cosine + self.delta * sine))
+
+    def image(self, source: int, part: Part, word: int) -> tuple[Vector, tuple[Vector, Vector]]:
+        """Where Π takes the middle of a part of a set, and sides of a parallelogram about it that holds the rest."""
+        (t, v, *along), (xi, eta, width, height) = self.sets[source], part
+        middle = t + xi * along[0] + eta * along[2], -(v + xi * along[1] + eta * along[3])
+        sides = (width * along[0], -width * along[1]), (height * along[2], -height * along[3])
+        wall = 1
+        for target in (*[-1] * word, 1):
+            middle, sides = Bundle(self, wall, middle, sides).landed(target)
+            wall = target
+        return (middle[0], -middle[1]), (
+            (sides[0][0], -sides[0][1]), (sides[1][0], -sides[1][1]),
+        )  # fmt: skip
+
+    def seen(self, target: int, periods: int, found: tuple[Vector, tuple[Vector, Vector]]) -> tuple[Vector, list[Any]]:
+        """ξ and η of an image in another set's coordinates, and what either side of it adds."""
+        (t, v, a, c, b, d), (middle, sides) = self.sets[target], found
+        size = a * d - b * c
+        require(positive(size) or positive(-size), "a set has no area")
+        away = middle[0] - t - periods, middle[1] - v
+        start, *added = (((d * x - b * y) / size, (a * y - c * x) / size) for x, y in (away, *sides))
+        xi, eta = (start[i] + UNIT * (abs(added[0][i]) + abs(added[1][i])) for i in range(2))
+        return (xi, eta), [max(float(abs(x).b) for x in each) for each in added]
+
+    def require_covers(self, source: int, target: int, word: int, periods: int) -> None:
+        """The edges ξ = ±1 go beyond those of the target, one to either side, and nothing to where |ξ| ≤ 1 ≤ |η|."""
+        went = [self.settled(source, target, word, periods, edge, inside=False) for edge in EDGES]
+        require(went in ([{-1}, {1}], [{1}, {-1}]), f"the edges of set {source} do not go to both sides of {target}")
+        self.settled(source, target, word, periods, WHOLE, inside=True)
+
+    def settled(self, source: int, target: int, word: int, periods: int, part: Part, inside: bool) -> set[int]:
+        """To which sides of the target parts go, 0 for between."""
+        parts, sides = [part], set()
+        for _ in range(MOST_PARTS):
+            here, added = parts.pop(), [1.0, 1.0]
+            try:
+                (xi, eta), added = self.seen(target, periods, self.image(source, here, word))
+                if positive(xi - 1) or positive(-1 - xi):
+                    sides.add(1 if positive(xi) else -1)
+                elif inside and positive(1 - eta, 1 + eta):
+                    sides.add(0)
+                else:
+                    parts += halves(here, added)
+            except Refused:
+                parts += halves(here, added)
+            if not parts:
+                return sides
+        raise Refused(f"set {source} is not proved to cover set {target}")
+
+    def require_apart(self, one: int, other: int) -> None:
+        """The sets are disjoint, whole periods apart too: a line along a side separates them."""
+        for periods in (-2, -1, 0, 1, 2):
+            a, b = self.corners(one, 0), self.corners(other, periods)
+            normals = [(c[i][1] - c[0][1], c[0][0] - c[i][0]) for c in (a, b) for i in (1, 2)]
+            along = [[[x * t + y * v for t, v in c] for c in (a, b)] for x, y in normals]
+            ok = any(max(p) < min(q) or max(q) < min(p) for p, q in along)
+            require(ok, f"sets {one} and {other} may meet")
+
+    def corners(self, number: int, periods: int) -> list[tuple[Fraction, Fraction]]:
+        t, v, *along = self.numbers[number]
+        require(abs(t) + abs(along[0]) + abs(along[2]) < 1.5, f"set {number} is not near the first period")
+        signs = [(x, y) for x in (-1, 1) for y in (-1, 1)]
+        return [(t + periods + x * along[0] + y * along[2], v + x * along[1] + y * along[3]) for x, y in signs]
+
+
+def halves(part: Part, added: list[float]) -> list[Part]:
+    xi, eta, width, height = part
+    require(max(width, height) > 2.0**-14, "a set is not stretched across the next")
+    if width and (not height or (added[0], width) >= (added[1], height)):
+        return [(xi + side * width / 2, eta, width / 2, height) for side in (-1, 1)]
+    return [(xi, eta + side * height / 2, width, height / 2) for side in (-1, 1)]
+
+
+def check(text: str) -> str:
+    """Prove what a certificate claims, and return that in words. Raises Refused."""
+    try:
+        document = json.loads(text)
+        require(document["format"] == 1 and document["theorem"] == "horseshoe", "its format is not known")
+        claim = Claim(document)
+        heads = [(*sets, 0)[0] for sets, _, _ in claim.loops]
+        for i, one in enumerate(heads):
+            for other in heads[:i]:
+                claim.require_apart(one, other)
+        for name, number in (("impact", 1), ("period", 2)):
+            h = exact(document[f"entropy_per_{name}"])
+            lengths = [len(loop[1]) if number == 1 else sum(loop[2]) for loop in claim.loops]
+            total = sum((IV.exp(-h * length) * (1 + SLACK) for length in lengths), ZERO)
+            require(positive(h, total - 1), f"the entropy for each {name}")
+        for sets, words, periods in claim.loops:
+            chain = [0, *sets, 0]
+            for source, target, word, later in zip(chain, chain[1:], words, periods, strict=False):
+                claim.require_covers(source, target, word, later)
+        where = ", ".join(f"{name} = {value}" for name, value in document["parameters"].items())
+        least = document["entropy_per_impact"], document["entropy_per_period"]
+        return f"a horseshoe of entropy {least[0]} an impact on Σ⁺, {least[1]} a forcing period, at least, at {where}"
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
+        raise Refused(f"it cannot be read: {error}") from error

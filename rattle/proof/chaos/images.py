@@ -1,0 +1,182 @@
+"""The impact map Π of a small set of departures from Σ⁺, in balls: t the time of an impact, v the speed after it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+from rattle.errors import NotProvedError
+from rattle.flight import first_impact, law
+from rattle.proof.balls import arb, arb_mat
+from rattle.proof.flights import Flight, Plane, require_first, sign
+
+GROWN = 1.25  # by which the guess of a ball of arrival times is widened, each time that it is refused
+MOST_GROWN = 6
+MOST_NEWTON = 3
+MOST_PARTS = 200  # of a flight
+NEAR = 1e-15  # what is left of the middle's time of arrival
+
+
+class Image(NamedTuple):
+    """Where the middle of a set goes, and the derivatives of Π on all of it by coordinates in [−1, 1]²."""
+
+    middle: tuple[arb, arb]
+    slope: arb_mat
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """The ends (time, velocity) of flights from a set of departures: of its middle, and their derivatives (2, 2)."""
+
+    time: arb
+    velocity: arb
+    slope: arb_mat
+
+
+def image(plane: Plane, centre: tuple[arb, arb], sides: arb_mat, walls: Sequence[int]) -> Image:
+    """Π of all (t, v) in centre + sides [−1, 1]², whose motions meet these walls between two impacts on Σ⁺, with the
+    derivatives by the coordinates in [−1, 1]².
+
+    Raises NotProvedError unless that is proved of all of them.
+    """
+    turn = arb_mat([[1, 0], [0, -1]])  # from speeds on Σ⁺ to velocities, and from velocities of arrival to those after
+    middle, sides, wall = (centre[0], -centre[1]), turn * sides, 1
+    for target in (*walls, 1):
+        here = arrival(plane, middle, sides, wall, target)
+        middle, sides, wall = (here.time, -here.velocity), turn * here.slope * sides, target
+    return Image((middle[0], -middle[1]), turn * sides)
+
+
+def arrival(plane: Plane, middle: tuple[arb, arb], sides: arb_mat, wall: int, target: int) -> Arrival:
+    """The flights from a wall at times and with velocities middle + sides [−1, 1]², which end first at `target`."""
+    distance, name = plane.beta * (target - wall), "a flight"
+    time = _time(plane, middle, wall, target)
+    bundle = Bundle(plane, middle, sides)
+    at_middle = bundle.until(time)
+    by_t0, by_w0 = _derivatives(at_middle, time)
+    guess = abs(spread(sides, by_t0[0], by_w0[0]) / at_middle.w1) + arb(1e-25)
+    missed = bundle.height(time) - distance
+    for _ in range(MOST_GROWN):
+        guess = guess.upper() * GROWN
+        late = arb(0, 1) * guess
+        speed = bundle.all_until(time + late).w1
+        if not (speed > 0 or speed < 0):
+            raise NotProvedError(f"{name} may graze")
+        moved = -missed / speed
+        if abs(moved) < guess:
+            break
+        guess = guess.max(abs(moved))
+    else:
+        raise NotProvedError(f"the time at which {name} ends is not enclosed")
+    here = bundle.all_until(time + moved)
+    bundle.require_clear(here, wall, target, name)
+    (height_t0, speed_t0), (height_w0, speed_w0) = _derivatives(here, here.t1)
+    pull = plane.force(*(2 * here.t1).sin_cos_pi()) - plane.delta * here.w1
+    late_t0, late_w0 = -height_t0 / here.w1, -height_w0 / here.w1
+    slope = arb_mat([[late_t0, late_w0], [speed_t0 + pull * late_t0, speed_w0 + pull * late_w0]])
+    return Arrival(time, at_middle.w1, slope)
+
+
+def spread(sides: arb_mat, by_t0: arb, by_w0: arb) -> arb:
+    """What by_t0 dt₀ + by_w0 dw₀ is at most for (dt₀, dw₀) in sides [−1, 1]²."""
+    return sum((abs(by_t0 * sides[0, j] + by_w0 * sides[1, j]) for j in range(2)), arb(0))
+
+
+@dataclass(frozen=True)
+class Bundle:
+    """Flights that leave a wall at times and with velocities middle + sides [−1, 1]²."""
+
+    plane: Plane
+    middle: tuple[arb, arb]
+    sides: arb_mat
+
+    @cached_property
+    def hull(self) -> tuple[arb, arb]:
+        """Balls that hold all of them."""
+        unit = arb(0, 1)
+        t0, w0 = (self.middle[i] + unit * sum((abs(self.sides[i, j]) for j in range(2)), arb(0)) for i in range(2))
+        return t0, w0
+
+    def until(self, t: arb) -> Flight:
+        """The middle one."""
+        return _flight(self.plane, *self.middle, t)
+
+    def all_until(self, t: arb) -> Flight:
+        """All of them."""
+        return _flight(self.plane, *self.hull, t)
+
+    def height(self, t: arb) -> arb:
+        """Φ(t) − Φ(t₀) of all of them, by the mean value theorem."""
+        return self._at(t, 0)
+
+    def speed(self, t: arb) -> arb:
+        """Φ'(t) likewise."""
+        return self._at(t, 1)
+
+    def _at(self, t: arb, which: int) -> arb:
+        by_t0, by_w0 = _derivatives(self.all_until(t), t)
+        return self.until(t).at(t)[which] + arb(0, 1) * spread(self.sides, by_t0[which], by_w0[which])
+
+    def require_clear(self, here: Flight, wall: int, target: int, name: str) -> None:
+        """Raise NotProvedError unless these flights meet no wall on their way, by their extrema or, where these are not
+        told apart, by bisection of the time: in each part Φ' has one sign, or Φ is clear of the walls all through it.
+        """
+        try:
+            require_first(here, wall, target, name)
+        except NotProvedError:
+            if sign(here.w0) != -wall or sign(here.w1) != target or not here.t1 > here.t0:
+                raise
+        else:
+            return
+        above, below = here.plane.beta * (1 - wall), -here.plane.beta * (1 + wall)
+        parts = [(here.t0.lower(), here.t1.upper())]
+        for _ in range(MOST_PARTS):
+            start, end = parts.pop()
+            part = start.union(end)
+            middle, slope = part.mid(), self.speed(part)
+            if not (slope > 0 or slope < 0):
+                height = self.height(middle) + slope * (part - middle)
+                if not (height < above and height > below):
+                    parts += [(start, middle), (middle, end)]
+            if not parts:
+                return
+        raise NotProvedError(f"{name} may meet a wall on its way")
+
+
+def _flight(plane: Plane, t0: arb, w0: arb, t1: arb) -> Flight:
+    """The flight with this begin until t1; not the one between two places, so its own derivatives are left out."""
+    (sin0, cos0), sin1 = (2 * t0).sin_cos_pi(), (2 * t1).sin_pi()
+    rest, decay, none = plane.drift - plane.swing * sin0 - w0, (-plane.delta * (t1 - t0)).exp(), arb.nan()
+    w1 = plane.drift - plane.swing * sin1 - rest * decay
+    return Flight(plane, t0, t1, rest, cos0, w0, w1, decay, none, none, none, none)
+
+
+def _derivatives(here: Flight, t: arb) -> tuple[tuple[arb, arb], tuple[arb, arb]]:
+    """Of Φ − Φ(t₀) and Φ' at a given time t, by t₀ and by w₀."""
+    plane, (sin0, _) = here.plane, (2 * here.t0).sin_cos_pi()
+    kept = (-plane.delta * (t - here.t0)).exp()
+    reach = (1 - kept) / plane.delta
+    push = plane.delta * here.w0 - plane.force(sin0, here.cos0)
+    return (reach * push - here.w0, kept * push), (reach, kept)
+
+
+def _time(plane: Plane, middle: tuple[arb, arb], wall: int, target: int) -> arb:
+    """When the flight of the middle ends, in a small ball."""
+    numbers = (float(each) for each in (*middle, plane.delta, plane.epsilon, plane.beta))
+    t0, w0, delta, epsilon, beta = numbers
+    status, length, met, _ = first_impact.first_impact(
+        wall, float(law.folded(t0)), w0, delta, epsilon, beta, law.DRIFT
+    )[:4]
+    if status != first_impact.OK or met != target:
+        raise NotProvedError("the middle of a set meets other walls")
+    time, distance = (middle[0] + arb(float(length))).mid(), plane.beta * (target - wall)
+    for _ in range(MOST_NEWTON):
+        height, speed = _flight(plane, *middle, time).at(time)
+        time = (time - (height - distance) / speed).mid()
+    late = arb(0, NEAR)
+    missed, speed = _flight(plane, *middle, time).at(time)[0] - distance, _flight(plane, *middle, time + late).w1
+    if not (speed > 0 or speed < 0) or not abs(missed / speed) < NEAR:
+        raise NotProvedError("the middle of a set may graze")
+    return time - missed / speed

@@ -1,0 +1,311 @@
+"""Where a horseshoe may be, in doubles: a parallelogram to which chaotic motions return, and along each return the
+parallelograms through which Π stretches it back across itself. What is found here is proved elsewhere, or refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from rattle.errors import NotProvedError
+from rattle.impacting.gear import Gear
+from rattle.impacting.map.iterate import iterate, iterate_tangent
+from rattle.numerics.complex_step import Array
+
+STATES, SETTLING, WATCHED = 1500, 400, 200  # motions that are tried, impacts before and in which they are looked at
+CHAOTIC = 0.02  # exponent per forcing period
+KEPT, STEPS, MIDDLE = 400, 72, 36  # motions, their impacts, and the impact at which places are looked for
+PLACES = 24
+SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # along the unstable direction
+SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)  # how much longer the other side is
+MOST_STEPS = 16  # of a loop
+TRIED, EACH, MOST_WORDS = 24, 3, 40  # places of which all is worked out; segments with one word; words
+ROOM = 1.2  # what a set reaches beyond the next, and how much higher the next is
+HIGHEST = 0.95
+UNEVEN, FLAT = 6.0, 0.9  # ratio of stretches in a hub; cosine of an angle in its image
+CORRECTED = 3  # times that the places are improved at which the edges of a set are reached
+SCHEDULED = 4  # times that loops are chosen, for the h of the last choice
+NEAR = 1e-7  # for differences
+GROWTH = 1.08 ** np.arange(-12, 40)
+
+
+class Box(NamedTuple):
+    """A parallelogram centre + ξ unstable + η stable, |ξ|, |η| ≤ 1: centre (2,), sides (2, 2) as columns."""
+
+    centre: Array
+    sides: Array
+
+
+class Loop(NamedTuple):
+    """The boxes between two visits to the first one, and how often Σ⁻ is met on the way from each to the next."""
+
+    boxes: tuple[Box, ...]
+    words: tuple[int, ...]
+    strip: tuple[float, float]  # of the first box, in ξ
+
+
+class Found(NamedTuple):
+    """A box and its loops."""
+
+    hub: Box
+    loops: tuple[Loop, ...]
+
+
+class Segment(NamedTuple):
+    """A motion from the hub back to it: states (L + 1, 2) and Σ⁻ impacts (L,) between."""
+
+    states: Array
+    words: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Map:
+    """Π at one point of the plane."""
+
+    gear: Gear
+
+    def __call__(self, x: Array) -> tuple[Array, NDArray[np.int64]]:
+        """States (…, 2) an impact on Σ⁺ later, and how often Σ⁻ was met; −1 where the motion rests or leaves."""
+        gear, bad = self.gear, ~(x[..., 1] > 0)
+        v = np.where(bad, 1.0, x[..., 1])
+        out = iterate(gear.delta, gear.epsilon, x[..., 0] % 1.0, v, 1, gear.beta)
+        return np.stack([out.tau, out.v], -1), np.where(bad | (out.n_plus < 1), -1, out.n_minus)
+
+    def tangent(self, x: Array) -> Array:
+        """DΠ (…, 2, 2), by differences."""
+        moves = NEAR * np.array([[1.0, 0.0], [0.0, 1.0]])
+        columns = [away(self(x + d)[0], self(x - d)[0]) / (2 * NEAR) for d in moves]
+        return np.stack(columns, -1)
+
+
+def away(x: Array, centre: Array) -> Array:
+    """x − centre (…, 2), times to within half a period."""
+    d = x - centre
+    d[..., 0] = (d[..., 0] + 0.5) % 1.0 - 0.5
+    return d
+
+
+def growth(lengths: Sequence[float]) -> float:
+    """The h for which Σ e^(−h length) = 1; 0 of fewer than two loops."""
+    if len(lengths) < 2:
+        return 0.0
+    times = np.asarray(lengths, float)
+    return float(brentq(lambda h: float(np.exp(-h * times).sum()) - 1.0, 0.0, np.log(len(times)) + 1.0))
+
+
+def search(gear: Gear) -> Iterator[Found]:
+    """Horseshoes that may be there, the most chaotic first. Raises NotProvedError: no motion seems chaotic."""
+    states, words = _chaotic(gear)
+    pi = Map(gear)
+    tangents = pi.tangent(states[:-1])
+    guesses: list[tuple[float, int, Box, list[Segment]]] = []
+    for place, unstable, stable in _places(gear, pi, states, tangents):
+        for size in SIZES:
+            for shape in SHAPES:
+                hub = Box(place, np.column_stack([unstable * size, stable * size * shape]))
+                if _is_flat(pi, hub):
+                    segments = list(_returns(hub, states, words))
+                    guesses.append(
+                        (growth([len(word) for word in {x.words for x in segments}]), len(guesses), hub, segments)
+                    )
+    guesses.sort(key=lambda x: (-x[0], x[1]))
+    found = [Found(hub, tuple(_loops(pi, hub, segments))) for _, _, hub, segments in guesses[:TRIED]]
+    yield from sorted(found, key=lambda x: -_growth_of(x.loops))
+
+
+def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
+    """Chaotic motions: states (STEPS + 1, k, 2) and Σ⁻ impacts (STEPS, k)."""
+    rng = np.random.default_rng(1)
+    speed = np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon
+    states = [np.column_stack([rng.uniform(0, 1, STATES), rng.uniform(0, 1.6 * speed, STATES)])]
+    for orbit in gear.orbits():
+        near = 10.0 ** rng.uniform(-5, -2, STATES // 4)[:, None] * rng.uniform(-1, 1, (STATES // 4, 2))
+        states.append(np.array([orbit.tau, orbit.v]) + near)
+    x = np.concatenate(states)
+    point = gear.delta, gear.epsilon
+    settled = iterate(*point, x[:, 0] % 1.0, np.abs(x[:, 1]) + 1e-9, SETTLING, gear.beta)
+    alive = settled.n_plus == SETTLING
+    x = np.column_stack([settled.tau, settled.v])[alive]
+    if len(x):
+        seen = iterate_tangent(*point, x[:, 0], x[:, 1], WATCHED, gear.beta)
+        x = x[(seen.n_plus == WATCHED) & (seen.time > WATCHED / 4) & (seen.lyapunov[0] > CHAOTIC)]
+    if not len(x):
+        raise NotProvedError("no motion that seems chaotic was found here")
+    path, words = [x[:KEPT]], []
+    for _ in range(STEPS):
+        after, word = Map(gear)(path[-1])
+        path.append(after)
+        words.append(word)
+    return np.array(path), np.array(words)
+
+
+def _places(gear: Gear, pi: Map, states: Array, tangents: Array) -> Iterator[tuple[Array, Array, Array]]:
+    """Where a hub may be, with unit vectors that lean as unstable and stable directions: saddles, and states."""
+    for orbit in gear.orbits():
+        x = np.array([orbit.tau, orbit.v])
+        values, vectors = np.linalg.eig(pi.tangent(x))
+        if np.isreal(values).all() and np.min(np.abs(values)) < 1 < np.max(np.abs(values)):
+            order = np.argsort(-np.abs(values))
+            yield x, np.real(vectors[:, order[0]]), np.real(vectors[:, order[1]])
+    for j in np.linspace(0, states.shape[1] - 1, PLACES).astype(int):
+        unstable, stable = np.array([1.0, 0.3]), np.array([0.3, 1.0])
+        for i in range(MIDDLE):
+            unstable = _unit(tangents[i, j] @ unstable)
+        for i in range(len(tangents) - 1, MIDDLE - 1, -1):
+            stable = _pulled(tangents[i, j], stable)
+        if abs(np.linalg.det(np.column_stack([unstable, stable]))) > 1e-3:
+            yield states[MIDDLE, j], unstable, stable
+
+
+def _unit(x: Array) -> Array:
+    return np.asarray(x / np.linalg.norm(x))
+
+
+def _pulled(tangent: Array, x: Array) -> Array:
+    """What a tangent map makes x of, to length 1."""
+    (a, b), (c, d) = tangent
+    return _unit(np.array([d * x[0] - b * x[1], a * x[1] - c * x[0]]))
+
+
+def _samples(box: Box, across: int, high: int) -> Array:
+    """A grid of states (across, high, 2) of a box."""
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, across), np.linspace(-1, 1, high), indexing="ij"), -1)
+    return np.asarray(box.centre + grid @ box.sides.T)
+
+
+def _is_flat(pi: Map, hub: Box) -> bool:
+    """Whether Π stretches the box much the same everywhere, so that its image hardly bends."""
+    after, words = pi(_samples(hub, 9, 5))
+    if np.ptp(words) > 0 or words[0, 0] < 0:
+        return False
+    moves = away(after[1:], after[:-1])
+    lengths = np.linalg.norm(moves, axis=-1)
+    mean = _unit(moves.mean((0, 1)))
+    return bool(lengths.min() > 0 and lengths.max() < UNEVEN * lengths.min() and (moves @ mean > FLAT * lengths).all())
+
+
+def _returns(hub: Box, states: Array, words: NDArray[np.int64]) -> Iterator[Segment]:
+    """First returns to the hub, the shortest first, at most EACH with the same words."""
+    inside = np.all(np.abs(away(states, hub.centre) @ np.linalg.inv(hub.sides).T) < 1, axis=-1)
+    found: list[tuple[int, int, int]] = []
+    for column in np.flatnonzero(inside.sum(0) > 1):
+        visits = np.flatnonzero(inside[:, column])
+        found += [(int(b - a), int(a), int(column)) for a, b in pairwise(visits)]
+    seen: dict[tuple[int, ...], int] = {}
+    for length, start, j in sorted(found):
+        word = tuple(int(x) for x in words[start : start + length, j])
+        seen[word] = seen.get(word, 0) + 1
+        if seen[word] <= EACH and length <= MOST_STEPS and min(word) >= 0 and len(seen) <= MOST_WORDS:
+            yield Segment(states[start : start + length + 1, j], word)
+
+
+def _loops(pi: Map, hub: Box, segments: Sequence[Segment]) -> list[Loop]:
+    """Loops through the hub whose strips of it lie apart, of which Σ e^(−h length) is largest, h being theirs."""
+    found = [loop for segment in segments if (loop := _loop(pi, hub, segment)) is not None]
+    found.sort(key=lambda loop: loop.strip[1])
+    rate, best = 0.3, list[Loop]()
+    for _ in range(SCHEDULED):
+        chosen: list[tuple[float, list[Loop]]] = [(0.0, [])]
+        for i, loop in enumerate(found):
+            apart = sum(other.strip[1] < loop.strip[0] for other in found[:i])
+            weight, others = chosen[apart]
+            weight += float(np.exp(-rate * len(loop.words)))
+            chosen.append((weight, [*others, loop]) if weight > chosen[i][0] else chosen[i])
+        best = max(best, chosen[-1][1], key=_growth_of)
+        rate = max(_growth_of(best), 0.05)
+    return sorted(best, key=lambda loop: len(loop.words))
+
+
+def _growth_of(loops: Sequence[Loop]) -> float:
+    return growth([len(loop.words) for loop in loops])
+
+
+def _loop(pi: Map, hub: Box, segment: Segment) -> Loop | None:
+    """The boxes about a segment; None if it does not stretch the hub across itself."""
+    x, words, steps = segment.states, segment.words, len(segment.words)
+    if steps == 1:
+        high, strip = _across(pi, hub, hub, words[0])
+        return Loop((), words, strip) if high < HIGHEST else None
+    tangents = pi.tangent(x[:-1])
+    unstable, stable = [_unit(hub.sides[:, 0])], [_unit(hub.sides[:, 1])]
+    for tangent in tangents:
+        unstable.append(_unit(tangent @ unstable[-1]))
+        stable.append(_pulled(tangents[steps - len(stable)], stable[-1]))
+    stable.reverse()
+    lengths = np.zeros(steps)
+    target = hub
+    for i in range(steps - 1, -1, -1):  # each long enough to reach beyond the next
+        reached = _reach(pi, x[i], unstable[i], target, words[i])
+        if reached is None:
+            return None
+        lengths[i] = reached
+        target = Box(x[i], np.column_stack([unstable[i] * reached, stable[i]]))
+    boxes: list[Box] = []
+    source, strip = hub, (0.0, 0.0)
+    for i in range(1, steps):  # and high enough to hold what comes
+        flat = Box(x[i], np.column_stack([unstable[i] * lengths[i], stable[i]]))
+        high, where = _across(pi, source, flat, words[i - 1])
+        if not high < np.inf:
+            return None
+        strip = where if i == 1 else strip
+        source = Box(x[i], np.column_stack([flat.sides[:, 0], flat.sides[:, 1] * high * ROOM]))
+        boxes.append(source)
+    if not _across(pi, source, hub, words[-1])[0] < HIGHEST:
+        return None
+    return Loop(tuple(boxes), words, strip)
+
+
+def _reach(pi: Map, x: Array, unstable: Array, target: Box, word: int) -> float | None:
+    """How far from x an edge must be for its image to lie beyond the target, one edge to either side."""
+    back = np.linalg.inv(target.sides)
+    first = NEAR * 10
+    image = pi(x + first * unstable)[0]
+    speed = abs(float((back @ away(image, pi(x)[0]))[0])) / first
+    if not speed > 0:
+        return None
+    sizes = ROOM / speed * GROWTH
+    ends = [pi(x + side * sizes[:, None] * unstable) for side in (-1, 1)]
+    left, right = ((away(end, target.centre) @ back.T)[:, 0] for end, _ in ends)
+    same = (ends[0][1] == word) & (ends[1][1] == word)
+    good = same & (left * right < 0) & (np.minimum(np.abs(left), np.abs(right)) > ROOM)
+    return float(sizes[np.argmax(good)]) if good.any() else None
+
+
+def _across(pi: Map, source: Box, target: Box, word: int) -> tuple[float, tuple[float, float]]:
+    """The largest |η| of what Π makes of a box between the target's edges, or a little beyond them, and from which ξ to
+    which that is, at η = 0. Infinite if Π does not stretch the box that far, or meets other walls.
+    """
+    back, aims = np.linalg.inv(target.sides), np.linspace(-ROOM, ROOM, 25)
+    coarse, eta = np.linspace(-1, 1, 41), np.linspace(-1, 1, 5)
+
+    def seen(xi: Array) -> tuple[Array, bool]:
+        after, words = pi(source.centre + np.stack([xi, np.broadcast_to(eta, xi.shape)], -1) @ source.sides.T)
+        return away(after, target.centre) @ back.T, bool((words == word).all())
+
+    first = seen(np.repeat(coarse[:, None], eta.size, 1))[0][..., 0]
+    rises = np.diff(first, axis=0)
+    if not ((rises > 0).all(0) | (rises < 0).all(0)).all():
+        return np.inf, (0.0, 0.0)
+    xi = np.empty((aims.size, eta.size))
+    for k in range(eta.size):
+        order = np.argsort(first[:, k])
+        xi[:, k] = np.interp(aims, first[order, k], coarse[order])
+    for _ in range(CORRECTED):
+        step = np.where(xi > 0, -NEAR, NEAR)
+        lacks = seen(xi)[0][..., 0]
+        slope = (seen(xi + step)[0][..., 0] - lacks) / step
+        if not np.abs(slope).min() > 0:
+            return np.inf, (0.0, 0.0)
+        xi = np.clip(xi - (lacks - aims[:, None]) / slope, -1.0, 1.0)
+    found, same = seen(xi)
+    reached = np.abs(found[..., 0] - aims[:, None]).max() < 0.1
+    if not (same and reached):
+        return np.inf, (0.0, 0.0)
+    middle = eta.size // 2
+    return float(np.abs(found[..., 1]).max()), (float(xi[:, middle].min()), float(xi[:, middle].max()))

@@ -1,0 +1,45 @@
+"""What ``rattle certify`` proves of bifurcations: the points of a survey's curves, and those where curves meet."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from rattle.proof.bifurcations.certificate import BifurcationCertificate
+
+
+def codimension_two(beta: str) -> Iterator[BifurcationCertificate]:
+    """COD20 to COD23."""
+    from rattle.proof.bifurcations.prove import certify_codimension_two
+
+    yield from certify_codimension_two(beta)
+
+
+def points_of_curves(store: str, slice_number: int | None) -> Iterator[BifurcationCertificate | str]:
+    """The certificate of each point of a survey's curves, or why it is not proved."""
+    import rattle
+    from rattle.proof.bifurcations.prove import certify_curve_point
+    from service.results import open_results
+    from workers.survey.slices import group_in, slice_of, surveyed_model
+
+    with open_results(store) as whole:
+        model = surveyed_model(slice_of(whole, slice_number))
+    if model.stiffness is not None:
+        raise typer.BadParameter("points of curves are proved of the impacting gear: this survey is of the stiff one")
+    for name in rattle.curves.CURVES:
+        with open_results(store, group=group_in(slice_number, f"curves/{name}")) as curve:
+            for delta, epsilon, *motion in _columns(curve):
+                try:
+                    yield certify_curve_point(name, delta, epsilon, model.beta, (motion[0], motion[1]))
+                except rattle.NotProvedError as why:
+                    yield f"{name} at delta = {delta!r}, epsilon = {epsilon!r}: {why}"
+
+
+def _columns(curve: xr.Dataset) -> Iterator[tuple[float, ...]]:
+    names = ("point_delta", "point_epsilon", "phase", "velocity")
+    return zip(*(curve[name].values.tolist() for name in names), strict=True)
