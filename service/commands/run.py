@@ -28,6 +28,8 @@ def run(
     name: options.Name = "",
     tile: options.Tile = None,
     quantity: options.Quantity = None,
+    refine: options.Refine = False,
+    audit: options.Audit = None,
     inertia: options.Inertia = None,
     drag: options.Drag = None,
     backlash: options.Backlash = None,
@@ -57,6 +59,8 @@ def run(
         name=name,
         tile=tile,
         quantity=quantity,
+        refine=refine,
+        audit=audit,
         machine={
             "inertia": inertia,
             "drag": drag,
@@ -86,12 +90,22 @@ def _summarise(out: str) -> None:
     import zarr  # xarray takes half a second to load
 
     from workers.storage.location import place_of
+    from workers.storage.store import bands
     from workers.survey.values.evaluate import FAILED
 
-    arrays = zarr.open_group(place_of(out).zarr(), mode="r")
-    status = np.asarray(arrays["status"])
-    summary = f"{status.size} cells, {int((status == FAILED).sum())} failed"
-    if "undecided_fraction" in arrays and (status != FAILED).any():
-        undecided = np.asarray(arrays["undecided_fraction"], float)[status != FAILED]
-        summary += f", {100 * undecided.mean():.3f} % of samples undecided"
+    place = place_of(out)
+    told = zarr.open_group(place.zarr(), mode="r")
+    failed = [band == FAILED for band in bands(place, "status")]
+    cells, n_failed = sum(each.size for each in failed), sum(int(each.sum()) for each in failed)
+    summary = f"{cells} cells, {n_failed} failed"
+    if "undecided_fraction" in told and n_failed < cells:
+        shares = (band[~of] for band, of in zip(bands(place, "undecided_fraction"), failed, strict=True))
+        undecided = sum(float(np.sum(each, dtype=float)) for each in shares) / (cells - n_failed)
+        summary += f", {100 * undecided:.3f} % of samples undecided"
+    if (filled := told.attrs.get("refined_cells_filled")) is not None:
+        audited, wrong = told.attrs["refined_cells_audited"], told.attrs["refined_cells_disagreed"]
+        summary += (
+            f"; {cells - filled - n_failed} computed, {filled} filled: {wrong} of {audited} audited ones disagreed, so at"
+            f" most {100 * told.attrs['refined_wrong_share_upper']:.2g} % are wrong (95 %)"
+        )
     typer.echo(summary)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import rattle
 from rattle.models import Model
 from workers.survey.values import evaluate, intensity
-from workers.survey.values.cells import GRAZING_CURVES
+from workers.survey.values.cells import AUDIT, GRAZING_CURVES
 from workers.survey.values.schema import CELL, Coordinate, Group, Quantity
 
 DOI = "10.1137/090759641"
@@ -31,6 +31,7 @@ _BASINS = f"{_PAPER} section 5.1, Figure 4"
 _PLANE = f"{_PAPER} section 5.2, Figure 7"
 _WILSON = "E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212"
 _ENTROPY = "A. Daza et al., Scientific Reports 6 (2016) 31416"
+_REFINED = "docs/refined.md"
 _SUM_RULE = f"tangent map of {_MAP}"
 
 _ORBIT = ("orbit", *CELL)
@@ -373,6 +374,27 @@ QUANTITIES: tuple[Quantity, ...] = (
         IMPACTING,
     ),
     *intensity.QUANTITIES,
+    Quantity(
+        "source_level",
+        None,
+        CELL,
+        "int8",
+        "0: the cell was computed; n > 0: it was filled between computed cells 2ⁿ steps apart",
+        _REFINED,
+        lambda cells: cells.source_level,
+        refined=True,
+    ),
+    Quantity(
+        "audit",
+        None,
+        CELL,
+        "int8",
+        "what a computation of the cell found that was to be filled",
+        _REFINED,
+        lambda cells: cells.audit,
+        AUDIT,
+        refined=True,
+    ),
     Quantity("status", None, CELL, "int8", "what became of the cell", "this survey", evaluate.status, evaluate.STATUS),
 )
 
@@ -383,15 +405,17 @@ def groups_of(model: Model) -> tuple[Group, ...]:
     return tuple(group for group in Group if group in in_tiles or group is Group.FAMILIES)
 
 
-def stored(groups: Iterable[Group], model: Model) -> tuple[Quantity, ...]:
+def stored(groups: Iterable[Group], model: Model, refined: bool = False) -> tuple[Quantity, ...]:
     """Return the variables that a store has of `held`: of complex ones both parts."""
-    return tuple(part for quantity in held(groups, model) for part in quantity.parts)
+    return tuple(part for quantity in held(groups, model, refined) for part in quantity.parts)
 
 
-def held(groups: Iterable[Group], model: Model) -> tuple[Quantity, ...]:
-    """Return the variables of these groups that a model has, and `status`."""
+def held(groups: Iterable[Group], model: Model, refined: bool = False) -> tuple[Quantity, ...]:
+    """Return the variables of these groups that a model has, and `status`; refined: those of a survey that is."""
     wanted = {*groups, None}
-    return tuple(quantity for quantity in QUANTITIES if quantity.group in wanted and model in quantity.models)
+    return tuple(
+        each for each in QUANTITIES if each.group in wanted and model in each.models and each.refined <= refined
+    )
 
 
 def labels_of(dim: str, slots: int) -> tuple[int, ...] | tuple[str, ...]:
