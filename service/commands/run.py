@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -91,6 +91,7 @@ def _summarise(out: str) -> None:
 
     from workers.storage.location import place_of
     from workers.storage.store import bands
+    from workers.survey.refined.audit import TOLD
     from workers.survey.values.evaluate import FAILED
 
     place = place_of(out)
@@ -102,10 +103,11 @@ def _summarise(out: str) -> None:
         shares = (band[~of] for band, of in zip(bands(place, "undecided_fraction"), failed, strict=True))
         undecided = sum(float(np.sum(each, dtype=float)) for each in shares) / (cells - n_failed)
         summary += f", {100 * undecided:.3f} % of samples undecided"
-    if (filled := told.attrs.get("refined_cells_filled")) is not None:
-        audited, wrong = told.attrs["refined_cells_audited"], told.attrs["refined_cells_disagreed"]
+    attributes: dict[str, Any] = dict(told.attrs)
+    if "refined_cells_filled" in attributes:
+        filled, audited, wrong, bound = (attributes[name] for name in TOLD)
         summary += (
-            f"; {cells - filled - n_failed} computed, {filled} filled: {wrong} of {audited} audited ones disagreed, so at"
-            f" most {100 * told.attrs['refined_wrong_share_upper']:.2g} % are wrong (95 %)"
+            f"; {cells - filled - n_failed} computed, {filled} filled: of {audited} audited ones {wrong} disagreed, at "
+            f"most {100 * bound:.2g} % are wrong (95 %)"
         )
     typer.echo(summary)

@@ -322,8 +322,8 @@ def _missing_cells(place: Place) -> int:
 def _refined(place: Place) -> dict[str, int | float]:
     """What the root says of a refined survey: its cells that were filled, and what their audit found."""
     filled = sum(int(np.count_nonzero(band)) for band in bands(place, SOURCE_LEVEL))
-    codes = sum(np.bincount(band.ravel(), minlength=DISAGREED + 1) for band in bands(place, AUDIT))
-    return told_of_audit(filled, int(codes[AUDITED:].sum()), int(codes[DISAGREED]))
+    found = np.sum([np.bincount(band.ravel(), minlength=DISAGREED + 1) for band in bands(place, AUDIT)], axis=0)
+    return told_of_audit(filled, int(found[AUDITED:].sum()), int(found[DISAGREED]))
 
 
 def bands(place: Place, name: str) -> Iterator[np.ndarray]:

@@ -8,6 +8,9 @@ from workers.survey.refined.evidence import scrambled
 SOURCE_LEVEL, AUDIT = "source_level", "audit"  # the variables that tell of it
 AUDITED, DISAGREED = 1, 2  # codes of an audited cell; 0: it was not
 SURE = 0.95
+#: Attributes of a store: numbers of cells that were filled and audited, and that disagreed; and a bound at 95 % of the
+#: share of the filled ones that are wrong.
+TOLD = "refined_cells_filled", "refined_cells_audited", "refined_cells_disagreed", "refined_wrong_share_upper"
 
 
 def chosen(blocks: Blocks, share: float, seed: int) -> np.ndarray:
@@ -20,18 +23,13 @@ def chosen(blocks: Blocks, share: float, seed: int) -> np.ndarray:
 
 
 def told_of_audit(filled: int, audited: int, disagreed: int) -> dict[str, int | float]:
-    """What a store says: numbers of cells, and the bound of the share of filled cells that are wrong."""
-    return {
-        "refined_cells_filled": filled,
-        "refined_cells_audited": audited,
-        "refined_cells_disagreed": disagreed,
-        "refined_wrong_share_upper": upper_share(disagreed, audited),
-    }
+    """What a store says, by the names of TOLD."""
+    return dict(zip(TOLD, (filled, audited, disagreed, upper_share(disagreed, audited)), strict=True))
 
 
 def upper_share(wrong: int, of: int) -> float:
-    """The upper end of the one-sided 95 % interval of a share (C. J. Clopper, E. S. Pearson, Biometrika 26 (1934), 404),
-    1 where nothing was looked at.
+    """The upper end of the one-sided 95 % interval of a share (Clopper and Pearson, Biometrika 26 (1934) 404), 1 where
+    nothing was looked at.
     """
     from scipy.special import betaincinv  # a tenth of a second to load
 

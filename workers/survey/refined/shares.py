@@ -20,8 +20,8 @@ NORMAL = 1.96  # standard deviations in half of a 95 % interval
 class Filling(NamedTuple):
     """Attractors of filled cells of the frame, and by how much more than a sample's their shares are uncertain.
 
-    samples: shares times the count, no whole numbers. A periodic row is an orbit that exists in its cell: Newton's method
-    found it there. One of another kind has the state of the nearest computed cell that has such, and no exponents.
+    samples: shares times the count, no whole numbers. A periodic row is an orbit that Newton's method has found in its
+    cell. One of another kind has the state of the nearest computed cell that has such, and no exponents.
     """
 
     table: Attractors

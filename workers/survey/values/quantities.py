@@ -374,6 +374,12 @@ QUANTITIES: tuple[Quantity, ...] = (
         IMPACTING,
     ),
     *intensity.QUANTITIES,
+    Quantity("status", None, CELL, "int8", "what became of the cell", "this survey", evaluate.status, evaluate.STATUS),
+)
+
+
+#: What a survey that is refined has besides, before `status`.
+REFINED: tuple[Quantity, ...] = (
     Quantity(
         "source_level",
         None,
@@ -382,7 +388,6 @@ QUANTITIES: tuple[Quantity, ...] = (
         "0: the cell was computed; n > 0: it was filled between computed cells 2ⁿ steps apart",
         _REFINED,
         lambda cells: cells.source_level,
-        refined=True,
     ),
     Quantity(
         "audit",
@@ -393,9 +398,7 @@ QUANTITIES: tuple[Quantity, ...] = (
         _REFINED,
         lambda cells: cells.audit,
         AUDIT,
-        refined=True,
     ),
-    Quantity("status", None, CELL, "int8", "what became of the cell", "this survey", evaluate.status, evaluate.STATUS),
 )
 
 
@@ -411,11 +414,10 @@ def stored(groups: Iterable[Group], model: Model, refined: bool = False) -> tupl
 
 
 def held(groups: Iterable[Group], model: Model, refined: bool = False) -> tuple[Quantity, ...]:
-    """Return the variables of these groups that a model has, and `status`; refined: those of a survey that is."""
+    """Return the variables of these groups that a model has, and `status`; refined: of a survey that is."""
     wanted = {*groups, None}
-    return tuple(
-        each for each in QUANTITIES if each.group in wanted and model in each.models and each.refined <= refined
-    )
+    *found, status = (each for each in QUANTITIES if each.group in wanted and model in each.models)
+    return *found, *(REFINED if refined else ()), status
 
 
 def labels_of(dim: str, slots: int) -> tuple[int, ...] | tuple[str, ...]:

@@ -68,7 +68,6 @@ class Quantity:
     evaluate: Evaluate
     flags: tuple[str, ...] = ()  # meanings of the codes 0, 1, 2, …
     models: frozenset[Model] = frozenset(Model)  # that have it
-    refined: bool = False  # of surveys that are refined alone
 
     @property
     def fill(self) -> int | float | complex | bool:
