@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
 import numpy as np
 
 import rattle
 from rattle import Attractors
 from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED
-from rattle.families.join import continued, in_order, together
-from rattle.families.pieces import no_attractors
-from rattle.families.spread import Linked, Rectangle
+from rattle.families.join import in_order, together
+from rattle.families.pieces import Piece, no_attractors
 from workers.survey.refined.asked import BLOCK
 from workers.survey.refined.blocks import Blocks, Leaves, Square
 from workers.survey.values.cells import Cells
@@ -20,24 +17,6 @@ from workers.survey.values.cells import Cells
 SEEN = (QUIET, CHAOTIC, UNDECIDED)
 FEW = 12  # samples: where one cell has none and another so many, they differ
 SURELY = 1e-3  # how seldom a cell's samples miss by chance what others have
-
-
-class Existing(NamedTuple):
-    """The stable periodic orbits that exist in a block: continued from its computed cells into all of it.
-
-    orbits, n: as `continued` returns them. known: those that the samples of their cell know, the first ones. samples
-    (known,): that go to them. code (rows, columns): equal where the same labels exist.
-    """
-
-    orbits: Linked
-    n: int
-    samples: np.ndarray
-    code: np.ndarray
-
-    @property
-    def known(self) -> int:
-        """Orbits that the samples of their cell know."""
-        return self.samples.size
 
 
 class Evidence:
@@ -54,7 +33,7 @@ class Evidence:
         self.region = np.zeros(n, np.int8)
         self.samples = np.zeros((len(SEEN), n))
         self.table = no_attractors()
-        self.existing: dict[int, Existing] = {}
+        self.existing: dict[int, Piece] = {}  # of the blocks that have periodic orbits
         self._code = np.zeros((blocks.corners[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
 
     def compute(self, cells: np.ndarray) -> None:
@@ -78,37 +57,27 @@ class Evidence:
         table = together(self.table, found)
         order = in_order(table)
         self.table = Attractors._make(x[order] for x in table)
-        self._continue(np.unique(found.cell[found.kind == PERIODIC]))
+        self._continue(Attractors._make(x[found.kind == PERIODIC] for x in found))
 
-    def _continue(self, cells: np.ndarray) -> None:
-        """Continue the orbits of the blocks that have these cells in all of them."""
-        columns = self.blocks.shape[1]
-        row, column = np.divmod(cells, columns)
-        periodic = Attractors._make(x[self.table.kind == PERIODIC] for x in self.table)
-        its_row, its_column = np.divmod(periodic.cell, columns)
+    def _continue(self, periodic: Attractors) -> None:
+        """Continue orbits of computed cells everywhere in the blocks of these."""
+        row, column = np.divmod(periodic.cell, self.blocks.shape[1])
         for block, corner in enumerate(zip(*self.blocks.corners, *self.blocks.last, strict=True)):
             top, left, height, width = (int(x) for x in corner)
-            if not ((top <= row) & (row <= top + height) & (left <= column) & (column <= left + width)).any():
+            here = (top <= row) & (row <= top + height) & (left <= column) & (column <= left + width)
+            if not here.any():
                 continue
-            here = (top <= its_row) & (its_row <= top + height) & (left <= its_column) & (its_column <= left + width)
             mine = Attractors._make(x[here] for x in periodic)
-            mine = mine._replace(cell=(its_row[here] - top) * (width + 1) + its_column[here] - left)
-            self._set(block, mine, (height + 1, width + 1), self._plane(top, left, height, width))
+            mine = mine._replace(cell=(row[here] - top) * (width + 1) + column[here] - left)
+            piece = self.existing.get(block) or self._piece(top, left, height, width)
+            piece.learn(mine)
+            self.existing[block] = piece
+            self._code[block, : height + 1, : width + 1] = labels_in(piece)
 
-    def _plane(self, top: int, left: int, height: int, width: int) -> Any:
+    def _piece(self, top: int, left: int, height: int, width: int) -> Piece:
         delta, epsilon = self.cells.delta, self.cells.epsilon
-        return self.cells.model.cells(delta[left : left + width + 1], epsilon[top : top + height + 1])
-
-    def _set(self, block: int, table: Attractors, shape: tuple[int, int], cells: Any) -> None:
-        orbits, n = continued(table, shape[1], Rectangle(0, shape[0], 0, shape[1]), cells)
-        code = np.zeros(shape[0] * shape[1], np.uint64)
-        label = (x[:n].astype(np.uint64) for x in (orbits.m, orbits.n_plus, orbits.n_minus))
-        mixed = np.zeros(n, np.uint64)
-        for part in label:
-            mixed = scrambled(mixed + part)
-        np.add.at(code, orbits.cell[:n], mixed)
-        self.existing[block] = Existing(orbits, n, table.samples, code.reshape(shape))
-        self._code[block, : shape[0], : shape[1]] = code.reshape(shape)
+        cells = self.cells.model.cells(delta[left : left + width + 1], epsilon[top : top + height + 1])
+        return Piece((height + 1, width + 1), cells)
 
     def code(self, square: Square) -> np.ndarray:
         """Numbers that are equal where the same orbits exist, in cells of one block."""
@@ -163,6 +132,16 @@ def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
     most = seen.max(inner)
     too_many = none > expected + 3.0 * np.sqrt(expected) + 1.0
     found: np.ndarray = (share > 0.0) & (none > 0) & (too_many | (most >= min(FEW, count)))
+    return found
+
+
+def labels_in(piece: Piece) -> np.ndarray:
+    """Numbers of cells (rows, columns) that are equal where orbits of the same labels exist."""
+    found, orbits, n = np.zeros(piece.shape, np.uint64), piece.orbits, piece.n
+    mixed = np.zeros(n, np.uint64)
+    for part in (orbits.m, orbits.n_plus, orbits.n_minus):
+        mixed = scrambled(mixed + part[:n].astype(np.uint64))
+    np.add.at(found.reshape(-1), orbits.cell[:n], mixed)
     return found
 
 

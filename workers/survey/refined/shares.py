@@ -10,9 +10,9 @@ import numpy as np
 from rattle import Attractors
 from rattle.attractors.table import PERIODIC, UNDECIDED
 from rattle.families.join import together
-from rattle.families.pieces import no_attractors
+from rattle.families.pieces import Piece, no_attractors
 from workers.survey.refined.blocks import Leaves
-from workers.survey.refined.evidence import SEEN, Evidence, Existing
+from workers.survey.refined.evidence import SEEN, Evidence
 
 NORMAL = 1.96  # standard deviations in half of a 95 % interval
 
@@ -33,7 +33,7 @@ class Related(NamedTuple):
     one: each becomes the other in the next cell.
     """
 
-    existing: Existing
+    existing: Piece
     row: np.ndarray
     column: np.ndarray
     label: np.ndarray
@@ -57,7 +57,7 @@ def filling(evidence: Evidence, leaves: Leaves) -> Filling:
     return Filling(together(*(each.table for each in parts)), np.concatenate([each.wider for each in parts]))
 
 
-def related(existing: Existing) -> Related:
+def related(existing: Piece) -> Related:
     """Which orbits of a block are one."""
     from scipy.sparse import coo_array  # an eighth of a second to load
     from scipy.sparse.csgraph import connected_components
@@ -71,7 +71,7 @@ def related(existing: Existing) -> Related:
     group = connected_components(graph, directed=False)[1]
     labels = np.column_stack([orbits.m[:n], orbits.n_plus[:n], orbits.n_minus[:n]])
     label = np.unique(labels, axis=0, return_inverse=True)[1].ravel()
-    row, column = np.divmod(orbits.cell[:n].astype(np.int64), existing.code.shape[1])
+    row, column = np.divmod(orbits.cell[:n].astype(np.int64), existing.shape[1])
     return Related(existing, row, column, label, group)
 
 
@@ -97,7 +97,7 @@ class _Leaf:
         n = self.cell.shape[0]
         here = np.flatnonzero((row >= 0) & (row < n) & (column >= 0) & (column < n))
         at = row[here], column[here]
-        sampled = (here < related.existing.known) & self.known[at]
+        sampled = (related.existing.samples[here] >= 0) & self.known[at]
         listed, thing = np.unique(related.label[here[sampled]], return_inverse=True)
         won = related.existing.samples[here[sampled]]
         order = np.cumsum(self.known.ravel()).reshape(n, n) - 1
