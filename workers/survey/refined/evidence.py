@@ -76,7 +76,7 @@ class Evidence:
 
     def _piece(self, top: int, left: int, height: int, width: int) -> Piece:
         delta, epsilon = self.cells.delta, self.cells.epsilon
-        cells = self.cells.model.cells(delta[left : left + width + 1], epsilon[top : top + height + 1])
+        cells = self.cells.model.cells_of_orbits(delta[left : left + width + 1], epsilon[top : top + height + 1])
         return Piece((height + 1, width + 1), cells)
 
     def code(self, square: Square) -> np.ndarray:
