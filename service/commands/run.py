@@ -96,11 +96,11 @@ def _summarise(out: str) -> None:
 
     place = place_of(out)
     told = zarr.open_group(place.zarr(), mode="r")
-    failed = [band == FAILED for band in bands(place, "status")]
-    cells, n_failed = sum(each.size for each in failed), sum(int(each.sum()) for each in failed)
+    cells, n_failed = np.sum([(band.size, (band == FAILED).sum()) for band in bands(place, "status")], axis=0).tolist()
     summary = f"{cells} cells, {n_failed} failed"
     if "undecided_fraction" in told and n_failed < cells:
-        shares = (band[~of] for band, of in zip(bands(place, "undecided_fraction"), failed, strict=True))
+        both = zip(bands(place, "undecided_fraction"), bands(place, "status"), strict=True)
+        shares = (band[status != FAILED] for band, status in both)
         undecided = sum(float(np.sum(each, dtype=float)) for each in shares) / (cells - n_failed)
         summary += f", {100 * undecided:.3f} % of samples undecided"
     attributes: dict[str, Any] = dict(told.attrs)
