@@ -42,5 +42,5 @@ def plane(delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: float,
     """The cells epsilon (m,) × delta (n,) as kernels take them, row by row; without rests nothing is taken to be quiet,
     as of periodic orbits nothing is.
     """
-    flat = [np.array(x, order="C").ravel() for x in parameters(delta, epsilon[:, None], beta)]
-    return cells_of(*flat) if rests else Cells(*flat, np.zeros(flat[0].size))
+    d, e, b = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon[:, None], beta))
+    return cells_of(d, e, b) if rests else Cells(d, e, b, np.zeros(d.size))
