@@ -103,6 +103,10 @@ class Impacting:
         """The cells epsilon (m,) × delta (n,) as kernels take them, row by row."""
         return plane(delta, epsilon, self.beta)
 
+    def cells_of_orbits(self, delta: NDArray[np.float64], epsilon: NDArray[np.float64]) -> Any:
+        """The same where only periodic orbits are followed, which costs less."""
+        return plane(delta, epsilon, self.beta, rests=False)
+
     def classified(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Classifier:
         """States (n, k) of cells with parameters (n,) δ, ε, β, each followed to its end."""
         delta, epsilon, beta = columns
@@ -208,6 +212,10 @@ class Stiff:
     def cells(self, delta: NDArray[np.float64], epsilon: NDArray[np.float64]) -> Any:
         """The cells epsilon (m,) × delta (n,) as kernels take them, row by row."""
         return stiff_plane(delta, epsilon, self.beta, self.kappa)
+
+    def cells_of_orbits(self, delta: NDArray[np.float64], epsilon: NDArray[np.float64]) -> Any:
+        """The same."""
+        return self.cells(delta, epsilon)
 
     def classified(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Classifier:
         """States (n, k) of cells with parameters (n,) δ, ε, β, κ."""

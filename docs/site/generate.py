@@ -16,7 +16,7 @@ from service.settings import Settings
 from workers import QUANTITIES, Group
 from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES
 from workers.survey.families import FAMILY_VARIABLES
-from workers.survey.values.quantities import COORDINATES
+from workers.survey.values.quantities import COORDINATES, REFINED
 
 STORE = """# What a store holds
 
@@ -131,6 +131,7 @@ def store() -> str:
         found = [each for each in QUANTITIES if each.group is group]
         if found:
             parts += [f"## Group `{group}`" if group else "## In every survey", "", _variables(found)]
+    parts += ["## In surveys that are refined", "", _variables(REFINED)]
     for title, variables in (
         ("curves/NAME", CURVE_VARIABLES),
         ("codimension_two", POINT_VARIABLES),

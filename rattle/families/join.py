@@ -97,17 +97,21 @@ def continued(table: Attractors, columns: int, inside: Rectangle, cells: Any, fi
     """
     periodic = np.flatnonzero(table.kind == PERIODIC)
     n = periodic.size
-    orbits = _room(n + n // 4 + 64, cells[0].size)
+    orbits = room_for(n + n // 4 + 64, cells[0].size)
     for column, values in zip(orbits[:8], (table[i] for i in (0, 2, 3, 4, 6, 7, 8, 9)), strict=True):
         column[:n] = values[periodic]
     cell = orbits.cell[:n]
     orbits.before[1:n] = np.where(cell[1:] == cell[:-1], np.arange(n - 1), NOWHERE)
     orbits.last[cell] = np.arange(n)  # of equal cells the last one stays
-    done = first
+    return spread_all(first, n, columns, inside, cells, orbits)
+
+
+def spread_all(done: int, n: int, columns: int, inside: Rectangle, cells: Any, orbits: Linked) -> tuple[Linked, int]:
+    """Continue orbits from number `done` on, of n, as `spread` does, with as much room as it takes."""
     while done < n:
         done, n = spread(done, n, columns, inside, cells, orbits)
         if done < n:
-            orbits = _longer(orbits)
+            orbits = longer(orbits)
     return orbits, n
 
 
@@ -139,14 +143,14 @@ def _lead(one: NDArray[np.int64], other: NDArray[np.int64], orbits: Linked, cell
     return arrives
 
 
-def _room(n: int, n_cells: int) -> Linked:
+def room_for(n: int, n_cells: int) -> Linked:
     labels = (np.zeros(n, np.int32) for _ in range(4))
     values = (np.zeros(n) for _ in range(4))
     links = np.full(n, NOWHERE, np.int32), np.full(n_cells, NOWHERE, np.int32), np.full((n, 4), NOWHERE, np.int32)
     return Linked._make([*labels, *values, *links])
 
 
-def _longer(orbits: Linked) -> Linked:
+def longer(orbits: Linked) -> Linked:
     """With half as much room again."""
     more = orbits.cell.size // 2 + 64
     wider = [np.concatenate([x, np.zeros((more, *x.shape[1:]), x.dtype)]) for x in orbits]

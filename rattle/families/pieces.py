@@ -8,14 +8,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.table import PERIODIC, Attractors
-from rattle.families.join import components, continued, entered, together
-from rattle.families.spread import Rectangle
+from rattle.families.join import components, continued, entered, longer, room_for, spread_all, together
+from rattle.families.spread import Rectangle, enter
 
 
 def no_attractors() -> Attractors:
     """A table without rows."""
     real = ("tau", "v", "first", "second", "error", "watched")
     return Attractors._make(np.zeros(0, np.float64 if name in real else np.int64) for name in Attractors._fields)
+
+
+class Piece:
+    """A grid that gets to know its attractors some cells at a time: which orbits exist in it, continued everywhere.
+
+    orbits, n: as `spread` has them. samples (n,): that go to an orbit in its cell, −1 of what was entered.
+    """
+
+    def __init__(self, shape: tuple[int, int], cells: Any) -> None:
+        self.shape, self._cells = shape, cells
+        self.orbits, self.n = room_for(64, shape[0] * shape[1]), 0
+        self.samples = np.zeros(0, np.int64)
+
+    def learn(self, table: Attractors) -> None:
+        """Take the periodic rows of a table of cells of which none were known, and continue what is new."""
+        table = Attractors._make(x[table.kind == PERIODIC] for x in table)
+        before, which = self.n, np.zeros(table.cell.size, np.int64)
+        while self.orbits.cell.size < before + which.size:
+            self.orbits = longer(self.orbits)
+        columns = (table[i] for i in (0, 2, 3, 4, 6, 7, 8, 9))
+        n = int(enter(*columns, before, self._cells, self.orbits, which))
+        inside = Rectangle(0, self.shape[0], 0, self.shape[1])
+        self.orbits, self.n = spread_all(before, n, self.shape[1], inside, self._cells, self.orbits)
+        self.samples = np.append(self.samples, np.full(self.n - before, -1))
+        self.samples[which] = table.samples
 
 
 def entering(

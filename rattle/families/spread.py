@@ -125,6 +125,23 @@ def continued(k, cell, n, orbits, point):
 
 
 @kernel
+def enter(cell, m, n_plus, n_minus, tau, v, first, second, n, cells, orbits, which):
+    """Enter orbits (k,) as numbers n and following, but for those that their cells know; write to which (k,) the number
+    of each. Returns n again. There is room for all of them.
+    """
+    for i in range(cell.size):
+        orbits.cell[n], orbits.m[n], orbits.n_plus[n], orbits.n_minus[n] = cell[i], m[i], n_plus[i], n_minus[i]
+        orbits.tau[n], orbits.v[n], orbits.first[n], orbits.second[n] = tau[i], v[i], first[i], second[i]
+        near = SAME_POINT * unit_at(point_of(cell[i], cells))
+        which[i] = at_point(tau[i], v[i], cell[i], n, near, orbits)
+        if which[i] == NOWHERE:
+            orbits.before[n], orbits.last[cell[i]] = orbits.last[cell[i]], n
+            which[i] = n
+            n += 1
+    return n
+
+
+@kernel
 def spread(done, n, columns, inside, cells, orbits):
     """Continue the orbits from number `done` on, of n, into the neighbours of their cells that are in a rectangle of a
     grid with so many columns, and what is found there too. Returns both numbers again: equal when nothing is left, else

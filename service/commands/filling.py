@@ -76,13 +76,15 @@ def _compute(
 
     todo = sum(tile.n_cells for tile in missing)
     done = before = request.n_cells - todo
+    filled = 0
     failed: list[tuple[int, int, str]] = []
     what = "gears" if isinstance(request, survey.PopulationRequest) else "cells"
     with cluster as client, reporter(request.n_cells, before, what) as progress:
 
         def on_tile(record: TileRecord) -> None:
-            nonlocal done
+            nonlocal done, filled
             done += record.cells
+            filled += record.filled_cells
             failed.extend(record.failed_cells)
             progress.show(done)
 
@@ -95,7 +97,8 @@ def _compute(
         if not should_stop() and survey.is_incomplete(request, out):
             _complete(request, out, client, should_stop)
     if missing:
-        typer.echo(f"{done - before} {what} in {seconds:.1f} s: {(done - before) / seconds:.1f} {what}/s")
+        some = f", {filled} of them filled" if filled else ""
+        typer.echo(f"{done - before} {what} in {seconds:.1f} s{some}: {(done - before) / seconds:.1f} {what}/s")
     for i, j, message in failed[:MAX_MESSAGES]:
         where = ", ".join(f"{axis}[{number}]" for axis, number in place_of_cell(request, i, j).items())
         typer.echo(f"failed: {where}: {message}", err=True)

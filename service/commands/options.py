@@ -97,6 +97,19 @@ Tile = Annotated[
     str | None,
     typer.Option(metavar="DELTAxEPSILON", help="Cells of one tile, a task and a chunk.", show_default="by the sample"),
 ]
+Refine = Annotated[
+    bool,
+    typer.Option(
+        "--refine",
+        help="Compute few cells first, and more where what exists differs between them; fill the others.",
+    ),
+]
+Audit = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SHARE", help="With --refine: of the filled cells that are computed all the same.", show_default="0.02"
+    ),
+]
 Quantity = Annotated[
     list[str] | None,
     typer.Option(
@@ -152,6 +165,8 @@ def survey_request(
     tile: str | None,
     quantity: list[str] | None,
     machine: dict[str, Any],
+    refine: bool,
+    audit: float | None,
 ) -> SurveyRequest:
     """The request that these options describe; typer.BadParameter names the option that is wrong."""
     from pydantic import ValidationError
@@ -161,6 +176,8 @@ def survey_request(
     from workers import Axis, SurveyRequest
 
     given = {name: value for name, value in machine.items() if value is not None}
+    if audit is not None and not refine:
+        raise typer.BadParameter("--audit is a share of filled cells: give --refine too")
     for axis, other, value in (("delta", "rpm", delta), ("epsilon", "eccentricity", epsilon)):
         if (value is None) == (given.get(other) is None):
             raise typer.BadParameter(f"give either --{axis} or a machine's --{other}")
@@ -185,6 +202,8 @@ def survey_request(
             fields |= {"model": "stiff", "kappa": _number_or_axis("--kappa", kappa)}
         if tile is not None:
             fields["tile"] = _tile(tile)
+        if refine:
+            fields["refine"] = True if audit is None else {"audit": audit}
         if quantity:
             fields["quantities"] = tuple(quantity)
         return SurveyRequest(**fields)

@@ -33,6 +33,8 @@ def submit(
     name: options.Name = "",
     tile: options.Tile = None,
     quantity: options.Quantity = None,
+    refine: options.Refine = False,
+    audit: options.Audit = None,
     inertia: options.Inertia = None,
     drag: options.Drag = None,
     backlash: options.Backlash = None,
@@ -65,6 +67,8 @@ def submit(
         name=name,
         tile=tile,
         quantity=quantity,
+        refine=refine,
+        audit=audit,
         machine={
             "inertia": inertia,
             "drag": drag,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -28,6 +28,8 @@ def run(
     name: options.Name = "",
     tile: options.Tile = None,
     quantity: options.Quantity = None,
+    refine: options.Refine = False,
+    audit: options.Audit = None,
     inertia: options.Inertia = None,
     drag: options.Drag = None,
     backlash: options.Backlash = None,
@@ -57,6 +59,8 @@ def run(
         name=name,
         tile=tile,
         quantity=quantity,
+        refine=refine,
+        audit=audit,
         machine={
             "inertia": inertia,
             "drag": drag,
@@ -86,12 +90,24 @@ def _summarise(out: str) -> None:
     import zarr  # xarray takes half a second to load
 
     from workers.storage.location import place_of
+    from workers.storage.store import bands
+    from workers.survey.refined.audit import TOLD
     from workers.survey.values.evaluate import FAILED
 
-    arrays = zarr.open_group(place_of(out).zarr(), mode="r")
-    status = np.asarray(arrays["status"])
-    summary = f"{status.size} cells, {int((status == FAILED).sum())} failed"
-    if "undecided_fraction" in arrays and (status != FAILED).any():
-        undecided = np.asarray(arrays["undecided_fraction"], float)[status != FAILED]
-        summary += f", {100 * undecided.mean():.3f} % of samples undecided"
+    place = place_of(out)
+    told = zarr.open_group(place.zarr(), mode="r")
+    cells, n_failed = np.sum([(band.size, (band == FAILED).sum()) for band in bands(place, "status")], axis=0).tolist()
+    summary = f"{cells} cells, {n_failed} failed"
+    if "undecided_fraction" in told and n_failed < cells:
+        both = zip(bands(place, "undecided_fraction"), bands(place, "status"), strict=True)
+        shares = (band[status != FAILED] for band, status in both)
+        undecided = sum(float(np.sum(each, dtype=float)) for each in shares) / (cells - n_failed)
+        summary += f", {100 * undecided:.3f} % of samples undecided"
+    attributes: dict[str, Any] = dict(told.attrs)
+    if "refined_cells_filled" in attributes:
+        filled, audited, wrong, bound = (attributes[name] for name in TOLD)
+        summary += (
+            f"; {cells - filled - n_failed} computed, {filled} filled: of {audited} audited ones {wrong} disagreed, at "
+            f"most {100 * bound:.2g} % are wrong (95 %)"
+        )
     typer.echo(summary)

@@ -79,6 +79,7 @@ def most_like(request: SurveyRequest, jobs: Iterable[JobRow]) -> JobRow | None:
         if job.cells_done >= LEAST_CELLS
         and job.is_readable
         and set(job.request["quantities"]) == wanted
+        and job.request.get("refine") == request.model_dump(mode="json")["refine"]
         and (other := SurveyRequest.model_validate(job.request))
         and _same_model(request, other)
         and _same_watch(request, other)

@@ -53,6 +53,7 @@ DETAIL: dict[str, Any] = SURVEY | {
         "slots": None,
         "slots_by": None,
         "machine": None,
+        "refine": None,
     },
     "failures": [],
 }

@@ -15,6 +15,7 @@ from service.app import create_app
 from service.cli import app
 from service.settings import Settings
 from workers import QUANTITIES
+from workers.survey.values.quantities import REFINED
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -62,7 +63,7 @@ def test_the_reference_names_every_call_command_and_variable(generate: ModuleTyp
         assert f"\n## `rattle {name}" in commands
         for option in command.params:
             assert option.name == "help" or f"| `{option.opts[0]}" in commands or option.param_type_name == "argument"
-    for quantity in QUANTITIES:
+    for quantity in (*QUANTITIES, *REFINED):
         assert f"\n| `{quantity.name}` | " in store
 
 

@@ -9,8 +9,7 @@ from rattle import FamilyTable
 from rattle.attractors.table import CHAOTIC
 from rattle.families.spread import Rectangle
 from workers.boundaries.labels import labels_of
-
-Polyline = tuple[np.ndarray, np.ndarray, np.ndarray]  # δ, ε and piece of the points of a curve, in their order
+from workers.survey.crossings import Crossings
 
 
 class Edges(NamedTuple):
@@ -33,15 +32,6 @@ class Ends(NamedTuple):
     component: np.ndarray
     number: np.ndarray
     on: np.ndarray
-
-
-class Crossings(NamedTuple):
-    """Where a curve passes between neighbouring cells of a grid: rising numbers of cells, between which and the next
-    one along δ it passes, and along ε.
-    """
-
-    delta: np.ndarray
-    epsilon: np.ndarray
 
 
 def ends_in(
@@ -99,28 +89,3 @@ def _concerned(table: FamilyTable, name: str) -> np.ndarray:
     known = labels_of(name)
     labels = zip(*(column.tolist() for column in table[:4]), strict=True)
     return np.array([label in known for label in labels], bool) & (table.kind != CHAOTIC)
-
-
-def crossings_of(curve: Polyline, delta: np.ndarray, epsilon: np.ndarray) -> Crossings:
-    """Where a curve passes between the cells epsilon (m,) × delta (n,)."""
-    row, column = _along(curve, delta, epsilon)
-    line, before = _along((curve[1], curve[0], curve[2]), epsilon, delta)
-    return Crossings(np.unique(row * delta.size + column), np.unique(before * delta.size + line))
-
-
-def _along(curve: Polyline, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Where a polyline of (x, y) meets the line of a y between an x and the next: numbers of that y and that x."""
-    if len(curve[0]) < 2 or x.size < 2:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    (x0, x1), (y0, y1) = ((values[:-1], values[1:]) for values in curve[:2])
-    begin = np.searchsorted(y, np.minimum(y0, y1), "left")
-    end = np.searchsorted(y, np.maximum(y0, y1), "right")
-    end = np.where(curve[2][:-1] == curve[2][1:], end, begin)  # pieces are not joined
-    many = end - begin
-    segment = np.repeat(np.arange(many.size), many)
-    line = np.arange(segment.size) - np.repeat(np.cumsum(many) - many, many) + begin[segment]
-    rise = (y1 - y0)[segment]
-    share = np.where(rise != 0.0, (y[line] - y0[segment]) / np.where(rise != 0.0, rise, 1.0), 0.0)
-    at = x0[segment] + share * (x1 - x0)[segment]
-    inside = (x[0] <= at) & (at <= x[-1])
-    return line[inside], np.clip(np.searchsorted(x, at[inside], "right") - 1, 0, x.size - 2)

@@ -15,7 +15,7 @@ from rattle.families.join import in_order, together
 from rattle.families.pieces import no_attractors
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, added, numbers_of
 from rattle.families.table import tabulated
-from workers.boundaries.edges import Crossings, Edges, Polyline, crossings_of, edges_of
+from workers.boundaries.edges import Edges, edges_of
 from workers.errors import reading, storage_error
 from workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, with_rim, within
 from workers.families.move import move_tile
@@ -23,6 +23,7 @@ from workers.families.tasks import Border, Connected, Told, connect, enter, tell
 from workers.storage.added import Each, here
 from workers.storage.location import Place, place_of
 from workers.storage.store import added_to_store, has_added
+from workers.survey.crossings import Crossings, Polyline, crossings_of
 from workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
 from workers.survey.request import Along, SurveyRequest
 from workers.survey.seals import path_of

@@ -14,7 +14,6 @@ from workers.storage.store import read_tile, rewrite_tile, write_tile
 from workers.survey.families import listed, with_empty
 from workers.survey.request import SurveyRequest
 from workers.survey.tiles import Tile, TileArrays
-from workers.survey.values.quantities import stored
 from workers.survey.values.schema import SLOT
 
 
@@ -32,7 +31,7 @@ def move_tile(request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Bl
     source = _source(request, place, tile, blocks, values)
     if computed and (source == np.arange(request.n_slots)[:, None, None]).all():
         return
-    for each in stored(request.quantities, request.model):
+    for each in request.variables:
         if each.per_cell and each.dims[0] == SLOT:
             index = source.reshape(source.shape[0], *(1,) * (len(each.dims) - 3), *source.shape[1:])
             values[each.name] = np.take_along_axis(values[each.name], index, 0)

@@ -19,7 +19,7 @@ from rattle.families.join import in_order, together
 from rattle.families.pieces import connected, entering
 from rattle.families.spread import Rectangle
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, sums_of
-from workers.boundaries.edges import Crossings, Ends, ends_in
+from workers.boundaries.edges import Ends, ends_in
 from workers.families.blocks import (
     COMPONENTS,
     TARGETS,
@@ -33,6 +33,7 @@ from workers.families.blocks import (
     within,
 )
 from workers.storage.location import Place, place_of
+from workers.survey.crossings import Crossings
 from workers.survey.families import Slots, create_numbers, slots_of
 from workers.survey.request import SurveyRequest
 from workers.survey.seals import checksum

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,11 +30,11 @@ from workers.storage.location import Place, place_of
 from workers.survey.families import FAMILY
 from workers.survey.families import GROUP as FAMILIES
 from workers.survey.levels.grid import GROUP as LEVELS
+from workers.survey.refined.audit import AUDIT, AUDITED, DISAGREED, SOURCE_LEVEL, told_of_audit
 from workers.survey.request import SurveyRequest
 from workers.survey.seals import GROUP, OWN, ROOT, SLICES, TILES, checksums_of, chunk_key, files_of, sealed, tile_key
 from workers.survey.template import Template, now
 from workers.survey.tiles import Tile
-from workers.survey.values.quantities import stored
 from workers.survey.values.schema import SLOT
 from workers.survey.version import code_version
 
@@ -189,7 +189,7 @@ def rewrite_tile(request: SurveyRequest, place: Place, tile: Tile, values: Mappi
     Raises:
         OSError: it cannot be written now.
     """
-    quantities = stored(request.quantities, request.model)
+    quantities = request.variables
     same = tuple(f"{each.name}/" for each in quantities if each.dims[0] != SLOT)
     for key, content in _encoded(request, tile, values):
         if not key.startswith(same):
@@ -231,7 +231,7 @@ def finish_store(where: str | Path | Place) -> None:
         SurveyError: there is no survey, cells are missing, or a run still writes to it.
     """
     place = place_of(where)
-    if manifest_of(place) is None:
+    if (manifest := manifest_of(place)) is None:
         raise SurveyError(f"{place} holds something that is not a survey: choose another path")
     with place.writing():
         if missing := _missing_cells(place):
@@ -240,8 +240,11 @@ def finish_store(where: str | Path | Place) -> None:
             place.sweep()
             if (root := read_sealed(place, ROOT)) is None:
                 raise SurveyError(f"{ROOT} of {place} is damaged: run the survey again to repair it")
-            if COMPLETED not in root["attributes"]:
-                root["attributes"][COMPLETED] = now()
+            known = root["attributes"]
+            told = {COMPLETED: known.get(COMPLETED) or now()}
+            told |= _refined(place) if AUDIT in manifest.chunks else {}
+            if told != {name: known.get(name) for name in told}:
+                root["attributes"] = known | told
                 place.put(ROOT, sealed(root))
         except OSError as error:
             raise storage_error(f"{place} cannot be finished", error) from error
@@ -314,11 +317,27 @@ def _is_added(key: str) -> bool:
 
 
 def _missing_cells(place: Place) -> int:
+    return sum(int(np.sum(band == 0)) for band in bands(place, STATUS))
+
+
+def _refined(place: Place) -> dict[str, int | float]:
+    """What the root says of a refined survey: its cells that were filled, and what their audit found."""
+    filled = sum(int(np.count_nonzero(band)) for band in bands(place, SOURCE_LEVEL))
+    found = np.sum([np.bincount(band.ravel(), minlength=DISAGREED + 1) for band in bands(place, AUDIT)], axis=0)
+    return told_of_audit(filled, int(found[AUDITED:].sum()), int(found[DISAGREED]))
+
+
+def bands(place: Place, name: str) -> Iterator[np.ndarray]:
+    """The values of a variable of cells, a row of tiles at a time: whole, it takes 2 KiB for each of them.
+
+    Raises:
+        SurveyError: the survey is damaged.
+    """
     try:
         with place.reaching():
-            status = zarr.open_array(place.zarr(), path="status", mode="r")
-            rows = range(0, status.shape[0], status.chunks[0])  # of tiles: whole, it takes 2 KiB for each of them
-            return sum(int(np.sum(np.asarray(status[row : row + status.chunks[0]]) == 0)) for row in rows)
+            array = zarr.open_array(place.zarr(), path=name, mode="r")
+            for row in range(0, array.shape[0], array.chunks[0]):
+                yield np.asarray(array[row : row + array.chunks[0]])
     except SurveyError:
         raise
     except Exception as error:  # what a codec raises of a damaged chunk

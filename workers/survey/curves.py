@@ -15,7 +15,8 @@ import numpy as np
 from rattle import RattleError
 from rattle.curves import CodimensionTwo, Curve
 from rattle.models import AnyModel
-from workers.survey.axes import Window
+from workers.survey.axes import Axis, Window
+from workers.survey.crossings import Crossings, Polyline, crossings_of
 from workers.survey.values.quantities import DOI
 from workers.survey.values.schema import PARTS
 
@@ -174,6 +175,20 @@ def traced(name: str, model: AnyModel, window: Window) -> Curve | Missing:
             return model.trace(name, window.delta, window.epsilon)
     except RattleError as error:
         return Missing(f"not traced: {error}")
+
+
+@lru_cache(maxsize=8)
+def crossings(model: AnyModel, delta: Axis, epsilon: Axis) -> tuple[Crossings, ...]:
+    """Where each curve of a model, as it is traced for the template, passes between the cells of a grid."""
+    grid = delta.values(), epsilon.values()
+    found = (traced(name, model, window_around(*grid)) for name in model.curve_names)
+    return tuple(crossings_of(_points(curve), *grid) for curve in found)
+
+
+def _points(curve: Curve | Missing) -> Polyline:
+    if isinstance(curve, Missing):
+        return np.zeros(0), np.zeros(0), np.zeros(0, np.int64)
+    return curve.delta, curve.epsilon, curve.piece
 
 
 def curve_attributes(name: str, model: AnyModel, curve: Curve | Missing) -> dict[str, str]:

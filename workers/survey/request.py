@@ -23,8 +23,9 @@ from rattle.models import AnyModel, Model, model_of
 from workers.errors import SurveyError
 from workers.survey.axes import Axis, Name, NumberOrAxis, Real, Strict
 from workers.survey.machine import SurveyedMachine, in_the_model
-from workers.survey.values.quantities import groups_of
-from workers.survey.values.schema import DEFAULT, FIXED, JOINED, SAMPLED, Group
+from workers.survey.refined.asked import BLOCK, LARGEST_SIDE, Refine, RefineOrNot, require_refinable
+from workers.survey.values.quantities import groups_of, stored
+from workers.survey.values.schema import DEFAULT, FIXED, JOINED, SAMPLED, Group, Quantity
 from workers.survey.version import code_version
 
 Along = tuple[int, ...]  # an index along the third axis, () where there is none
@@ -108,7 +109,8 @@ class SurveyRequest(Strict):
     default 8, or 24 where δ begins below 0.1; more are counted, and their share is told. slots_by: "fraction", the
     largest share first, or "family", each family in one slot of all cells as far as there are slots; by default where
     families are asked for. machine: instead of β, and of the axes where it has `rpm` and `eccentricity`, {"start",
-    "stop", "num"} each; these become even steps of δ and ε.
+    "stop", "num"} each; these become even steps of δ and ε. refine: compute few cells first, and more where what exists
+    differs between them; true, or {"audit": the share of filled cells that are computed all the same}.
     """
 
     name: Name = ""
@@ -124,6 +126,7 @@ class SurveyRequest(Strict):
     tile: TileShape = TileShape()
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
     machine: SurveyedMachine | None = None
+    refine: Annotated[Refine | None, RefineOrNot] = None
 
     @model_validator(mode="before")
     @classmethod
@@ -210,11 +213,19 @@ class SurveyRequest(Strict):
         return self
 
     @model_validator(mode="after")
+    def _fills_what_it_can(self) -> Self:
+        if self.refine is not None:
+            require_refinable(self.quantities, self.model)
+        return self
+
+    @model_validator(mode="after")
     def _tiles_fit(self) -> Self:
         for axis in ("delta", "epsilon"):
             size, num = getattr(self.tile, axis), getattr(self, axis).num
             if size is not None and size > num:
                 raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
+            if self.refine is not None and size not in (None, num) and size % BLOCK:
+                raise ValueError(f"tile.{axis} ({size}) cuts the blocks that are refined: use a multiple of {BLOCK}")
         if self.tile_shape[0] * self.tile_shape[1] > MAX_TILE_CELLS:
             raise ValueError(f"a tile may hold {MAX_TILE_CELLS} cells: use a smaller tile")
         if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
@@ -222,6 +233,11 @@ class SurveyRequest(Strict):
         if self.n_tiles > MAX_TILES:
             raise ValueError(f"{self.n_tiles} tiles, at most {MAX_TILES}: use a larger tile or a coarser grid")
         return self
+
+    @property
+    def variables(self) -> tuple[Quantity, ...]:
+        """The variables that its store has."""
+        return stored(self.quantities, self.model, self.refine is not None)
 
     @property
     def gear_model(self) -> AnyModel:
@@ -312,6 +328,8 @@ class SurveyRequest(Strict):
             side = min(side, math.isqrt(int(samples / longer) // self.initial_conditions.count))
         if Group.BASINS in self.quantities:
             side = min(side, BASIN_SIDE)
+        if self.refine is not None:  # few of its cells are computed
+            return max(min(2 * side, LARGEST_SIDE) // BLOCK, 1) * BLOCK
         return min(max(side, SMALLEST_DEFAULT), math.isqrt(MAX_TILE_CELLS))
 
     @property

@@ -21,7 +21,7 @@ from workers.survey.machine import AXES
 from workers.survey.request import Along, SurveyRequest
 from workers.survey.seals import GROUP, OWN, ROOT, SLICE, SLICES, TILES, files_of, path_of, sealed
 from workers.survey.tiles import cells_of
-from workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of, stored
+from workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of
 from workers.survey.values.schema import FIXED, SLOT, Quantity
 from workers.survey.version import code_version
 
@@ -43,7 +43,7 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
     kept: dict[str, Buffer] = {}
     created = created or now()
     root = zarr.create_group(MemoryStore(kept), zarr_format=3, attributes=_attributes(request, created))
-    quantities = stored(request.quantities, request.model)
+    quantities = request.variables
     _write_coordinates(root, request, {dim for quantity in quantities for dim in quantity.dims} | {"delta"})
     for quantity in quantities:
         _create(root, request, quantity)
@@ -81,7 +81,7 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
     """
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
-    quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
+    quantities = [quantity for quantity in request.variables if quantity.per_cell]
     arrays = {quantity.name: _create_per_cell(root, request, quantity) for quantity in quantities}
     chunks = _chunks(request, quantities)
     return kept, arrays | {TILES: create_checksums(root, request.tile_grid, len(chunks))}, chunks

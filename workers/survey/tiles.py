@@ -7,11 +7,13 @@ from types import EllipsisType
 
 import numpy as np
 
+from workers.survey.curves import crossings
+from workers.survey.refined.fill import Plan, RefinedCells, refined_cells
 from workers.survey.request import Along, SurveyRequest
 from workers.survey.values.cells import Cells
 from workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
-from workers.survey.values.quantities import shape_of, stored
-from workers.survey.values.schema import SAMPLED
+from workers.survey.values.quantities import shape_of
+from workers.survey.values.schema import SAMPLED, Quantity
 
 LONGEST_MESSAGE = 300
 POLL_SECONDS = 0.2  # between two questions whether a run shall stop
@@ -63,6 +65,7 @@ class TileRecord:
     undecided_cells: int
     seconds: float
     impacts: int = 0  # on one wall, of all samples; 0 if none were followed, or in a process of their own
+    filled_cells: int = 0  # that were not computed: of a survey that is refined
 
 
 def tiles_of(request: SurveyRequest) -> list[Tile]:
@@ -105,7 +108,8 @@ def compute_tile(
     """Compute every per-cell variable of a tile.
 
     A pure function of the request and the cells: shape and order of the tiles do not show in the values.
-    A cell that fails has status 3, fill values elsewhere, and its message in the record; its neighbours are whole.
+    A cell that fails has status 3, fill values elsewhere, and its message in the record; its neighbours are whole. A
+    tile of a survey that is refined is computed in all its cells if one of them fails, or if they come from elsewhere.
 
     Args:
         outcomes: of the cells, row by row, if they come from elsewhere.
@@ -120,6 +124,7 @@ def compute_tile(
         arrays, failed = _gather(request, cells, outcomes)
     else:
         try:
+            cells = cells if request.refine is None else _refined(request, tile)
             arrays, failed = _evaluate(request, cells), list[FailedCell]()
             impacts = int(cells.attractors.impacts.sum()) if cells.count else 0
         except MACHINE_FAILURES:
@@ -134,13 +139,27 @@ def compute_tile(
         undecided_cells=int(np.sum(arrays["status"] == SOME_UNDECIDED)),
         seconds=time.perf_counter() - began,
         impacts=impacts,
+        filled_cells=int(np.count_nonzero(cells.source_level)) if not failed else 0,
     )
     return arrays, record
 
 
+def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
+    """The cells of a tile, of which only some are computed."""
+    assert request.refine is not None
+    whole = cells_of(request.at(tile.along))
+    # those of the stiff model take minutes
+    curves = crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
+    return refined_cells(whole, *tile.spans, Plan(request.refine.audit, request.quantities, curves))
+
+
 def _evaluate(request: SurveyRequest, cells: Cells) -> TileArrays:
-    quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
-    return {quantity.name: np.asarray(quantity.evaluate(cells)).astype(quantity.dtype) for quantity in quantities}
+    quantities = [quantity for quantity in request.variables if quantity.per_cell]
+    return {each.name: np.asarray(_values(each, cells)).astype(each.dtype) for each in quantities}
+
+
+def _values(quantity: Quantity, cells: Cells) -> np.ndarray:
+    return cells.values_of(quantity) if isinstance(cells, RefinedCells) else quantity.evaluate(cells)
 
 
 def cell_outcomes(
@@ -177,7 +196,7 @@ def _gather(
 
 
 def _fills(request: SurveyRequest, shape: tuple[int, int]) -> TileArrays:
-    quantities = [quantity for quantity in stored(request.quantities, request.model) if quantity.per_cell]
+    quantities = [quantity for quantity in request.variables if quantity.per_cell]
     return {each.name: np.full(shape_of(each, shape, request.n_slots), each.fill, each.dtype) for each in quantities}
 
 

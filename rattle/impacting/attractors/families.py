@@ -13,6 +13,7 @@ from rattle.errors import parameters, require_number
 from rattle.families.join import axis, joined
 from rattle.families.table import Families
 from rattle.impacting.attractors.classifier import attractors_of, cells_of
+from rattle.impacting.attractors.settle import Cells
 
 
 def families_of(
@@ -37,6 +38,9 @@ def families_of(
     return joined(delta, epsilon, count, table, plane(delta, epsilon, beta))
 
 
-def plane(delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: float) -> Any:
-    """The cells epsilon (m,) × delta (n,) as kernels take them, row by row."""
-    return cells_of(*(np.array(x, order="C").ravel() for x in parameters(delta, epsilon[:, None], beta)))
+def plane(delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: float, rests: bool = True) -> Any:
+    """The cells epsilon (m,) × delta (n,) as kernels take them, row by row; without rests nothing is taken to be quiet,
+    as of periodic orbits nothing is.
+    """
+    d, e, b = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon[:, None], beta))
+    return cells_of(d, e, b) if rests else Cells(d, e, b, np.zeros(d.size))

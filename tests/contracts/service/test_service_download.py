@@ -170,4 +170,6 @@ def test_a_cost_is_taken_from_the_survey_most_like(client: TestClient, running: 
     assert most_like(other, jobs) is None
     many = SurveyRequest(**BODY | {"initial_conditions": {"count": 64}})
     assert most_like(many, jobs) is None  # sixteen times the sample: not proportional
+    refined = SurveyRequest(**BODY | {"refine": True, "tile": {}})
+    assert most_like(refined, jobs) is None  # few of its cells are computed
     assert 0 < cell_seconds(other) < 1

@@ -95,8 +95,16 @@ def test_the_cost_is_that_of_cells_of_the_middle_slice() -> None:
 
 def test_axes_are_read_by_commands(tmp_path: Path) -> None:
     given: dict[str, Any] = dict.fromkeys(
-        ("kappa", "v_max", "budget", "slots", "slots_by", "tile", "quantity"), None
-    ) | {"count": 4, "seed": 0, "name": "", "machine": {}, "delta": "0.5:0.7:6", "epsilon": "0.05:0.15:4"}
+        ("kappa", "v_max", "budget", "slots", "slots_by", "tile", "quantity", "audit"), None
+    ) | {
+        "refine": False,
+        "count": 4,
+        "seed": 0,
+        "name": "",
+        "machine": {},
+        "delta": "0.5:0.7:6",
+        "epsilon": "0.05:0.15:4",
+    }
     assert survey_request(**given, beta="0.4:0.6:3").beta == Axis(start=0.4, stop=0.6, num=3)
     assert survey_request(**given | {"kappa": "1e3:1e4:2"}, beta="0.5").kappa == Axis(start=1e3, stop=1e4, num=2)
     store = tmp_path / "s.zarr"

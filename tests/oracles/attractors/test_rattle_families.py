@@ -6,8 +6,10 @@ from scipy.ndimage import label as components
 
 import rattle
 from rattle import stiff
-from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED
+from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED, Attractors
+from rattle.families.pieces import Piece
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY
+from rattle.models import Impacting
 
 DELTA, EPSILON = np.linspace(0.405, 0.6, 27), np.linspace(0.05, 0.16, 23)
 COUNT = 16
@@ -82,6 +84,26 @@ def test_the_way_through_the_grid_decides_nothing(found):
     mine = partition(found)
     assert {frozenset(x) for x in mine.values()} == {frozenset(x) for x in other.values()}
     assert [len(mine[i]) for i in range(1, 20)] == [len(other[i]) for i in range(1, 20)]
+
+
+def test_a_piece_learns_the_same_orbits_in_any_parts(found):
+    """Row by row of cells it ends with what the whole join has, each orbit once, with the samples of its cell."""
+    rows = Attractors._make(x[(found.attractors.kind == PERIODIC) & ~found.entered] for x in found.attractors)
+    piece = Piece((EPSILON.size, DELTA.size), Impacting().cells(DELTA, EPSILON))
+    order = np.random.default_rng(2).permutation(EPSILON.size)
+    for part in np.array_split(order, 6):
+        here = np.isin(rows.cell // DELTA.size, part)
+        piece.learn(Attractors._make(x[here] for x in rows))
+    orbits, n = piece.orbits, piece.n
+    expected = found.attractors.kind == PERIODIC
+    columns = [getattr(found.attractors, name)[expected] for name in ("cell", "m", "n_plus", "n_minus")]
+    known = np.where(found.entered, -1, found.attractors.samples)[expected]
+    both = [
+        sorted(zip(*(x[:many].tolist() for x in of), strict=True))
+        for many, of in ((n, (*orbits[:4], piece.samples)), (known.size, (*columns, known)))
+    ]
+    assert both[0] == both[1]
+    assert np.sort(orbits.tau[:n]) == pytest.approx(np.sort(found.attractors.tau[expected]), abs=1e-6)
 
 
 def test_the_table_tells_what_its_rows_say(found, grid):

@@ -11,6 +11,7 @@ from rattle.intensity.table import Intensities
 from rattle.models import AnyModel
 
 GRAZING_CURVES = ("G1", "G2")
+AUDIT = ("not_audited", "agreed", "disagreed")
 BASIN_RESOLUTION = 100  # cells a side of the (τ, v) plane, in boxes of 5 × 5 for the entropy
 
 
@@ -37,6 +38,16 @@ class Cells:
     def shape(self) -> tuple[int, int]:
         """Cells along (epsilon, delta)."""
         return len(self.epsilon), len(self.delta)
+
+    @property
+    def source_level(self) -> np.ndarray:
+        """How coarse the computation was that each cell has its values from, 0 where it is its own."""
+        return np.zeros(self.shape, np.int8)
+
+    @property
+    def audit(self) -> np.ndarray:
+        """What the audit of filled cells found of each: codes of `AUDIT`."""
+        return np.zeros(self.shape, np.int8)
 
     def one(self, i: int, j: int) -> "Cells":
         """Return the cell at (i_epsilon, i_delta), with nothing evaluated."""

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import rattle
 from rattle.models import Model
 from workers.survey.values import evaluate, intensity
-from workers.survey.values.cells import GRAZING_CURVES
+from workers.survey.values.cells import AUDIT, GRAZING_CURVES
 from workers.survey.values.schema import CELL, Coordinate, Group, Quantity
 
 DOI = "10.1137/090759641"
@@ -31,6 +31,7 @@ _BASINS = f"{_PAPER} section 5.1, Figure 4"
 _PLANE = f"{_PAPER} section 5.2, Figure 7"
 _WILSON = "E. B. Wilson, J. Am. Stat. Assoc. 22 (1927) 209-212"
 _ENTROPY = "A. Daza et al., Scientific Reports 6 (2016) 31416"
+_REFINED = "docs/refined.md"
 _SUM_RULE = f"tangent map of {_MAP}"
 
 _ORBIT = ("orbit", *CELL)
@@ -377,21 +378,46 @@ QUANTITIES: tuple[Quantity, ...] = (
 )
 
 
+#: What a survey that is refined has besides, before `status`.
+REFINED: tuple[Quantity, ...] = (
+    Quantity(
+        "source_level",
+        None,
+        CELL,
+        "int8",
+        "0: the cell was computed; n > 0: it was filled between computed cells 2ⁿ steps apart",
+        _REFINED,
+        lambda cells: cells.source_level,
+    ),
+    Quantity(
+        "audit",
+        None,
+        CELL,
+        "int8",
+        "what a computation of the cell found that was to be filled",
+        _REFINED,
+        lambda cells: cells.audit,
+        AUDIT,
+    ),
+)
+
+
 def groups_of(model: Model) -> tuple[Group, ...]:
     """Return the groups of which a model has variables; no tile writes those of families."""
     in_tiles = {each.group for each in QUANTITIES if model in each.models}
     return tuple(group for group in Group if group in in_tiles or group is Group.FAMILIES)
 
 
-def stored(groups: Iterable[Group], model: Model) -> tuple[Quantity, ...]:
+def stored(groups: Iterable[Group], model: Model, refined: bool = False) -> tuple[Quantity, ...]:
     """Return the variables that a store has of `held`: of complex ones both parts."""
-    return tuple(part for quantity in held(groups, model) for part in quantity.parts)
+    return tuple(part for quantity in held(groups, model, refined) for part in quantity.parts)
 
 
-def held(groups: Iterable[Group], model: Model) -> tuple[Quantity, ...]:
-    """Return the variables of these groups that a model has, and `status`."""
+def held(groups: Iterable[Group], model: Model, refined: bool = False) -> tuple[Quantity, ...]:
+    """Return the variables of these groups that a model has, and `status`; refined: of a survey that is."""
     wanted = {*groups, None}
-    return tuple(quantity for quantity in QUANTITIES if quantity.group in wanted and model in quantity.models)
+    *found, status = (each for each in QUANTITIES if each.group in wanted and model in each.models)
+    return *found, *(REFINED if refined else ()), status
 
 
 def labels_of(dim: str, slots: int) -> tuple[int, ...] | tuple[str, ...]:

@@ -1,0 +1,43 @@
+"""How a survey is refined, as it is asked for, and what can be."""
+
+from collections.abc import Iterable
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field
+
+from rattle.models import Model
+from workers.survey.axes import Real, Strict
+from workers.survey.values.schema import SAMPLED, Group
+
+BLOCK = 32  # cells along a side of a block, whose corners are at its multiples whatever the tiles
+LARGEST_SIDE = 256  # of a tile by default
+AUDIT = 0.02  # of the filled cells
+
+
+class Refine(Strict):
+    """Cells that are computed coarse first, and finer where what exists differs; the others are filled.
+
+    audit: the share of filled cells that are computed all the same, to tell how many are wrong.
+    """
+
+    audit: Annotated[Real, Field(gt=0, le=1)] = AUDIT
+
+
+def _refine_or_not(value: Any) -> Any:
+    """true and false are short for the default, and for nothing."""
+    return (Refine() if value else None) if isinstance(value, bool) else value
+
+
+RefineOrNot = BeforeValidator(_refine_or_not)
+
+
+def require_refinable(quantities: Iterable[Group], model: Model) -> None:
+    """Raise ValueError unless these groups of variables can be filled where they are not computed."""
+    groups = set(quantities)
+    if not groups & {Group.REGION, *SAMPLED}:
+        raise ValueError("refine goes by regions or attractors: name one of these quantities, or leave refine out")
+    for group in (Group.BASINS, Group.INTENSITY):
+        if group in groups:
+            raise ValueError(f"{group} are of each cell and cannot be filled: leave them out, or leave refine out")
+    if Group.ORBITS in groups and model is Model.STIFF:
+        raise ValueError("orbits of the stiff model cannot be filled: leave these out, or leave refine out")

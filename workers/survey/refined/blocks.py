@@ -1,0 +1,130 @@
+"""The blocks of a tile, and their leaves: squares of cells with their edges, halved until nothing differs in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from workers.survey.refined.asked import BLOCK
+
+
+class Leaves(NamedTuple):
+    """Squares (k,) of equal size: their block, and the row and column in it where they begin.
+
+    A leaf of size n has n + 1 cells a side: its last row and column are the first ones of the next leaves.
+    """
+
+    block: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    size: int
+
+    def of(self, which: np.ndarray) -> Leaves:
+        """Some of them."""
+        return Leaves(self.block[which], self.row[which], self.column[which], self.size)
+
+
+class Square(NamedTuple):
+    """The cells of leaves (k, size + 1, size + 1): block, row and column in it; `inside` where the grid has a cell."""
+
+    block: np.ndarray
+    row: np.ndarray
+    column: np.ndarray
+    inside: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """The blocks of the cells rows × columns of a grid of this shape.
+
+    Its frame is these cells and the row and column after them, where the grid goes on: the last edges of its blocks.
+    """
+
+    rows: slice
+    columns: slice
+    grid: tuple[int, int]
+
+    @cached_property
+    def frame(self) -> tuple[slice, slice]:
+        """The cells that are looked at."""
+        found = (slice(s.start, min(s.stop + 1, n)) for s, n in zip((self.rows, self.columns), self.grid, strict=True))
+        rows, columns = found
+        return rows, columns
+
+    @cached_property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the frame."""
+        rows, columns = self.frame
+        return rows.stop - rows.start, columns.stop - columns.start
+
+    @cached_property
+    def corners(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where each block begins in the frame (blocks,)."""
+        down, right = (np.arange(0, span.stop - span.start, BLOCK) for span in (self.rows, self.columns))
+        return np.repeat(down, right.size), np.tile(right, down.size)
+
+    @cached_property
+    def last(self) -> tuple[np.ndarray, np.ndarray]:
+        """The last row and column of each block (blocks,), with its edges."""
+        top, left = self.corners
+        return np.minimum(BLOCK, self.shape[0] - 1 - top), np.minimum(BLOCK, self.shape[1] - 1 - left)
+
+    @property
+    def n_cells(self) -> int:
+        """Cells of the frame."""
+        return self.shape[0] * self.shape[1]
+
+    def whole(self) -> Leaves:
+        """Each block as a leaf."""
+        number = np.arange(self.corners[0].size)
+        return Leaves(number, np.zeros_like(number), np.zeros_like(number), BLOCK)
+
+    def halves(self, leaves: Leaves) -> Leaves:
+        """The four quarters of leaves, those without a cell of their own inside left out."""
+        half = leaves.size // 2
+        block, row, column = (np.repeat(x, 4) for x in leaves[:3])
+        row = row + np.tile([0, 0, half, half], leaves.block.size)
+        column = column + np.tile([0, half, 0, half], leaves.block.size)
+        last = self.last[0][block], self.last[1][block]
+        there = ((row < last[0]) | (row == 0)) & ((column < last[1]) | (column == 0))
+        return Leaves(block, row, column, half).of(there)
+
+    def square(self, leaves: Leaves) -> Square:
+        """The cells of leaves."""
+        along = np.arange(leaves.size + 1)
+        row, column = leaves.row[:, None] + along, leaves.column[:, None] + along
+        block = leaves.block[:, None]
+        inside = (row <= self.last[0][block])[:, :, None] & (column <= self.last[1][block])[:, None, :]
+        row, column = np.minimum(row, self.last[0][block]), np.minimum(column, self.last[1][block])
+        shape = inside.shape
+        return Square(
+            np.broadcast_to(block[:, :, None], shape),
+            np.broadcast_to(row[:, :, None], shape),
+            np.broadcast_to(column[:, None, :], shape),
+            inside,
+        )
+
+    def cell(self, square: Square) -> np.ndarray:
+        """The numbers of cells in the frame."""
+        top, left = self.corners
+        number: np.ndarray = (top[square.block] + square.row) * self.shape[1] + left[square.block] + square.column
+        return number
+
+    def edges(self, leaves: Leaves) -> np.ndarray:
+        """The cells of the frame that are on an edge of leaves, each once."""
+        square = self.square(leaves)
+        row, column = square.row, square.column
+        ends = (row[:, :1], row[:, -1:]), (column[:, :, :1], column[:, :, -1:])
+        on = (row == ends[0][0]) | (row == ends[0][1]) | (column == ends[1][0]) | (column == ends[1][1])
+        return np.unique(self.cell(square)[on])
+
+
+def together(parts: Iterable[Leaves]) -> Leaves:
+    """Leaves of one size in one."""
+    many = list(parts)
+    block, row, column = (np.concatenate(x) for x in zip(*(each[:3] for each in many), strict=True))
+    return Leaves(block, row, column, many[0].size)

@@ -1,0 +1,154 @@
+"""What is known of the cells of a tile while it is refined: their regions, samples, and the orbits that exist."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import rattle
+from rattle import Attractors
+from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED
+from rattle.families.join import in_order, together
+from rattle.families.pieces import Piece, no_attractors
+from workers.survey.refined.asked import BLOCK
+from workers.survey.refined.blocks import Blocks, Leaves, Square
+from workers.survey.values.cells import Cells
+
+#: What samples go to that has no orbit which could be continued.
+SEEN = (QUIET, CHAOTIC, UNDECIDED)
+FEW = 12  # samples: where one cell has none and another so many, they differ
+SURELY = 1e-3  # how seldom a cell's samples miss by chance what others have
+
+
+class Evidence:
+    """Cells of the frame of some blocks, computed when they are asked for.
+
+    cells: of the frame. sampled: whether attractors are compared; regions: whether regions are.
+    """
+
+    def __init__(self, blocks: Blocks, cells: Cells, sampled: bool, regions: bool) -> None:
+        self.blocks, self.cells = blocks, cells
+        self.sampled, self.regions = sampled, regions
+        n = blocks.n_cells
+        self.known = np.zeros(n, bool)
+        self.region = np.zeros(n, np.int8)
+        self.samples = np.zeros((len(SEEN), n))
+        self.table = no_attractors()
+        self.existing: dict[int, Piece] = {}  # of the blocks that have periodic orbits
+        self._code = np.zeros((blocks.corners[0].size, BLOCK + 1, BLOCK + 1), np.uint64)
+
+    def compute(self, cells: np.ndarray) -> None:
+        """Compute those of some cells that are not, and what exists in the blocks that they are inside of."""
+        cells = cells[~self.known[cells]]
+        if not cells.size:
+            return
+        row, column = np.divmod(cells, self.blocks.shape[1])
+        delta, epsilon = self.cells.delta[column], self.cells.epsilon[row]
+        model, own = self.cells.model, self.cells
+        self.known[cells] = True
+        if self.regions:
+            self.region[cells] = rattle.classify_regions(model.period_one(delta, epsilon))
+        if not self.sampled:
+            return
+        sample = own.count, own.v_max, own.seed, own.budget, own.tau, own.v_min
+        found = model.attractors_of(delta, epsilon, *sample)
+        found = found._replace(cell=cells[found.cell])
+        for which, kind in enumerate(SEEN):
+            np.add.at(self.samples[which], found.cell[found.kind == kind], found.samples[found.kind == kind])
+        table = together(self.table, found)
+        order = in_order(table)
+        self.table = Attractors._make(x[order] for x in table)
+        self._continue(Attractors._make(x[found.kind == PERIODIC] for x in found))
+
+    def _continue(self, periodic: Attractors) -> None:
+        """Continue orbits of computed cells everywhere in the blocks of these."""
+        row, column = np.divmod(periodic.cell, self.blocks.shape[1])
+        for block, corner in enumerate(zip(*self.blocks.corners, *self.blocks.last, strict=True)):
+            top, left, height, width = (int(x) for x in corner)
+            here = (top <= row) & (row <= top + height) & (left <= column) & (column <= left + width)
+            if not here.any():
+                continue
+            mine = Attractors._make(x[here] for x in periodic)
+            mine = mine._replace(cell=(row[here] - top) * (width + 1) + column[here] - left)
+            piece = self.existing.get(block) or self._piece(top, left, height, width)
+            piece.learn(mine)
+            self.existing[block] = piece
+            self._code[block, : height + 1, : width + 1] = labels_in(piece)
+
+    def _piece(self, top: int, left: int, height: int, width: int) -> Piece:
+        delta, epsilon = self.cells.delta, self.cells.epsilon
+        cells = self.cells.model.cells_of_orbits(delta[left : left + width + 1], epsilon[top : top + height + 1])
+        return Piece((height + 1, width + 1), cells)
+
+    def code(self, square: Square) -> np.ndarray:
+        """Numbers that are equal where the same orbits exist, in cells of one block."""
+        found: np.ndarray = self._code[square.block, square.row, square.column]
+        return found
+
+    def uniform(self, leaves: Leaves) -> np.ndarray:
+        """Whether the same is known to exist in all cells of leaves (k,), whatever the share of the samples."""
+        square = self.blocks.square(leaves)
+        cell = self.blocks.cell(square)
+        known = square.inside & self.known[cell]
+        region = self.region[cell]
+        inner = (1, 2)
+        same = region.max(inner, where=known, initial=-1) == region.min(inner, where=known, initial=127)
+        if self.sampled:
+            code = self.code(square)
+            same &= ((code == code[:, :1, :1]) | ~square.inside).all(inner)
+            same &= ~differ(self.samples[:, cell], known, self.cells.count).any(0)
+        return same
+
+    def surprising(self, square: Square, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """Which audited cells of leaves have something else than the edges of their leaf tell.
+
+        before: the code of the cells when only the edges were known.
+        """
+        cell = self.blocks.cell(square)
+        edge = square.inside & self.known[cell] & ~audited
+        inner = (1, 2)
+        region = self.region[cell]
+        odd = region != region.max(inner, where=edge, initial=-1)[:, None, None]
+        if self.sampled:
+            odd |= self.code(square) != before
+            seen = self.samples[:, cell]
+            share = (seen * edge).sum((2, 3)) / (edge.sum(inner) * self.cells.count)
+            share = share[:, :, None, None]
+            missed = (1.0 - share) ** self.cells.count < SURELY
+            odd |= ((seen > 0) & (share == 0.0) | (seen == 0) & missed).any(0)
+        return odd & audited
+
+
+def differ(seen: np.ndarray, known: np.ndarray, count: int) -> np.ndarray:
+    """Whether cells of leaves differ in whether they have something at all, beyond what samples miss by chance.
+
+    seen (…, k, n, n): samples that go to it; known (k, n, n): the cells that were sampled. A cell without any differs
+    from one with FEW; and cells without any are too many if so many are not expected of a share that all have.
+    """
+    inner = (-2, -1)
+    seen, cells = seen * known, known.sum(inner)
+    none = ((seen == 0) & known).sum(inner)
+    share = seen.sum(inner) / (np.maximum(cells, 1) * count)
+    expected = cells * (1.0 - share) ** count
+    most = seen.max(inner)
+    too_many = none > expected + 3.0 * np.sqrt(expected) + 1.0
+    found: np.ndarray = (share > 0.0) & (none > 0) & (too_many | (most >= min(FEW, count)))
+    return found
+
+
+def labels_in(piece: Piece) -> np.ndarray:
+    """Numbers of cells (rows, columns) that are equal where orbits of the same labels exist."""
+    found, orbits, n = np.zeros(piece.shape, np.uint64), piece.orbits, piece.n
+    mixed = np.zeros(n, np.uint64)
+    for part in (orbits.m, orbits.n_plus, orbits.n_minus):
+        mixed = scrambled(mixed + part[:n].astype(np.uint64))
+    np.add.at(found.reshape(-1), orbits.cell[:n], mixed)
+    return found
+
+
+def scrambled(number: np.ndarray) -> np.ndarray:
+    """Other 64 bits for each, in which none tells of another (splitmix64)."""
+    x = number + np.uint64(0x9E3779B97F4A7C15)
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    found: np.ndarray = x ^ (x >> np.uint64(31))
+    return found

@@ -1,0 +1,146 @@
+"""Every variable of a tile that is refined: of its computed cells their own, of the others what was filled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from rattle import Attractors, wilson_interval
+from rattle.attractors.table import CHAOTIC, QUIET
+from rattle.families.join import in_order, together
+from workers.survey.crossings import Crossings
+from workers.survey.refined.audit import chosen
+from workers.survey.refined.blocks import Blocks
+from workers.survey.refined.evidence import Evidence
+from workers.survey.refined.shares import filling
+from workers.survey.refined.tree import Tree, passed
+from workers.survey.values.cells import Cells
+from workers.survey.values.evaluate import fraction, in_slots
+from workers.survey.values.schema import SAMPLED, Group, Quantity
+
+#: What a chaotic attractor tells by its trajectory, which a filled cell has none of.
+BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedCells(Cells):
+    """Cells of which only some were computed. table: the attractors of all, wider (rows,): as `Filling` has it, 0 of
+    computed cells. regions, source_level, audit: of each cell.
+    """
+
+    table: Attractors = None  # type: ignore[assignment]  # a dataclass that follows one with defaults
+    wider: np.ndarray = None  # type: ignore[assignment]
+    regions: np.ndarray = None  # type: ignore[assignment]
+    source_level: np.ndarray = None  # type: ignore[assignment]
+    audit: np.ndarray = None  # type: ignore[assignment]
+
+    @cached_property
+    def attractors(self) -> Attractors:
+        """The attractors of all cells, row by row."""
+        return self.table
+
+    @cached_property
+    def region(self) -> np.ndarray:
+        """The regions, of filled cells those of the edges around them."""
+        return self.regions
+
+    @property
+    def filled(self) -> np.ndarray:
+        """Which cells were not computed."""
+        found: np.ndarray = self.source_level > 0
+        return found
+
+    def values_of(self, quantity: Quantity) -> np.ndarray:
+        """The values of a variable, as its registry has it."""
+        if quantity.name == "attractor_fraction_upper":
+            return in_slots(self, np.minimum(self._bound + self.wider, 1.0), np.nan, quantity.dtype)
+        if quantity.name == "fraction_error":
+            return self._fraction_error
+        if quantity.name in BY_TRAJECTORY:
+            values = np.asarray(quantity.evaluate(self._followed))
+            return np.where(self._without_trajectory, np.nan, values)
+        return np.asarray(quantity.evaluate(self))
+
+    @cached_property
+    def _bound(self) -> np.ndarray:
+        return wilson_interval(self.table.samples, self.count)[1]
+
+    @cached_property
+    def _fraction_error(self) -> np.ndarray:
+        won = fraction("quiet")(self) * self.count
+        low, high = wilson_interval(np.where(self.filled, np.minimum(won, self.count), np.rint(won)), self.count)
+        quiet = self.table.kind == QUIET
+        wider = np.bincount(self.table.cell[quiet], self.wider[quiet], self.source_level.size).reshape(self.shape)
+        return (high - low) / 2 + wider
+
+    @cached_property
+    def _guessed(self) -> np.ndarray:
+        """Rows of chaotic attractors that were not followed."""
+        found: np.ndarray = self.filled.ravel()[self.table.cell] & (self.table.kind == CHAOTIC)
+        return found
+
+    @cached_property
+    def _without_trajectory(self) -> np.ndarray:
+        return np.bincount(self.table.cell[self._guessed], minlength=self.source_level.size).reshape(self.shape) > 0
+
+    @cached_property
+    def _followed(self) -> RefinedCells:
+        """The same cells with the attractors that were followed."""
+        rows = ~self._guessed
+        return replace(self, table=Attractors._make(x[rows] for x in self.table), wider=self.wider[rows])
+
+
+class Plan(NamedTuple):
+    """How a tile is refined: the share of filled cells that are audited, what is compared, and curves of the plane."""
+
+    audit: float
+    quantities: tuple[Group, ...]
+    crossings: Sequence[Crossings]
+
+
+def refined_cells(whole: Cells, rows: slice, columns: slice, plan: Plan) -> RefinedCells:
+    """Refine the cells rows × columns of a grid of cells.
+
+    What a cell holds follows from its block: neither the tile nor its place in it shows.
+    """
+    blocks = Blocks(rows, columns, whole.shape)
+    frame = replace(whole, epsilon=whole.epsilon[blocks.frame[0]], delta=whole.delta[blocks.frame[1]])
+    sampled = bool(SAMPLED.intersection(plan.quantities))
+    evidence = Evidence(blocks, frame, sampled, Group.REGION in plan.quantities)
+    tree = Tree(evidence, passed(blocks, plan.crossings), chosen(blocks, plan.audit, whole.seed))
+    tree.grow()
+    level, wider, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
+    for leaves in tree.filled:
+        square = blocks.square(leaves)
+        cell = blocks.cell(square)
+        empty = square.inside & ~evidence.known[cell]
+        level[cell[empty]] = leaves.size.bit_length() - 1
+        evidence.region[cell[empty]] = np.broadcast_to(evidence.region[cell[:, :1, :1]], cell.shape)[empty]
+        if sampled:
+            more = filling(evidence, leaves)
+            table, wider = together(table, more.table), np.append(wider, more.wider)
+    height, width = rows.stop - rows.start, columns.stop - columns.start
+    row, column = np.divmod(table.cell, blocks.shape[1])
+    mine = (row < height) & (column < width)
+    table = table._replace(cell=row * width + column)
+    order = np.flatnonzero(mine)[in_order(Attractors._make(x[mine] for x in table))]
+
+    def own(values: np.ndarray) -> np.ndarray:
+        return values.reshape(blocks.shape)[:height, :width]
+
+    return RefinedCells(
+        **{name: getattr(whole, name) for name in Cells.__dataclass_fields__}
+        | {
+            "delta": whole.delta[columns],
+            "epsilon": whole.epsilon[rows],
+        },
+        table=Attractors._make(x[order] for x in table),
+        wider=wider[order],
+        regions=own(evidence.region),
+        source_level=own(level),
+        audit=own(tree.audit),
+    )

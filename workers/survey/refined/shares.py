@@ -1,0 +1,214 @@
+"""The cells of uniform leaves, filled: the orbits that exist there, and shares from the samples around."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from rattle import Attractors
+from rattle.attractors.table import PERIODIC, UNDECIDED
+from rattle.families.join import together
+from rattle.families.pieces import Piece, no_attractors
+from workers.survey.refined.blocks import Leaves
+from workers.survey.refined.evidence import SEEN, Evidence
+
+NORMAL = 1.96  # standard deviations in half of a 95 % interval
+
+
+class Filling(NamedTuple):
+    """Attractors of filled cells of the frame, and by how much more than a sample's their shares are uncertain.
+
+    samples: shares times the count, no whole numbers. A periodic row is an orbit that Newton's method has found in its
+    cell. One of another kind has the state of the nearest computed cell that has such, and no exponents.
+    """
+
+    table: Attractors
+    wider: np.ndarray
+
+
+class Related(NamedTuple):
+    """The orbits (n,) of a block: their row and column in it, their label by number, and equal numbers where they are
+    one: each becomes the other in the next cell.
+    """
+
+    existing: Piece
+    row: np.ndarray
+    column: np.ndarray
+    label: np.ndarray
+    group: np.ndarray
+
+
+def filling(evidence: Evidence, leaves: Leaves) -> Filling:
+    """Fill the cells of leaves that were not computed."""
+    square = evidence.blocks.square(leaves)
+    cell = evidence.blocks.cell(square)
+    known = square.inside & evidence.known[cell]
+    empty = square.inside & ~known
+    blocks: dict[int, Related] = {}
+    parts = [Filling(no_attractors(), np.zeros(0))]
+    for i in np.flatnonzero(empty.any((1, 2))):
+        block, row, column = (int(x[i]) for x in leaves[:3])
+        if block in evidence.existing and block not in blocks:
+            blocks[block] = related(evidence.existing[block])
+        leaf = _Leaf(evidence, cell[i], known[i], empty[i])
+        parts += leaf.filling(blocks[block], row, column) if block in blocks else leaf.without_orbits()
+    return Filling(together(*(each.table for each in parts)), np.concatenate([each.wider for each in parts]))
+
+
+def related(existing: Piece) -> Related:
+    """Which orbits of a block are one."""
+    from scipy.sparse import coo_array  # an eighth of a second to load
+    from scipy.sparse.csgraph import connected_components
+
+    orbits, n = existing.orbits, existing.n
+    to = orbits.to[:n].astype(np.int64)
+    one, side = np.nonzero((to[:, :2] >= 0) & (to[:, :2] < n))
+    other = to[one, side]
+    back = to[other, side + 2] == one
+    graph = coo_array((np.ones(int(back.sum()), np.int8), (one[back], other[back])), (n, n))
+    group = connected_components(graph, directed=False)[1]
+    labels = np.column_stack([orbits.m[:n], orbits.n_plus[:n], orbits.n_minus[:n]])
+    label = np.unique(labels, axis=0, return_inverse=True)[1].ravel()
+    row, column = np.divmod(orbits.cell[:n].astype(np.int64), existing.shape[1])
+    return Related(existing, row, column, label, group)
+
+
+@dataclass(frozen=True, eq=False)
+class _Leaf:
+    """A leaf that is filled: cell (n, n), the numbers of its cells in the frame; known, empty: which were computed, and
+    which are to be filled.
+    """
+
+    evidence: Evidence
+    cell: np.ndarray
+    known: np.ndarray
+    empty: np.ndarray
+
+    def without_orbits(self) -> list[Filling]:
+        """The rows where no periodic orbit exists."""
+        shares, spread = self._planes(np.zeros((int(self.known.sum()), 0)))
+        return self._kinds(shares, spread)
+
+    def filling(self, related: Related, top: int, left: int) -> list[Filling]:
+        """Its rows; top, left: where it begins in its block."""
+        row, column = related.row - top, related.column - left
+        n = self.cell.shape[0]
+        here = np.flatnonzero((row >= 0) & (row < n) & (column >= 0) & (column < n))
+        at = row[here], column[here]
+        sampled = (related.existing.samples[here] >= 0) & self.known[at]
+        listed, thing = np.unique(related.label[here[sampled]], return_inverse=True)
+        won = related.existing.samples[here[sampled]]
+        order = np.cumsum(self.known.ravel()).reshape(n, n) - 1
+        by_label = np.zeros((int(self.known.sum()), listed.size))
+        np.add.at(by_label, (order[at][sampled], thing), won)
+        shares, spread = self._planes(by_label)
+        weight = np.full(int(related.group.max(initial=0)) + 1, -1.0)
+        weight[related.group[here[sampled]]] = 0.0
+        np.add.at(weight, related.group[here[sampled]], won)
+        wanted = self.empty[at] & np.isin(related.label[here], listed)
+        mine = here[wanted]
+        thing = np.searchsorted(listed, related.label[mine])
+        place = (np.cumsum(self.empty.ravel()).reshape(n, n) - 1)[row[mine], column[mine]]
+        part = _parts(place * max(listed.size, 1) + thing, weight[related.group[mine]])
+        there = part >= 0.0
+        mine, thing, place, part = mine[there], thing[there], place[there], part[there]
+        orbits = related.existing.orbits
+        share = shares[place, len(SEEN) + thing] * part
+        zeros, real = np.zeros(mine.size, np.int64), np.full(mine.size, np.nan)
+        table = Attractors(
+            cell=self.cell[self.empty][place],
+            kind=np.full(mine.size, PERIODIC),
+            m=orbits.m[mine].astype(np.int64),
+            n_plus=orbits.n_plus[mine].astype(np.int64),
+            n_minus=orbits.n_minus[mine].astype(np.int64),
+            samples=share * self.evidence.cells.count,
+            tau=orbits.tau[mine],
+            v=orbits.v[mine],
+            first=orbits.first[mine],
+            second=orbits.second[mine],
+            error=np.zeros(mine.size),
+            impacts=zeros,
+            watched=real,
+        )
+        periodic = Filling(table, NORMAL * spread[len(SEEN) + thing])
+        return [*self._kinds(shares, spread), periodic]
+
+    def _planes(self, won: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Shares of each kind of SEEN and of each column of `won` (known cells, things) in the empty cells, on planes
+        fitted to the computed ones and made to add up to 1; and how much more than samples these differ from them, a
+        standard deviation.
+        """
+        count = self.evidence.cells.count
+        seen = self.evidence.samples[:, self.cell[self.known]].T
+        shares = np.column_stack([seen, won]) / count
+        known, empty = (self._terms(which) for which in (self.known, self.empty))
+        fit = np.linalg.solve(known.T @ known, known.T @ shares)
+        fitted, filled = (_normal(terms @ fit) for terms in (known, empty))
+        noise = (fitted * (1.0 - fitted)).mean(axis=0) / count
+        return filled, np.sqrt(np.maximum(((shares - fitted) ** 2).mean(axis=0) - noise, 0.0))
+
+    def _terms(self, which: np.ndarray) -> np.ndarray:
+        at = np.argwhere(which) / (self.cell.shape[0] - 1) - 0.5
+        return np.column_stack([np.ones(len(at)), at])
+
+    def _kinds(self, shares: np.ndarray, spread: np.ndarray) -> list[Filling]:
+        """The rows of what is not periodic."""
+        found = []
+        for which, kind in enumerate(SEEN):
+            has = self.evidence.samples[which, self.cell] > 0
+            if not (has & self.known).any():
+                continue
+            share = shares[:, which]
+            rows = np.flatnonzero(share > 0.0) if kind == UNDECIDED else np.arange(share.size)
+            state = self._nearest(kind, has & self.known)[rows]
+            zeros, unknown = np.zeros(rows.size, np.int64), np.full(rows.size, np.nan)
+            table = Attractors(
+                cell=self.cell[self.empty][rows],
+                kind=np.full(rows.size, kind),
+                m=zeros,
+                n_plus=zeros,
+                n_minus=zeros,
+                samples=share[rows] * self.evidence.cells.count,
+                tau=self.evidence.table.tau[state],
+                v=self.evidence.table.v[state],
+                first=unknown,
+                second=unknown,
+                error=unknown,
+                impacts=zeros,
+                watched=unknown,
+            )
+            found.append(Filling(table, np.full(rows.size, NORMAL * spread[which])))
+        return found
+
+    def _nearest(self, kind: int, has: np.ndarray) -> np.ndarray:
+        """For each empty cell the row of the evidence's table of this kind, of the nearest cell that has it."""
+        there, empty = np.argwhere(has), np.argwhere(self.empty)
+        apart = ((empty[:, None] - there) ** 2).sum(axis=2)
+        cell = self.cell[has][apart.argmin(axis=1)]
+        table = self.evidence.table
+        rows = np.flatnonzero(table.kind == kind)
+        found: np.ndarray = rows[np.searchsorted(table.cell[rows], cell)]
+        return found
+
+
+def _normal(shares: np.ndarray) -> np.ndarray:
+    """Shares (cells, things) that are not negative and add up to 1."""
+    found = np.maximum(shares, 0.0)
+    return np.asarray(found / found.sum(axis=1, keepdims=True))
+
+
+def _parts(of: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Which part of a share each gets of those (k,) that share it, by weight; −1: none, as it is not listed. Where none
+    is listed, or none weighs anything, all get as much.
+    """
+    if not of.size:
+        return np.zeros(0)
+    named = np.bincount(of, weight >= 0.0)[of] > 0
+    mine = np.where(named, np.maximum(weight, 0.0), 1.0)
+    alone = named & (weight < 0.0)
+    sums = np.bincount(of, mine)[of]
+    many = np.bincount(of, ~alone)[of]
+    part = np.where(sums > 0.0, mine / np.where(sums > 0.0, sums, 1.0), 1.0 / np.maximum(many, 1.0))
+    return np.where(alone, -1.0, part)
