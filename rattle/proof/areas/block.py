@@ -31,11 +31,13 @@ REGIONS = {
 }
 ATTRACTING = {letter: f"{letter} attracts" for letter in "CD"}
 SADDLE = {letter: f"{letter} is a saddle" for letter in "CD"}
+ABSENT = {letter: f"{letter} is not there" for letter in "CD"}
 #: What a claim says of which motions; of those that it does not name it says nothing.
 CLAIMS: dict[str, dict[str, State]] = {
     **REGIONS,
     **{claim: {letter: _ATTRACTING} for letter, claim in ATTRACTING.items()},
     **{claim: {letter: _SADDLE} for letter, claim in SADDLE.items()},
+    **{claim: {letter: _NONE} for letter, claim in ABSENT.items()},
 }
 QUIET, LOUD, CAPTURED = "quiet is possible", "quiet is impossible", "quiet captures"
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from rattle.errors import NotProvedError
 from rattle.impacting.map.quiet import capture_speed
-from rattle.impacting.orbits.limits import quiet_limit
-from rattle.impacting.orbits.period_one import period_one
-from rattle.orbits.period_one import classify
-from rattle.proof.areas.block import ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
+from rattle.impacting.orbits.limits import flip, quiet_limit, sn1
+from rattle.impacting.orbits.period_one import CURVES, grazing, period_one
+from rattle.orbits.period_one import NAMES, classify
+from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
 from rattle.proof.areas.capture import require_captures
 from rattle.proof.areas.finder import Prover
 from rattle.proof.areas.piece import Piece, hull
@@ -27,11 +27,14 @@ from rattle.proof.balls import ball, precision
 from rattle.proof.certificate import Ends
 
 BITS = 64
+#: Into how many parts a column is cut for the claims of a kind: those on C take little time.
+CUT = {"region": 1, QUIET: 1, "D": 1, "C": 4}
 MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))  # in ε, from where a claim ends
 CAPTURED_TO = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)  # of the quiet limit
 SLOWED, MOST_SLOWED = Fraction(3, 4), 12  # speeds that are tried, from that of docs/decisions/0003
 ROOM = Fraction(85, 100)  # of what was proved, so that others, who round otherwise, can confirm it
 SEEN, HALVED = 301, 24  # points along ε at which claims are looked for, and how often the steps between are halved
+BESIDE = 1e-6  # relative, of a curve
 PLACES = 6  # of corners in ε
 DEEPEST = 2  # times that the ε of a claim are halved
 
@@ -49,9 +52,11 @@ def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[Block]:
     """The blocks that are proved of a column."""
     prover, found = Prover(beta), []
     with precision(BITS):
-        for claim, low, high in expected(float(beta), delta, epsilon):
-            limits = _within(low, high, epsilon)
-            found += [Block(claim, beta, delta, ends) for ends in _proved(prover, claim, delta, limits)]
+        for kind, parts in CUT.items():
+            for part in columns(delta, parts):
+                for claim, low, high in expected(kind, float(beta), part, epsilon):
+                    limits = _within(low, high, epsilon)
+                    found += [Block(claim, beta, part, ends) for ends in _proved(prover, claim, part, limits)]
         found += _captured(beta, delta, epsilon)
     return found
 
@@ -111,10 +116,10 @@ def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 
     return [ends for half in halves for ends in _proved(prover, claim, delta, half, depth + 1)]
 
 
-def expected(beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
-    """Where each claim holds at both edges and in the middle of a column, as doubles tell."""
+def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
+    """Where each claim of a kind holds at both edges and in the middle of a column, as doubles tell."""
     places = [float(delta[0]), float(sum(delta)) / 2, float(delta[1])]
-    found = [_spans(place, beta, epsilon) for place in places]
+    found = [_spans(kind, place, beta, epsilon) for place in places]
     spans = found[0]
     for others in found[1:]:
         both = [
@@ -125,32 +130,38 @@ def expected(beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
     return spans
 
 
-def _spans(delta: float, beta: float, epsilon: Ends) -> list[Span]:
+def _spans(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
     """Likewise, at one δ."""
-    grid = np.linspace(float(epsilon[0]), float(epsilon[1]), SEEN)
-    seen = _claims(delta, grid, beta)
-    spans = []
-    for here in seen:
-        changes = np.flatnonzero(here[1:] != here[:-1])
-        low, high = grid[changes], grid[changes + 1]
-        kind = next(i for i, each in enumerate(seen) if each is here)
-        for _ in range(HALVED):
-            middle = (low + high) / 2
-            same = _claims(delta, middle, beta)[kind] == here[changes]
-            low, high = np.where(same, middle, low), np.where(same, high, middle)
-        ends = [grid[0], *((low + high) / 2), grid[-1]]
-        claims = here[[0, *(changes + 1)]]
-        spans += [(str(claim), *each) for claim, each in zip(claims, pairwise(ends), strict=True) if claim]
-    return spans
+    grid = _places(delta, beta, epsilon)
+    here = _claims(kind, delta, grid, beta)
+    changes = np.flatnonzero(here[1:] != here[:-1])
+    low, high = grid[changes], grid[changes + 1]
+    for _ in range(HALVED):
+        middle = (low + high) / 2
+        same = _claims(kind, delta, middle, beta) == here[changes]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    ends = [grid[0], *((low + high) / 2), grid[-1]]
+    claims = here[[0, *(changes + 1)]]
+    return [(str(claim), *each) for claim, each in zip(claims, pairwise(ends), strict=True) if claim]
 
 
-def _claims(delta: float, epsilon: NDArray[np.float64], beta: float) -> list[NDArray[np.str_]]:
-    """The claims of each kind that hold at these points, "" where none does."""
+def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
+    """ε in steps, and beside where A and C begin, flip and graze: what lies between may be narrower than a step."""
+    low, high = (float(end) for end in epsilon)
+    known = [sn1(delta), flip(delta), *(grazing(curve, delta, beta).epsilon for curve in CURVES)]
+    beside = np.ravel(np.multiply.outer(np.array(known, np.float64), [1 - BESIDE, 1 + BESIDE]))
+    return np.unique([*np.linspace(low, high, SEEN), *beside[(beside > low) & (beside < high)]])
+
+
+def _claims(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
+    """The claims of a kind that hold at these points, "" where none does."""
+    if kind == QUIET:
+        return np.where(epsilon < quiet_limit(delta), QUIET, LOUD)
     orbits = period_one(delta, epsilon, beta)
-    regions = np.array(["", *REGIONS])[np.where(classify(orbits) > len(REGIONS), 0, classify(orbits))]
-    quiet = np.where(epsilon < quiet_limit(delta), QUIET, LOUD)
-    stable = [
-        np.where(orbits.exists[i], np.where(orbits.stable[i], ATTRACTING[letter], SADDLE[letter]), "")
-        for i, letter in ((2, "C"), (3, "D"))
-    ]
-    return [regions, quiet, *stable]
+    if kind in NAMES:
+        letter, i = kind, NAMES.index(kind)
+        return np.where(
+            orbits.exists[i], np.where(orbits.stable[i], ATTRACTING[letter], SADDLE[letter]), ABSENT[letter]
+        )
+    codes = classify(orbits)
+    return np.array(["", *REGIONS])[np.where(codes > len(REGIONS), 0, codes)]

@@ -7,17 +7,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 
-from rattle.proof.areas.block import ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
+from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
 
 REGION = "the region"
 #: What holds on which blocks, and on which it is proved not to; elsewhere it is not told.
 _KINDS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "A is there, a saddle": (("II", "III", "IV", "V"), ("I",)),
     "B is there, a saddle": (("III", "IV"), ("I", "II", "V")),
-    "C is there": (("II", "III", "IV"), ("I", "V")),
-    ATTRACTING["C"]: ((ATTRACTING["C"],), ("I", "V", SADDLE["C"])),
-    "D is there": (("III", "IV", "V"), ("I", "II")),
-    ATTRACTING["D"]: ((ATTRACTING["D"],), ("I", "II", SADDLE["D"])),
+    "C is there": ((ATTRACTING["C"], SADDLE["C"]), (ABSENT["C"],)),
+    ATTRACTING["C"]: ((ATTRACTING["C"],), (SADDLE["C"], ABSENT["C"])),
+    "D is there": ((ATTRACTING["D"], SADDLE["D"]), (ABSENT["D"],)),
+    ATTRACTING["D"]: ((ATTRACTING["D"],), (SADDLE["D"], ABSENT["D"])),
     QUIET: ((QUIET,), (LOUD,)),
     CAPTURED: ((CAPTURED,), (LOUD,)),
 }

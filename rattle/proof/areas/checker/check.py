@@ -27,7 +27,7 @@ REGIONS = {
 }
 CLAIMS = REGIONS | {
     f"{letter} {words}": {letter: state}
-    for letter in "CD" for words, state in (("attracts", ATTRACTING), ("is a saddle", SADDLE))
+    for letter in "CD" for words, state in (("attracts", ATTRACTING), ("is a saddle", SADDLE), ("is not there", NONE))
 }  # fmt: skip
 QUIET, CAPTURES = {"quiet is possible": True, "quiet is impossible": False}, "quiet captures"
 Ends = tuple[Fraction, Fraction]
