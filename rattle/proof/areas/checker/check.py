@@ -15,7 +15,7 @@ from .one_impact import OneImpact
 from .quiet import Capture, require_possible
 from .two_impacts import Column
 
-DEEPEST = 5  # times that the δ of a block are halved
+DEEPEST, DEEPEST_CAPTURE = 5, 2  # times that the δ of a block are halved; ε and δ in turn
 NONE, THERE, ATTRACTING, SADDLE = "none", "there", "attracting", "a saddle"
 #: Of A, B, C and D.
 REGIONS = {
@@ -60,6 +60,20 @@ def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
     return None
 
 
+def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
+    """Likewise, that quiet captures below a speed."""
+    try:
+        Capture(between(*delta), between(*epsilon), between(beta, beta)).require_below(speed)
+    except Refused:
+        if depth == DEEPEST_CAPTURE:
+            raise
+        cut = epsilon if depth % 2 == 0 else delta
+        half = (cut[0] + cut[1]) / 2
+        for part in ((cut[0], half), (half, cut[1])):
+            both = (delta, part) if depth % 2 == 0 else (part, epsilon)
+            prove_captured(beta, *both, speed, depth + 1)
+
+
 def one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]) -> str:
     """The state of A or C."""
     motion = OneImpact(letter, d, beta, *squares)
@@ -88,7 +102,7 @@ def check(text: str) -> str:
         if claim == CAPTURES:
             speed = exact(document["speed"])
             require(speed > 0, "its speed is not positive")
-            Capture(*(between(*ends) for ends in (delta, epsilon, (beta, beta)))).require_below(between(speed, speed))
+            prove_captured(beta, delta, epsilon, between(speed, speed))
             claim += f" below {document['speed']}"
         else:
             require(claim in CLAIMS or claim in QUIET, f"its claim {claim!r} is not known")

@@ -4,7 +4,7 @@ from fractions import Fraction
 
 from .intervals import IV, PI, ZERO, Interval, between, decayed, less, require, turned
 
-PARTS = 128  # of a period
+PARTS = 192  # of a period
 UNDONE = IV.mpf(96) / 100  # of the damping, at most
 UP = IV.mpf([1 - 2.0**-50, 1 + 2.0**-50])  # by which a logarithm, or a root by it, may be off
 
