@@ -2,7 +2,7 @@
 
 from .intervals import IV, ONE, PI, ZERO, Box, Interval, Jet, less, middle, require
 
-SHORTEST, PLACES = 2.0**-13, 512  # a part of a flight; where a touch of Σ⁻ is looked for
+SHORTEST, PLACES = 2.0**-13, 32  # a part of a flight; of a search, on either side
 
 
 def sine_of(d: Jet) -> Jet:
@@ -59,8 +59,12 @@ class OneImpact:
 
     def touches(self) -> bool:
         """Whether some place of the flight is beyond Σ⁻: looked for at one point, proved for all."""
-        places, d = [IV.mpf(i) / PLACES for i in range(1, PLACES)], Jet(middle(self.d))
-        t = min(places, key=lambda each: float(height(Jet(each), d, self.x.a).x.mid.a))
+        t, step, d = ONE / 2, ONE / 2, Jet(middle(self.d))
+        for _ in range(3):
+            places = [middle(t + step * i / PLACES) for i in range(1 - PLACES, PLACES)]
+            t = min(places, key=lambda each: float(height(Jet(each), d, self.x.a).x.mid.a))
+            step = step / PLACES
+        require(less(ZERO, t) and less(t, ONE), "a flight is lowest at its ends")
         box = Box(t, self.d)
         return less(box.about(height(*box.centre, self.x.a).x, height(*box.jets, self.x.a)), -2 * self.beta)
 
