@@ -132,7 +132,7 @@ def test_a_column_is_proved_and_proved_again():
 
 @deep
 def test_kept_blocks_are_proved_again():
-    for block in BLOCKS:
+    for block in BLOCKS[::5]:
         assert not checker_says(block), block
 
 
@@ -159,7 +159,7 @@ def false_blocks(seed):
 
 def test_false_blocks_are_refused_by_finder_and_checker():
     given = false_blocks(26)
-    for _ in range(either(2, 1000)):
+    for _ in range(either(2, 60)):
         block = next(given)
         assert finder_says(block), block
         assert checker_says(block), block
