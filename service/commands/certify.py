@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from service.commands import certify_bifurcations as bifurcations
+from service.commands.certify_areas import prove_areas
+from service.commands.filling import INTERRUPTED
 from service.commands.options import Slice
 
 if TYPE_CHECKING:
     from rattle.proof.bifurcations.certificate import BifurcationCertificate
     from rattle.proof.chaos.certificate import HorseshoeCertificate
 
-NOT_PROVED, INTERRUPTED = 1, 130
+NOT_PROVED = 1
+COLUMNS = 320  # of the plane of Figure 7, with which its regions are proved on more than 99 %
 SUFFIX = ".certificates.zarr"
 
 
@@ -33,7 +36,14 @@ def certify(
             metavar="DELTA EPSILON", help="Prove the periodic motions of one point, taken as these very numbers."
         ),
     ] = None,
-    beta: Annotated[str, typer.Option(help="Half-backlash, for --point.")] = "0.6",
+    areas: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Prove blocks of a plane, and write them here, one a line.")
+    ] = None,
+    delta: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Damping, for --areas: exact decimals.")] = "0.4:1",
+    epsilon: Annotated[str, typer.Option(metavar="LOW:HIGH", help="Eccentricity, for --areas.")] = "0:0.3",
+    columns: Annotated[int, typer.Option(min=1, help="Columns of damping, for --areas.")] = COLUMNS,
+    figure: Annotated[Path | None, typer.Option(metavar="PATH", help="Draw what --areas proved.")] = None,
+    beta: Annotated[str, typer.Option(help="Half-backlash, for --point and --areas.")] = "0.6",
     kappa: Annotated[
         str | None, typer.Option(help="Stiffness, for --point.", show_default="none: the impacting model")
     ] = None,
@@ -51,18 +61,21 @@ def certify(
     """Prove that periodic motions exist, alone near by, with their labels, and whether they attract.
 
     Of a survey, or of a slice of it: all periodic attractors, into a store beside it; the same command resumes. Of a
-    point, of curves, of points where curves meet, of chaos: one certificate a line. Exit status 1 if something is not
-    proved; that does not mean that it is false.
+    point, of curves, of points where curves meet, of chaos: one certificate a line. Of a plane: its regions I to V, where
+    motions of period one are and attract, and where quiet is possible, a block a line, of whole columns. Exit status 1
+    if something is not proved; that does not mean that it is false.
     """
-    if [store, point, check, codimension_two or None].count(None) != 3:
+    if [store, point, check, areas, codimension_two or None].count(None) != 4:
         raise typer.BadParameter(
-            "name the STORE of a survey, or --point DELTA EPSILON, or --codimension-two, or --check FILE"
+            "name the STORE of a survey, or --point DELTA EPSILON, --areas FILE, --codimension-two or --check FILE"
         )
     if curves and store is None:
         raise typer.BadParameter("--curves are those of a STORE")
     if chaos and (point is None or kappa is not None):
         raise typer.BadParameter("--chaos is of the impacting gear at one --point DELTA EPSILON")
-    if check is not None:
+    if areas is not None:
+        prove_areas(areas, delta, epsilon, beta, columns, processes, figure)
+    elif check is not None:
         _check(check)
     elif point is not None and chaos:
         _write(_chaos(*point, beta))
@@ -103,6 +116,7 @@ def _write(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate 
 
 def _check(path: Path) -> None:
     from rattle.proof import check
+    from rattle.proof.areas.checker import check as areas
     from rattle.proof.bifurcations.check import check as check_bifurcation
     from rattle.proof.chaos.check import check as check_horseshoe
     from workers.certificates import CERTIFICATES
@@ -110,12 +124,14 @@ def _check(path: Path) -> None:
     file = path / CERTIFICATES if path.is_dir() else path
     if not file.is_file():
         raise typer.BadParameter(f"there is no file {file}")
-    checkers: dict[object, Callable[[str], str]] = {"bifurcation": check_bifurcation, "horseshoe": check_horseshoe}
+    checkers: dict[object, Callable[[str], str]] = {
+        "area": areas.check, "bifurcation": check_bifurcation, "horseshoe": check_horseshoe,
+    }  # fmt: skip
     refused = False
     for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
         try:
             typer.echo(f"proved: {checkers.get(_theorem(line), check.check)(line)}")
-        except check.Refused as why:
+        except (check.Refused, areas.Refused) as why:
             refused = True
             typer.echo(f"NOT PROVED, line {number}: {why}")
     if refused:

@@ -1,8 +1,8 @@
 """Mutations of the finder's signs and bounds, and which test catches each.
 
-    python tests/references/proof_mutations.py
+    python tests/references/proof_mutations.py [NAME …]
 
-runs the tests of proofs with each of them in place, and writes the first that fails to
+runs the tests of proofs with each of them in place, or with those that are named, and writes the first that fails to
 tests/reference/proof_mutations.json; a mutation that none catches is written as null. As a plugin of pytest it puts the
 mutation in place that the environment names: the library's other modules, and their compiled kernels, stay as they are.
 """
@@ -85,6 +85,42 @@ MUTATIONS = {
         "if not y + wall * slope * (part - middle) > 0:",
         "if not y > 0:",
     ),
+    "motions of one impact before they are born": (
+        "areas/one_impact",
+        "if upper(piece.epsilon) < lower(y):",
+        "if lower(piece.epsilon) < lower(y):",
+    ),
+    "a flight that is looked at for the wrong amplitude": (
+        "areas/one_impact",
+        "if not over(most) > -2 * piece.beta:",
+        "if not over(least) > -2 * piece.beta:",
+    ),
+    "a flip that only part of a block has passed": (
+        "areas/one_impact",
+        "True if upper(x) < lower(limit)",
+        "True if lower(x) < lower(limit)",
+    ),
+    "a mean value without its derivative": ("areas/piece", " + of(arb_series([at, 1]))[1] * (at - middle)", ""),
+    "cells that are empty for a part of a block": (
+        "areas/two_impacts",
+        "self.square < low or",
+        "self.square < high or",
+    ),
+    "a speed after two impacts with a wrong sign": ("areas/two_impacts", "+ 2 * PI() * y,", "- 2 * PI() * y,"),
+    "multipliers of two impacts with a wrong sign": (
+        "areas/two_impacts",
+        "at_top * u - at_bottom",
+        "at_top * u + at_bottom",
+    ),
+    "motions that leave Σ⁻ the wrong way": ("areas/two_impacts", "hits = self.solution[0][3] > 0", "hits = True"),
+    "a graze that is compared with the wrong edge": (
+        "areas/two_impacts",
+        "self.mixed(-1, self.share(-1)) < -high",
+        "self.mixed(-1, self.share(-1)) < -low",
+    ),
+    "one motion counted for none": ("areas/two_impacts", "return sides == [", "return sides != ["),
+    "quiet beyond its limit": ("areas/quiet", "True if piece.epsilon < share", "True if piece.epsilon.lower() < share"),
+    "bounces that grow, called shrinking": ("areas/capture", "ratio**3 - third / 3", "ratio**3 + third / 3"),
     "a condition with a wrong sign": ("codimension_two", "- impacts) - 4 * PI() * x", "- impacts) + 4 * PI() * x"),
 }
 
@@ -93,7 +129,7 @@ class Mutant(importlib.abc.SourceLoader, importlib.abc.MetaPathFinder):
     """Loads one module of rattle.proof with a mutation in it."""
 
     def __init__(self, file: str, old: str, new: str) -> None:
-        self.name, self.path = f"rattle.proof.{file}", str(ROOT / "rattle" / "proof" / f"{file}.py")
+        self.name, self.path = f"rattle.proof.{file.replace('/', '.')}", str(ROOT / "rattle" / "proof" / f"{file}.py")
         text = Path(self.path).read_text()
         assert text.count(old) == 1, f"{old!r} is in {file}.py {text.count(old)} times"
         self.text = text.replace(old, new)
@@ -110,7 +146,8 @@ class Mutant(importlib.abc.SourceLoader, importlib.abc.MetaPathFinder):
 
 def caught_by(name: str) -> str | None:
     """The first test that fails with a mutation."""
-    tests = [f"tests/oracles/proof/test_proof_{each}.py" for each in TESTS]
+    of_areas = MUTATIONS[name][0].startswith("areas/")
+    tests = [f"tests/oracles/proof/test_proof_{each}.py" for each in (("areas",) if of_areas else TESTS)]
     command = [sys.executable, "-m", "pytest", "-p", "proof_mutations", "-x", "-q", "-n0", "-p", "no:cacheprovider"]
     environment = os.environ | {NAMED: name, "PYTHONPATH": str(Path(__file__).parent), "PYTHONDONTWRITEBYTECODE": "1"}
     said = subprocess.run([*command, *tests], cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
@@ -122,10 +159,10 @@ def caught_by(name: str) -> str | None:
     return failed[1]
 
 
-def main() -> None:
-    """Try all, and write who catches them."""
-    found = {}
-    for name in MUTATIONS:
+def main(names: list[str]) -> None:
+    """Try these or all, and write who catches them."""
+    found = json.loads(RESULT.read_text()) if names else {}
+    for name in names or MUTATIONS:
         found[name] = caught_by(name)
         print(f"{name}: {found[name]}", flush=True)
     RESULT.write_text(json.dumps(found, indent=1) + "\n")
@@ -135,4 +172,4 @@ if NAMED in os.environ:
     sys.meta_path.insert(0, Mutant(*MUTATIONS[os.environ[NAMED]]))
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -49,6 +49,10 @@ def test_a_point_is_taken_as_these_very_numbers_and_its_certificates_are_proved_
         ("--chaos",),
         ("--chaos", "--point", "0.6", "0.1", "--kappa", "1e4"),
         ("--chaos", "--point", "0.6", "0"),
+        ("--areas", "file", "--delta", "1:0.4"),
+        ("--areas", "file", "--delta", "0:1"),
+        ("--areas", "file", "--beta", "0"),
+        ("--areas", "file", "--epsilon", "0.3"),
     ],
 )
 def test_what_cannot_be_meant_is_said(arguments: tuple[str, ...]) -> None:
@@ -73,6 +77,26 @@ def test_a_survey_has_its_certificates_beside_it(tmp_path: Path) -> None:
     assert set(names) == {"SN1"}
     (tmp_path / "points.jsonl").write_text(points.stdout.splitlines()[0])
     assert ran("--check", tmp_path / "points.jsonl").stdout.startswith("proved: SN1 of [1], at beta = 0.5999")
+
+
+def test_a_plane_is_proved_in_blocks_which_are_proved_again(tmp_path: Path) -> None:
+    blocks, figure = tmp_path / "areas.jsonl", tmp_path / "areas.png"
+    plane = ("--delta", "0.9:0.901", "--epsilon", "0:0.05", "--columns", "1")
+    said = ran("--areas", blocks, *plane, "--figure", figure)
+    assert said.exit_code == 0
+    assert "the region: 100.00% of the plane, at least 100.00% of where it holds" in said.stdout
+    assert figure.stat().st_size > 1000
+    documents = [json.loads(line) for line in blocks.read_text().splitlines()]
+    assert {each["claim"] for each in documents} >= {"I", "quiet is possible", "quiet captures", "C is not there"}
+    assert documents[0] | {"claim": "I"} == {
+        "format": 1, "theorem": "area", "claim": "I", "beta": "0.6", "delta": ["0.9", "0.901"], "epsilon": ["0", "0.05"]
+    }  # fmt: skip
+    lines = [line for line in blocks.read_text().splitlines() if "not there" not in line]
+    blocks.write_text("\n".join([*lines, lines[0].replace('"I"', '"V"')]))
+    checked = ran("--check", blocks)
+    assert checked.exit_code == 1
+    assert checked.stdout.count("proved: ") == len(lines)
+    assert checked.stdout.splitlines()[-1].startswith(f"NOT PROVED, line {len(lines) + 1}: ")
 
 
 def test_without_the_extra_a_sentence_names_it(monkeypatch: pytest.MonkeyPatch) -> None:

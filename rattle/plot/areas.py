@@ -1,0 +1,63 @@
+"""The blocks of a plane on which something is proved, and what is left between them."""
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.patches import Patch
+
+from rattle.plot.drawing import Drawing, new_figure
+from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
+from rattle.proof.areas.shares import REGION, shares
+from rattle.proof.certificate import Ends
+
+LEFT = "#222222"  # what is not proved
+INKS = ("#d9d9d9", "#9ecae1", "#a1d99b", "#fdae6b", "#bcbddc")
+#: Panels: what is proved of what, each claim with its colour.
+PANELS = (
+    ("regions", dict(zip(REGIONS, INKS, strict=True))),
+    ("C", {ATTRACTING["C"]: INKS[1], SADDLE["C"]: INKS[3], ABSENT["C"]: INKS[0]}),
+    ("D", {ATTRACTING["D"]: INKS[2], SADDLE["D"]: INKS[3], ABSENT["D"]: INKS[0]}),
+    ("quiet motion, and the speed below which it captures", {QUIET: INKS[2], LOUD: INKS[0]}),
+)
+
+
+def areas_figure(blocks: Sequence[Block], delta: Ends, epsilon: Ends) -> Drawing:
+    """Draw blocks of this plane, a panel for each kind of claim; dark is what is not proved."""
+    figure = new_figure(10.0, 8.0)
+    told = next(
+        share for share in shares(blocks, (delta[1] - delta[0]) * (epsilon[1] - epsilon[0])) if share.what == REGION
+    )
+    for axes, (name, inks) in zip(figure.subplots(2, 2).ravel(), PANELS, strict=True):
+        _panel(axes, [block for block in blocks if block.claim in inks], inks)
+        if QUIET in inks:
+            _speeds(axes, [block for block in blocks if block.claim == CAPTURED])
+        title = f"{name}: {told.proved:.1%} proved" if name == "regions" else name
+        axes.set(title=title, xlabel="damping δ", ylabel="eccentricity ε", facecolor=LEFT)
+        axes.set(xlim=[float(x) for x in delta], ylim=[float(x) for x in epsilon])
+    return Drawing(figure)
+
+
+def _corners(blocks: Sequence[Block]) -> list[list[tuple[float, float]]]:
+    ends = [(*map(float, block.delta), *map(float, block.epsilon)) for block in blocks]
+    return [[(left, low), (right, low), (right, high), (left, high)] for left, right, low, high in ends]
+
+
+def _panel(axes: Axes, blocks: Sequence[Block], inks: dict[str, str]) -> None:
+    """Rectangles, and a key."""
+    colours = [inks[block.claim] for block in blocks]
+    axes.add_collection(PolyCollection(_corners(blocks), facecolors=colours, edgecolors=colours, linewidths=0.1))
+    keys = [Patch(color=ink, label=claim) for claim, ink in inks.items()]
+    axes.legend(handles=keys, fontsize=8, loc="lower right", framealpha=0.9)
+
+
+def _speeds(axes: Axes, blocks: Sequence[Block]) -> None:
+    """Rectangles by the speed, and its scale."""
+    if not blocks:
+        return
+    speeds = [float(block.speed or 0) for block in blocks]
+    drawn = PolyCollection(
+        _corners(blocks), array=speeds, cmap="viridis", norm="log", edgecolors="face", linewidths=0.1
+    )
+    axes.add_collection(drawn)
+    axes.figure.colorbar(drawn, ax=axes, label="impact speed v")

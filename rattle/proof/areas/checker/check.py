@@ -1,0 +1,135 @@
+"""Check what is claimed of blocks of the plane: `python -m checker.check FILE` where this folder is.
+
+All is proved anew, otherwise than it was found: with other intervals, unknowns and derivatives. docs/proofs.md has the
+lemmas.
+"""
+
+import json
+import sys
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+from .intervals import IV, Interval, Refused, between, exact, require
+from .one_impact import OneImpact
+from .quiet import Capture, require_possible
+from .two_impacts import Column
+
+DEEPEST, DEEPEST_CAPTURE = 5, 2  # times that the δ of a block are halved; ε and δ in turn
+NONE, THERE, ATTRACTING, SADDLE = "none", "there", "attracting", "a saddle"
+#: Of A, B, C and D.
+REGIONS = {
+    "I": {"A": NONE, "B": NONE, "C": NONE, "D": NONE},
+    "II": {"A": SADDLE, "B": NONE, "C": THERE, "D": NONE},
+    "III": {"A": SADDLE, "B": SADDLE, "C": THERE, "D": ATTRACTING},
+    "IV": {"A": SADDLE, "B": SADDLE, "C": THERE, "D": SADDLE},
+    "V": {"A": SADDLE, "B": NONE, "C": NONE, "D": THERE},
+}
+CLAIMS = REGIONS | {
+    f"{letter} {words}": {letter: state}
+    for letter in "CD" for words, state in (("attracts", ATTRACTING), ("is a saddle", SADDLE), ("is not there", NONE))
+}  # fmt: skip
+QUIET, CAPTURES = {"quiet is possible": True, "quiet is impossible": False}, "quiet captures"
+Ends = tuple[Fraction, Fraction]
+column = lru_cache(maxsize=64)(Column)  # what is found of some δ serves all claims there
+
+
+def prove(claim: str, beta: Fraction, delta: Ends, epsilon: Ends, depth: int = 0) -> None:
+    """Raise Refused unless a claim holds at all points of a block: as a whole, or in halves."""
+    try:
+        prove_whole(claim, beta, delta, epsilon)
+    except Refused:
+        if depth == DEEPEST:
+            raise
+        half = (delta[0] + delta[1]) / 2
+        for part in ((delta[0], half), (half, delta[1])):
+            prove(claim, beta, part, epsilon, depth + 1)
+
+
+def prove_whole(claim: str, beta: Fraction, delta: Ends, epsilon: Ends) -> None:
+    d, e = between(*delta), between(*epsilon)
+    if claim in QUIET:
+        return require_possible(d, e, QUIET[claim])
+    squares = IV.mpf((e**2).a), IV.mpf((e**2).b)
+    for letter, state in CLAIMS[claim].items():
+        if letter in "AC":
+            found = one(letter, state, d, between(beta, beta), squares)
+        else:
+            found = two(1 if letter == "D" else -1, state, column(delta, beta), squares)
+        require(found == state, f"{letter} is {found}, not {state}")
+    return None
+
+
+def prove_captured(beta: Fraction, delta: Ends, epsilon: Ends, speed: Interval, depth: int = 0) -> None:
+    """Likewise, that quiet captures below a speed."""
+    try:
+        Capture(between(*delta), between(*epsilon), between(beta, beta)).require_below(speed)
+    except Refused:
+        if depth == DEEPEST_CAPTURE:
+            raise
+        cut = epsilon if depth % 2 == 0 else delta
+        half = (cut[0] + cut[1]) / 2
+        for part in ((cut[0], half), (half, cut[1])):
+            both = (delta, part) if depth % 2 == 0 else (part, epsilon)
+            prove_captured(beta, *both, speed, depth + 1)
+
+
+def one(letter: str, state: str, d: Interval, beta: Interval, squares: tuple[Interval, Interval]) -> str:
+    """The state of A or C."""
+    motion = OneImpact(letter, d, beta, *squares)
+    if not motion.there():
+        return NONE
+    return THERE if state in (THERE, NONE) else ATTRACTING if motion.attracts() else SADDLE
+
+
+def two(rises: int, state: str, all_s: Column, squares: tuple[Interval, Interval]) -> str:
+    """The state of B or D."""
+    runs = all_s.runs(rises, *squares)
+    require(len(runs) < 2, f"there are {len(runs)}")
+    if not runs:
+        return NONE
+    return THERE if state in (THERE, NONE) else ATTRACTING if all_s.attracts(runs[0], *squares) else SADDLE
+
+
+def check(text: str) -> str:
+    """Prove what is claimed of a block, and return that in words. Raises Refused."""
+    try:
+        document = json.loads(text)
+        require((document["format"], document["theorem"]) == (1, "area"), "its format is not known")
+        claim, beta = document["claim"], exact(document["beta"])
+        delta, epsilon = (ends_of(document[name]) for name in ("delta", "epsilon"))
+        require(beta > 0 and delta[0] > 0, "a parameter is not positive")
+        if claim == CAPTURES:
+            speed = exact(document["speed"])
+            require(speed > 0, "its speed is not positive")
+            prove_captured(beta, delta, epsilon, between(speed, speed))
+            claim += f" below {document['speed']}"
+        else:
+            require(claim in CLAIMS or claim in QUIET, f"its claim {claim!r} is not known")
+            prove(claim, beta, delta, epsilon)
+    except (LookupError, TypeError, ValueError, ArithmeticError, AttributeError, RecursionError) as error:
+        raise Refused(f"it cannot be read: {error}") from error
+    return f"{claim}, δ {' to '.join(document['delta'])}, ε {' to '.join(document['epsilon'])}"
+
+
+def ends_of(texts: Any) -> Ends:
+    low, high = (exact(each) for each in texts)
+    require(low <= high, "its ends are not in order")
+    return low, high
+
+
+def main(path: str) -> int:
+    """Print what is proved of the block on each line of a file. Returns 1 if one is refused, else 0."""
+    status = 0
+    with open(path, encoding="utf-8") as file:
+        for number, line in enumerate(file, 1):
+            try:
+                print(f"proved: {check(line)}")
+            except Refused as why:
+                print(f"NOT PROVED, line {number}: {why}")
+                status = 1
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1]))

@@ -1,0 +1,136 @@
+"""Intervals, and numbers with their derivatives by two others.
+
+Of mpmath's intervals + − × ÷ and roots are taken as they are; pi, exp, sin and cos are widened by 2⁻⁶⁰.
+"""
+
+import re
+from fractions import Fraction
+from typing import Any
+
+from mpmath.ctx_iv import MPIntervalContext
+
+Interval = Any
+IV = MPIntervalContext()
+IV.prec = 80
+ZERO, ONE, SLACK = IV.mpf(0), IV.mpf(1), IV.mpf([-(2.0**-60), 2.0**-60])
+PI = IV.pi + SLACK
+NUMBER = re.compile(r"\d{1,40}(\.\d{1,100}|/[1-9]\d{0,100})?")
+
+
+class Refused(Exception):  # noqa: N818 - it is an answer, no fault
+    """Why a block is not proved."""
+
+
+def require(ok: Any, why: str) -> None:
+    if not ok:
+        raise Refused(why)
+
+
+def exact(text: str) -> Fraction:
+    require(bool(NUMBER.fullmatch(text)), f"{text[:40]!r} is no exact number from 0 on")
+    return Fraction(text)
+
+
+def between(low: Fraction, high: Fraction) -> Interval:
+    """The numbers from one to the other."""
+    first, last = (IV.mpf(x.numerator) / IV.mpf(x.denominator) for x in (low, high))
+    return IV.mpf([first.a, last.b])
+
+
+def less(x: Any, y: Any) -> bool:
+    """Whether all numbers of one interval are below all of another; what is not a number is not."""
+    try:
+        return bool((x - y).b < 0)
+    except ValueError:
+        return False
+
+
+def times(x: Interval, y: Interval) -> Interval:
+    """Likewise of nothing: most derivatives are 0."""
+    return ZERO if x is ZERO or y is ZERO else x * y
+
+
+def plus(x: Interval, y: Interval) -> Interval:
+    return y if x is ZERO else x if y is ZERO else x + y
+
+
+class Jet:
+    """A number and its derivatives by s and by δ, as intervals."""
+
+    __slots__ = ("d", "s", "x")
+
+    def __init__(self, x: Interval, s: Interval = ZERO, d: Interval = ZERO) -> None:
+        self.x, self.s, self.d = x, s, d
+
+    def __add__(self, y: Any) -> "Jet":
+        if not isinstance(y, Jet):
+            return Jet(self.x + y, self.s, self.d)
+        return Jet(self.x + y.x, plus(self.s, y.s), plus(self.d, y.d))
+
+    def __mul__(self, y: Any) -> "Jet":
+        if not isinstance(y, Jet):
+            return Jet(self.x * y, times(self.s, y), times(self.d, y))
+        s, d = (plus(times(a, y.x), times(self.x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
+        return Jet(self.x * y.x, s, d)
+
+    def __neg__(self) -> "Jet":
+        return Jet(-self.x, ZERO if self.s is ZERO else -self.s, ZERO if self.d is ZERO else -self.d)
+
+    def __sub__(self, y: Any) -> "Jet":
+        return self + -y
+
+    def __rsub__(self, y: Any) -> "Jet":
+        return -self + y
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __truediv__(self, y: "Jet") -> "Jet":
+        x = self.x / y.x
+        s, d = (plus(a, -times(x, b)) for a, b in ((self.s, y.s), (self.d, y.d)))
+        return Jet(x, ZERO if s is ZERO else s / y.x, ZERO if d is ZERO else d / y.x)
+
+    def of(self, x: Interval, slope: Interval) -> "Jet":
+        """A function of it, from its value and its derivative."""
+        return Jet(x, times(slope, self.s), times(slope, self.d))
+
+    def decay(self) -> "Jet":
+        """e^(−x)."""
+        x = decayed(self.x)
+        return self.of(x, -x)
+
+    def turn(self, half: int) -> "tuple[Jet, Jet]":
+        """Sine and cosine of so many times half a turn."""
+        sine, cosine = turned(half * PI * self.x)
+        return self.of(sine, half * PI * cosine), self.of(cosine, -half * PI * sine)
+
+
+def middle(x: Interval) -> Interval:
+    return IV.mpf(x.mid)
+
+
+def turned(angle: Interval) -> tuple[Interval, Interval]:
+    """Sine and cosine."""
+    return IV.sin(angle) + SLACK, IV.cos(angle) + SLACK
+
+
+def decayed(x: Interval) -> Interval:
+    """e^(−x)."""
+    return IV.exp(-x) * (1 + SLACK)
+
+
+def force(d: Any, cosine: Any, sine: Any) -> Any:
+    """g where ε cos 2πt and ε sin 2πt are these."""
+    return d * (4 * PI) - cosine * (4 * PI**2) - d * sine * (2 * PI)
+
+
+class Box:
+    """Two intervals, and what a function with known derivatives can be over both, by the mean value theorem."""
+
+    def __init__(self, s: Interval, d: Interval) -> None:
+        self.s, self.d = s, d
+        self.ds, self.dd = s - middle(s), d - middle(d)
+        self.jets, self.centre = (Jet(s, s=ONE), Jet(d, d=ONE)), (Jet(middle(s)), Jet(middle(d)))
+
+    def about(self, centre: Interval, over: Jet) -> Interval:
+        """From its value in the middle and its derivatives over both."""
+        return centre + over.s * self.ds + over.d * self.dd

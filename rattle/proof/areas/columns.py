@@ -1,0 +1,167 @@
+"""A plane in columns: of each, the blocks on which claims are proved. Doubles guess where; balls prove it.
+
+In a column of δ what holds changes with ε at few places, which move with δ. Between the farthest that they come, less a
+margin, the claim is tried as a whole, and where that fails in halves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from itertools import pairwise
+from math import floor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rattle.errors import NotProvedError
+from rattle.impacting.map.quiet import capture_speed
+from rattle.impacting.orbits.limits import flip, quiet_limit, sn1
+from rattle.impacting.orbits.period_one import CURVES, grazing, period_one
+from rattle.orbits.period_one import NAMES, classify
+from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
+from rattle.proof.areas.capture import require_captures
+from rattle.proof.areas.finder import Prover
+from rattle.proof.areas.piece import Piece, hull
+from rattle.proof.balls import ball, precision
+from rattle.proof.certificate import Ends
+
+BITS = 64
+#: Into how many parts a column is cut for the claims of a kind: those on C take little time.
+CUT = {"region": 1, QUIET: 1, "D": 1, "C": 4}
+MARGINS = tuple(Fraction(k, 10**6) for k in (40, 160, 640, 2560))  # in ε, from where a claim ends
+CAPTURED_TO = (0.3, 0.5, 0.65, 0.76, 0.84, 0.89, 0.925, 0.95, 0.965, 0.975, 0.98)  # of the quiet limit
+SLOWED, MOST_SLOWED = Fraction(3, 4), 12  # speeds that are tried, from that of docs/decisions/0003
+ROOM = Fraction(85, 100)  # of what was proved, so that others, who round otherwise, can confirm it
+SEEN, HALVED = 301, 24  # points along ε at which claims are looked for, and how often the steps between are halved
+BESIDE = 1e-6  # relative, of a curve
+PLACES = 6  # of corners in ε
+DEEPEST = 2  # times that the ε of a claim are halved
+
+Span = tuple[str, float, float]  # a claim and the ε between which it holds
+
+
+def columns(delta: Ends, number: int) -> list[Ends]:
+    """So many columns of equal width."""
+    low, high = delta
+    places = [low + (high - low) * i / number for i in range(number + 1)]
+    return list(pairwise(places))
+
+
+def proved(beta: Fraction, delta: Ends, epsilon: Ends) -> list[Block]:
+    """The blocks that are proved of a column."""
+    prover, found = Prover(beta), []
+    with precision(BITS):
+        for kind, parts in CUT.items():
+            for part in columns(delta, parts):
+                for claim, low, high in expected(kind, float(beta), part, epsilon):
+                    limits = _within(low, high, epsilon)
+                    found += [Block(claim, beta, part, ends) for ends in _proved(prover, claim, part, limits)]
+        found += _captured(beta, delta, epsilon)
+    return found
+
+
+def _captured(beta: Fraction, delta: Ends, epsilon: Ends) -> Iterator[Block]:
+    """Blocks that end at some shares of the quiet limit, each with a speed below which quiet captures."""
+    low, limit = epsilon[0], float(quiet_limit(float(delta[0])))
+    for share in CAPTURED_TO:
+        high = min(epsilon[1], round(Fraction(share * limit), PLACES))
+        if not low < high:
+            continue
+        piece = Piece(hull(*map(ball, delta)), hull(ball(low), ball(high)), ball(beta))
+        speed = Fraction(capture_speed(float(delta[0]), float(high), float(beta)))
+        for _ in range(MOST_SLOWED):
+            speed = round(speed * SLOWED, PLACES)
+            try:
+                require_captures(piece, speed)
+            except NotProvedError:
+                continue
+            yield Block(CAPTURED, beta, delta, (low, high), round(speed * ROOM, PLACES))
+            break
+        low = high
+
+
+def _within(low: float, high: float, plane: Ends) -> Ends:
+    """The same in few digits, and the edges of the plane exactly."""
+    unit = Fraction(1, 10**PLACES)
+    least = plane[0] if low <= float(plane[0]) else (floor(Fraction(low) / unit) + 1) * unit
+    return least, plane[1] if high >= float(plane[1]) else floor(Fraction(high) / unit) * unit
+
+
+def _proved(prover: Prover, claim: str, delta: Ends, limits: Ends, depth: int = 0) -> list[Ends]:
+    """The ε of the blocks on which the claim is proved."""
+
+    def proves(low: Fraction, high: Fraction) -> bool:
+        try:
+            prover.require(claim, delta, (low, high))
+        except NotProvedError:
+            return False
+        return True
+
+    low, high = limits
+    if not low < high:
+        return []
+    starts = [low, *(low + margin for margin in MARGINS)]
+    stops = [high, *(high - margin for margin in MARGINS)]
+    begin = next((a for a, b in pairwise(starts) if b < high and proves(a, b)), starts[-1])
+    end = next((a for a, b in pairwise(stops) if low < b and proves(b, a)), stops[-1])
+    if not begin < end:
+        return []
+    if proves(begin, end):
+        return [(begin, end)]
+    if depth == DEEPEST:
+        return []
+    middle = floor((begin + end) / 2 * 10**PLACES) * Fraction(1, 10**PLACES)
+    halves = ((begin, middle), (middle, end))
+    return [ends for half in halves for ends in _proved(prover, claim, delta, half, depth + 1)]
+
+
+def expected(kind: str, beta: float, delta: Ends, epsilon: Ends) -> list[Span]:
+    """Where each claim of a kind holds at both edges and in the middle of a column, as doubles tell."""
+    places = [float(delta[0]), float(sum(delta)) / 2, float(delta[1])]
+    found = [_spans(kind, place, beta, epsilon) for place in places]
+    spans = found[0]
+    for others in found[1:]:
+        both = [
+            (claim, max(low, begin), min(high, end))
+            for claim, low, high in spans for other, begin, end in others if other == claim
+        ]  # fmt: skip
+        spans = [span for span in both if span[1] < span[2]]
+    return spans
+
+
+def _spans(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
+    """Likewise, at one δ."""
+    grid = _places(delta, beta, epsilon)
+    here = _claims(kind, delta, grid, beta)
+    changes = np.flatnonzero(here[1:] != here[:-1])
+    low, high = grid[changes], grid[changes + 1]
+    for _ in range(HALVED):
+        middle = (low + high) / 2
+        same = _claims(kind, delta, middle, beta) == here[changes]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    ends = [grid[0], *((low + high) / 2), grid[-1]]
+    claims = here[[0, *(changes + 1)]]
+    return [(str(claim), *each) for claim, each in zip(claims, pairwise(ends), strict=True) if claim]
+
+
+def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
+    """ε in steps, and beside where A and C begin, flip and graze: what lies between may be narrower than a step."""
+    low, high = (float(end) for end in epsilon)
+    known = [sn1(delta), flip(delta), *(grazing(curve, delta, beta).epsilon for curve in CURVES)]
+    beside = np.ravel(np.multiply.outer(np.array(known, np.float64), [1 - BESIDE, 1 + BESIDE]))
+    return np.unique([*np.linspace(low, high, SEEN), *beside[(beside > low) & (beside < high)]])
+
+
+def _claims(kind: str, delta: float, epsilon: NDArray[np.float64], beta: float) -> NDArray[np.str_]:
+    """The claims of a kind that hold at these points, "" where none does."""
+    if kind == QUIET:
+        return np.where(epsilon < quiet_limit(delta), QUIET, LOUD)
+    orbits = period_one(delta, epsilon, beta)
+    if kind in NAMES:
+        letter, i = kind, NAMES.index(kind)
+        return np.where(
+            orbits.exists[i], np.where(orbits.stable[i], ATTRACTING[letter], SADDLE[letter]), ABSENT[letter]
+        )
+    codes = classify(orbits)
+    return np.array(["", *REGIONS])[np.where(codes > len(REGIONS), 0, codes)]

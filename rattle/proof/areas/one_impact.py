@@ -1,0 +1,115 @@
+"""A and C, which are P(1,1,0), over a piece of the plane.
+
+They close if v = 2πδ, Y = ε sin 2πτ = 2 − δ coth(δ/2) and X = ε cos 2πτ = ±√(ε² − Y²): − for A, + for C. With E =
+e^(−δ) their height over Σ⁺ after s is
+
+    F(s; δ, X) = 4πs − 4π (1 − e^(−δs))/(1 − E) − X (1 − cos 2πs) − Y sin 2πs,
+
+and they happen if −2β < F < 0 for 0 < s < 1. F falls with X, so each side is looked at for one X alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rattle.proof.areas.piece import FINEST, Piece, centred, hull, lower, upper
+from rattle.proof.balls import PI, arb, arb_series
+
+
+def offset(delta: arb_series) -> arb_series:
+    """−Y = δ coth(δ/2) − 2."""
+    end = (-delta).exp()
+    return delta * (1 + end) / (1 - end) - 2
+
+
+def most_stable(delta: arb_series) -> arb_series:
+    """X where C flips: δ² coth(δ/2)/2π."""
+    return delta * (offset(delta) + 2) / (2 * PI())
+
+
+def height(s: arb, delta: arb_series, x: arb) -> arb_series:
+    """F(s; δ, X) and its derivative by δ."""
+    end, kept = (-delta).exp(), (-delta * s).exp()
+    sine, cosine = (2 * s).sin_cos_pi()
+    return 4 * PI() * (s - (1 - kept) / (1 - end)) - x * (1 - cosine) + offset(delta) * sine
+
+
+def slope(s: arb, delta: arb, x: arb) -> arb:
+    """∂F/∂s."""
+    sine, cosine = (2 * s).sin_cos_pi()
+    driven = 2 - 2 * delta * (-delta * s).exp() / (1 - (-delta).exp()) - x * sine
+    return 2 * PI() * (driven + offset(arb_series([delta]))[0] * cosine)
+
+
+def exists(piece: Piece, letter: str) -> bool | None:
+    """Whether A (C) is there at all points of the piece; None if that is not told."""
+    y = centred(offset, piece.delta)
+    if upper(piece.epsilon) < lower(y):
+        return False
+    x = cosines(piece, letter, y)
+    if lower(piece.epsilon) > upper(y) and _stays(piece, lower(x), upper(x)):
+        return True
+    return False if _touches(piece, lower(x)) else None
+
+
+def attracts(piece: Piece, letter: str) -> bool | None:
+    """Likewise, of one that is there, whether both its multipliers are inside the unit circle (else one is outside)."""
+    if letter == "A":
+        return False  # X < 0: its trace 1 + E − 4π (1 − E) X/δ² is above 1 + E
+    x, limit = cosines(piece, letter, centred(offset, piece.delta)), centred(most_stable, piece.delta)
+    return True if upper(x) < lower(limit) else False if lower(x) > upper(limit) else None
+
+
+def cosines(piece: Piece, letter: str, y: arb) -> arb:
+    """X wherever there is one on the piece."""
+    least, most = (end * end - far * far for end, far in zip(_ends(piece.epsilon), _ends(y)[::-1], strict=True))
+    x = hull(least.sqrt() if least > 0 else arb(0), most.sqrt())
+    return x if letter == "C" else -x
+
+
+def _ends(x: arb) -> tuple[arb, arb]:
+    return lower(x), upper(x)
+
+
+def _stays(piece: Piece, least: arb, most: arb) -> bool:
+    """Whether −2β < F < 0 for 0 < s < 1 and all X between these."""
+    parts = [(arb(0), arb(1))]
+    while parts:
+        start, end = parts.pop()
+        if not _stays_in(piece, start, end, least, most):
+            if end - start < FINEST:
+                return False
+            middle = (start + end) / 2
+            parts += [(start, middle), (middle, end)]
+    return True
+
+
+def _stays_in(piece: Piece, start: arb, end: arb, least: arb, most: arb) -> bool:
+    s, middle = hull(start, end), (start + end) / 2
+
+    def over(x: arb) -> arb:
+        return centred(lambda delta: height(middle, delta, x), piece.delta) + slope(s, piece.delta, x) * (s - middle)
+
+    if not over(most) > -2 * piece.beta:
+        return False
+    if start == 0:
+        return bool(slope(s, piece.delta, least) < 0)
+    return bool(slope(s, piece.delta, least) > 0 if end == 1 else over(least) < 0)
+
+
+def _touches(piece: Piece, least: arb) -> bool:
+    """Whether F < −2β somewhere, for all X from this one on."""
+    s = arb(_lowest(float(piece.delta.mid()), float(least.mid())))
+    return bool(0 < s < 1 and centred(lambda delta: height(s, delta, least), piece.delta) < -2 * piece.beta)
+
+
+def _lowest(delta: float, x: float) -> float:
+    """About where F is lowest, in doubles: wherever it is, what is found there holds."""
+    s, step = 0.5, 0.5
+    for _ in range(4):
+        near = s + np.linspace(-step, step, 101)[1:-1]
+        y, lost = 2 - delta / np.tanh(delta / 2), np.expm1(-delta * near) / np.expm1(-delta)
+        turn = 2 * np.pi * near
+        s = float(near[np.argmin(4 * np.pi * (near - lost) - x * (1 - np.cos(turn)) - y * np.sin(turn))])
+        step /= 25
+    return s

@@ -1,0 +1,50 @@
+"""What ``rattle certify`` proves of whole blocks of a plane."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from service.commands.filling import INTERRUPTED
+
+if TYPE_CHECKING:
+    from rattle.proof.certificate import Ends
+
+
+def prove_areas(
+    out: Path, delta: str, epsilon: str, beta: str, columns: int, processes: int, figure: Path | None
+) -> None:
+    """Prove blocks of a plane, print what share of it is proved, and draw it."""
+    from rattle.errors import require
+    from rattle.proof.areas.shares import shares
+    from rattle.proof.certificate import exact
+    from service.commands.progress import reporter
+    from service.commands.signals import stop_requested
+    from workers.areas import certify_areas
+
+    half_backlash, across, along = exact("beta", beta), _ends("delta", delta), _ends("epsilon", epsilon)
+    require(half_backlash > 0 and across[0] > 0, "beta and delta must be greater than 0")
+    with stop_requested() as stop, reporter(columns, what="columns") as progress:
+        found = certify_areas(out, across, along, half_backlash, columns, processes, progress.show, stop.is_set)
+    for share in shares(found, (across[1] - across[0]) * (along[1] - along[0])):
+        typer.echo(share)
+    if figure is not None:
+        from rattle.plot.areas import areas_figure
+        from rattle.plot.drawing import save
+
+        save(areas_figure(found, across, along).figure, figure)
+    if stop.is_set():
+        typer.echo("Stopped: the other columns are not proved.", err=True)
+        raise typer.Exit(INTERRUPTED)
+
+
+def _ends(name: str, text: str) -> Ends:
+    from rattle.proof.certificate import exact
+
+    low, colon, high = text.partition(":")
+    ends = exact(name, low), exact(name, high)
+    if not (colon and 0 <= ends[0] < ends[1]):
+        raise typer.BadParameter(f"write LOW:HIGH, such as 0.4:1, not {text!r}", param_hint=f"--{name}")
+    return ends
