@@ -29,15 +29,22 @@ function standing(row) {
   return parts.join(" · ")
 }
 
-function row_of(row, chosen, choose) {
+// A row stays the same element while its survey goes on, or a focus, a press and a selected text would be lost.
+function row_of(row, choose) {
+  return element("li", {}, element("button", {type: "button", "data-survey": row.id, onclick: () => choose(row.id)}))
+}
+
+function fill(button, row, is_chosen) {
   const busy = row.state === "running" || row.state === "accepted"
-  return element("li", {},
-    element("button", {type: "button", class: `survey ${row.state}`, "data-survey": row.id, "data-state": row.state,
-        "aria-current": row.id === chosen ? "true" : null, onclick: () => choose(row.id)},
-      element("span", {class: "name"}, row.name),
-      element("span", {class: "size"}, row.size),
-      busy ? element("progress", {max: 100, value: row.progress, "aria-label": `progress of ${row.name}`}) : null,
-      element("span", {class: "standing"}, standing(row))))
+  button.className = `survey ${row.state}`
+  button.dataset.state = row.state
+  if (is_chosen) button.setAttribute("aria-current", "true")
+  else button.removeAttribute("aria-current")
+  button.replaceChildren(
+    element("span", {class: "name"}, row.name),
+    element("span", {class: "size"}, row.size),
+    ...(busy ? [element("progress", {max: 100, value: row.progress, "aria-label": `progress of ${row.name}`})] : []),
+    element("span", {class: "standing"}, standing(row)))
 }
 
 function lines_of(row, signed_in) {
@@ -86,6 +93,7 @@ export function render({model}) {
   const detail = element("div")
   const empty = element("p", {class: "empty"}, "No surveys yet. Submit one: its map fills in as it is computed.")
   root.append(list, empty)
+  const kept = new Map()  // rows by the id of their survey
   let shown = ""
 
   let drawn = ""
@@ -93,17 +101,32 @@ export function render({model}) {
   function draw() {
     drawn = state()
     const rows = model.rows
-    const focused = root.getRootNode().activeElement?.dataset?.survey
-    list.replaceChildren(...rows.map((row) => row_of(row, model.chosen, (id) => { model.chosen = id })))
+    const items = rows.map((row) => {
+      if (!kept.has(row.id)) kept.set(row.id, row_of(row, (id) => { model.chosen = id }))
+      const item = kept.get(row.id)
+      fill(item.firstChild, row, row.id === model.chosen)
+      return item
+    })
+    for (const [id, item] of kept) {
+      if (items.includes(item)) continue
+      item.remove()
+      kept.delete(id)
+    }
+    items.forEach((item, place) => {
+      if (list.children[place] !== item) list.insertBefore(item, list.children[place] ?? null)
+    })
     empty.hidden = rows.length > 0 || !model.ready
     const row = rows.find((each) => each.id === model.chosen)
     const now = row ? JSON.stringify([row.id, row.state, row.message, row.variable, row.index, row.slice, row.mine]) : ""
     if (now !== shown) {  // or a half-made choice and a selected text would be lost at every tile
+      const stops = () => [...detail.querySelectorAll("a, button, pre")]
+      const focused = stops().indexOf(root.getRootNode().activeElement)
       detail.replaceChildren(...(row ? [detail_of(row, model)] : []))
+      if (focused >= 0) stops()[focused]?.focus()
       shown = now
     }
-    if (row) list.querySelector(`[data-survey="${row.id}"]`)?.parentElement.append(detail)
-    if (focused) list.querySelector(`[data-survey="${focused}"]`)?.focus()
+    const item = row && kept.get(row.id)
+    if (item && detail.parentElement !== item) item.append(detail)
   }
 
   model.on(["rows", "chosen", "ready"], draw)
