@@ -16,6 +16,7 @@ from rattle import RattleError
 from rattle.models import AnyModel, Impacting, model_of
 from service.database.tables import UNREADABLE, JobRow, State
 from service.explorer.common.address import LIMIT, Entered, Pair, Ranges, View
+from service.explorer.common.heading import Heading
 from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
@@ -23,7 +24,7 @@ from service.explorer.design.fields import machine_at
 from service.explorer.design.go_to import GoTo
 from service.explorer.design.tolerance import outline
 from service.explorer.map.beside import Beside
-from service.explorer.map.colouring import Colouring, Shade, colouring, values_shown
+from service.explorer.map.colouring import Colouring, colouring, values_shown
 from service.explorer.map.controls import Controls, Uses
 from service.explorer.map.cursor import Cursor
 from service.explorer.map.deep_zoom import Zoom, coarser
@@ -38,6 +39,7 @@ from workers.pictures.maps import OF_PERIODIC
 from workers.survey.machine import SurveyedMachine
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
+EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
 PAUSE = 1.0  # between two drawings of a survey that runs
 
 
@@ -85,11 +87,9 @@ class MapView:
         self._hovering: asyncio.Task[None] | None = None
         uses = Uses(self._on_variable, self._on_index, self._on_slice, self._on_limits, self._on_own, save_window)
         self._controls = Controls(sheet, view.log, uses)
-        self._title = Text("", sheet)
-        self._heading = self._progress = ""
+        self._title = Heading(sheet)
         self._finer: Block | None = None  # what the workers have computed of the window
         self._seen: Callable[[], Block] | None = None  # the cells of the window, none where that is the whole survey
-        self._counting: asyncio.Task[None] | None = None
         self._said = Text("", sheet, is_spoken=True)
         go_to = GoTo(sheet, self._point, self._machine_point)
         self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to)
@@ -142,6 +142,22 @@ class MapView:
             self._job, self._request, self._plane = None, None, None
             self._show_nothing("<p>This survey is no longer there. Choose another one.</p>")
             self._shared.atlas.forget(lambda survey_id: survey_id != self.view.survey)
+        elif not self.view.survey and self._whole is None:
+            self._offer(self._shared.exact.request)
+            self._redraw()
+
+    async def _draw_exact(self) -> None:
+        """Draw what is known without any survey."""
+        view = self.view
+
+        def prepare() -> tuple[Plane, Block, Colouring]:
+            plane = self._shared.exact.plane(view.variable, view.index)
+            block = plane.block()
+            return plane, block, replace(colouring(plane, block, view.limits, view.log), note=EXACT)
+
+        plane, block, colours = await self._viewer.read(prepare)
+        # a survey may have come meanwhile
+        self._viewer.change(lambda: self._draw(plane, block, colours, view) if self._job is None else None)
 
     def _follow(self, job: JobRow) -> None:
         if not job.is_readable:
@@ -149,17 +165,17 @@ class MapView:
             self._show_nothing(f"<p>{UNREADABLE}</p>")
             return
         if self._job is None or self._job.id != job.id:
-            self._offer(job)
+            self._offer(SurveyRequest.model_validate(job.request))
         self._job = job
         if self._drawing is None or self._drawing.done():
             self._drawing = self._viewer.start(self._keep_drawing())
 
-    def _offer(self, job: JobRow) -> None:
-        """The maps that this survey has."""
-        self._whole = SurveyRequest.model_validate(job.request)
-        maps = maps_of(self._whole)
-        self._cut(self._whole, self.view.slice)
-        self.map.in_si(self._whole.machine)
+    def _offer(self, request: SurveyRequest) -> None:
+        """The maps that a survey has."""
+        self._whole = request
+        maps = maps_of(request)
+        self._cut(request, self.view.slice)
+        self.map.in_si(request.machine)
         variable = self.view.variable if self.view.variable in maps else next(iter(maps))
         self._maps = maps
         self._controls.offer_variables(maps, variable)
@@ -189,6 +205,8 @@ class MapView:
     def _redraw(self) -> None:
         if self._job is not None:
             self._follow(self._job)
+        elif not self.view.survey:
+            self._viewer.start(self._draw_exact())
 
     async def _keep_drawing(self) -> None:
         """Draw until what is drawn is what is wanted; a survey that runs is drawn at most once in PAUSE."""
@@ -239,14 +257,12 @@ class MapView:
 
     def _show_nothing(self, why: str) -> None:
         """No numbers, and nothing that belongs to those of another survey."""
-        self._title.html = why
+        self._title.instead(why)
         self._colours = None
         self.map.no_cells()
         self._zoom.stop()
-        self._say_zoom("")
         self._finer = self._seen = None
         self._count()
-        self._lines.key.shades = []
         self._controls.show_limits(self.view.limits, None)
         if self._hovering is not None:
             self._hovering.cancel()
@@ -262,8 +278,7 @@ class MapView:
         self._plane, self._colours = plane, colours
         self.map.cells(block, colours)
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
-        self._heading = f"{escape(colours.title)}{note}"
-        self._show_heading()
+        self._title.show(f"{escape(colours.title)}{note}")
         if isinstance(view.limits, tuple) and view.limits == self.view.limits and not colours.categorical:
             self._change(limits=(colours.low, colours.high))  # on a log scale, from the least positive value on
         self._controls.show_limits(self.view.limits, colours)
@@ -316,7 +331,7 @@ class MapView:
     def _on_own(self) -> None:
         own = self._controls.own
         if isinstance(own, str):
-            self._title.html = f'<p class="notice" role="alert">{escape(own)}</p>'
+            self._title.notice(own)
         else:
             self._change(limits=own)
             self._redraw()
@@ -411,32 +426,14 @@ class MapView:
 
     def _count(self) -> None:
         """The shares of the key are those of what is seen."""
-        if self._counting is not None:
-            self._counting.cancel()
-        if self._plane is not None and self._seen is not None:
-            self._counting = self._viewer.start(self._shares(self._plane, self.view, self._seen))
-        elif self._colours is not None:
-            self._show_shares(self._colours.shades)
-
-    async def _shares(self, plane: Plane, view: View, block: Callable[[], Block]) -> None:
-        shades = await self._viewer.read(lambda: colouring(plane, block(), view.limits, view.log).shades)
-        self._viewer.change(lambda: self._show_shares(shades) if plane is self._plane else None)
-
-    def _show_shares(self, shades: Iterable[Shade]) -> None:
-        self._lines.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
+        plane, view, seen = self._plane, self.view, self._seen
+        if plane is not None and seen is not None:
+            self._lines.count(lambda: colouring(plane, seen(), view.limits, view.log).shades)
+        else:
+            self._lines.show(self._colours.shades if self._colours is not None else ())
 
     def _say_zoom(self, text: str) -> None:
-        def say() -> None:
-            self._progress = text
-            if self._colours is not None:
-                self._show_heading()
-
-        self._viewer.change(say)
-
-    def _show_heading(self) -> None:
-        """What the map shows, and what is being computed of it."""
-        said = f' <span class="faint" role="status">{escape(self._progress)}</span>' if self._progress else ""
-        self._title.html = f"<p>{self._heading}{said}</p>"
+        self._viewer.change(lambda: self._title.progress(text))
 
     def _hover(self, delta: float, epsilon: float) -> None:
         self._cursor.forget()

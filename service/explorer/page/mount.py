@@ -114,12 +114,13 @@ class Explorer:
         from service.explorer.map.planes import Atlas
         from service.explorer.map.shared import Shared
         from service.explorer.page.page import open_page
+        from service.explorer.places.exact import Exact
 
         assert self._front is not None
         assert self._news is not None
         settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
         front = self._front
-        shared = Shared(front, self._news, Atlas(front), Crises(front), DesignLimits(front))
+        shared = Shared(front, self._news, Atlas(front), Crises(front), DesignLimits(front), Exact())
         found = _transport_of(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
         adopt_handlers()  # Panel's
