@@ -1,7 +1,7 @@
 // The map by keys: what is pressed goes to the service, several steps of a key that is held down together.
 const map = document.querySelector(".plot")
 const STEPS = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1]}
-const WORDS = {"+": "closer", "=": "closer", "-": "farther", "0": "all", Enter: "open", Escape: "close"}
+const WORDS = {"+": "closer", "=": "closer", "-": "farther", "0": "all", Enter: "open", Escape: "close", Backspace: "back"}
 let steps = [0, 0, 0, 0], waiting = null, number = 0
 
 function send(word) {
@@ -13,7 +13,7 @@ function send(word) {
 
 map.addEventListener("keydown", (event) => {
   if (event.composedPath()[0] !== map || event.ctrlKey || event.altKey || event.metaKey) return
-  const step = STEPS[event.key], word = WORDS[event.key]
+  const step = STEPS[event.key], word = event.key === "Backspace" && event.shiftKey ? "forward" : WORDS[event.key]
   if (step == null && word == null) return
   event.preventDefault()
   if (word != null) return send(word)

@@ -37,7 +37,7 @@ class Beside:
         go_to: GoTo,
     ) -> None:
         self._viewer, self._on_close, self._on_state = viewer, on_close, on_state
-        self._theme = theme
+        self._theme, self._go_to = theme, go_to
         self._text = Text(HINT, sheet)
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)

@@ -85,6 +85,14 @@ class Controls:
             return None
         return rule if rule in LIMITS else "auto"
 
+    def limits(self, shown: Limits | Pair, colours: Colouring | None) -> Limits | Pair | None:
+        """What colours shall span, where they span this; None: nothing is shown whose limits could be taken over."""
+        if self.rule is not None:
+            return self.rule
+        if isinstance(shown, tuple) or colours is None:
+            return shown if isinstance(shown, tuple) else None
+        return colours.low, colours.high
+
     @property
     def log(self) -> bool:
         """Whether colours are on a log scale."""

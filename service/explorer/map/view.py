@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from html import escape
@@ -13,33 +13,33 @@ import numpy as np
 import panel as pn
 
 from rattle import RattleError
-from rattle.models import AnyModel, Impacting, model_of
+from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
 from service.explorer.common.address import LIMIT, Entered, Pair, Ranges, View
 from service.explorer.common.heading import Heading
 from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
-from service.explorer.design.fields import machine_at
 from service.explorer.design.go_to import GoTo
-from service.explorer.design.tolerance import outline
+from service.explorer.design.places import Place
 from service.explorer.map.beside import Beside
 from service.explorer.map.colouring import Colouring, colouring, values_shown
 from service.explorer.map.controls import Controls, Uses
-from service.explorer.map.cursor import Cursor
+from service.explorer.map.cursor import Cursor, History
 from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
 from service.explorer.map.planes import Block, Plane, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
-from service.explorer.point.state import tolerance_of
+from service.explorer.point.state import marks_of, stands_for
 from workers import Frame, SurveyRequest
 from workers.pictures.maps import OF_PERIODIC
 from workers.survey.machine import SurveyedMachine
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
 EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
+WAITS = "<p class=faint>This survey waits for its turn.</p>"
 PAUSE = 1.0  # between two drawings of a survey that runs
 
 
@@ -67,21 +67,17 @@ class MapView:
         self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
         self._zoom = Zoom(viewer, self._frame, self._say_zoom)
         self._lines = Lines(
-            shared.crises,
-            shared.limits,
-            viewer,
-            self.map,
-            view.overlays,
-            view.share,
-            self._on_lines,
-            self._on_share,
+            shared.crises, shared.limits, viewer, self.map, view.overlays, view.share, self._on_lines, self._on_share,
             sheet,
-        )
+        )  # fmt: skip
+        self._history = History()
         self._lines.tell(self.model, self.window[0])
         words: dict[str, Callable[[Pair], None]] = {
             "all": lambda _at: self._reset(),
             "open": lambda at: self._point(*at),
             "close": lambda _at: self._beside.close(tell=True),
+            "back": lambda _at: self._show(self._history.back(self._zoomed)),
+            "forward": lambda _at: self._show(self._history.forward(self._zoomed)),
         }
         self._cursor = Cursor(viewer.document, self.map.figure, self._shown, self._look, self._go, words)
         self._hovering: asyncio.Task[None] | None = None
@@ -91,7 +87,7 @@ class MapView:
         self._finer: Block | None = None  # what the workers have computed of the window
         self._seen: Callable[[], Block] | None = None  # the cells of the window, none where that is the whole survey
         self._said = Text("", sheet, is_spoken=True)
-        go_to = GoTo(sheet, self._point, self._machine_point)
+        go_to = GoTo(sheet, self._point, self._machine_point, self._on_place)
         self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to)
         self.parts = {
             "controls": pn.Column(self._controls.panel, self._title.pane, sizing_mode="stretch_width", margin=0),
@@ -115,8 +111,8 @@ class MapView:
     @property
     def window(self) -> Ranges:
         """(low, high) of δ and of ε that is shown."""
-        if self.view.delta and self.view.epsilon:
-            return self.view.delta, self.view.epsilon
+        if self._zoomed is not None:
+            return self._zoomed
         if self._request is None:
             return (0.4, 1.0), (0.0, 0.3)
         return box_of(self._request.delta.values(), self._request.epsilon.values())
@@ -232,13 +228,13 @@ class MapView:
                 what()
 
         if job.state == State.ACCEPTED and not job.started:
-            self._viewer.change(lambda: show(self._show_waiting))
+            self._viewer.change(lambda: show(lambda: self._show_nothing(WAITS)))
             return True
         try:
             plane, is_whole, block, colours = await self._viewer.read(prepare)
         except RattleError as error:
-            text = str(error)
-            self._viewer.change(lambda: show(lambda: self._fail(text)))
+            text = f'<p class="notice" role="alert">{escape(str(error))}</p>'
+            self._viewer.change(lambda: show(lambda: self._show_nothing(text)))
             return True
         await self._viewer.changed(lambda: show(lambda: self._draw(plane, block, colours, view)))
         return is_whole
@@ -248,12 +244,6 @@ class MapView:
         if job is None:
             return ()
         return job.id, job.state, job.cells_done, view.variable, view.index, view.slice, view.limits, view.log
-
-    def _show_waiting(self) -> None:
-        self._show_nothing("<p class=faint>This survey waits for its turn.</p>")
-
-    def _fail(self, text: str) -> None:
-        self._show_nothing(f'<p class="notice" role="alert">{escape(text)}</p>')
 
     def _show_nothing(self, why: str) -> None:
         """No numbers, and nothing that belongs to those of another survey."""
@@ -317,16 +307,10 @@ class MapView:
         self.map.no_frame()
 
     def _on_limits(self) -> None:
-        rule, log = self._controls.rule, self._controls.log
-        if rule is not None:
-            self._change(limits=rule, log=log)
-        elif isinstance(self.view.limits, tuple):
-            self._change(log=log)
-        elif self._colours is None:
-            return
-        else:
-            self._change(limits=(self._colours.low, self._colours.high), log=log)
-        self._redraw()
+        limits = self._controls.limits(self.view.limits, self._colours)
+        if limits is not None:
+            self._change(limits=limits, log=self._controls.log)
+            self._redraw()
 
     def _on_own(self) -> None:
         own = self._controls.own
@@ -368,16 +352,38 @@ class MapView:
     def _moved(self, delta: Pair, epsilon: Pair) -> None:
         if delta[0] >= delta[1] or epsilon[0] >= epsilon[1]:
             return
+        self._history.leave(self._zoomed)
         self._change(delta=delta, epsilon=epsilon)
         self.map.moved(delta)
         self._draw_lines(name for name in self.view.overlays if name not in WHOLE)
         self._refine()
 
+    @property
+    def _zoomed(self) -> Ranges | None:
+        return (self.view.delta, self.view.epsilon) if self.view.delta and self.view.epsilon else None
+
     def _reset(self) -> None:
-        self._change(delta=None, epsilon=None)
+        self._history.leave(self._zoomed)
+        self._show(None)
+
+    def _show(self, window: Ranges | None) -> None:
+        """Show a window, or the whole survey, which the history knows already."""
+        delta, epsilon = window or (None, None)
+        self._change(delta=delta, epsilon=epsilon)
         self.map.window(*self.window)
         self._draw_lines(self.view.overlays)
         self._refine()
+
+    def _on_place(self, place: Place) -> str:
+        """Go to a place that has a name; why not, if not."""
+        if self.model != Impacting():
+            return "The places that have names are of the impacting gear at β = 0.6. Choose a survey of it."
+        self._go(place.window)
+        if place.point is None:
+            self._beside.close(tell=True)
+        else:
+            self._open(*place.point, None, place.state)
+        return ""
 
     def _refine(self) -> None:
         self.map.no_frame()
@@ -387,7 +393,7 @@ class MapView:
         plane, window = self._plane, self.window
         if plane is None:
             return
-        if not (self.view.delta and self.view.epsilon):
+        if self._zoomed is None:
             self._count()
             return
         if self.map.is_too_close:  # until the workers answer, and where they do not
@@ -456,14 +462,15 @@ class MapView:
         machine = entered.machine
         self._open(machine.delta, machine.epsilon, entered)
 
-    def _open(self, delta: float, epsilon: float, entered: Entered | None) -> None:
+    def _open(
+        self, delta: float, epsilon: float, entered: Entered | None, asked: Mapping[str, str] | None = None
+    ) -> None:
         """Look closer at a point of the map, or at that of a machine which was entered."""
         if delta <= 0 or epsilon < 0:
             return
         known = (self.view.point, self.view.machine) == ((delta, epsilon), entered)
-        state = self.view.point_state if known else {}
-        machine = entered.machine if entered else machine_at(self.machine, delta, epsilon)
-        model = model_of(machine.beta, machine.kappa) if entered and machine else self.model
+        state = asked or (self.view.point_state if known else {})
+        machine, model = stands_for((delta, epsilon), entered, self.machine, self.model)
         self._beside.open(delta, epsilon, model, machine, state)
         self._change(point=(delta, epsilon), point_state=state, machine=entered)
         self._mark()
@@ -471,15 +478,9 @@ class MapView:
 
     def _mark(self) -> None:
         """Mark the point that is open, with its tolerances, if it is one of this plane."""
-        point, entered = self.view.point, self.view.machine
-        machine = entered.machine if entered else machine_at(self.machine, *point) if point else None
-        if point is None or (entered and machine and model_of(machine.beta, machine.kappa) != self.model):
-            self.map.cross(None)
-            self.map.ellipse(None)
-            return
-        self.map.cross(point)
-        widths = tolerance_of(self.view.point_state.get("tolerance"))
-        self.map.ellipse(None if widths is None else outline(*point, machine, widths))
+        at, ellipse = marks_of(self.view, self.model, self.machine)
+        self.map.cross(at)
+        self.map.ellipse(ellipse)
 
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""

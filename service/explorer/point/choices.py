@@ -161,9 +161,9 @@ class Choices:
 
     async def one_diagram(self) -> None:
         """The diagram in the direction that is chosen."""
-        direction = self._chosen.direction
+        direction, span = self._chosen.direction, self._chosen.span
         found: DiagramLines = await self._work.compute(
-            parts.diagram, self._gear, direction, what="The diagram", slow=True
+            parts.diagram, self._gear, direction, span, what="The diagram", slow=True
         )
         at = self._gear.epsilon if direction == "epsilon" else self._gear.delta
 

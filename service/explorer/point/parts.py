@@ -176,20 +176,22 @@ def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> Lines:
     return Lines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
-def diagram_span(gear: AnyGear, direction: str, share: float = 1.0) -> tuple[float, float]:
-    """The values of δ or ε about the point that are inside the plane, or those of this share that are nearest."""
-    either_way = share * SPANS[direction] * plane_scale(gear.delta)
+def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> tuple[float, float]:
+    """The values of δ or ε about the point that are inside the plane, as far either way as is asked for."""
+    either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
         return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
     return max(gear.delta - either_way, gear.delta / 2), gear.delta + either_way
 
 
-def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUNT, share: float = 1.0) -> DiagramLines:
-    """The one-parameter diagram through the point, along "epsilon" or "delta", of this share of its span."""
+def diagram(
+    gear: AnyGear, direction: str, either_way: float | None = None, steps: int = STEPS, count: int = COUNT
+) -> DiagramLines:
+    """The one-parameter diagram through the point, along "epsilon" or "delta", as far either way as is asked for."""
     from rattle.plot.colours import name_of as name_of_type
     from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
 
-    span = diagram_span(gear, direction, share)
+    span = diagram_span(gear, direction, either_way)
     start, end = ((gear.delta, value) if direction == "epsilon" else (value, gear.epsilon) for value in span)
     found: Diagram[Any, Any] = model_at(gear).diagram(start, end, steps, count)
     _, scale, offset = parameter_axis(found)
@@ -243,4 +245,4 @@ def warm_up(gear: AnyGear) -> None:
     rattling.warm_up(gear)
     if model_at(gear).has_margin:
         margin(gear)
-    diagram(gear, "epsilon", steps=4, count=4, share=0.25)
+    diagram(gear, "epsilon", steps=4, count=4, either_way=0.25 * SPANS["epsilon"] * plane_scale(gear.delta))
