@@ -14,6 +14,7 @@ from bokeh.plotting import figure
 from service.explorer.common.address import Pair, Ranges
 from service.explorer.files import asset
 from service.explorer.map.planes import Plane
+from service.explorer.point.state import point_of
 
 FEWEST = 8  # cells across a window whose cells are stepped through; a finer one has STEPS steps across
 STEPS = 40
@@ -23,6 +24,7 @@ CLOSER = 0.5
 EDGE = 0.25  # of the window, between its edge and a cell that was outside
 WIDEST = 3.0  # windows, of what the survey covers
 WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
+GO = "point "  # before a point that a link names
 MOST_WINDOWS = 200  # that are remembered
 
 
@@ -101,6 +103,8 @@ class Cursor:
                 self._stay(at)
             elif word in self._do:
                 self._do[word](at)
+            elif str(word).startswith(GO) and (named := point_of(str(word)[len(GO) :])) is not None:
+                self._do["open"](named)
 
     def _stay(self, at: Pair) -> None:
         self._at = at

@@ -64,7 +64,7 @@ class MapView:
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
-        self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
+        self.map = Map(theme, self._point, self._through, self._hover, self._moved, self._reset)
         self._zoom = Zoom(viewer, self._frame, self._say_zoom)
         self._lines = Lines(
             shared.crises, shared.limits, viewer, self.map, view.overlays, view.share, self._on_lines, self._on_share,
@@ -76,6 +76,7 @@ class MapView:
             "all": lambda _at: self._reset(),
             "open": lambda at: self._point(*at),
             "close": lambda _at: self._beside.close(tell=True),
+            "through": lambda at: self._through(*at),
             "back": lambda _at: self._show(self._history.back(self._zoomed)),
             "forward": lambda _at: self._show(self._history.forward(self._zoomed)),
         }
@@ -285,26 +286,24 @@ class MapView:
     def _on_variable(self) -> None:
         self._change(variable=self._controls.variable, index=0, limits="auto")
         self._offer_index()
-        self._leave_finer()
-        self._redraw()
+        self._draw_anew()
 
     def _on_index(self) -> None:
         self._change(index=self._controls.index)
-        self._leave_finer()
-        self._redraw()
+        self._draw_anew()
 
     def _on_slice(self) -> None:
         if self._whole is not None:
             self._cut(self._whole, self._controls.slice)
-        self._leave_finer()
         self._plane = None  # lines, and what is open of a point, are of another model
         self._lines.clear()
-        self._redraw()
+        self._draw_anew()
 
-    def _leave_finer(self) -> None:
+    def _draw_anew(self) -> None:
         self._zoom.stop()
         self._finer = None
         self.map.no_frame()
+        self._redraw()
 
     def _on_limits(self) -> None:
         limits = self._controls.limits(self.view.limits, self._colours)
@@ -379,10 +378,7 @@ class MapView:
         if self.model != Impacting():
             return "The places that have names are of the impacting gear at β = 0.6. Choose a survey of it."
         self._go(place.window)
-        if place.point is None:
-            self._beside.close(tell=True)
-        else:
-            self._open(*place.point, None, place.state)
+        self._open(*place.point, None, place.state) if place.point else self._beside.close(tell=True)
         return ""
 
     def _refine(self) -> None:
@@ -457,6 +453,11 @@ class MapView:
 
     def _point(self, delta: float, epsilon: float) -> None:
         self._open(delta, epsilon, None)
+
+    def _through(self, delta: float, epsilon: float) -> None:
+        """Follow what happens on the way from the point that is open to this one."""
+        if not self._beside.go_through((delta, epsilon)):
+            self._point(delta, epsilon)
 
     def _machine_point(self, entered: Entered) -> None:
         machine = entered.machine

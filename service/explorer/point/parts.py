@@ -97,13 +97,28 @@ class Marks(NamedTuple):
     motion: tuple[str, ...]
 
 
+class Happening(NamedTuple):
+    """An event: its kind (SN, PD, GR), the name of its curve or "", its motion, δ, ε and multipliers there."""
+
+    kind: str
+    name: str
+    motion: str
+    delta: float
+    epsilon: float
+    multipliers: tuple[complex, complex]
+
+
 class DiagramLines(NamedTuple):
-    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see."""
+    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see; along which axis,
+    or as fractions of the way to a point `to`.
+    """
 
     direction: str
+    to: tuple[float, float] | None
     span: tuple[float, float]
     strokes: tuple[Stroke, ...]
     marks: Marks
+    events: tuple[Happening, ...]
     x: Array
     v: Array
     tau: Array
@@ -185,16 +200,25 @@ def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None)
 
 
 def diagram(
-    gear: AnyGear, direction: str, either_way: float | None = None, steps: int = STEPS, count: int = COUNT
+    gear: AnyGear,
+    direction: str,
+    either_way: float | None = None,
+    to: tuple[float, float] | None = None,
+    steps: int = STEPS,
+    count: int = COUNT,
 ) -> DiagramLines:
-    """The one-parameter diagram through the point, along "epsilon" or "delta", as far either way as is asked for."""
+    """The one-parameter diagram through the point, along "epsilon" or "delta", as far either way as is asked for; or
+    from there to another point (δ, ε).
+    """
     from rattle.plot.colours import name_of as name_of_type
     from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
 
     span = diagram_span(gear, direction, either_way)
     start, end = ((gear.delta, value) if direction == "epsilon" else (value, gear.epsilon) for value in span)
+    if to is not None:
+        span, start, end = (0.0, 1.0), (gear.delta, gear.epsilon), to
     found: Diagram[Any, Any] = model_at(gear).diagram(start, end, steps, count)
-    _, scale, offset = parameter_axis(found)
+    scale, offset = (1.0, 0.0) if to is not None else parameter_axis(found)[1:]
     pieces = []
     for branch in found.branches:
         for curve in curves_along(found, branch, scale, offset):
@@ -214,10 +238,25 @@ def diagram(
     marks = Marks(
         np.array(x, float), np.array(v, float), np.array(tau, float), tuple(kind), tuple(name), tuple(motions)
     )
+    events = tuple(
+        Happening(
+            event.kind.value, found.curve_of(event) or "", name_of_type(_label(event.itinerary)),
+            float(event.parameters[0]), float(event.parameters[1]), event.orbit.multipliers,
+        )
+        for event in found.events
+    )  # fmt: skip
     seen = found.points
     chosen = np.arange(0, seen.v.size, max(1, seen.v.size // MOST_POINTS))
     return DiagramLines(
-        direction, span, tuple(pieces), marks, offset + scale * seen.position[chosen], seen.v[chosen], seen.tau[chosen]
+        direction,
+        to,
+        span,
+        tuple(pieces),
+        marks,
+        events,
+        offset + scale * seen.position[chosen],
+        seen.v[chosen],
+        seen.tau[chosen],
     )
 
 

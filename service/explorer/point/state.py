@@ -23,13 +23,14 @@ LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # of δ or ε either way
 @dataclass(frozen=True)
 class PointState:
     """The attractor (its place by falling share) or the initial condition (τ, v) shown; the diagram's direction and how
-    far it goes either way, None for as far as usual; tolerances, if any were given.
+    far it goes either way, None for as far as usual, or the point that it goes to; tolerances, if any were given.
     """
 
     attractor: int | None = None
     start: tuple[float, float] | None = None
     direction: str = "epsilon"
     span: float | None = None
+    to: Pair | None = None
     tolerance: Tolerance | None = None
 
     @classmethod
@@ -41,6 +42,7 @@ class PointState:
             _start(text.get("tau"), text.get("v"), v_max),
             direction if direction in SPANS else "epsilon",
             span_of(text.get("span")),
+            point_of(text.get("to")),
             tolerance_of(text.get("tolerance")),
         )
 
@@ -51,6 +53,8 @@ class PointState:
             said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}  # read back, they are the same numbers
         if self.span is not None:
             said["span"] = repr(self.span)
+        if self.to is not None:
+            said["to"] = ",".join(map(repr, self.to))
         if self.tolerance is not None:
             said["tolerance"] = ",".join(map(repr, self.tolerance))
         return said | ({"direction": self.direction} if self.direction != "epsilon" else {})
@@ -83,6 +87,15 @@ def span_of(given: object) -> float | None:
     return span if LEAST_SPAN <= span <= MOST_SPAN else None
 
 
+def point_of(given: object) -> Pair | None:
+    """The point (δ, ε) that a text describes, None if it is none."""
+    try:
+        delta, epsilon = map(float, str(given).split(","))
+    except ValueError:
+        return None
+    return (delta, epsilon) if 0 < delta < math.inf and 0 <= epsilon < math.inf else None
+
+
 def tolerance_of(given: object) -> Tolerance | None:
     """The tolerance that a text describes, None if it cannot be read."""
     try:
@@ -103,11 +116,16 @@ def stands_for(
 
 
 def marks_of(view: View, model: AnyModel, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
-    """Where the point that is open is on the map of a survey, and its tolerances, if it is one of this plane."""
+    """Where the point that is open is on the map of a survey, if it is one of this plane, and the lines (k, 2) about
+    it, NaN between them: its tolerances, and the way that its diagram goes to another point.
+    """
     if view.point is None:
         return None, None
     made, of_point = stands_for(view.point, view.machine, machine, model)
     if of_point != model:
         return None, None
-    widths = tolerance_of(view.point_state.get("tolerance"))
-    return view.point, None if widths is None else outline(*view.point, made, widths)
+    widths, to = tolerance_of(view.point_state.get("tolerance")), point_of(view.point_state.get("to"))
+    lines = [] if widths is None else [outline(*view.point, made, widths)]
+    if to is not None:
+        lines += [np.full((1, 2), np.nan), np.array([view.point, to])]
+    return view.point, np.concatenate(lines) if lines else None
