@@ -250,3 +250,28 @@ def test_a_page_is_used_with_the_keyboard_and_a_screen_reader(page: Page, servic
     expect(row).to_have_attribute("data-state", "successful")
     expect(again).to_be_focused()  # although the list was written anew
     httpx.delete(service + here, timeout=HANG)
+
+
+def test_surveys_are_searched_and_sorted(page: Page, service: str) -> None:
+    open_view(page, service)
+    small = SURVEY | {"quantities": ["region"]}
+    named = {"zeta": 4, "Alpha": 6, "mu": 5}
+    made = []
+    for name, num in named.items():
+        body = small | {"name": name, "delta": SURVEY["delta"] | {"num": num}}
+        made.append(httpx.post(f"{service}/v1/surveys", json=body, timeout=HANG).json()["links"]["self"])
+    rows = page.locator("button.survey .name")
+    expect(rows.filter(has_text="mu")).to_be_visible()
+    page.get_by_label("search surveys").fill("ALPH")
+    expect(rows).to_have_text(["Alpha"])
+    page.get_by_label("search surveys").fill("nowhere")
+    expect(page.get_by_text("No survey has that")).to_be_visible()
+    page.get_by_label("search surveys").fill("29")  # of δ or ε, in their settings
+    page.get_by_label("order of the surveys").select_option("by name")
+    found = [name for name in rows.all_inner_texts() if name in named]
+    assert found == sorted(named, key=str.lower)
+    page.get_by_label("order of the surveys").select_option("largest first")
+    assert [name for name in rows.all_inner_texts() if name in named] == ["Alpha", "mu", "zeta"]
+    assert_accessible(page)
+    for here in made:
+        httpx.delete(service + here, timeout=HANG)

@@ -44,6 +44,8 @@ def test_a_view_is_printed_whole_with_its_key(page: Page, service: str, width: i
     _, plot = page.evaluate(ACROSS)
     key = page.locator(".keys").bounding_box()
     assert key is not None
+    address = page.evaluate("() => getComputedStyle(document.querySelector('header'), '::after').content")
+    assert address == f'"{page.url}"'
     assert 600 < plot < 720  # CSS pixels across A4 less its margins
     assert key["y"] + key["height"] < 1030
     expect(page.get_by_role("button", name="New survey")).to_be_hidden()

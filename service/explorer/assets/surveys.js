@@ -1,6 +1,15 @@
 // The surveys of the service: a list that is kept up to date, and of the chosen one what can be done with it.
 const STATES = {accepted: "waiting", running: "running", successful: "done", failed: "failed", dismissed: "cancelled"}
 
+const FEW = 4  // surveys, that need no search
+// By what each order goes, and whether what is most comes first; the service has the newest first.
+const ORDERS = {
+  "newest first": [null], "by name": [(row) => row.name.toLowerCase()],
+  "largest first": [(row) => row.size.split(" × ").reduce((cells, along) => cells * along, 1), true],
+  "unfinished first": [(row) => row.state === "successful" ? 1 : 0],
+}
+const compare = (one, other) => one < other ? -1 : one > other ? 1 : 0
+
 function element(tag, attributes = {}, ...children) {
   const found = document.createElement(tag)
   for (const [name, value] of Object.entries(attributes)) {
@@ -89,10 +98,16 @@ function detail_of(row, model) {
 
 export function render({model}) {
   const root = element("div", {class: "surveys"})
-  const list = element("ul", {"aria-label": "surveys, newest first"})
+  const list = element("ul", {"aria-label": "surveys"})
   const detail = element("div")
   const empty = element("p", {class: "empty"}, "No surveys yet. Submit one: its map fills in as it is computed.")
-  root.append(list, empty)
+  const none = element("p", {class: "empty", role: "status"})
+  // Of many surveys those that are looked for, in the order that is chosen: for this page only.
+  const search = element("input", {type: "search", "aria-label": "search surveys", placeholder: "Search", oninput: () => draw()})
+  const order = element("select", {"aria-label": "order of the surveys", onchange: () => draw()},
+    ...Object.keys(ORDERS).map((name) => element("option", {}, name)))
+  const finding = element("div", {class: "finding"}, search, order)
+  root.append(finding, list, empty, none)
   const kept = new Map()  // rows by the id of their survey
   let shown = ""
 
@@ -100,7 +115,14 @@ export function render({model}) {
   const state = () => JSON.stringify([model.rows, model.chosen, model.ready])
   function draw() {
     drawn = state()
-    const rows = model.rows
+    const wanted = search.value.trim().toLowerCase()
+    const told = (row) => [row.name, row.size, STATES[row.state], ...row.facts.flat()].join(" ").toLowerCase()
+    const rows = model.rows.filter((row) => told(row).includes(wanted))
+    const [key, falling] = ORDERS[order.value]
+    if (key) rows.sort((one, other) => (falling ? -1 : 1) * compare(key(one), key(other)))
+    finding.hidden = model.rows.length < FEW
+    none.textContent = model.rows.length && !rows.length ? "No survey has that in its name or settings." : ""
+    none.hidden = !none.textContent
     const items = rows.map((row) => {
       if (!kept.has(row.id)) kept.set(row.id, row_of(row, (id) => { model.chosen = id }))
       const item = kept.get(row.id)
@@ -115,7 +137,7 @@ export function render({model}) {
     items.forEach((item, place) => {
       if (list.children[place] !== item) list.insertBefore(item, list.children[place] ?? null)
     })
-    empty.hidden = rows.length > 0 || !model.ready
+    empty.hidden = model.rows.length > 0 || !model.ready
     const row = rows.find((each) => each.id === model.chosen)
     const now = row ? JSON.stringify([row.id, row.state, row.message, row.variable, row.index, row.slice, row.mine]) : ""
     if (now !== shown) {  // or a half-made choice and a selected text would be lost at every tile

@@ -30,7 +30,7 @@ class GoTo:
     ) -> None:
         self._sheet, self._on_point, self._on_machine, self._on_place = sheet, on_point, on_machine, on_place
         self._named = pn.widgets.Select(
-            label="Named places", options={"": None} | places(), stylesheets=[sheet], sizing_mode="stretch_width",
+            label="Named places", options={"choose one …": ""} | places(), value="", stylesheets=[sheet], sizing_mode="stretch_width",
             margin=(0, 0, 6, 0),
         )  # fmt: skip
         self._watch = Watch()
@@ -44,12 +44,12 @@ class GoTo:
         self.panel = pn.Column(self._named, self._open, self._said.pane, sizing_mode="stretch_width", margin=0)
 
     def _go(self) -> None:
-        if (place := self._named.value) is not None:
+        if place := self._named.value:
             self._said.html = ""
             if why := self._on_place(place):
                 self._wrong(why)
             with self._watch.paused():
-                self._named.value = None  # so that it can be gone to again
+                self._named.value = ""  # so that it can be gone to again
 
     def _toggle(self) -> None:
         if self._fields is None:
