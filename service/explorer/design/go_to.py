@@ -29,8 +29,9 @@ class GoTo:
         on_place: Callable[[Place], str],
     ) -> None:
         self._sheet, self._on_point, self._on_machine, self._on_place = sheet, on_point, on_machine, on_place
+        options = {"choose one …": ""} | places()
         self._named = pn.widgets.Select(
-            label="Named places", options={"choose one …": ""} | places(), value="", stylesheets=[sheet], sizing_mode="stretch_width",
+            label="Named places", options=options, value="", stylesheets=[sheet], sizing_mode="stretch_width",
             margin=(0, 0, 6, 0),
         )  # fmt: skip
         self._watch = Watch()
