@@ -18,7 +18,7 @@ from rattle.plot.paper_ranges import BETA, FIGURE_5, FIGURE_8, FIGURE_9
 
 Range = tuple[float, float]
 
-#: A colour for each kind of bifurcation.
+#: A colour for each kind of bifurcation, that of flips and the quiet limit's told apart by deuteranopes too.
 STYLES = {
     "SN1": ("black", "-"),
     "SN2": ("black", (0, (4, 1.5))),
@@ -27,7 +27,7 @@ STYLES = {
     "PD2": ("#7b3294", (0, (5, 1.5, 1, 1.5))),
     "G1": ("#c51b1b", "-"),
     "G2": ("#c51b1b", (0, (4, 1.5))),
-    "quiet_limit": ("#08519c", (0, (1, 1))),
+    "quiet_limit": ("#1f9bd6", (0, (1, 1))),
 }
 MARKERS = {"COD20": "o", "COD21": "s", "COD22": "D", "COD23": "^"}
 IN_PAPER = ("SN1", "SN2", "PD1", "G1", "G2")

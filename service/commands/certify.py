@@ -61,9 +61,9 @@ def certify(
     """Prove that periodic motions exist, alone near by, with their labels, and whether they attract.
 
     Of a survey, or of a slice of it: all periodic attractors, into a store beside it; the same command resumes. Of a
-    point, of curves, of points where curves meet, of chaos: one certificate a line. Of a plane: its regions I to V, where
-    motions of period one are and attract, and where quiet is possible, a block a line, of whole columns. Exit status 1
-    if something is not proved; that does not mean that it is false.
+    point, of curves, of points where curves meet, of chaos: one certificate a line. Of a plane: its regions I to V,
+    where motions of period one are and attract, and where quiet is possible, a block a line, of whole columns. Exit
+    status 1 if something is not proved; that does not mean that it is false.
     """
     if [store, point, check, areas, codimension_two or None].count(None) != 4:
         raise typer.BadParameter(

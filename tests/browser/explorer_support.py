@@ -2,8 +2,11 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import axe_playwright_python
 from depth import either
 from playwright.sync_api import Browser, BrowserContext, Page, TimeoutError
 from waiting import HANG, wait_until
@@ -126,6 +129,29 @@ def click_cell(page: Page, delta: float, epsilon: float) -> None:
     point_at(page, delta, epsilon, until=f"Cell at δ {delta:g}, ε {epsilon:g}")
     page.mouse.down()
     page.mouse.up()
+
+
+@cache
+def _axe() -> str:
+    """The script that looks for what keeps people out."""
+    return (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text()
+
+
+def assert_accessible(page: Page) -> None:
+    """axe-core finds nothing, targets are large enough for fingers, and every stop of the Tab key has a name."""
+    page.evaluate(_axe())
+    found = page.evaluate("() => axe.run({rules: {'target-size': {enabled: true}}})")
+    faults = [(rule["id"], node["html"][:120]) for rule in found["violations"] for node in rule["nodes"]]
+    assert not faults
+    chrome = page.context.new_cdp_session(page)
+    chrome.send("Accessibility.enable")
+    for node in chrome.send("Accessibility.getFullAXTree")["nodes"]:
+        traits = {each["name"]: each["value"].get("value") for each in node.get("properties", ())}
+        if traits.get("focusable") and not node["ignored"]:
+            assert node["name"]["value"].strip(), chrome.send(
+                "DOM.describeNode", {"backendNodeId": node["backendDOMNodeId"]}
+            )["node"]
+    chrome.detach()
 
 
 @contextmanager

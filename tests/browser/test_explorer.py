@@ -6,7 +6,17 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import numpy as np
 import xarray as xr
-from explorer_support import SURVEY, of_map, open_view, place_of, point_at, visible_lines, wait_for, wait_for_map
+from explorer_support import (
+    SURVEY,
+    assert_accessible,
+    of_map,
+    open_view,
+    place_of,
+    point_at,
+    visible_lines,
+    wait_for,
+    wait_for_map,
+)
 from faults import Faults
 from playwright.sync_api import Page, expect
 from service_processes import get
@@ -67,6 +77,7 @@ def test_a_form_that_cannot_be_sent_says_why(page: Page, service: str) -> None:
     page.get_by_label("δ from", exact=True).press("Enter")
     expect(page.get_by_text("must be below stop")).to_be_visible()
     expect(page.get_by_role("button", name="Submit")).to_be_disabled()
+    assert_accessible(page)
 
 
 def test_lines_are_switched_and_the_address_says_so(page: Page, service: str) -> None:
@@ -230,3 +241,37 @@ def test_a_page_is_used_with_the_keyboard_and_a_screen_reader(page: Page, servic
     page.get_by_role("checkbox", name="SN1", exact=True).focus()
     page.keyboard.press("Space")
     wait_for_map(page, "renderers.find((each) => each.name === 'SN1').visible === false")
+    expect(page.get_by_text("SN1: ")).to_be_visible()  # what the line means, which a mouse reads in its title
+    again = page.locator("[data-action=again]")
+    again.focus()
+    small = SURVEY | {"quantities": ["region"], "delta": SURVEY["delta"] | {"num": 20}}
+    here = httpx.post(f"{service}/v1/surveys", json=small, timeout=HANG).json()["links"]["self"]
+    row = page.locator(f"button.survey[data-survey='{here.rpartition('/')[2]}']")
+    expect(row).to_have_attribute("data-state", "successful")
+    expect(again).to_be_focused()  # although the list was written anew
+    httpx.delete(service + here, timeout=HANG)
+
+
+def test_surveys_are_searched_and_sorted(page: Page, service: str) -> None:
+    open_view(page, service)
+    small = SURVEY | {"quantities": ["region"]}
+    named = {"zeta": 4, "Alpha": 6, "mu": 5}
+    made = []
+    for name, num in named.items():
+        body = small | {"name": name, "delta": SURVEY["delta"] | {"num": num}}
+        made.append(httpx.post(f"{service}/v1/surveys", json=body, timeout=HANG).json()["links"]["self"])
+    rows = page.locator("button.survey .name")
+    expect(rows.filter(has_text="mu")).to_be_visible()
+    page.get_by_label("search surveys").fill("ALPH")
+    expect(rows).to_have_text(["Alpha"])
+    page.get_by_label("search surveys").fill("nowhere")
+    expect(page.get_by_text("No survey has that")).to_be_visible()
+    page.get_by_label("search surveys").fill("29")  # of δ or ε, in their settings
+    page.get_by_label("order of the surveys").select_option("by name")
+    found = [name for name in rows.all_inner_texts() if name in named]
+    assert found == sorted(named, key=str.lower)
+    page.get_by_label("order of the surveys").select_option("largest first")
+    assert [name for name in rows.all_inner_texts() if name in named] == ["Alpha", "mu", "zeta"]
+    assert_accessible(page)
+    for here in made:
+        httpx.delete(service + here, timeout=HANG)

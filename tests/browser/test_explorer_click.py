@@ -6,7 +6,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
-from explorer_support import CELLS, click_cell, open_view, wait_for
+from explorer_support import CELLS, assert_accessible, click_cell, open_view, wait_for
 from playwright.sync_api import Page, expect
 
 import rattle
@@ -51,12 +51,16 @@ def test_a_click_shows_the_point(page: Page, service: str) -> None:
     expect(page.get_by_role("table", name=re.compile("Attractors from 1024 starts"))).to_be_visible()
     expect(page.get_by_role("table", name="Period-one orbits").get_by_role("row")).to_have_count(5)
     assert figure(page, "basins", "background_fill_color") == "#ffffff"
+    page.get_by_role("button", name="Go to a point").click()
+    expect(page.get_by_label("Given")).to_be_visible()
+    assert_accessible(page)
 
 
 def test_a_motion_is_chosen_in_the_basins_and_its_address_shows_it_again(page: Page, service: str) -> None:
     open_view(page, service, point="0.6,0.1", theme="dark")
     beside(page, f"{CELLS} × {CELLS} cells")
     assert figure(page, "basins", "background_fill_color") != "#ffffff"
+    assert_accessible(page)
     click_basins(page, 0.3, 4.9)
     beside(page, "From the chosen initial condition")
     page.wait_for_url("**p.tau=**")

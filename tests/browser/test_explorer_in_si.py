@@ -69,5 +69,6 @@ def test_the_design_limit_is_drawn_when_it_is_asked_for(page: Page, service: str
     delta, epsilon = (of_map(page, f"{of_limit}.{axis}.flatMap((each) => [...each])") for axis in ("xs", "ys"))
     exact = rattle.design_limit({"delta": delta[0]}, "epsilon", 0.8, count=512)
     assert epsilon[0] == pytest.approx(exact.value)
+    expect(page.get_by_role("checkbox", name="design limit")).to_be_focused()  # although the key was written anew
     page.wait_for_url("**overlays=design_limit**")
     wait_until(lambda: page.get_by_label("Design limit: P(quiet) ≥").input_value() == "0.8")

@@ -59,8 +59,14 @@ def test_the_theme_is_the_system_s_unless_somebody_says_otherwise(browser: Brows
     light, dark = ("rgb(244, 246, 248)", "#ffffff"), ("rgb(15, 19, 23)", "#171c22")
     with visiting(browser, service, color_scheme="dark") as context:
         page = context.new_page()
+        asked: list[str] = []
+        page.on(
+            "request", lambda sent: asked.append(sent.url) if sent.resource_type in ("document", "script") else None
+        )
         open_view(page, service)
         assert paper(page) == dark
+        assert len(asked) == len(set(asked))  # nor was there a page, or were there scripts, of the other theme
+        assert page.evaluate("document.documentElement.dataset.theme") == "dark"
         assert "theme=" not in page.url
         open_view(page, service, theme="light")
         assert paper(page) == light

@@ -30,9 +30,10 @@ WITHOUT_VALUE = {
     **dict.fromkeys(OF_PERIODIC, "not periodic"),
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
-#: Of `rattle.REGIONS`; those of other sets than the paper's are as far from one another as light colours can be.
+#: Of `rattle.REGIONS`, III and V told apart by deuteranopes too; those of other sets than the paper's are as far
+#: from one another as light colours can be.
 REGION_COLOURS = (
-    "#e8e8e8", "#f4efe3", "#bfdcec", "#8fc79a", "#f2c879", "#dd8f7d", "#5999d9", "#bf73a6", "#59e5e5", "#998c59",
+    "#e8e8e8", "#f4efe3", "#bfdcec", "#60b8a8", "#f2c879", "#d88870", "#5999d9", "#bf73a6", "#59e5e5", "#998c59",
     "#599999", "#d9b2f2", "#59ccf2", "#bfcc7f", "#8c8c7f", "#f28ca6", "#7f8ca6", "#669959",
 )  # fmt: skip
 FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow

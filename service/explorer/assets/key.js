@@ -27,7 +27,8 @@ export function render({model}) {
   const overlays = element("fieldset", {}, element("legend", {}, "Lines"))
   const lines = element("div", {class: "lines"})
   overlays.append(lines)
-  root.append(shades, overlays)
+  const meaning = element("p", {hidden: ""})  // for those who have no mouse: a title shows under one only
+  root.append(shades, overlays, meaning)
 
   let shown = ""
   function draw_shades() {
@@ -39,6 +40,7 @@ export function render({model}) {
   }
 
   function draw_lines() {
+    const focused = root.getRootNode().activeElement?.value
     lines.replaceChildren(...model.overlays.map((each) => {
       const box = element("input", {type: "checkbox", value: each.name})
       box.checked = model.chosen.includes(each.name)
@@ -46,9 +48,16 @@ export function render({model}) {
         const kept = model.chosen.filter((name) => name !== each.name)
         model.chosen = box.checked ? [...kept, each.name] : kept
       })
+      box.addEventListener("focus", () => {
+        meaning.hidden = !box.matches(":focus-visible")
+        meaning.textContent = `${each.label}: ${each.meaning}`
+      })
+      box.addEventListener("blur", () => { meaning.hidden = true })
+      box.setAttribute("aria-description", each.meaning)
       return element("label", {title: each.meaning, class: each.missing ? "missing" : null}, box,
         each.name === "points" ? ring() : line(each), each.label, each.note ? element("small", {}, each.note) : null)
     }))
+    if (focused) lines.querySelector(`input[value="${focused}"]`)?.focus()
   }
 
   model.on("shades", draw_shades)

@@ -1,7 +1,8 @@
 // The map by keys: what is pressed goes to the service, several steps of a key that is held down together.
 const map = document.querySelector(".plot")
 const STEPS = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowDown: [0, -1], ArrowUp: [0, 1]}
-const WORDS = {"+": "closer", "=": "closer", "-": "farther", "0": "all", Enter: "open", Escape: "close"}
+const WORDS = {"+": "closer", "=": "closer", "-": "farther", "0": "all", Enter: "open", Escape: "close", Backspace: "back"}
+const SHIFTED = {Backspace: "forward", Enter: "through"}
 let steps = [0, 0, 0, 0], waiting = null, number = 0
 
 function send(word) {
@@ -13,7 +14,7 @@ function send(word) {
 
 map.addEventListener("keydown", (event) => {
   if (event.composedPath()[0] !== map || event.ctrlKey || event.altKey || event.metaKey) return
-  const step = STEPS[event.key], word = WORDS[event.key]
+  const step = STEPS[event.key], word = (event.shiftKey && SHIFTED[event.key]) || WORDS[event.key]
   if (step == null && word == null) return
   event.preventDefault()
   if (word != null) return send(word)
@@ -21,5 +22,12 @@ map.addEventListener("keydown", (event) => {
   steps[first] += step[0]
   steps[first + 1] += step[1]
   waiting ??= setTimeout(() => send(""), 40)
+})
+// What names a point, an event of a diagram for one, goes there.
+document.addEventListener("click", (event) => {
+  const link = event.composedPath().find((each) => each.dataset?.point)
+  if (link == null || event.ctrlKey || event.metaKey || event.shiftKey) return
+  event.preventDefault()
+  send(`point ${link.dataset.point}`)
 })
 map.dataset.keys = "heard"

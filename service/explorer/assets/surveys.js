@@ -1,6 +1,15 @@
 // The surveys of the service: a list that is kept up to date, and of the chosen one what can be done with it.
 const STATES = {accepted: "waiting", running: "running", successful: "done", failed: "failed", dismissed: "cancelled"}
 
+const FEW = 4  // surveys, that need no search
+// By what each order goes, and whether what is most comes first; the service has the newest first.
+const ORDERS = {
+  "newest first": [null], "by name": [(row) => row.name.toLowerCase()],
+  "largest first": [(row) => row.size.split(" × ").reduce((cells, along) => cells * along, 1), true],
+  "unfinished first": [(row) => row.state === "successful" ? 1 : 0],
+}
+const compare = (one, other) => one < other ? -1 : one > other ? 1 : 0
+
 function element(tag, attributes = {}, ...children) {
   const found = document.createElement(tag)
   for (const [name, value] of Object.entries(attributes)) {
@@ -29,15 +38,22 @@ function standing(row) {
   return parts.join(" · ")
 }
 
-function row_of(row, chosen, choose) {
+// A row stays the same element while its survey goes on, or a focus, a press and a selected text would be lost.
+function row_of(row, choose) {
+  return element("li", {}, element("button", {type: "button", "data-survey": row.id, onclick: () => choose(row.id)}))
+}
+
+function fill(button, row, is_chosen) {
   const busy = row.state === "running" || row.state === "accepted"
-  return element("li", {},
-    element("button", {type: "button", class: `survey ${row.state}`, "data-survey": row.id, "data-state": row.state,
-        "aria-current": row.id === chosen ? "true" : null, onclick: () => choose(row.id)},
-      element("span", {class: "name"}, row.name),
-      element("span", {class: "size"}, row.size),
-      busy ? element("progress", {max: 100, value: row.progress, "aria-label": `progress of ${row.name}`}) : null,
-      element("span", {class: "standing"}, standing(row))))
+  button.className = `survey ${row.state}`
+  button.dataset.state = row.state
+  if (is_chosen) button.setAttribute("aria-current", "true")
+  else button.removeAttribute("aria-current")
+  button.replaceChildren(
+    element("span", {class: "name"}, row.name),
+    element("span", {class: "size"}, row.size),
+    ...(busy ? [element("progress", {max: 100, value: row.progress, "aria-label": `progress of ${row.name}`})] : []),
+    element("span", {class: "standing"}, standing(row)))
 }
 
 function lines_of(row, signed_in) {
@@ -82,28 +98,57 @@ function detail_of(row, model) {
 
 export function render({model}) {
   const root = element("div", {class: "surveys"})
-  const list = element("ul", {"aria-label": "surveys, newest first"})
+  const list = element("ul", {"aria-label": "surveys"})
   const detail = element("div")
   const empty = element("p", {class: "empty"}, "No surveys yet. Submit one: its map fills in as it is computed.")
-  root.append(list, empty)
+  const none = element("p", {class: "empty", role: "status"})
+  // Of many surveys those that are looked for, in the order that is chosen: for this page only.
+  const search = element("input", {type: "search", "aria-label": "search surveys", placeholder: "Search", oninput: () => draw()})
+  const order = element("select", {"aria-label": "order of the surveys", onchange: () => draw()},
+    ...Object.keys(ORDERS).map((name) => element("option", {}, name)))
+  const finding = element("div", {class: "finding"}, search, order)
+  root.append(finding, list, empty, none)
+  const kept = new Map()  // rows by the id of their survey
   let shown = ""
 
   let drawn = ""
   const state = () => JSON.stringify([model.rows, model.chosen, model.ready])
   function draw() {
     drawn = state()
-    const rows = model.rows
-    const focused = root.getRootNode().activeElement?.dataset?.survey
-    list.replaceChildren(...rows.map((row) => row_of(row, model.chosen, (id) => { model.chosen = id })))
-    empty.hidden = rows.length > 0 || !model.ready
+    const wanted = search.value.trim().toLowerCase()
+    const told = (row) => [row.name, row.size, STATES[row.state], ...row.facts.flat()].join(" ").toLowerCase()
+    const rows = model.rows.filter((row) => told(row).includes(wanted))
+    const [key, falling] = ORDERS[order.value]
+    if (key) rows.sort((one, other) => (falling ? -1 : 1) * compare(key(one), key(other)))
+    finding.hidden = model.rows.length < FEW
+    none.textContent = model.rows.length && !rows.length ? "No survey has that in its name or settings." : ""
+    none.hidden = !none.textContent
+    const items = rows.map((row) => {
+      if (!kept.has(row.id)) kept.set(row.id, row_of(row, (id) => { model.chosen = id }))
+      const item = kept.get(row.id)
+      fill(item.firstChild, row, row.id === model.chosen)
+      return item
+    })
+    for (const [id, item] of kept) {
+      if (items.includes(item)) continue
+      item.remove()
+      kept.delete(id)
+    }
+    items.forEach((item, place) => {
+      if (list.children[place] !== item) list.insertBefore(item, list.children[place] ?? null)
+    })
+    empty.hidden = model.rows.length > 0 || !model.ready
     const row = rows.find((each) => each.id === model.chosen)
     const now = row ? JSON.stringify([row.id, row.state, row.message, row.variable, row.index, row.slice, row.mine]) : ""
     if (now !== shown) {  // or a half-made choice and a selected text would be lost at every tile
+      const stops = () => [...detail.querySelectorAll("a, button, pre")]
+      const focused = stops().indexOf(root.getRootNode().activeElement)
       detail.replaceChildren(...(row ? [detail_of(row, model)] : []))
+      if (focused >= 0) stops()[focused]?.focus()
       shown = now
     }
-    if (row) list.querySelector(`[data-survey="${row.id}"]`)?.parentElement.append(detail)
-    if (focused) list.querySelector(`[data-survey="${focused}"]`)?.focus()
+    const item = row && kept.get(row.id)
+    if (item && detail.parentElement !== item) item.append(detail)
   }
 
   model.on(["rows", "chosen", "ready"], draw)

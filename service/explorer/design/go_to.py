@@ -1,4 +1,4 @@
-"""To go to a point that is entered: its δ and ε, or a machine in SI units."""
+"""To go to a place that has a name, or to a point that is entered: its δ and ε, or a machine in SI units."""
 
 from __future__ import annotations
 
@@ -11,28 +11,51 @@ import panel as pn
 from rattle import RattleError
 from service.explorer.common.address import Entered
 from service.explorer.common.text import Text
-from service.explorer.common.watch import on_press
+from service.explorer.common.watch import Watch, on_press
 from service.explorer.design.fields import EXACT, POINT, MachineFields
+from service.explorer.design.places import Place, places
 
 
 class GoTo:
-    """A button that opens the fields, which are made then; `on_point` gets (δ, ε), `on_machine` a machine."""
+    """The names, and a button that opens the fields, which are made then; `on_point` gets (δ, ε), `on_machine` a
+    machine, and `on_place` a place, of which it says why it cannot be shown, if so.
+    """
 
     def __init__(
-        self, sheet: str, on_point: Callable[[float, float], None], on_machine: Callable[[Entered], None]
+        self,
+        sheet: str,
+        on_point: Callable[[float, float], None],
+        on_machine: Callable[[Entered], None],
+        on_place: Callable[[Place], str],
     ) -> None:
-        self._sheet, self._on_point, self._on_machine = sheet, on_point, on_machine
+        self._sheet, self._on_point, self._on_machine, self._on_place = sheet, on_point, on_machine, on_place
+        options = {"choose one …": ""} | places()
+        self._named = pn.widgets.Select(
+            label="Named places", options=options, value="", stylesheets=[sheet], sizing_mode="stretch_width",
+            margin=(0, 0, 6, 0),
+        )  # fmt: skip
+        self._watch = Watch()
+        self._watch.on(self._named, self._go)
+        self._said = Text("", sheet)
         self._open = pn.widgets.Button(
             label="Go to a point", css_classes=["go-to"], stylesheets=[sheet], margin=(0, 0, 6, 0)
         )
         on_press(self._open, self._toggle)
         self._fields: pn.Column | None = None
-        self.panel = pn.Column(self._open, sizing_mode="stretch_width", margin=0)
+        self.panel = pn.Column(self._named, self._open, self._said.pane, sizing_mode="stretch_width", margin=0)
+
+    def _go(self) -> None:
+        if place := self._named.value:
+            self._said.html = ""
+            if why := self._on_place(place):
+                self._wrong(why)
+            with self._watch.paused():
+                self._named.value = ""  # so that it can be gone to again
 
     def _toggle(self) -> None:
         if self._fields is None:
             self._fields = self._made()
-            self.panel.append(self._fields)
+            self.panel.insert(2, self._fields)
         else:
             self._fields.visible = not self._fields.visible
         self._open.label = "Close" if self._fields.visible else "Go to a point"
@@ -48,15 +71,12 @@ class GoTo:
         self._machine.panel.visible = False
         show = pn.widgets.Button(label="Show", css_classes=["show"], margin=(6, 4), stylesheets=[self._sheet])
         on_press(show, self._show)
-        self._said = Text("", self._sheet, margin=(0, 4))
 
         def on_way(event: Any) -> None:
             plain.visible, self._machine.panel.visible = not event.new, event.new
 
         self._in_si.param.watch(on_way, "value")
-        return pn.Column(
-            self._in_si, plain, self._machine.panel, show, self._said.pane, sizing_mode="stretch_width", margin=0
-        )
+        return pn.Column(self._in_si, plain, self._machine.panel, show, sizing_mode="stretch_width", margin=0)
 
     def _show(self) -> None:
         self._said.html = ""

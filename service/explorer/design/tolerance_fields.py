@@ -31,7 +31,7 @@ class ToleranceFields:
         self._button = pn.widgets.Button(label="Ellipse and yield", **style)
         on_press(self._button, self._ask)
         self.said = Text("", *sheets, margin=(0, 4))
-        heading = Text("<h3>Tolerances</h3>", *sheets, margin=(0, 4))
+        heading = Text("<h2>Tolerances</h2>", *sheets, margin=(0, 4))
         self.panel = pn.Column(
             heading.pane, pn.FlexBox(*self._widgets, self._button, align_items="flex-end", margin=0), self.said.pane,
             sizing_mode="stretch_width", margin=0,

@@ -9,7 +9,7 @@ import panel as pn
 
 from rattle import Machine
 from rattle.models import AnyModel
-from service.explorer.common.address import Ranges
+from service.explorer.common.address import Pair, Ranges
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
 from service.explorer.common.watch import on_press
@@ -37,7 +37,7 @@ class Beside:
         go_to: GoTo,
     ) -> None:
         self._viewer, self._on_close, self._on_state = viewer, on_close, on_state
-        self._theme = theme
+        self._theme, self._go_to = theme, go_to
         self._text = Text(HINT, sheet)
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
@@ -81,6 +81,10 @@ class Beside:
         if self._points is None:
             self._points = points
             self._point.append(points.column)
+
+    def go_through(self, to: Pair) -> bool:
+        """Draw the diagram of the point that is open from there to another one; whether one is open."""
+        return self._view is not None and self._view.go_through(to)
 
     def close(self, tell: bool = False) -> None:
         """Put the view of the point away."""

@@ -15,6 +15,7 @@ from workers import SurveyRequest
 
 LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
 LETTERS = {"beta": "β", "kappa": "κ"}
+UNPRINTED = "@media print { :host { display: none !important; } }"
 OWN, LOG = "own", "log scale"
 
 
@@ -58,7 +59,7 @@ class Controls:
             self._watch.on(widget, used)
         self.panel = pn.FlexBox(
             self._variable, self._index, self._slice, self._rule, self._low, self._high, self._log, save,
-            margin=0, sizing_mode="stretch_width", align_items="flex-end",
+            margin=0, sizing_mode="stretch_width", align_items="flex-end", stylesheets=[UNPRINTED],
         )  # fmt: skip
 
     @property
@@ -83,6 +84,14 @@ class Controls:
         if rule == OWN:
             return None
         return rule if rule in LIMITS else "auto"
+
+    def limits(self, shown: Limits | Pair, colours: Colouring | None) -> Limits | Pair | None:
+        """What colours shall span, where they span this; None: nothing is shown whose limits could be taken over."""
+        if self.rule is not None:
+            return self.rule
+        if isinstance(shown, tuple) or colours is None:
+            return shown if isinstance(shown, tuple) else None
+        return colours.low, colours.high
 
     @property
     def log(self) -> bool:

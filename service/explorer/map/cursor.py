@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 from bokeh.document import Document
 from bokeh.events import DocumentReady
-from bokeh.models import ColumnDataSource, CustomJS
+from bokeh.models import ColumnDataSource, CustomAction, CustomJS
 from bokeh.plotting import figure
 
 from service.explorer.common.address import Pair, Ranges
 from service.explorer.files import asset
 from service.explorer.map.planes import Plane
+from service.explorer.point.state import point_of
 
 FEWEST = 8  # cells across a window whose cells are stepped through; a finer one has STEPS steps across
 STEPS = 40
@@ -22,6 +23,37 @@ MOST = 1000  # steps of a key that is held down
 CLOSER = 0.5
 EDGE = 0.25  # of the window, between its edge and a cell that was outside
 WIDEST = 3.0  # windows, of what the survey covers
+WINDOWS = {"back": "Back to the window before", "forward": "Forward to the window after"}
+GO = "point "  # before a point that a link names
+MOST_WINDOWS = 200  # that are remembered
+
+
+class History:
+    """The windows that were shown, to go back to and forward again; None for the whole survey."""
+
+    def __init__(self) -> None:
+        self._before: list[Ranges | None] = []
+        self._after: list[Ranges | None] = []
+
+    def leave(self, window: Ranges | None) -> None:
+        """This window gives way to one that the viewer has chosen."""
+        self._before = [*self._before, window][-MOST_WINDOWS:]
+        self._after = []
+
+    def back(self, now: Ranges | None) -> Ranges | None:
+        """The window before this one; this one if there is none."""
+        return self._turn(self._before, self._after, now)
+
+    def forward(self, now: Ranges | None) -> Ranges | None:
+        """The window after this one, that `back` has left."""
+        return self._turn(self._after, self._before, now)
+
+    @staticmethod
+    def _turn(source: list[Ranges | None], target: list[Ranges | None], now: Ranges | None) -> Ranges | None:
+        if not source:
+            return now
+        target.append(now)
+        return source.pop()
 
 
 class Cursor:
@@ -45,6 +77,10 @@ class Cursor:
         keys = ColumnDataSource({"steps": [], "word": [], "number": []})
         keys.on_change("data", self._pressed)
         plot.tags = [keys]  # or it would not be in the document, and what is pressed not sent
+        for word, icon in (("back", "undo"), ("forward", "redo")):
+            code = f"keys.data = {{steps: [0, 0, 0, 0], word: ['{word}'], number: [Date.now()]}}"
+            act = CustomJS(args={"keys": keys}, code=code)
+            plot.add_tools(CustomAction(icon=icon, description=WINDOWS[word], callback=act))
         document.js_on_event(DocumentReady, CustomJS(args={"keys": keys}, code=asset("keyboard.js")))
 
     def forget(self) -> None:
@@ -67,6 +103,8 @@ class Cursor:
                 self._stay(at)
             elif word in self._do:
                 self._do[word](at)
+            elif str(word).startswith(GO) and (named := point_of(str(word)[len(GO) :])) is not None:
+                self._do["open"](named)
 
     def _stay(self, at: Pair) -> None:
         self._at = at

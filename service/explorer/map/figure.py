@@ -35,12 +35,15 @@ LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells wel
 
 
 class Map:
-    """The figure. `on_point` (clicked) and `on_pointer` (hovered) get (δ, ε), `on_window` a window or None for all."""
+    """The figure. `on_point` (clicked), `on_through` (clicked with Shift) and `on_pointer` (hovered) get (δ, ε),
+    `on_window` a window or None for all.
+    """
 
     def __init__(
         self,
         theme: str,
         on_point: Callable[[float, float], None],
+        on_through: Callable[[float, float], None],
         on_pointer: Callable[[float, float], None],
         on_window: Callable[[Pair, Pair], None],
         on_reset: Callable[[], None],
@@ -96,7 +99,7 @@ class Map:
             plot.add_layout(mark, "right")  # in the middle it would be cut off where the frame ends
         self._box: Ranges | None = None
         self._frame: tuple[np.ndarray, Ranges] | None = None
-        self._listen(on_point, on_pointer, on_window, on_reset)
+        self._listen(on_point, on_through, on_pointer, on_window, on_reset)
 
     def _dress(self, theme: str) -> None:
         ink, paper, line = INK[theme]
@@ -113,6 +116,7 @@ class Map:
     def _listen(
         self,
         on_point: Callable[[float, float], None],
+        on_through: Callable[[float, float], None],
         on_pointer: Callable[[float, float], None],
         on_window: Callable[[Pair, Pair], None],
         on_reset: Callable[[], None],
@@ -137,7 +141,8 @@ class Map:
 
         def tapped(event: Any) -> None:
             if _finite([event.x, event.y]) and self._is_inside(event.x, event.y):
-                on_point(float(event.x), float(event.y))
+                held = event.modifiers is not None and event.modifiers["shift"]
+                (on_through if held else on_point)(float(event.x), float(event.y))
 
         pointer.on_change("data", pointed)
         window.on_change("data", moved)

@@ -26,6 +26,7 @@ from service.explorer.common.lists import Key
 from service.explorer.common.viewer import Viewer
 from service.explorer.common.watch import Watch
 from service.explorer.design.limits import DesignLimits
+from service.explorer.map.colouring import Shade
 from service.explorer.map.figure import Map
 from service.kernels import Part
 from service.state import Front
@@ -74,6 +75,7 @@ class Lines:
         self.key.param.watch(lambda _event: self._share.param.update(visible=LIMIT in self.chosen), "chosen")
         self.panel = pn.Column(self.key, self._share, sizing_mode="stretch_width", margin=0)
         self._span: Pair = 0.4, 1.0
+        self._counting: asyncio.Task[None] | None = None
         canvas.choose(tuple(chosen))
 
     @property
@@ -85,6 +87,25 @@ class Lines:
     def chosen(self) -> tuple[str, ...]:
         """The lines that are switched on, in the order of the key."""
         return tuple(name for name in OVERLAYS if name in self.key.chosen)
+
+    def show(self, shades: Sequence[Shade]) -> None:
+        """Show in the key what colours mean, with these shares."""
+        if self._counting is not None:
+            self._counting.cancel()
+        self._shade(shades)
+
+    def count(self, shades: Callable[[], Sequence[Shade]]) -> None:
+        """Show what is counted in a thread."""
+        if self._counting is not None:
+            self._counting.cancel()
+        self._counting = self._viewer.start(self._counted(shades))
+
+    async def _counted(self, shades: Callable[[], Sequence[Shade]]) -> None:
+        found = await self._viewer.read(shades)
+        self._viewer.change(lambda: self._shade(found))
+
+    def _shade(self, shades: Sequence[Shade]) -> None:
+        self.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
 
     def tell(self, model: AnyModel, span: Pair) -> None:
         """Tell in the key what the lines of this model mean; the survey spans these dampings."""

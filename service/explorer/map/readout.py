@@ -51,7 +51,7 @@ def readout(
         return "".join(tables) + "<p>Outside of the survey.</p>"
     place = f"δ {float(cell['delta']):.10g}, ε {float(cell['epsilon']):.10g}"
     status = int(cell["status"])
-    tables.append(f"<h3>Cell at {place}</h3>{_how_far(cell, delta, epsilon, window)}")
+    tables.append(f"<h2>Cell at {place}</h2>{_how_far(cell, delta, epsilon, window)}")
     if status in (0, FAILED):
         return "".join(tables) + f"<p>{escape(STATUS[status].replace('_', ' '))}</p>"
     tables.append(_table(_scalars(cell)))
@@ -134,7 +134,7 @@ def _orbits(cell: xr.Dataset) -> str:
             stable = "stable" if bool(one["orbit_stable"]) else "unstable"
             numbers = [_number(float(one[name])) for name in ("orbit_phase", "orbit_velocity")]
             rows.append([str(orbit), stable, *numbers, multipliers])
-    return _grid(["orbit", "", "τ", "v", "multipliers"], rows)
+    return _grid(["orbit", "stability", "τ", "v", "multipliers"], rows)
 
 
 def _table(rows: Any) -> str:

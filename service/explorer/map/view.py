@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from html import escape
@@ -13,31 +13,33 @@ import numpy as np
 import panel as pn
 
 from rattle import RattleError
-from rattle.models import AnyModel, Impacting, model_of
+from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
 from service.explorer.common.address import LIMIT, Entered, Pair, Ranges, View
+from service.explorer.common.heading import Heading
 from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
-from service.explorer.design.fields import machine_at
 from service.explorer.design.go_to import GoTo
-from service.explorer.design.tolerance import outline
+from service.explorer.design.places import Place
 from service.explorer.map.beside import Beside
-from service.explorer.map.colouring import Colouring, Shade, colouring, values_shown
+from service.explorer.map.colouring import Colouring, colouring, values_shown
 from service.explorer.map.controls import Controls, Uses
-from service.explorer.map.cursor import Cursor
+from service.explorer.map.cursor import Cursor, History
 from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
 from service.explorer.map.planes import SIDE, Block, Plane, Room, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
-from service.explorer.point.state import tolerance_of
+from service.explorer.point.state import marks_of, stands_for
 from workers import Frame, SurveyRequest
 from workers.survey.machine import SurveyedMachine
 from workers.survey.values.schema import OF_PERIODIC
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
+EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
+WAITS = "<p class=faint>This survey waits for its turn.</p>"
 PAUSE = 1.0  # between two drawings of a survey that runs
 
 
@@ -62,29 +64,31 @@ class MapView:
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
-        self.map = Map(theme, self._point, self._hover, self._moved, self._reset)
+        self.map = Map(theme, self._point, self._through, self._hover, self._moved, self._reset)
         for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
             self.map.figure.on_change(size, self._on_size)
         self._zoom = Zoom(viewer, self._frame, self._say_zoom)
         heard = self._on_lines, self._on_share
         self._lines = Lines(shared.crises, shared.limits, viewer, self.map, view.overlays, view.share, *heard, sheet)
+        self._history = History()
         self._lines.tell(self.model, self.window[0])
         words: dict[str, Callable[[Pair], None]] = {
             "all": lambda _at: self._reset(),
             "open": lambda at: self._point(*at),
             "close": lambda _at: self._beside.close(tell=True),
+            "through": lambda at: self._through(*at),
+            "back": lambda _at: self._show(self._history.back(self._zoomed)),
+            "forward": lambda _at: self._show(self._history.forward(self._zoomed)),
         }
         self._cursor = Cursor(viewer.document, self.map.figure, self._shown, self._look, self._go, words)
         self._hovering: asyncio.Task[None] | None = None
         uses = Uses(self._on_variable, self._on_index, self._on_slice, self._on_limits, self._on_own, save_window)
         self._controls = Controls(sheet, view.log, uses)
-        self._title = Text("", sheet)
-        self._heading = self._progress = ""
+        self._title = Heading(sheet)
         self._finer: Block | None = None  # what the workers have computed of the window
         self._seen: Callable[[], Block] | None = None  # the cells of the window, none where that is the whole survey
-        self._counting: asyncio.Task[None] | None = None
         self._said = Text("", sheet, is_spoken=True)
-        go_to = GoTo(sheet, self._point, self._machine_point)
+        go_to = GoTo(sheet, self._point, self._machine_point, self._on_place)
         self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to)
         self.parts = {
             "controls": pn.Column(self._controls.panel, self._title.pane, sizing_mode="stretch_width", margin=0),
@@ -108,8 +112,8 @@ class MapView:
     @property
     def window(self) -> Ranges:
         """(low, high) of δ and of ε that is shown."""
-        if self.view.delta and self.view.epsilon:
-            return self.view.delta, self.view.epsilon
+        if self._zoomed is not None:
+            return self._zoomed
         if self._request is None:
             return (0.4, 1.0), (0.0, 0.3)
         return box_of(self._request.delta.values(), self._request.epsilon.values())
@@ -135,6 +139,22 @@ class MapView:
             self._job, self._request, self._plane = None, None, None
             self._show_nothing("<p>This survey is no longer there. Choose another one.</p>")
             self._shared.atlas.forget(lambda survey_id: survey_id != self.view.survey)
+        elif not self.view.survey and self._whole is None:
+            self._offer(self._shared.exact.request)
+            self._redraw()
+
+    async def _draw_exact(self) -> None:
+        """Draw what is known without any survey."""
+        view = self.view
+
+        def prepare() -> tuple[Plane, Block, Colouring]:
+            plane = self._shared.exact.plane(view.variable, view.index)
+            block = plane.block()
+            return plane, block, replace(colouring(plane, block, view.limits, view.log), note=EXACT)
+
+        plane, block, colours = await self._viewer.read(prepare)
+        # a survey may have come meanwhile
+        self._viewer.change(lambda: self._draw(plane, block, colours, view) if self._job is None else None)
 
     def _follow(self, job: JobRow) -> None:
         if not job.is_readable:
@@ -142,17 +162,17 @@ class MapView:
             self._show_nothing(f"<p>{UNREADABLE}</p>")
             return
         if self._job is None or self._job.id != job.id:
-            self._offer(job)
+            self._offer(SurveyRequest.model_validate(job.request))
         self._job = job
         if self._drawing is None or self._drawing.done():
             self._drawing = self._viewer.start(self._keep_drawing())
 
-    def _offer(self, job: JobRow) -> None:
-        """The maps that this survey has."""
-        self._whole = SurveyRequest.model_validate(job.request)
-        maps = maps_of(self._whole)
-        self._cut(self._whole, self.view.slice)
-        self.map.in_si(self._whole.machine)
+    def _offer(self, request: SurveyRequest) -> None:
+        """The maps that a survey has."""
+        self._whole = request
+        maps = maps_of(request)
+        self._cut(request, self.view.slice)
+        self.map.in_si(request.machine)
         variable = self.view.variable if self.view.variable in maps else next(iter(maps))
         self._maps = maps
         self._controls.offer_variables(maps, variable)
@@ -182,6 +202,8 @@ class MapView:
     def _redraw(self) -> None:
         if self._job is not None:
             self._follow(self._job)
+        elif not self.view.survey:
+            self._viewer.start(self._draw_exact())
 
     def _on_size(self, _attribute: str, _old: object, _new: object) -> None:
         self._redraw()
@@ -210,13 +232,13 @@ class MapView:
                 what()
 
         if job.state == State.ACCEPTED and not job.started:
-            self._viewer.change(lambda: show(self._show_waiting))
+            self._viewer.change(lambda: show(lambda: self._show_nothing(WAITS)))
             return True
         try:
             plane, is_whole, block, colours = await self._viewer.read(prepare)
         except RattleError as error:
-            text = str(error)
-            self._viewer.change(lambda: show(lambda: self._fail(text)))
+            text = f'<p class="notice" role="alert">{escape(str(error))}</p>'
+            self._viewer.change(lambda: show(lambda: self._show_nothing(text)))
             return True
         await self._viewer.changed(lambda: show(lambda: self._draw(plane, block, colours, view)))
         return is_whole
@@ -229,22 +251,14 @@ class MapView:
         room = self.map.pixels if is_large else ()
         return job.id, job.state, job.cells_done, view.variable, view.index, view.slice, view.limits, view.log, room
 
-    def _show_waiting(self) -> None:
-        self._show_nothing("<p class=faint>This survey waits for its turn.</p>")
-
-    def _fail(self, text: str) -> None:
-        self._show_nothing(f'<p class="notice" role="alert">{escape(text)}</p>')
-
     def _show_nothing(self, why: str) -> None:
         """No numbers, and nothing that belongs to those of another survey."""
-        self._title.html = why
+        self._title.instead(why)
         self._colours = None
         self.map.no_cells()
         self._zoom.stop()
-        self._say_zoom("")
         self._finer = self._seen = None
         self._count()
-        self._lines.key.shades = []
         self._controls.show_limits(self.view.limits, None)
         if self._hovering is not None:
             self._hovering.cancel()
@@ -260,8 +274,7 @@ class MapView:
         self._plane, self._colours = plane, colours
         self.map.cells(block, colours)
         note = f" <span class=faint>({escape(colours.note)})</span>" if colours.note else ""
-        self._heading = f"{escape(colours.title)}{note}"
-        self._show_heading()
+        self._title.show(f"{escape(colours.title)}{note}")
         if isinstance(view.limits, tuple) and view.limits == self.view.limits and not colours.categorical:
             self._change(limits=(colours.low, colours.high))  # on a log scale, from the least positive value on
         self._controls.show_limits(self.view.limits, colours)
@@ -278,43 +291,35 @@ class MapView:
     def _on_variable(self) -> None:
         self._change(variable=self._controls.variable, index=0, limits="auto")
         self._offer_index()
-        self._leave_finer()
-        self._redraw()
+        self._draw_anew()
 
     def _on_index(self) -> None:
         self._change(index=self._controls.index)
-        self._leave_finer()
-        self._redraw()
+        self._draw_anew()
 
     def _on_slice(self) -> None:
         if self._whole is not None:
             self._cut(self._whole, self._controls.slice)
-        self._leave_finer()
         self._plane = None  # lines, and what is open of a point, are of another model
         self._lines.clear()
-        self._redraw()
+        self._draw_anew()
 
-    def _leave_finer(self) -> None:
+    def _draw_anew(self) -> None:
         self._zoom.stop()
         self._finer = None
         self.map.no_frame()
+        self._redraw()
 
     def _on_limits(self) -> None:
-        rule, log = self._controls.rule, self._controls.log
-        if rule is not None:
-            self._change(limits=rule, log=log)
-        elif isinstance(self.view.limits, tuple):
-            self._change(log=log)
-        elif self._colours is None:
-            return
-        else:
-            self._change(limits=(self._colours.low, self._colours.high), log=log)
-        self._redraw()
+        limits = self._controls.limits(self.view.limits, self._colours)
+        if limits is not None:
+            self._change(limits=limits, log=self._controls.log)
+            self._redraw()
 
     def _on_own(self) -> None:
         own = self._controls.own
         if isinstance(own, str):
-            self._title.html = f'<p class="notice" role="alert">{escape(own)}</p>'
+            self._title.notice(own)
         else:
             self._change(limits=own)
             self._redraw()
@@ -351,16 +356,35 @@ class MapView:
     def _moved(self, delta: Pair, epsilon: Pair) -> None:
         if delta[0] >= delta[1] or epsilon[0] >= epsilon[1]:
             return
+        self._history.leave(self._zoomed)
         self._change(delta=delta, epsilon=epsilon)
         self.map.moved(delta)
         self._draw_lines(name for name in self.view.overlays if name not in WHOLE)
         self._refine()
 
+    @property
+    def _zoomed(self) -> Ranges | None:
+        return (self.view.delta, self.view.epsilon) if self.view.delta and self.view.epsilon else None
+
     def _reset(self) -> None:
-        self._change(delta=None, epsilon=None)
+        self._history.leave(self._zoomed)
+        self._show(None)
+
+    def _show(self, window: Ranges | None) -> None:
+        """Show a window, or the whole survey, which the history knows already."""
+        delta, epsilon = window or (None, None)
+        self._change(delta=delta, epsilon=epsilon)
         self.map.window(*self.window)
         self._draw_lines(self.view.overlays)
         self._refine()
+
+    def _on_place(self, place: Place) -> str:
+        """Go to a place that has a name; why not, if not."""
+        if self.model != Impacting():
+            return "The places that have names are of the impacting gear at β = 0.6. Choose a survey of it."
+        self._go(place.window)
+        self._open(*place.point, None, place.state) if place.point else self._beside.close(tell=True)
+        return ""
 
     def _refine(self) -> None:
         self.map.no_frame()
@@ -370,7 +394,7 @@ class MapView:
         plane, window = self._plane, self.window
         if plane is None:
             return
-        if not (self.view.delta and self.view.epsilon):
+        if self._zoomed is None:
             self._count()
             return
         if self.map.is_too_close:  # until the workers answer, and where they do not
@@ -409,32 +433,14 @@ class MapView:
 
     def _count(self) -> None:
         """The shares of the key are those of what is seen."""
-        if self._counting is not None:
-            self._counting.cancel()
-        if self._plane is not None and self._seen is not None:
-            self._counting = self._viewer.start(self._shares(self._plane, self.view, self._seen))
-        elif self._colours is not None:
-            self._show_shares(self._colours.shades)
-
-    async def _shares(self, plane: Plane, view: View, block: Callable[[], Block]) -> None:
-        shades = await self._viewer.read(lambda: colouring(plane, block(), view.limits, view.log).shades)
-        self._viewer.change(lambda: self._show_shares(shades) if plane is self._plane else None)
-
-    def _show_shares(self, shades: Iterable[Shade]) -> None:
-        self._lines.key.shades = [{"label": each.label, "colour": each.colour, "share": each.share} for each in shades]
+        plane, view, seen = self._plane, self.view, self._seen
+        if plane is not None and seen is not None:
+            self._lines.count(lambda: colouring(plane, seen(), view.limits, view.log).shades)
+        else:
+            self._lines.show(self._colours.shades if self._colours is not None else ())
 
     def _say_zoom(self, text: str) -> None:
-        def say() -> None:
-            self._progress = text
-            if self._colours is not None:
-                self._show_heading()
-
-        self._viewer.change(say)
-
-    def _show_heading(self) -> None:
-        """What the map shows, and what is being computed of it."""
-        said = f' <span class="faint" role="status">{escape(self._progress)}</span>' if self._progress else ""
-        self._title.html = f"<p>{self._heading}{said}</p>"
+        self._viewer.change(lambda: self._title.progress(text))
 
     def _hover(self, delta: float, epsilon: float) -> None:
         self._cursor.forget()
@@ -453,18 +459,24 @@ class MapView:
     def _point(self, delta: float, epsilon: float) -> None:
         self._open(delta, epsilon, None)
 
+    def _through(self, delta: float, epsilon: float) -> None:
+        """Follow what happens on the way from the point that is open to this one."""
+        if not self._beside.go_through((delta, epsilon)):
+            self._point(delta, epsilon)
+
     def _machine_point(self, entered: Entered) -> None:
         machine = entered.machine
         self._open(machine.delta, machine.epsilon, entered)
 
-    def _open(self, delta: float, epsilon: float, entered: Entered | None) -> None:
+    def _open(
+        self, delta: float, epsilon: float, entered: Entered | None, asked: Mapping[str, str] | None = None
+    ) -> None:
         """Look closer at a point of the map, or at that of a machine which was entered."""
         if delta <= 0 or epsilon < 0:
             return
         known = (self.view.point, self.view.machine) == ((delta, epsilon), entered)
-        state = self.view.point_state if known else {}
-        machine = entered.machine if entered else machine_at(self.machine, delta, epsilon)
-        model = model_of(machine.beta, machine.kappa) if entered and machine else self.model
+        state = asked or (self.view.point_state if known else {})
+        machine, model = stands_for((delta, epsilon), entered, self.machine, self.model)
         self._beside.open(delta, epsilon, model, machine, state)
         self._change(point=(delta, epsilon), point_state=state, machine=entered)
         self._mark()
@@ -472,15 +484,9 @@ class MapView:
 
     def _mark(self) -> None:
         """Mark the point that is open, with its tolerances, if it is one of this plane."""
-        point, entered = self.view.point, self.view.machine
-        machine = entered.machine if entered else machine_at(self.machine, *point) if point else None
-        if point is None or (entered and machine and model_of(machine.beta, machine.kappa) != self.model):
-            self.map.cross(None)
-            self.map.ellipse(None)
-            return
-        self.map.cross(point)
-        widths = tolerance_of(self.view.point_state.get("tolerance"))
-        self.map.ellipse(None if widths is None else outline(*point, machine, widths))
+        at, ellipse = marks_of(self.view, self.model, self.machine)
+        self.map.cross(at)
+        self.map.ellipse(ellipse)
 
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""

@@ -21,7 +21,7 @@ from service.errors import UnavailableError
 from service.explorer.common.address import View
 from service.explorer.common.news import News
 from service.explorer.page.assets_route import Assets
-from service.explorer.page.head import COOKIE, SCHEME, body_of, following, head_of
+from service.explorer.page.head import COOKIE, SCHEME, Schemes, body_of, following, head_of, is_known
 from service.jobs.manager import STARTING
 from service.observability.logs import adopt_handlers
 from service.settings import Settings
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 TITLE = "gear rattle"
 SIGNED_OUT = "The API key was revoked, or this browser has signed out."
-LOOK_SECONDS = 0.2
+LOOK_SECONDS, ANSWER_SECONDS = 0.2, 1.0
 #: Nothing from elsewhere, whatever a library would like to load. Bokeh compiles the callbacks of its models.
 CONTENT_SECURITY = "; ".join(
     (
@@ -63,10 +63,11 @@ class Explorer:
         self._loading: asyncio.Future[Transport] | None = None
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
-        self._assets = Assets(self.load)
+        self._assets, self._schemes = Assets(self.load), Schemes()
         app.router.routes += [
             Route("/", self._page, methods=["GET"], include_in_schema=False),
             WebSocketRoute("/ws", _Socket(self.load)),
+            Route("/scheme", self._schemes.route, methods=["GET"], include_in_schema=False),
             Route("/static/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             Route("/components/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             *login.ROUTES,
@@ -113,12 +114,13 @@ class Explorer:
         from service.explorer.map.planes import Atlas
         from service.explorer.map.shared import Shared
         from service.explorer.page.page import open_page
+        from service.explorer.places.exact import Exact
 
         assert self._front is not None
         assert self._news is not None
         settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
         front = self._front
-        shared = Shared(front, self._news, Atlas(front), Crises(front), DesignLimits(front))
+        shared = Shared(front, self._news, Atlas(front), Crises(front), DesignLimits(front), Exact())
         found = _transport_of(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
         adopt_handlers()  # Panel's
@@ -143,8 +145,13 @@ class Explorer:
             scheme = request.cookies.get(COOKIE, "")
             given = request.query_params
             query = {name: [value.encode() for value in given.getlist(name)] for name in given}
-            yield following(self._head, View.parse(query), scheme)
-            await self._assets.quiet()
+            view = View.parse(query)
+            async with self._schemes.asked() as (page, answer):
+                yield following(self._head, view, scheme, page)
+                await self._assets.quiet()
+                if not is_known(view, scheme):
+                    with suppress(TimeoutError):
+                        scheme = await asyncio.wait_for(answer, ANSWER_SECONDS)
             CALLER.set(request.state.caller)
             SCHEME.set(scheme)
             yield body_of(await bokeh.document(request))

@@ -128,6 +128,7 @@ class Page:
     def _toggle_form(self) -> None:
         if self._form is not None and self._form.panel in self._side:
             self._side.remove(self._form.panel)
+            self._side.css_classes = []
             self._new.label = "New survey"
         else:
             self._opened_form()
@@ -137,6 +138,7 @@ class Page:
             self._form = Form(self._viewer, self._submitted, asset("widgets.css"))
         if self._form.panel not in self._side:
             self._side.insert(1, self._form.panel)
+            self._side.css_classes = ["with-form"]
             self._new.label = "Close the form"
         return self._form
 

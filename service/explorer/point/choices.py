@@ -11,6 +11,7 @@ import rattle
 from rattle import Machine
 from rattle.models import AnyGear
 from rattle.plot.colours import Palette, name_of
+from service.explorer.common.address import Pair
 from service.explorer.design import rattling, tolerance
 from service.explorer.design.tolerance import Tolerance
 from service.explorer.point import diagram, loudness, motion, parts
@@ -161,18 +162,18 @@ class Choices:
 
     async def one_diagram(self) -> None:
         """The diagram in the direction that is chosen."""
-        direction = self._chosen.direction
+        direction, span, to = self._chosen.direction, self._chosen.span, self._chosen.to
         found: DiagramLines = await self._work.compute(
-            parts.diagram, self._gear, direction, what="The diagram", slow=True
+            parts.diagram, self._gear, direction, span, to, what="The diagram", slow=True
         )
-        at = self._gear.epsilon if direction == "epsilon" else self._gear.delta
+        at = 0.0 if to is not None else self._gear.epsilon if direction == "epsilon" else self._gear.delta
 
         def show() -> None:
-            if direction != self._chosen.direction:
+            if (direction, to) != (self._chosen.direction, self._chosen.to):
                 return
             self._panel.diagram.show(found, at)
             said = f'<p class="faint">{escape(diagram.caption(found))}</p>'
-            self._panel.under_diagram.html = diagram.legend(found) + said
+            self._panel.under_diagram.html = diagram.legend(found) + said + diagram.table(found)
 
         await self._work.change(show)
 
@@ -189,7 +190,14 @@ class Choices:
         self.show_motion()
 
     def _on_direction(self, direction: str) -> None:
-        self._choose(replace(self._chosen, direction=direction))
+        self._draw_anew(replace(self._chosen, direction=direction, to=None))
+
+    def go_through(self, to: Pair) -> None:
+        """Draw the diagram from the point to another one."""
+        self._draw_anew(replace(self._chosen, to=to))
+
+    def _draw_anew(self, chosen: PointState) -> None:
+        self._choose(chosen)
         self._panel.under_diagram.html = waiting("the diagram")
         part = self._work.part(self._panel.under_diagram, self.one_diagram)
         self._diagram = self._work.start(part, self._diagram)

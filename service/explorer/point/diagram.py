@@ -10,11 +10,13 @@ from bokeh.models.annotations import Span
 from service.explorer.common.glyphs import empty
 from service.explorer.point.figures import ink_of, new_figure
 from service.explorer.point.parts import DiagramLines, Marks
+from service.explorer.point.words import pair
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}
 EVENT, MOST_TOLD = "#e8862e", 4  # colour of events, and how many of them are told of one place
 MEANINGS = {"SN": "saddle-node", "PD": "period doubling", "GR": "grazing"}
+INFINITE = 1e12  # multipliers beyond are infinite: at a graze
 NAMES = {"epsilon": "eccentricity ε", "delta": "damping δ"}
 SEEN = {"light": "#5b9bd5", "dark": "#7fb3e0"}
 
@@ -54,7 +56,7 @@ class DiagramPicture:
     def show(self, found: DiagramLines, at: float) -> None:
         """Draw a diagram; `at` is where the point is on its axis."""
         self.figure.x_range.update(start=found.span[0], end=found.span[1])
-        self.figure.xaxis.axis_label = NAMES[found.direction]
+        self.figure.xaxis.axis_label = along(found)
         top = max([float(x.max()) for x in (found.v, *(each.v for each in found.strokes)) if x.size], default=7.0)
         self.figure.y_range.update(start=0.0, end=1.05 * top)
         self._here.location = at
@@ -85,6 +87,33 @@ def _what(marks: Marks, i: int) -> str:
     return f"{name}{MEANINGS[marks.kind[i]]} of {marks.motion[i]}"
 
 
+def along(found: DiagramLines) -> str:
+    """What a diagram is along."""
+    if found.to is None:
+        return NAMES[found.direction]
+    return f"way from here to δ {found.to[0]:.6g}, ε {found.to[1]:.6g}"
+
+
+def table(found: DiagramLines) -> str:
+    """The events in HTML, those on curves of the map first; a click on one goes there."""
+    if not found.events:
+        return ""
+    rows = []
+    for each in sorted(found.events, key=lambda each: (not each.name, each.delta, each.epsilon)):
+        at = f"{each.delta!r},{each.epsilon!r}"
+        numbers = f"δ {each.delta:.10g}, ε {each.epsilon:.10g}"
+        multipliers = pair(each.multipliers) if abs(each.multipliers[0]) < INFINITE else "∞, 0"
+        rows.append(
+            f"<tr><td>{MEANINGS[each.kind]}{f', {each.name}' if each.name else ''}</td><td>{each.motion}</td>"
+            f'<td><a href="?point={at}" data-point="{at}">{numbers}</a></td><td>{multipliers}</td></tr>'
+        )
+    head = "".join(f"<th scope=col>{title}</th>" for title in ("Event", "Motion", "Where", "Multipliers"))
+    return (
+        f"<details><summary>{len(rows)} events, exactly</summary><table><thead><tr>{head}</tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table></details>"
+    )
+
+
 def caption(found: DiagramLines) -> str:
     """A sentence on what the picture shows."""
     named = sorted({name for name in found.marks.name if name})
@@ -92,7 +121,7 @@ def caption(found: DiagramLines) -> str:
     curves = f", among them {', '.join(named)}" if named else ""
     events = len(set(zip(found.marks.kind, found.marks.x.tolist(), strict=True)))
     return (
-        f"Impact speed against the {NAMES[found.direction]}, {found.span[0]:.4g} to {found.span[1]:.4g}: "
+        f"Impact speed against the {along(found)}, {found.span[0]:.4g} to {found.span[1]:.4g}: "
         f"{motions} periodic motions, {events} events{curves}. Solid: stable, dashed: unstable, dots: attractors "
         "followed both ways, red: here."
     )

@@ -32,6 +32,7 @@ def new_figure(
         x_axis_label=x,
         y_axis_label=y,
         output_backend="canvas",
+        stylesheets=["@media print { :host { break-inside: avoid; } }"],
         **ranges,
     )
     found.toolbar.logo = None

@@ -72,7 +72,7 @@ class PointPanel:
         """The basins."""
         found = basins.BasinsPicture(self._theme, lambda tau, v: self.on_tap(tau, v))
         self._basins[:] = [
-            self._text("<h3>Basins of attraction</h3>").pane,
+            self._text("<h2>Basins of attraction</h2>").pane,
             pn.pane.Bokeh(found.figure, **WIDE),
             self.under_basins.pane,
             self.about_lines.pane,
@@ -99,7 +99,7 @@ class PointPanel:
         found = motion.MotionPictures(self._theme)
         panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
         self._motion[:] = [
-            self._text("<h3>Motion</h3>").pane, self.choice, pn.Row(*panes, **WIDE), self.under_motion.pane,
+            self._text("<h2>Motion</h2>").pane, self.choice, pn.Row(*panes, **WIDE), self.under_motion.pane,
             pn.Row(self.rpm, self._play, self.heard.pane, **WIDE), pn.pane.Bokeh(self.spectrum.figure, **WIDE),
             self.under_spectrum.pane,
         ]  # fmt: skip
@@ -155,7 +155,7 @@ class PointPanel:
         """The one-parameter diagram."""
         found = diagram.DiagramPicture(self._theme)
         self._diagram[:] = [
-            self._text("<h3>One-parameter diagram</h3>").pane, self.direction, pn.pane.Bokeh(found.figure, **WIDE),
+            self._text("<h2>One-parameter diagram</h2>").pane, self.direction, pn.pane.Bokeh(found.figure, **WIDE),
             self.under_diagram.pane,
         ]  # fmt: skip
         return found

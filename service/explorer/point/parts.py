@@ -97,13 +97,28 @@ class Marks(NamedTuple):
     motion: tuple[str, ...]
 
 
+class Happening(NamedTuple):
+    """An event: its kind (SN, PD, GR), the name of its curve or "", its motion, δ, ε and multipliers there."""
+
+    kind: str
+    name: str
+    motion: str
+    delta: float
+    epsilon: float
+    multipliers: tuple[complex, complex]
+
+
 class DiagramLines(NamedTuple):
-    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see."""
+    """A one-parameter diagram: branches, events, and the states (n,) of attractors that sweeps see; along which axis,
+    or as fractions of the way to a point `to`.
+    """
 
     direction: str
+    to: tuple[float, float] | None
     span: tuple[float, float]
     strokes: tuple[Stroke, ...]
     marks: Marks
+    events: tuple[Happening, ...]
     x: Array
     v: Array
     tau: Array
@@ -176,23 +191,34 @@ def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> Lines:
     return Lines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
-def diagram_span(gear: AnyGear, direction: str, share: float = 1.0) -> tuple[float, float]:
-    """The values of δ or ε about the point that are inside the plane, or those of this share that are nearest."""
-    either_way = share * SPANS[direction] * plane_scale(gear.delta)
+def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> tuple[float, float]:
+    """The values of δ or ε about the point that are inside the plane, as far either way as is asked for."""
+    either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
     if direction == "epsilon":
         return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
     return max(gear.delta - either_way, gear.delta / 2), gear.delta + either_way
 
 
-def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUNT, share: float = 1.0) -> DiagramLines:
-    """The one-parameter diagram through the point, along "epsilon" or "delta", of this share of its span."""
+def diagram(
+    gear: AnyGear,
+    direction: str,
+    either_way: float | None = None,
+    to: tuple[float, float] | None = None,
+    steps: int = STEPS,
+    count: int = COUNT,
+) -> DiagramLines:
+    """The one-parameter diagram through the point, along "epsilon" or "delta", as far either way as is asked for; or
+    from there to another point (δ, ε).
+    """
     from rattle.plot.colours import name_of as name_of_type
     from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
 
-    span = diagram_span(gear, direction, share)
+    span = diagram_span(gear, direction, either_way)
     start, end = ((gear.delta, value) if direction == "epsilon" else (value, gear.epsilon) for value in span)
+    if to is not None:
+        span, start, end = (0.0, 1.0), (gear.delta, gear.epsilon), to
     found: Diagram[Any, Any] = model_at(gear).diagram(start, end, steps, count)
-    _, scale, offset = parameter_axis(found)
+    scale, offset = (1.0, 0.0) if to is not None else parameter_axis(found)[1:]
     pieces = []
     for branch in found.branches:
         for curve in curves_along(found, branch, scale, offset):
@@ -212,10 +238,25 @@ def diagram(gear: AnyGear, direction: str, steps: int = STEPS, count: int = COUN
     marks = Marks(
         np.array(x, float), np.array(v, float), np.array(tau, float), tuple(kind), tuple(name), tuple(motions)
     )
+    events = tuple(
+        Happening(
+            event.kind.value, found.curve_of(event) or "", name_of_type(_label(event.itinerary)),
+            float(event.parameters[0]), float(event.parameters[1]), event.orbit.multipliers,
+        )
+        for event in found.events
+    )  # fmt: skip
     seen = found.points
     chosen = np.arange(0, seen.v.size, max(1, seen.v.size // MOST_POINTS))
     return DiagramLines(
-        direction, span, tuple(pieces), marks, offset + scale * seen.position[chosen], seen.v[chosen], seen.tau[chosen]
+        direction,
+        to,
+        span,
+        tuple(pieces),
+        marks,
+        events,
+        offset + scale * seen.position[chosen],
+        seen.v[chosen],
+        seen.tau[chosen],
     )
 
 
@@ -243,4 +284,4 @@ def warm_up(gear: AnyGear) -> None:
     rattling.warm_up(gear)
     if model_at(gear).has_margin:
         margin(gear)
-    diagram(gear, "epsilon", steps=4, count=4, share=0.25)
+    diagram(gear, "epsilon", steps=4, count=4, either_way=0.25 * SPANS["epsilon"] * plane_scale(gear.delta))

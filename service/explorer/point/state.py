@@ -6,21 +6,31 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from service.explorer.design.tolerance import Tolerance
+import numpy as np
+
+from rattle import Machine
+from rattle.models import AnyModel, model_of
+from service.explorer.common.address import Entered, Pair, View
+from service.explorer.design.fields import machine_at
+from service.explorer.design.tolerance import Tolerance, outline
 from service.explorer.point.parts import SPANS
+from workers.survey.machine import SurveyedMachine
 
 MOST_ATTRACTORS = 1000
+LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # of δ or ε either way
 
 
 @dataclass(frozen=True)
 class PointState:
-    """The attractor (its place by falling share) or the initial condition (τ, v) shown; the diagram's direction;
-    tolerances, if any were given.
+    """The attractor (its place by falling share) or the initial condition (τ, v) shown; the diagram's direction and how
+    far it goes either way, None for as far as usual, or the point that it goes to; tolerances, if any were given.
     """
 
     attractor: int | None = None
     start: tuple[float, float] | None = None
     direction: str = "epsilon"
+    span: float | None = None
+    to: Pair | None = None
     tolerance: Tolerance | None = None
 
     @classmethod
@@ -31,6 +41,8 @@ class PointState:
             _attractor(text.get("attractor")),
             _start(text.get("tau"), text.get("v"), v_max),
             direction if direction in SPANS else "epsilon",
+            span_of(text.get("span")),
+            point_of(text.get("to")),
             tolerance_of(text.get("tolerance")),
         )
 
@@ -39,6 +51,10 @@ class PointState:
         said = {"attractor": str(self.attractor)} if self.attractor is not None and self.start is None else {}
         if self.start is not None:
             said |= {"tau": repr(self.start[0]), "v": repr(self.start[1])}  # read back, they are the same numbers
+        if self.span is not None:
+            said["span"] = repr(self.span)
+        if self.to is not None:
+            said["to"] = ",".join(map(repr, self.to))
         if self.tolerance is not None:
             said["tolerance"] = ",".join(map(repr, self.tolerance))
         return said | ({"direction": self.direction} if self.direction != "epsilon" else {})
@@ -62,6 +78,24 @@ def _start(tau: object, v: object, v_max: float) -> tuple[float, float] | None:
     return None
 
 
+def span_of(given: object) -> float | None:
+    """How far a diagram goes either way, None for as far as usual and if that cannot be read."""
+    try:
+        span = float(str(given))
+    except ValueError:
+        return None
+    return span if LEAST_SPAN <= span <= MOST_SPAN else None
+
+
+def point_of(given: object) -> Pair | None:
+    """The point (δ, ε) that a text describes, None if it is none."""
+    try:
+        delta, epsilon = map(float, str(given).split(","))
+    except ValueError:
+        return None
+    return (delta, epsilon) if 0 < delta < math.inf and 0 <= epsilon < math.inf else None
+
+
 def tolerance_of(given: object) -> Tolerance | None:
     """The tolerance that a text describes, None if it cannot be read."""
     try:
@@ -69,3 +103,29 @@ def tolerance_of(given: object) -> Tolerance | None:
     except (TypeError, ValueError):
         return None
     return found if all(math.isfinite(each) and each >= 0.0 for each in found) else None
+
+
+def stands_for(
+    point: Pair, entered: Entered | None, machine: SurveyedMachine | None, model: AnyModel
+) -> tuple[Machine | None, AnyModel]:
+    """The machine and the model of a point, of a survey with these, or of a machine that was entered."""
+    if entered is None:
+        return machine_at(machine, *point), model
+    found = entered.machine
+    return found, model_of(found.beta, found.kappa)
+
+
+def marks_of(view: View, model: AnyModel, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
+    """Where the point that is open is on the map of a survey, if it is one of this plane, and the lines (k, 2) about
+    it, NaN between them: its tolerances, and the way that its diagram goes to another point.
+    """
+    if view.point is None:
+        return None, None
+    made, of_point = stands_for(view.point, view.machine, machine, model)
+    if of_point != model:
+        return None, None
+    widths, to = tolerance_of(view.point_state.get("tolerance")), point_of(view.point_state.get("to"))
+    lines = [] if widths is None else [outline(*view.point, made, widths)]
+    if to is not None:
+        lines += [np.full((1, 2), np.nan), np.array([view.point, to])]
+    return view.point, np.concatenate(lines) if lines else None

@@ -13,6 +13,7 @@ import rattle
 from rattle import Machine
 from rattle.models import AnyModel
 from rattle.plot.colours import Palette
+from service.explorer.common.address import Pair
 from service.explorer.design import rattling
 from service.explorer.point import basins, loudness, parts, words
 from service.explorer.point.choices import Choices
@@ -59,6 +60,7 @@ class PointView(param.Parameterized):
         self._lines: Lines | None = None
         self._basins: rattle.Basins | None = None
         self._palette = Palette()  # one for all pictures and tables of the point
+        self._is_there = False  # a gear
         panel.clear()
         try:
             self._gear = model.gear(delta, epsilon)
@@ -66,11 +68,19 @@ class PointView(param.Parameterized):
             panel.where.html = f'<p class="wrong">{escape(str(error))}</p>'
             return
         self._choices = Choices(panel, self._work, self._gear, machine, self._palette, chosen, self._remember)
+        self._is_there = True
         self._say_what_is_computed()
         self._work.start(self._fill())
 
     def _remember(self, chosen: PointState) -> None:
         self.state = chosen.text()
+
+    def go_through(self, to: Pair) -> bool:
+        """Draw the diagram from here to another point; whether there are gears."""
+        is_possible = self._is_there and to[0] > 0 and to[1] >= 0
+        if is_possible:
+            self._choices.go_through(to)
+        return is_possible
 
     def stop(self) -> None:
         """Give up what is still being computed: another point is looked at."""

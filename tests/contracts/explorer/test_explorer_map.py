@@ -74,7 +74,7 @@ def plane(client: TestClient, survey: str) -> Plane:
 
 
 def new_map(**heard: Any) -> Map:
-    names = ("on_point", "on_pointer", "on_window", "on_reset")
+    names = ("on_point", "on_through", "on_pointer", "on_window", "on_reset")
     found = Map("light", *(heard.get(name, lambda *_: None) for name in names))
     Document().add_root(found.figure)
     return found
@@ -286,14 +286,13 @@ def test_lines_have_the_colours_of_the_key_and_their_points() -> None:
 
 
 def test_what_is_clicked_is_delta_and_epsilon() -> None:
-    clicked = []
-    drawn = new_map(on_point=lambda *point: clicked.append(point))
+    clicked, through = [], []
+    drawn = new_map(on_point=lambda *point: clicked.append(point), on_through=lambda *point: through.append(point))
     for callback in drawn.figure._event_callbacks["tap"]:
-        callback(SimpleNamespace(x=0.6, y=0.1))
-        callback(SimpleNamespace(x=None, y=0.1))
-        callback(SimpleNamespace(x=0.39, y=0.1))  # on the numbers of an axis
-        callback(SimpleNamespace(x=0.6, y=-0.01))
-    assert clicked == [(0.6, 0.1)]
+        for x, y in ((0.6, 0.1), (None, 0.1), (0.39, 0.1), (0.6, -0.01)):  # the last two on the numbers of an axis
+            callback(SimpleNamespace(x=x, y=y, modifiers=None))
+        callback(SimpleNamespace(x=0.7, y=0.2, modifiers={"shift": True, "ctrl": False, "alt": False}))
+    assert (clicked, through) == ([(0.6, 0.1)], [(0.7, 0.2)])
 
 
 def test_the_cursor_steps_through_cells(plane: Plane) -> None:

@@ -164,7 +164,7 @@ def test_events_are_told_beside_their_motions_and_markers_explained() -> None:
     at = np.array([0.1, 0.1, 0.2])
     marks = Marks(at, at, at, ("SN", "PD", "PD"), ("SN1", "", ""), ("P(1,1,0)", "P(2,2,1)", "P(2,2,1)"))
     stroke = Stroke(at, at, at, "P(1,1,0), A", False)
-    found = DiagramLines("epsilon", (0.0, 1.0), (stroke,), marks, at, at, at)
+    found = DiagramLines("epsilon", None, (0.0, 1.0), (stroke,), marks, (), at, at, at)
     drawn = DiagramPicture("light")
     drawn.show(found, 0.1)
     tools = [each for each in drawn.figure.toolbar.tools if isinstance(each, HoverTool)]

@@ -26,6 +26,7 @@ from service.explorer.map.planes import Atlas
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
 from service.explorer.page.rows import row_of
+from service.explorer.places.exact import Exact, ExactPlane
 from service.operations.surveys import submit_survey
 from service.settings import Settings
 from service.state import Front
@@ -57,7 +58,7 @@ def with_map(data: Path, body: Callable[[Front, MapView], Awaitable[None]], **vi
         app = create_app(Settings(data=data, preload=False), no_cluster)
         async with app.router.lifespan_context(app):
             front: Front = app.state.front
-            shared = Shared(front, News(front), Atlas(front), Crises(front), DesignLimits(front))
+            shared = Shared(front, News(front), Atlas(front), Crises(front), DesignLimits(front), Exact())
             viewer = Here(front, Caller(), Document())
             shown = MapView(shared, viewer, View(overlays=(), **view), "light", "", lambda _: None, lambda: None)
             viewer.document.add_root(shown.map.figure)
@@ -258,5 +259,33 @@ def test_the_list_tells_of_a_third_axis(tmp_path: Path) -> None:
         row = row_of(Standing(job, None, None), View(survey=job.id, variable="region", slice=2), True)
         assert (row["size"], row["slice"]) == ("6 × 4 × 3", ["beta", 2])
         assert ["β", "0.4 … 0.6, 3 values"] in row["facts"]
+
+    with_map(tmp_path, body)
+
+
+def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        shown.follow(None)
+        await eventually(lambda: cells(shown) and "click a point" in shown._title.html)
+        plane, figure = shown._plane, shown.map.figure
+        assert isinstance(plane, ExactPlane)
+        assert (plane.values == rattle.regions(plane.delta[None], plane.epsilon[:, None], 0.6)).all()
+        assert (figure.x_range.start, figure.x_range.end) == pytest.approx((0.4, 1.0))
+        assert (figure.y_range.start, figure.y_range.end) == pytest.approx((0.0, 0.3))
+        assert {each["label"] for each in shown._lines.key.shades} == {"I", "II", "III", "IV", "V"}
+        shown._hover(0.6, 0.1)
+        await eventually(lambda: "Cell at δ 0.6, ε 0.1" in shown._beside._text.html)
+        assert "<dt>status</dt><dd>ok</dd>" in shown._beside._text.html
+        for orbit in rattle.Gear(0.6, 0.1).orbits():
+            assert f"<td>{orbit.name}</td><td>{'stable' if orbit.stable else 'unstable'}" in shown._beside._text.html
+        shown._controls._variable.value = "orbit_velocity"
+        await eventually(lambda: shown._plane is not plane and shown._plane is not None)
+        assert shown._plane is not None
+        here = shown._plane.at(0.6, 0.1)
+        assert here is not None
+        assert here[0] == pytest.approx(2 * np.pi * 0.6, abs=0.02)  # of A: 2πδ
+        shown.choose(accepted(front, REGIONS))
+        await eventually(lambda: "waits for its turn" in shown._title.html)
+        assert_nothing_of_another(shown)
 
     with_map(tmp_path, body)

@@ -261,7 +261,8 @@ def test_documents_that_are_none_are_refused():
     good = BLOCKS[0].document()
     assert not checker_says(BLOCKS[0])
     for changes in (
-        {"format": 2}, {"theorem": "motion"}, {"claim": "VI"}, {"claim": None}, {"beta": "0"}, {"beta": 0.6}, {"delta": ["0", "0.1"]},
+        {"format": 2}, {"theorem": "motion"},
+        {"claim": "VI"}, {"claim": None}, {"beta": "0"}, {"beta": 0.6}, {"delta": ["0", "0.1"]},
         {"delta": ["1"]},
         {"epsilon": ["0.1", "0"]}, {"epsilon": ["-0.1", "0"]}, {"epsilon": ["nan", "0"]}, {"claim": CAPTURED},
         {"claim": CAPTURED, "speed": "0"}, {"claim": CAPTURED, "speed": "9"},

@@ -1,0 +1,53 @@
+"""Places of the plane that have a name, at β = 0.6: points of codimension two, the crisis, the figures of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from rattle.plot.paper_ranges import FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_8, FIGURE_9
+from service.explorer.common.address import Pair, Ranges
+
+#: About these points, as `rattle.curves.codimension_two` has them; so much either way shows what meets there.
+CORNERS = {
+    "COD20, where C flips on G1": (0.54177, 0.18323),
+    "COD21, equal multipliers on G1": (0.75904, 0.09550),
+    "COD22, where SN1, G1 and G2 meet": (0.77015, 0.09789),
+    "COD23, where SN2 and PD1 end on G1": (0.76016, 0.09571),
+}
+EITHER_WAY = 0.004, 0.001
+#: Where chaos ends, as `rattle.crisis.boundary_crisis` has it.
+CRISES = {"0.6": (0.6, 0.1108867568), "0.762": (0.762, 0.09742235)}
+SPAN = "span"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A window, and a point that is open there with what its view shows, if there is one."""
+
+    window: Ranges
+    point: Pair | None = None
+    state: Mapping[str, str] = field(default_factory=dict)
+
+
+def places() -> dict[str, Place]:
+    """All of them, by name."""
+    return dict(_places())
+
+
+def _places() -> Iterator[tuple[str, Place]]:
+    for name, (delta, epsilon) in CORNERS.items():
+        wide, high = EITHER_WAY
+        yield name, Place(((delta - wide, delta + wide), (epsilon - high, epsilon + high)))
+    for name, point in CRISES.items():
+        yield f"The crisis at δ = {name}", Place(FIGURE_7, point)
+    delta, several = FIGURE_4
+    for epsilon in several:
+        yield f"Figure 4: basins at ε = {epsilon:g}", Place(FIGURE_7, (delta, epsilon))
+    for name, (delta, (low, high)) in {"5": FIGURE_5, "9": FIGURE_9}.items():
+        middle = (low + high) / 2
+        diagram = Place(FIGURE_7 if name == "5" else FIGURE_8, (delta, middle), {SPAN: f"{(high - low) / 2:.12g}"})
+        yield f"Figure {name}: diagram at δ = {delta:g}", diagram
+    yield "Figure 6: manifolds", Place(FIGURE_7, FIGURE_6)
+    yield "Figure 7: the plane", Place(FIGURE_7)
+    yield "Figure 8: about COD21 and COD22", Place(FIGURE_8)

@@ -1,0 +1,130 @@
+"""Places with names, and the windows that were shown before."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_explorer_view import REGIONS, STIFF, accepted, cells, done, with_map
+from waiting import eventually
+
+import rattle
+from rattle.crisis import boundary_crisis
+from rattle.plot.paper_ranges import FIGURE_5, FIGURE_8, FIGURE_9
+from service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, places
+from service.explorer.map.cursor import History
+from service.explorer.map.view import MapView
+from service.explorer.point import parts
+from service.explorer.point.diagram import table
+from service.explorer.point.state import PointState
+from service.state import Front
+
+
+def test_the_places_are_where_the_mathematics_has_them() -> None:
+    found = {point.name: (point.delta, point.epsilon) for point in rattle.curves.codimension_two(0.6)}
+    named = {name.partition(",")[0]: place for name, place in CORNERS.items()}
+    assert named.keys() == found.keys()
+    for name, place in named.items():
+        assert place == pytest.approx(found[name], abs=6e-6)
+        assert all(abs(a - b) < wide / 50 for a, b, wide in zip(place, found[name], EITHER_WAY, strict=True))
+    delta, epsilon = CRISES["0.6"]
+    assert epsilon == pytest.approx(boundary_crisis(delta).epsilon, abs=1e-9)
+
+
+def test_a_figure_s_diagram_goes_as_far_as_the_paper_s() -> None:
+    for name, (delta, span) in {"5": FIGURE_5, "9": FIGURE_9}.items():
+        place = places()[f"Figure {name}: diagram at δ = {delta:g}"]
+        assert place.point is not None
+        state = PointState.read(place.state, 7.0)
+        assert PointState.read(state.text(), 7.0) == state
+        assert parts.diagram_span(rattle.Gear(*place.point), "epsilon", state.span) == pytest.approx(span)
+    for wrong in ("0", "-1", "nan", "inf", "1", "wide"):
+        assert PointState.read({"span": wrong}, 7.0).span is None
+
+
+def test_windows_are_gone_back_to_and_forward_again() -> None:
+    one, two = (((0.5, 0.6), (0.1, 0.2)), ((0.5, 0.55), (0.1, 0.15)))
+    history = History()
+    assert history.back(None) is None
+    history.leave(None)
+    history.leave(one)
+    assert history.back(two) == one
+    assert history.back(one) is None
+    assert history.back(None) is None
+    assert history.forward(None) == one
+    assert history.forward(one) == two
+    assert history.forward(two) == two
+    assert history.back(two) == one
+    history.leave(one)
+    assert history.forward(two) == two  # another way was taken
+
+
+def test_a_place_is_gone_to_and_left_again(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        shown.choose(done(front, REGIONS))
+        await eventually(lambda: cells(shown) and shown._plane is not None)
+        named = shown._beside._go_to._named
+        whole = shown.window
+        named.value = places()["Figure 8: about COD21 and COD22"]
+        assert named.value == ""
+        assert shown.window == FIGURE_8
+        named.value = places()["Figure 9: diagram at δ = 0.762"]
+        assert shown.view.point == pytest.approx((0.762, 0.0967))
+        assert "p.span=0.001" in shown.view.query()
+        words = shown._cursor._do
+        words["back"]((0.0, 0.0))
+        words["back"]((0.0, 0.0))
+        assert shown.window == whole
+        words["forward"]((0.0, 0.0))
+        assert shown.map.figure.x_range.start == FIGURE_8[0][0]
+        shown.choose(accepted(front, STIFF))
+        named.value = places()["Figure 7: the plane"]
+        assert "of the impacting gear" in shown._beside._go_to._said.html
+
+    with_map(tmp_path, body)
+
+
+def test_the_way_to_another_point_has_the_events_between() -> None:
+    here, to = (0.55, 0.05), (0.65, 0.08)  # SN1, SN2 and PD1 lie between
+    found = parts.diagram(rattle.Gear(*here), "epsilon", to=to, steps=30, count=4)
+    assert found.span == (0.0, 1.0)
+    named = {each.name: each for each in found.events if each.name}
+    assert {"SN1", "SN2"} <= named.keys()
+    for each in named.values():
+        way = (each.delta - here[0]) / (to[0] - here[0])
+        assert each.epsilon == pytest.approx(here[1] + way * (to[1] - here[1]), abs=1e-12)
+        assert 0 < way < 1
+    born = named["SN1"]
+    assert born.epsilon == pytest.approx(rattle.Gear(born.delta, born.epsilon).sn1, abs=1e-9)
+    assert max(abs(each - 1.0) for each in born.multipliers[:1]) < 1e-4  # one of them is 1, the other e^(−δ)
+    assert abs(born.multipliers[0] * born.multipliers[1] - np.exp(-born.delta)) < 1e-9
+    said = table(found)
+    for each in named.values():
+        assert f'data-point="{each.delta!r},{each.epsilon!r}"' in said
+    assert f"{len(found.events)} events" in said
+    assert ("∞, 0" in said) == any(each.kind == "GR" for each in found.events)
+    state = PointState.read({"to": "0.65,0.08"}, 7.0)
+    assert state.to == to
+    assert PointState.read(state.text(), 7.0) == state
+    for wrong in ("0,1", "1", "1,-1", "nan,1", "a,b"):
+        assert PointState.read({"to": wrong}, 7.0).to is None
+
+
+def test_a_click_with_shift_goes_through(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        shown.choose(done(front, REGIONS))
+        await eventually(lambda: cells(shown) and shown._plane is not None)
+        shown._through(0.55, 0.05)  # nothing is open: then it is
+        assert shown.view.point == (0.55, 0.05)
+        shown._through(0.65, 0.08)
+        assert shown.view.point == (0.55, 0.05)
+        assert "p.to=0.65,0.08" in shown.view.query()
+        line = shown.map._ellipse.data
+        assert (list(line["x"][-2:]), list(line["y"][-2:])) == ([0.55, 0.65], [0.05, 0.08])
+        keys = shown.map.figure.tags[0]
+        keys.data = {"steps": [0], "number": [0], "word": ["point 0.7,0.09"]}
+        assert shown.view.point == (0.7, 0.09)
+        assert "p.to" not in shown.view.query()
+        keys.data = {"steps": [0], "number": [0], "word": ["point nonsense"]}
+        assert shown.view.point == (0.7, 0.09)
+
+    with_map(tmp_path, body)
