@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from rattle.continuation.conditions import MULTIPLIER, Kind
 from rattle.errors import NotProvedError
 from rattle.proof.balls import PI, arb, arb_mat, arb_series
-from rattle.proof.codimension_two import CONDITIONS
+from rattle.proof.bifurcations.corners import CONDITIONS
 from rattle.proof.flights import UP, Flight, Plane, extrema, require_first
 from rattle.proof.impacting import Impacting
 

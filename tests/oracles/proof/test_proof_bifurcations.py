@@ -62,6 +62,13 @@ def test_points_of_codimension_two_are_enclosed(corners, name):
     assert abs((float(point.times[0]) - float(phase) + 0.5) % 1 - 0.5) < 1e-9
 
 
+@pytest.mark.parametrize("beta", either(("1/3",), ("0.1", "0.3", "0.6", "1/3", "1.2")))
+def test_they_are_enclosed_at_the_very_half_backlash(beta):
+    found = prove.certify_codimension_two(beta)
+    assert [each.name for each in found] == ["COD20", "COD21", "COD23", "COD22"]
+    assert all(each.known["beta"] == Fraction(beta) and each.width < Fraction(1, 10**14) for each in found)
+
+
 def test_the_checker_proves_what_the_finder_does(points, corners):
     for point in [*points.values(), *corners.values()]:
         assert check(point.json()).startswith(f"{point.name} of ")

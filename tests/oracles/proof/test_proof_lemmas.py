@@ -14,8 +14,9 @@ from mpmath import mp, mpf
 from scipy.optimize import brentq
 
 import rattle
-from rattle.proof import check, codimension_two, finder, flights, impacting, krawczyk, stiff
+from rattle.proof import check, finder, flights, impacting, krawczyk, stiff
 from rattle.proof.balls import around, ball, ends, precision
+from rattle.proof.bifurcations.prove import certify_codimension_two
 from rattle.stiff.map.contact import ENDS, contact_end
 
 GRAZING = 1e-6
@@ -176,14 +177,13 @@ def test_a_place_where_the_force_vanishes_within_rounding_of_an_end_is_no_hole()
 
 def test_a_graze_is_refused():
     """At COD20 C's flight touches Σ⁻: as a flight of a period, as one that ends there, and as one that begins there."""
-    point = codimension_two.prove_codimension_two()[0]
+    point = certify_codimension_two()[0]
     with precision():
-        delta, epsilon, tau, s = (
-            arb(0.5) * ball(sum(ends)) for ends in (point.delta, point.epsilon, point.phase, point.time)
-        )
-        here = flights.Plane(delta, epsilon, ball(point.beta))
+        delta, epsilon = (arb(0.5) * ball(sum(ends)) + arb(0, 1e-19) for ends in point.solved.values())
+        tau, s = ball(point.times[0]), ball(point.times[1] - point.times[0])
+        here = flights.Plane(delta, epsilon, ball(point.known["beta"]))
         for t0, t1, wall, target in ((tau, tau + 1, 1, 1), (tau, tau + s, 1, -1), (tau + s, tau + 1, -1, 1)):
-            t0, t1 = (t + arb(0, 1e-25) for t in (t0, t1))
+            t0, t1 = (t + ball(point.radius) * arb(0, 1) for t in (t0, t1))
             turns = (2 * t0).sin_cos_pi(), (2 * t1).sin_cos_pi()
             flight = flights.flight(here, t0, t1, *turns, here.beta * (target - wall))
             with pytest.raises(rattle.NotProvedError, match=r"touch|graze"):

@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 from fractions import Fraction
 
-import curves_high_precision as curves_exact
 import motions_high_precision as exact
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from depth import either
 from mpmath import mp, mpf
 
 import rattle
-from rattle.proof import check, codimension_two
+from rattle.proof import check
 from rattle.stiff import StiffGear
 
 
@@ -129,18 +128,3 @@ def test_what_cannot_be_meant_is_refused_in_a_sentence():
     soft = replace(stiff.orbit(stiff.orbits()[0].tau, stiff.orbits()[0].v), kappa=0.04)
     with pytest.raises(rattle.NotProvedError, match="overdamped"):
         rattle.certify(soft)
-
-
-def test_points_of_codimension_two_are_enclosed():
-    """As in 40 digits at the double 0.6, from which they differ at 3/5 in the seventeenth; to less than 1e-14."""
-    proved = codimension_two.prove_codimension_two(0.6)
-    assert [each.name for each in proved] == ["COD20", "COD21", "COD23", "COD22"]
-    for point in proved:
-        known = curves_exact.known_codimension_two(point.name, 0.6)
-        for ends, value in zip((point.delta, point.epsilon, point.phase), known[:3], strict=True):
-            assert ends[1] - ends[0] < Fraction(1, 10**14)
-            assert abs(number(ends[0]) - value) < mpf(10) ** -32
-    for beta in either(("0.6",), ("0.1", "0.3", "0.6", "1/3", "1.2")):
-        decimal = codimension_two.prove_codimension_two(beta)
-        assert len(decimal) == 4
-        assert beta != "0.6" or decimal[0].delta[0] > proved[0].delta[1]
