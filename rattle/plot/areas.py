@@ -6,19 +6,20 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Patch
 
+from rattle.plot.colours import NAMED, REGION_COLOURS
 from rattle.plot.drawing import Drawing, new_figure
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
 from rattle.proof.areas.shares import REGION, shares
 from rattle.proof.certificate import Ends
 
 LEFT = "#222222"  # what is not proved
-INKS = ("#d9d9d9", "#9ecae1", "#a1d99b", "#fdae6b", "#bcbddc")
+UNSTABLE, POSSIBLE, NOTHING = "#c9bfe0", "#a1d99b", REGION_COLOURS[1]
 #: Panels: what is proved of what, each claim with its colour.
 PANELS = (
-    ("regions", dict(zip(REGIONS, INKS, strict=True))),
-    ("C", {ATTRACTING["C"]: INKS[1], SADDLE["C"]: INKS[3], ABSENT["C"]: INKS[0]}),
-    ("D", {ATTRACTING["D"]: INKS[2], SADDLE["D"]: INKS[3], ABSENT["D"]: INKS[0]}),
-    ("quiet motion, and the speed below which it captures", {QUIET: INKS[2], LOUD: INKS[0]}),
+    ("regions", dict(zip(REGIONS, REGION_COLOURS[1:], strict=False))),
+    ("C", {ATTRACTING["C"]: NAMED[1, 1, 0], SADDLE["C"]: UNSTABLE, ABSENT["C"]: NOTHING}),
+    ("D", {ATTRACTING["D"]: NAMED[1, 1, 1], SADDLE["D"]: UNSTABLE, ABSENT["D"]: NOTHING}),
+    ("quiet motion, and the speed below which it captures", {QUIET: POSSIBLE, LOUD: NOTHING}),
 )
 
 

@@ -25,6 +25,12 @@ NAMED: dict[Label, str] = {
     (4, 4, 2): "#f7e34a",  # yellow
     (8, 8, 6): "#9c4a10",
 }
+#: Of `rattle.REGIONS`, III and V told apart by deuteranopes too; those of other sets than the paper's are as far
+#: from one another as light colours can be.
+REGION_COLOURS = (
+    "#e8e8e8", "#f4efe3", "#bfdcec", "#60b8a8", "#f2c879", "#d88870", "#5999d9", "#bf73a6", "#59e5e5", "#998c59",
+    "#599999", "#d9b2f2", "#59ccf2", "#bfcc7f", "#8c8c7f", "#f28ca6", "#7f8ca6", "#669959",
+)  # fmt: skip
 #: Hues in degrees that no named colour has: green to teal, and purple to pink.
 HUES = ((100.0, 175.0), (265.0, 335.0))
 SATURATION, LIGHTNESS = 0.65, (0.25, 0.75)

@@ -12,6 +12,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
 
 from rattle.orbits.period_one import PAPER_REGIONS
+from rattle.plot.colours import REGION_COLOURS
 from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
 from workers.pictures.levels import OpenGroup, overview
@@ -30,12 +31,6 @@ WITHOUT_VALUE = {
     **dict.fromkeys(OF_PERIODIC, "not periodic"),
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
-#: Of `rattle.REGIONS`, III and V told apart by deuteranopes too; those of other sets than the paper's are as far
-#: from one another as light colours can be.
-REGION_COLOURS = (
-    "#e8e8e8", "#f4efe3", "#bfdcec", "#60b8a8", "#f2c879", "#d88870", "#5999d9", "#bf73a6", "#59e5e5", "#998c59",
-    "#599999", "#d9b2f2", "#59ccf2", "#bfcc7f", "#8c8c7f", "#f28ca6", "#7f8ca6", "#669959",
-)  # fmt: skip
 FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow
 ROOM = (512, 512)  # cells of a map, which has more pixels
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")

@@ -5,8 +5,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from rattle.plot.colours import REGION_COLOURS
 from rattle.plot.plane import STYLES
-from workers.pictures.maps import REGION_COLOURS
 
 #: Deuteranopia on linear RGB: Machado, Oliveira and Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009), severity 1.
 WITHOUT_GREEN = np.array(

@@ -15,6 +15,7 @@ from service_support import BODY, compute, front_end, front_of
 
 from rattle import KINDS
 from rattle.orbits.period_one import REGIONS
+from rattle.plot.colours import REGION_COLOURS
 from service.database.tables import State
 from service.explorer.common.glyphs import style_of
 from service.explorer.map import planes
@@ -25,7 +26,6 @@ from service.explorer.map.planes import Atlas, Block, LeveledPlane, Plane
 from service.explorer.map.readout import in_words
 from workers import SurveyRequest, complete, is_incomplete, open_survey
 from workers.pictures.levels import groups_of, overview
-from workers.pictures.maps import REGION_COLOURS
 from workers.survey.levels import grid
 
 REQUEST = SurveyRequest(

@@ -15,6 +15,7 @@ from matplotlib.colors import to_hex
 from matplotlib.text import Annotation, Text
 
 import rattle
+from rattle.plot.colours import REGION_COLOURS
 from workers import (
     QUANTITIES,
     Axis,
@@ -27,7 +28,7 @@ from workers import (
 )
 from workers.cluster.runner import compute_and_write
 from workers.pictures.figure import survey_figure
-from workers.pictures.maps import REGION_COLOURS, map_png, scale_of
+from workers.pictures.maps import map_png, scale_of
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.8, num=8),
