@@ -59,6 +59,13 @@ def survey_id(service: str) -> str:
     return str(get(f"{service}/v1/surveys").json()["surveys"][-1]["id"])
 
 
+@pytest.fixture(autouse=True)
+def _nothing_stays_held(held: Faults) -> Iterator[None]:
+    """A test that fails while it holds tiles stops no other one."""
+    yield
+    held.release()
+
+
 @pytest.fixture
 def page(browser: Browser, service: str) -> Iterator[Page]:
     """An empty page."""

@@ -42,7 +42,7 @@ def test_a_survey_is_submitted_and_fills_in(page: Page, service: str, held: Faul
     held.hold(1)
     open_view(page, service)
     page.get_by_role("button", name="New survey").click()
-    page.get_by_label("Name").fill("from the form")
+    page.get_by_label("Name", exact=True).fill("from the form")
     for label, value in {
         "δ values": 24,
         "ε values": 24,

@@ -27,7 +27,7 @@ def test_a_stiff_survey_is_submitted_shown_and_clicked(page: Page, service: str)
     open_view(page, service)
     page.get_by_role("button", name="New survey").click()
     expect(page.get_by_label("Stiffness κ")).to_be_hidden()
-    page.get_by_label("Name").fill("stiff")
+    page.get_by_label("Name", exact=True).fill("stiff")
     page.get_by_label("Model").select_option("stiff walls")
     expect(page.get_by_role("checkbox", name="grazing")).to_have_count(0)  # a group that the stiff model lacks
     for label, value in {
