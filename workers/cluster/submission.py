@@ -60,7 +60,8 @@ class Submission(InFlight[Attempt, TileRecord]):
         latest = {task.work.tile.index: task for task in self.in_flight.values()}.values()
         late = [task.work for task in latest if task.began < late_since]
         if late:
-            idle = [address for address, keys in self._processing().items() if not keys]
+            processing, holding = self._at_workers()
+            idle = [address for address, keys in processing.items() if not keys and address not in holding]
             for attempt, address in zip(late, idle, strict=False):
                 self.submit(attempt.tile, attempt.apart, workers=[address])
 
@@ -118,9 +119,11 @@ class Submission(InFlight[Attempt, TileRecord]):
             with suppress(OSError):  # the scheduler is gone: nothing to cancel
                 self._client.cancel([task.future for task in self.in_flight.values()])
 
-    def _processing(self) -> dict[str, tuple[Key, ...]]:
+    def _at_workers(self) -> tuple[dict[str, tuple[Key, ...]], set[str]]:
+        """What each worker has at work, and the workers that have a result which nobody got: they may be frozen."""
         try:
             processing: dict[str, tuple[Key, ...]] = self._client.processing()
+            held: dict[Key, tuple[str, ...]] = self._client.who_has([task.future for task in self.in_flight.values()])
         except OSError as error:
             raise self.lost() from error
-        return processing
+        return processing, {address for addresses in held.values() for address in addresses}
