@@ -32,7 +32,7 @@ def main(directories: list[str]) -> None:
     """Measure the versions in these directories."""
     sampled = classes()
     lines = [json.dumps([each.delta.tolist(), each.epsilon.tolist()]) for each in sampled]
-    versions = {directory: _started(directory) for directory in directories}
+    versions = {directory: _started(directory) for directory in dict.fromkeys(directories)}
     turns = [
         {name: [_asked(child, line) for line in lines] for name, child in versions.items()} for _ in range(TURNS + 1)
     ]
