@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
+    from rattle.impacting.attractors.timed import Parts
+    from service.bench.cells import ClassCost, Reference
     from service.bench.measure import Outcome
 
 
@@ -35,7 +37,9 @@ def bench(
     tile: Annotated[int | None, typer.Option(min=1, help="Cells along a tile.", show_default="few")] = None,
     thin: Annotated[int, typer.Option(min=1, max=1024, hidden=True, help="One in so many trajectories.")] = 1,
     row: Annotated[int, typer.Option(min=1, hidden=True, help="Cells of a row of neighbours.")] = 64,
-    sample: Annotated[int, typer.Option(min=1, hidden=True, help="Cells of a random sample of the plane.")] = 512,
+    sample: Annotated[
+        int, typer.Option(min=1, hidden=True, help="Cells of a random sample of the plane, at most.")
+    ] = 512,
 ) -> None:
     """Measure how fast this machine is at what a survey costs. Other programs running meanwhile show in the figures.
 
@@ -43,7 +47,8 @@ def bench(
 
     cell: milliseconds per cell, and the impacts that every outcome costs.
 
-    survey: cells per second, where the time goes, and peak memory.
+    survey: cells per second, where the processes' time goes, and peak memory; the processor time of a cell by part,
+    measured by a clock in the kernels; and by ε over the quiet limit, beside an older version's.
 
     curves: seconds to trace Figures 7 and 8, for branches of motions and for a period-doubling cascade.
 
@@ -59,7 +64,7 @@ def bench(
     tables = {
         Part.KERNEL: lambda: _kernel(thin),
         Part.CELL: lambda: _cell(count, row, sample),
-        Part.SURVEY: lambda: _survey(side, count, workers, tile),
+        Part.SURVEY: lambda: _survey(side, count, workers, tile, sample),
         Part.CURVES: _curves,
         Part.GLOBAL: _global,
         Part.PEERS: _peers,
@@ -116,7 +121,50 @@ def _described(outcomes: list[Outcome]) -> str:
     return ", ".join(f"{each.kind} {100 * each.samples / samples:.1f} % × {each.mean:.0f}" for each in outcomes)
 
 
-def _survey(side: int, count: int, workers: int, tile: int | None) -> Iterable[Table]:
+def _survey(side: int, count: int, workers: int, tile: int | None, sample: int) -> Iterable[Table]:
+    from service.bench import cells
+
+    yield from _processes(side, count, workers, tile)
+    per_class = min(sample, cells.PER_CLASS)
+    sampled, comparable = cells.classes(per_class), (count, per_class) == (cells.COUNT, cells.PER_CLASS)
+    yield _parts(cells.parts(sampled, count), count)
+    yield _classes(cells.costs(sampled, count), cells.F2F9D81 if comparable else None)
+
+
+def _parts(parts: Parts, count: int) -> Table:
+    from rich.table import Table
+
+    whole = sum(parts)
+    table = Table("part", "ms", "share", title=f"survey: processor time of a cell, {count} initial conditions")
+    described = {
+        "flights of samples": parts.flights,
+        "looks at lanes between flights": parts.looks,
+        "idle lanes": parts.idle,
+        "tangent vectors": parts.tangent,
+        "orbits by Newton's method": parts.newton,
+        "the rest, in Python": parts.rest,
+    }
+    for name, milliseconds in described.items():
+        table.add_row(name, f"{milliseconds:.4f}", f"{100 * milliseconds / whole:.1f} %")
+    return table
+
+
+def _classes(costs: list[ClassCost], reference: Reference | None) -> Table:
+    from rich.table import Table
+
+    columns = ("ε / quiet limit", "cells", "impacts", "time", "impacts per cell", "ms per cell")
+    beside = () if reference is None else (f"impacts / {reference.version}'s", f"time / {reference.version}'s")
+    note = "" if reference is None else f"; {reference.version}'s times are of {reference.processor}"
+    table = Table(*columns, *beside, title=f"survey: processor time of a cell by its class{note}")
+    for each in costs:
+        shares = (f"{100 * share:.1f} %" for share in each.shares)
+        ratios = () if reference is None else reference.ratios(each.name, each.cost)
+        taken = (f"{each.cost.impacts:.0f}", f"{each.cost.milliseconds:.3f}")
+        table.add_row(each.name, *shares, *taken, *(f"{ratio:.2f}" for ratio in ratios))
+    return table
+
+
+def _processes(side: int, count: int, workers: int, tile: int | None) -> Iterable[Table]:
     from rich.table import Table
 
     from service.bench import measure

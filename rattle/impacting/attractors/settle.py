@@ -105,6 +105,23 @@ def look(b, i, k, cells, samples, balls):
     return LEFT, -1, over
 
 
+@inline
+def looked_round(b, groups, fresh, which, cells, samples, balls):
+    """Look at every lane in use, and refill those that ended; how many of the samples `which` have begun."""
+    for i in range(GROUP * groups):
+        k = b.who[i]
+        if k >= 0:
+            status, orbit, over = look(b, i, k, cells, samples, balls)
+            if over:
+                finish(b, i, k, status, orbit, samples)
+                b.who[i] = -1
+        if b.who[i] < 0 and fresh < which.size:
+            start(b, i, which[fresh], cells, samples)
+            b.who[i] = which[fresh]
+            fresh += 1
+    return fresh
+
+
 @kernel
 def settle(memory, which, flights, cells, samples, balls, paths):
     """Follow the samples `which` until they end, with so many flights between two looks; a sample that makes all its
@@ -113,17 +130,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
     b, fresh, groups = memory[0], 0, GROUPS
     empty(b)
     while groups > 0:
-        for i in range(GROUP * groups):
-            k = b.who[i]
-            if k >= 0:
-                status, orbit, over = look(b, i, k, cells, samples, balls)
-                if over:
-                    finish(b, i, k, status, orbit, samples)
-                    b.who[i] = -1
-            if b.who[i] < 0 and fresh < which.size:
-                start(b, i, which[fresh], cells, samples)
-                b.who[i] = which[fresh]
-                fresh += 1
+        fresh = looked_round(b, groups, fresh, which, cells, samples, balls)
         groups = made_ready(b, groups, fresh == which.size)
         advance_plain(b, groups, flights, roughest(b, groups), paths)
 
@@ -139,6 +146,48 @@ def record(b, i, batches):
         row[2] += contraction
 
 
+class Watch(NamedTuple):
+    """What witnesses are watched for: impacts and forcing periods (k,) at least; batch sums and footprints of each."""
+
+    least: Any
+    periods: Any
+    sums: Any
+    footprints: Any
+
+
+@inline
+def watched_round(b, groups, fresh, which, cells, samples, balls, watch):
+    """As `looked_round`, of lanes with a tangent vector."""
+    for i in range(GROUP * groups):
+        j = b.who[i]
+        if j >= 0:
+            k = which[j]
+            share = min((b.n_plus[i] - ALIGNMENT) / (watch.least[j] - ALIGNMENT), b.time[i] / watch.periods[j])
+            share = max(share, b.n_plus[i] / b.limit[i])
+            batch = min(int(share * BATCHES), BATCHES - 1) if b.n_plus[i] >= ALIGNMENT else -1
+            status, orbit, over = look(b, i, k, cells, samples, balls)
+            over |= share >= 1.0 and b.wall[i] > 0.0
+            if over or batch != b.batch[i] or overflows(b, i):
+                record(b, i, watch.sums[j])
+                b.batch[i], b.since[i] = batch, b.time[i]
+            if over:
+                finish(b, i, k, status, orbit, samples)
+                b.who[i] = -1
+        if b.who[i] < 0 and fresh < which.size:
+            start(b, i, which[fresh], cells, samples)
+            b.who[i] = fresh
+            fresh += 1
+    return fresh
+
+
+@inline
+def leave_footprints(b, groups, footprints):
+    """Enter where the lanes on Σ⁺ are."""
+    for i in range(GROUP * groups):
+        if b.who[i] >= 0 and b.wall[i] > 0.0:
+            mark(b.tau[i], -b.w[i], top_speed(b.epsilon[i], b.unit[i]), footprints[b.who[i]])
+
+
 @kernel
 def measure(memory, which, least, periods, cells, samples, balls, sums, footprints, paths):
     """As `settle`, with a tangent vector, for at least so many impacts and forcing periods (k,), or to the limit.
@@ -146,35 +195,15 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
     footprints[j] the boxes that it visits.
     """
-    b, fresh, groups = memory[0], 0, GROUPS
+    b, fresh, groups, watch = memory[0], 0, GROUPS, Watch(least, periods, sums, footprints)
     empty(b)
     while groups > 0:
-        for i in range(GROUP * groups):
-            j = b.who[i]
-            if j >= 0:
-                k = which[j]
-                share = min((b.n_plus[i] - ALIGNMENT) / (least[j] - ALIGNMENT), b.time[i] / periods[j])
-                share = max(share, b.n_plus[i] / b.limit[i])
-                batch = min(int(share * BATCHES), BATCHES - 1) if b.n_plus[i] >= ALIGNMENT else -1
-                status, orbit, over = look(b, i, k, cells, samples, balls)
-                over |= share >= 1.0 and b.wall[i] > 0.0
-                if over or batch != b.batch[i] or overflows(b, i):
-                    record(b, i, sums[j])
-                    b.batch[i], b.since[i] = batch, b.time[i]
-                if over:
-                    finish(b, i, k, status, orbit, samples)
-                    b.who[i] = -1
-            if b.who[i] < 0 and fresh < which.size:
-                start(b, i, which[fresh], cells, samples)
-                b.who[i] = fresh
-                fresh += 1
+        fresh = watched_round(b, groups, fresh, which, cells, samples, balls, watch)
         groups = made_ready(b, groups, fresh == which.size)
         force = roughest(b, groups)
         for flights in STRIDES:
             advance_tangent(b, groups, flights, force, paths)
-            for i in range(GROUP * groups):
-                if b.who[i] >= 0 and b.wall[i] > 0.0:
-                    mark(b.tau[i], -b.w[i], top_speed(b.epsilon[i], b.unit[i]), footprints[b.who[i]])
+            leave_footprints(b, groups, footprints)
 
 
 @for_type(point_of, Cells)

@@ -6,15 +6,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
 import workers
-from service.bench import global_dynamics, measure, peers
+from rattle.impacting.attractors.timed import Parts
+from service.bench import cells, global_dynamics, measure, peers
 from service.cli import app
 from service.commands.bench import Part
 
+PARTS = (
+    "flights of samples",
+    "looks at lanes between flights",
+    "idle lanes",
+    "tangent vectors",
+    "orbits by Newton's method",
+    "the rest, in Python",
+)
 TINY = ["--thin", "512", "--row", "2", "--sample", "4", "--count", "4", "--side", "8", "--workers", "1"]
 
 
@@ -97,11 +107,49 @@ def test_survey(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_survey_table(monkeypatch: pytest.MonkeyPatch) -> None:
     cost = measure.SurveyCost(100, 2, 10.0, 15.0, 1.0, 0.5, 3.5, 200.0, 400.0)
     monkeypatch.setattr(measure, "survey", lambda *_: cost)
-    table = rows(printed(monkeypatch, "survey"))
+    monkeypatch.setattr(cells, "TURNS", 1)
+    monkeypatch.setattr(cells, "parts", lambda *_: Parts(6.0, 1.0, 1.0, 1.0, 0.5, 0.5))
+    table = rows(printed(monkeypatch, "survey", "--sample", "4", "--count", "4", "--workers", "2"))
     assert table["processes computing"] == ["15.00 s", "75.00 %"]
     assert table["idle at the end, no tile left"] == ["3.50 s", "17.50 %"]
     assert table["cells per second"][0] == "10.0"
     assert table["1000 × 1000 cells would take, without the idle end"][0] == "22.92 h"
+    assert [table[part][1] for part in PARTS] == ["60.0 %", "10.0 %", "10.0 %", "10.0 %", "5.0 %", "5.0 %"]
+    assert [float(x) for x in table[cells.WHOLE][3:]] == pytest.approx(
+        [sum(float(table[name][0].rstrip(" %")) / 100 * float(table[name][i]) for name in cells.NAMES) for i in (3, 4)],
+        rel=0.05,  # the rarest class is printed as 1.3 % of the cells
+    )
+
+
+def test_classes_are_random_cells_beside_the_quiet_limit() -> None:
+    sampled = cells.classes(16)
+    assert [each.name for each in sampled] == list(cells.NAMES)
+    assert sum(each.share for each in sampled) == pytest.approx(1.0)
+    for each, low, high in zip(sampled, (0.0, *cells.EDGES), (*cells.EDGES, math.inf), strict=True):
+        ratio = each.epsilon * np.hypot(2 * np.pi, each.delta) / (2 * each.delta)
+        assert ((low <= ratio) & (ratio < high)).all()
+        assert ratio.size == 16
+
+
+def test_classes_beside_an_older_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stored impacts are those of the cells that are measured: the plane is their mean."""
+    reference, sampled = cells.F2F9D81, cells.classes()
+    assert [each.delta.size for each in sampled] == [cells.PER_CLASS] * len(sampled)
+    stored = [reference.costs[name] for name in cells.NAMES]
+    for i, field in enumerate(("milliseconds", "impacts")):
+        mean = sum(each.share * cost for each, cost in zip(sampled, (getattr(x, field) for x in stored), strict=True))
+        assert getattr(reference.costs[cells.WHOLE], field) == pytest.approx(mean, rel=1e-3), i
+    half = [
+        cells.ClassCost(n, cells.Cost(c.milliseconds / 2, c.impacts), (1.0, 1.0, 1.0))
+        for n, c in reference.costs.items()
+    ]
+    monkeypatch.setattr(
+        measure, "survey", lambda *_: measure.SurveyCost(100, 2, 10.0, 15.0, 1.0, 0.5, 3.5, 200.0, 400.0)
+    )
+    monkeypatch.setattr(cells, "costs", lambda *_: half)
+    monkeypatch.setattr(cells, "parts", lambda *_: Parts(6.0, 1.0, 1.0, 1.0, 0.5, 0.5))
+    table = rows(printed(monkeypatch, "survey"))
+    assert all(table[name][-2:] == ["1.00", "0.50"] for name in (*cells.NAMES, cells.WHOLE))
 
 
 def test_curves(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,133 @@
+"""What the cells of a survey cost: by part, and by how near they are to the quiet limit, beside an older version.
+
+Cells are drawn at random from the plane of Figure 7, as many from each class of ε over the quiet limit, and a class
+counts as often as it is met: the costly classes have few cells. Every class is one block, as a tile is.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from service.bench.measure import PLANE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from rattle.impacting.attractors.timed import Parts
+
+BETA, V_MAX, COUNT, PER_CLASS = 0.6, 7.0, 64, 128
+DRAWN, TURNS = 20_000, 3
+NAMES = ("below 0.9", "0.9 to 0.98", "0.98 to 1", "1 to 1.2", "above 1.2")
+EDGES, WHOLE = (0.9, 0.98, 1.0, 1.2), "the plane"
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Cells (n,) of a class, and the share of the plane's cells that are of it."""
+
+    name: str
+    share: float
+    delta: NDArray[np.float64]
+    epsilon: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What one cell takes: milliseconds of the processor, impacts on Σ⁺."""
+
+    milliseconds: float
+    impacts: float
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What another version took on some processor, for COUNT initial conditions of PER_CLASS cells of every class."""
+
+    version: str
+    processor: str
+    costs: dict[str, Cost]
+
+    def ratios(self, name: str, cost: Cost) -> tuple[float, float]:
+        """Impacts and time of a cell over those that this version took."""
+        other = self.costs[name]
+        return cost.impacts / other.impacts, cost.milliseconds / other.milliseconds
+
+
+@dataclass(frozen=True)
+class ClassCost:
+    """A class: what its cells cost, and the shares that it has of the plane's cells, impacts and time."""
+
+    name: str
+    cost: Cost
+    shares: tuple[float, float, float]
+
+
+#: By `benchmarks/versions.py`. Impacts are the same on every processor, but for chaos.
+F2F9D81 = Reference(
+    "f2f9d81",
+    "an AMD EPYC (Zen 5)",
+    {
+        "below 0.9": Cost(0.2498, 3910.7),
+        "0.9 to 0.98": Cost(1.4381, 48346.0),
+        "0.98 to 1": Cost(9.4416, 473848.8),
+        "1 to 1.2": Cost(2.5028, 62939.9),
+        "above 1.2": Cost(1.7571, 33544.5),
+        WHOLE: Cost(0.9350, 24066.8),
+    },
+)
+
+
+def classes(per_class: int = PER_CLASS) -> list[Sampled]:
+    """So many random cells of every class, the same ones every time; if there are that many among those drawn."""
+    import rattle
+
+    rng = np.random.default_rng(7)
+    delta, epsilon = (rng.uniform(*bounds, DRAWN) for bounds in PLANE)
+    number = np.searchsorted(EDGES, epsilon / rattle.quiet_limit(delta), side="right")
+    members = [np.flatnonzero(number == i) for i in range(len(NAMES))]
+    return [
+        Sampled(name, here.size / DRAWN, delta[here[:per_class]], epsilon[here[:per_class]])
+        for name, here in zip(NAMES, members, strict=True)
+    ]
+
+
+def taken(cells: Sampled, count: int = COUNT) -> Cost:
+    """What a cell of a class takes, once."""
+    import rattle
+
+    began = time.thread_time()
+    found = rattle.attractors_of(cells.delta, cells.epsilon, BETA, count, V_MAX, 0)
+    seconds = time.thread_time() - began
+    return Cost(seconds / cells.delta.size * 1e3, float(found.impacts.sum()) / cells.delta.size)
+
+
+def costs(sampled: Sequence[Sampled], count: int = COUNT) -> list[ClassCost]:
+    """What the classes cost, the least of several turns after one that is not counted; last the plane as a whole."""
+    turns = [[taken(each, count) for each in sampled] for _ in range(TURNS + 1)][1:]
+    least = [min(each, key=lambda cost: cost.milliseconds) for each in zip(*turns, strict=True)]
+    shares = np.array([each.share for each in sampled])
+    milliseconds = shares * [cost.milliseconds for cost in least]
+    impacts = shares * [cost.impacts for cost in least]
+    whole = Cost(float(milliseconds.sum()), float(impacts.sum()))
+    of_all = np.transpose([shares, impacts / whole.impacts, milliseconds / whole.milliseconds]).tolist()
+    each_class = zip(sampled, least, of_all, strict=True)
+    found = [ClassCost(each.name, cost, (cells, hits, time_)) for each, cost, (cells, hits, time_) in each_class]
+    return [*found, ClassCost(WHOLE, whole, (1.0, 1.0, 1.0))]
+
+
+def parts(sampled: Sequence[Sampled], count: int = COUNT) -> Parts:
+    """Milliseconds of the processor per cell of the plane that every part takes: see `Parts`."""
+    from rattle.impacting.attractors.timed import Parts, timed_attractors
+
+    total = np.zeros(len(Parts._fields))
+    for each in sampled:
+        delta, epsilon = each.delta, each.epsilon
+        turns = [timed_attractors(delta, epsilon, BETA, count, V_MAX)[1] for _ in range(TURNS + 1)][1:]
+        total += each.share * 1e3 / delta.size * np.array(min(turns, key=sum))
+    return Parts(*total.tolist())
