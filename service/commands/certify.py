@@ -174,7 +174,6 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
     from service.commands.signals import stop_requested
     from service.results import open_results
     from workers.certificates import CERTIFICATES, REFUSED, certify_survey, claims_of
-    from workers.cluster.runner import certify_on
     from workers.errors import SurveyError
     from workers.survey.slices import slice_of
 
@@ -192,6 +191,8 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
                 if client is None:
                     found = certify_survey(survey, out, on_done=on_done, should_stop=stop.is_set)
                 else:
+                    from workers.cluster.runner import certify_on  # dask
+
                     found = certify_on(client, survey, out, on_done, stop.is_set)
         except SurveyError:
             if not stop.is_set():  # otherwise the stop is what ended the cluster

@@ -297,8 +297,11 @@ def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path, mon
     assert [file for file in files if (here / file).read_bytes() != (there / file).read_bytes()] == []
 
 
-def test_attractors_are_proved_on_the_cluster(cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Stopped, a worker killed, resumed: the same bytes as in this process."""
+@pytest.mark.parametrize("kill", [False, pytest.param(True, marks=deep)])
+def test_attractors_are_proved_on_the_cluster(
+    cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kill: bool
+) -> None:
+    """Stopped and resumed, a worker killed meanwhile: the same bytes as in this process."""
     monkeypatch.setattr(workers.certificates, "AT_ONCE", 1)
     asked = {"quantities": (Group.ATTRACTORS,), "certify": True}
     request = REQUEST.model_copy(update=asked)
@@ -310,14 +313,14 @@ def test_attractors_are_proved_on_the_cluster(cluster: Client, tmp_path: Path, m
     with pytest.raises(StoppedError):
         complete_on(cluster, request, there, lambda: bool(told[1:]), lambda *numbers: told.append(numbers))
 
-    def kill_one(done: int, number: int) -> None:
-        if not told:
+    def tell(done: int, number: int) -> None:
+        if kill and not told:
             os.kill(next(iter(cluster.run(os.getpid).values())), signal.SIGKILL)
         told.append((done, number))
 
     resumed = told.pop()[0]
     told.clear()
-    complete_on(cluster, request, there, lambda: False, kill_one)
+    complete_on(cluster, request, there, lambda: False, tell)
     assert told[0][0] == resumed > 0
     assert told[-1][0] == told[-1][1]
     complete(request, here)
