@@ -164,8 +164,8 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     """Create the store, or read the radii that an earlier run found. Raises OSError, and SurveyError."""
     import xarray as xr  # half a second to load
 
-    known, files = _sealed(out)
-    is_damaged = known == _known(survey) and files != _checksums(out, files)
+    sealed, files = _sealed(out)
+    is_damaged = sealed == _known(survey) and files != _checksums(out, files)
     if is_damaged:  # it cannot be told what of it is: all is begun anew
         for key in files:
             (out / key).unlink(missing_ok=True)

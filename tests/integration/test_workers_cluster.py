@@ -22,8 +22,10 @@ from waiting import HANG, wait_until
 import workers.certificates
 import workers.cluster.cluster
 import workers.cluster.joining
+import workers.cluster.runner
 import workers.cluster.submission
 import workers.families.blocks
+from rattle import MissingExtraError
 from workers import (
     Axis,
     ClusterLostError,
@@ -329,3 +331,17 @@ def test_attractors_are_proved_on_the_cluster(
     assert len(files) > 3
     assert [file for file in files if (proved / file).read_bytes() != (again / file).read_bytes()] == []
     cluster.wait_for_workers(2)
+
+
+def test_workers_that_cannot_prove_say_so_before_they_compute(
+    cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing() -> None:
+        raise MissingExtraError("proofs need python-flint")
+
+    monkeypatch.setattr(workers.cluster.runner, "require_proofs", missing)
+    request = REQUEST.model_copy(update={"certify": True})
+    create_store(request, tmp_path / "survey.zarr")
+    with pytest.raises(MissingExtraError, match="proofs need"):
+        run_tiles(request, tmp_path / "survey.zarr", TILES, cluster, lambda _: None, lambda: False)
+    assert not tiles_done(request, tmp_path / "survey.zarr")
