@@ -48,7 +48,7 @@ class Certificates(BaseModel):
     response_model=Certificates,
     responses={**NOT_MODIFIED, **declared(404, 422)},
 )
-def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
+def show_certificates(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     """Of a survey that was submitted with `certify`. It grows once all tiles are computed."""
     job, out = _stored(front, survey_id)
     here = f"{path_of(survey_id)}/certificates"
@@ -69,7 +69,7 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     response_class=Response,
     responses=FILES,
 )
-async def read(
+async def read_certificates(
     front: FrontState,
     survey_id: SurveyId,
     key: Annotated[str, Path(description="of the store", examples=["zarr.json", CERTIFICATES])],
