@@ -1,29 +1,38 @@
 """Certificates of a survey's periodic attractors: documents, and variables in a store of their own beside the survey's.
 
 Whatever is found is appended to a file at once, so that a run that was stopped is resumed; from that file the variables
-follow. What was not proved is tried again by the next run.
+follow. What was not proved is tried again by the next run. At the end there are checksums of all files.
 """
 
+from __future__ import annotations
+
 import json
-import multiprocessing
 import warnings
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
-from zarr.errors import ZarrUserWarning
 
 import rattle
 from rattle.models import AnyModel
 from workers.errors import SurveyError, storage_error
+from workers.storage.added import Each
+from workers.storage.location import Place as Location
+from workers.storage.location import certificates_of
+from workers.storage.store import open_survey
+from workers.survey.request import SurveyRequest
+from workers.survey.seals import ROOT, checksum
 from workers.survey.slices import surveyed_model, value_along
 from workers.survey.values.schema import CELL
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 CERTIFICATES, REFUSED = "certificates.jsonl", "refused.jsonl"  # one document a line, with its cell and slot
+SEAL = "checksums.json"  # of all other files, once all attractors are through
 MEANINGS = ("none", "orbit")
 ORBIT = MEANINGS.index("orbit")
 SLOT = ("attractor", *CELL)
@@ -31,6 +40,7 @@ AT_ONCE = 32  # motions that a process is given
 KNOWN = "survey_content_hash"
 
 Place = tuple[int, int, int]  # slot, cell along ε and along δ
+Answers = list[tuple[Place, dict[str, Any] | str]]  # certificates as documents, or why there is none
 
 
 class Claim(NamedTuple):
@@ -64,9 +74,9 @@ def claims_of(survey: xr.Dataset) -> list[Claim]:
     ]  # fmt: skip
 
 
-def certified(claims: Iterable[Claim]) -> list[tuple[Place, dict[str, Any] | str]]:
-    """Return of each attractor its certificate as a document, or why it is not proved."""
-    found: list[tuple[Place, dict[str, Any] | str]] = []
+def certified(claims: Iterable[Claim]) -> Answers:
+    """Return of each attractor its certificate as a document, or why it is not proved. The task of a cluster, too."""
+    found: Answers = []
     for claim in claims:
         try:
             orbit = claim.model.gear(claim.delta, claim.epsilon).orbit(claim.tau, claim.v, claim.label[1])
@@ -85,20 +95,27 @@ def certified(claims: Iterable[Claim]) -> list[tuple[Place, dict[str, Any] | str
     return found
 
 
+def proved_here(parts: Sequence[list[Claim]]) -> list[Answers]:
+    """Prove in this process."""
+    return [certified(part) for part in parts]
+
+
 def certify_survey(
     survey: xr.Dataset,
     out: Path,
-    processes: int = 1,
-    on_done: Callable[[int], None] = lambda _: None,
+    prove: Callable[[Sequence[list[Claim]]], list[Answers]] = proved_here,
+    at_once: int = 1,
+    on_done: Callable[[int, int], None] = lambda _done, _number: None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> xr.Dataset:
     """Prove the periodic attractors of a survey, and write certificates and variables to the store `out`.
 
     Args:
         survey: as `open_survey` gives it.
-        processes: that prove; with 1 it is this one.
-        on_done: told the number of attractors that are through, those of earlier runs included.
-        should_stop: asked after each few attractors; what is through by then is kept.
+        prove: proves some parts of the attractors, anywhere: `certified` of each, in order. What it raises is raised.
+        at_once: parts that it is given at a time: what they give is kept when all are through.
+        on_done: told how many attractors are through, those of earlier runs included, and how many there are.
+        should_stop: asked after each time; what is through by then is kept.
 
     Returns the variables: `attractor_certificate` and `attractor_certificate_radius` on (attractor, epsilon, delta).
 
@@ -112,9 +129,12 @@ def certify_survey(
         radii = _begun(survey, out)
         left = [claim for claim in claims if claim.place not in radii]
         through = len(claims) - len(left)
-        on_done(through)
+        on_done(through, len(claims))
+        rest = iter(left)
+        parts = iter(lambda: list(islice(rest, AT_ONCE)), [])
         with (out / CERTIFICATES).open("a") as proved, (out / REFUSED).open("w") as refused:
-            for answers in _answers(left, processes):
+            while some := list(islice(parts, at_once)):
+                answers = [answer for part in prove(some) for answer in part]
                 for place, answer in answers:
                     slot, *cell = place
                     where = {"cell": cell, "slot": slot}
@@ -125,31 +145,31 @@ def certify_survey(
                         radii[place] = float(answer["time_radius"])
                 proved.flush()
                 through += len(answers)
-                on_done(through)
+                on_done(through, len(claims))
                 if should_stop():
                     break
-        return _written(survey, out, radii)
+        found = _written(survey, out, radii)
+        if through == len(claims):
+            ours = [
+                path for name in (ROOT, CERTIFICATES, REFUSED, *found.variables) for path in _below(out / str(name))
+            ]
+            files = _checksums(out, sorted(path.relative_to(out).as_posix() for path in ours))
+            (out / SEAL).write_text(json.dumps({KNOWN: _known(survey), "files": files}))
+        return found
     except OSError as error:
         raise storage_error(f"{out} cannot be written", error) from error
 
 
-def _answers(claims: list[Claim], processes: int) -> Iterator[list[tuple[Place, dict[str, Any] | str]]]:
-    """Yield the answers of a few attractors at a time, in order."""
-    rest = iter(claims)
-    parts = iter(lambda: list(islice(rest, AT_ONCE)), [])
-    if processes == 1:
-        yield from map(certified, parts)
-        return
-    pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"))
-    try:
-        yield from pool.map(certified, parts)
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
 def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
     """Create the store, or read the radii that an earlier run found. Raises OSError, and SurveyError."""
-    if not out.exists() or not any(out.iterdir()):
+    import xarray as xr  # half a second to load
+
+    sealed, files = _sealed(out)
+    is_damaged = sealed == _known(survey) and files != _checksums(out, files)
+    if is_damaged:  # it cannot be told what of it is: all is begun anew
+        for key in files:
+            (out / key).unlink(missing_ok=True)
+    if is_damaged or not out.exists() or not any(out.iterdir()):
         out.mkdir(parents=True, exist_ok=True)
         _written(survey, out, {})
     try:
@@ -159,11 +179,21 @@ def _begun(survey: xr.Dataset, out: Path) -> dict[Place, float]:
         known = None
     if known != _known(survey):
         raise SurveyError(f"{out} holds other things than the certificates of this survey: choose another path")
+    (out / SEAL).unlink(missing_ok=True)
     certificates = out / CERTIFICATES
-    whole = certificates.read_bytes().rpartition(b"\n")[0] if certificates.exists() else b""
-    certificates.write_bytes(whole + b"\n" if whole else b"")  # without the line that a killed run was at
-    documents = [json.loads(line) for line in whole.splitlines()]
-    return {(each["slot"], *each["cell"]): float(each["time_radius"]) for each in documents}
+    lines = certificates.read_bytes().splitlines(keepends=True) if certificates.exists() else []
+    radii: dict[Place, float] = {}
+    for line in lines:
+        try:
+            each = json.loads(line)
+            place, radius = (each["slot"], *each["cell"]), float(each["time_radius"])
+        except (ValueError, KeyError, TypeError):
+            break  # where a killed run was
+        if not line.endswith(b"\n"):
+            break
+        radii[place] = radius
+    certificates.write_bytes(b"".join(lines[: len(radii)]))
+    return radii
 
 
 def _known(survey: xr.Dataset) -> str:
@@ -172,8 +202,71 @@ def _known(survey: xr.Dataset) -> str:
     return "".join([survey.attrs["content_hash"], *third])
 
 
+def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> bool:
+    """Whether the attractors of a survey, which are all there, are still to be proved as it asks."""
+    if not request.certify:
+        return False
+    out = certificates_of(where)
+    known, files = _sealed(out)
+    return known != request.content_hash() or files != _checksums(out, files)
+
+
+def prove_survey(
+    request: SurveyRequest, where: str | Path | Location, each: Each, at_once: int, on_done: Callable[[int, int], None]
+) -> None:
+    """Prove the periodic attractors of a survey, into the store beside it. Arguments and errors: `certify_survey`'s."""
+
+    def prove(parts: Sequence[list[Claim]]) -> list[Answers]:
+        return each(_certified, request, str(where), [(part,) for part in parts])
+
+    with open_survey(where) as survey:
+        certify_survey(survey, certificates_of(where), prove, at_once, on_done)
+
+
+def _certified(_request: SurveyRequest, _path: str, claims: list[Claim]) -> Answers:
+    return certified(claims)
+
+
+def require_proofs() -> None:
+    """Raise MissingExtraError unless this process can prove."""
+    import rattle.proof.balls  # noqa: F401 - it says what it needs
+
+
+def require_certifiable(request: object, where: str | Path | Location) -> None:
+    """Raise SurveyError or MissingExtraError if a request asks for certificates that cannot be made here."""
+    if isinstance(request, SurveyRequest) and request.certify:
+        certificates_of(where)
+        require_proofs()
+
+
+def _sealed(out: Path) -> tuple[str, dict[str, str]]:
+    """Of which survey all is there, and the checksums of its files; nothing if it is not."""
+    try:
+        seal = json.loads((out / SEAL).read_bytes())
+        return str(seal[KNOWN]), dict(seal["files"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return "", {}
+
+
+def _below(path: Path) -> list[Path]:
+    """The files of a variable; of a file, itself."""
+    return [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
+
+
+def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
+    """The checksums of those of the files that can be read."""
+    found: dict[str, str] = {}
+    for key in files:
+        with suppress(OSError):
+            found[key] = checksum(key, (out / key).read_bytes()).hex()
+    return found
+
+
 def _written(survey: xr.Dataset, out: Path, radii: dict[Place, float]) -> xr.Dataset:
     """Write the variables that follow from the certificates, and return them."""
+    import xarray as xr
+    from zarr.errors import ZarrUserWarning
+
     shape = tuple(survey.sizes[dim] for dim in SLOT)
     proved, radius = np.zeros(shape, "int8"), np.full(shape, np.nan)
     for place, each in radii.items():

@@ -1,9 +1,11 @@
-"""What follows from the tiles of a survey once all are there: its families, and then its levels."""
+"""What follows from the tiles of a survey once all are there: families, then levels, then certificates."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
+from workers.certificates import lacks_certificates, prove_survey
 from workers.families.join import join_survey, lacks_families
 from workers.kinds import AnyRequest
 from workers.overviews import lacks_levels, make_levels
@@ -14,13 +16,27 @@ from workers.survey.request import SurveyRequest
 
 def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
     """Whether what follows from all tiles, which are there, is still to be made."""
-    return isinstance(request, SurveyRequest) and (lacks_families(request, where) or lacks_levels(request, where))
+    return isinstance(request, SurveyRequest) and any(
+        lacks(request, where) for lacks in (lacks_families, lacks_levels, lacks_certificates)
+    )
 
 
-def complete(request: AnyRequest, where: str | Path | Place, each: Each = here) -> None:
+def complete(
+    request: AnyRequest,
+    where: str | Path | Place,
+    each: Each = here,
+    at_once: int = 1,
+    on_proved: Callable[[int, int], None] = lambda _done, _number: None,
+) -> None:
     """Make what is lacking of it. The caller holds the store.
 
+    Args:
+        each: does the tasks.
+        at_once: parts of the attractors that it is given at a time to be proved.
+        on_proved: told how many attractors are through, and how many there are.
+
     Raises:
+        MissingExtraError: attractors are to be proved, and python-flint is not installed.
         StorageError: it cannot be written now.
         SurveyError: there is no survey, or it is damaged.
     """
@@ -30,3 +46,5 @@ def complete(request: AnyRequest, where: str | Path | Place, each: Each = here) 
         join_survey(request, where, each)
     if lacks_levels(request, where):  # of slots as they are after the join
         make_levels(request, where, each)
+    if lacks_certificates(request, where):  # of attractors in their slots
+        prove_survey(request, where, each, at_once, on_proved)

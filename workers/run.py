@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from workers.certificates import require_certifiable
 from workers.completion import complete, is_incomplete
 from workers.errors import SurveyError
 from workers.in_process import is_short, run_tiles_here
@@ -55,7 +56,10 @@ def run_survey(
     """
     wanted = _request(request, fields)
     if out is not None:
+        require_certifiable(wanted, out)
         return _run(wanted, place_of(out), cluster, progress)
+    if wanted.certify:
+        raise SurveyError("certificates lie beside a survey's store: give an out, or leave certify out")
     with (
         tempfile.TemporaryDirectory(prefix="rattle-") as directory,
         _run(wanted, place_of(Path(directory) / "survey.zarr"), cluster, progress) as survey,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +12,8 @@ import typer
 
 from service.commands import certify_bifurcations as bifurcations
 from service.commands.certify_areas import prove_areas
-from service.commands.filling import INTERRUPTED
-from service.commands.options import Slice
+from service.commands.filling import INTERRUPTED, started
+from service.commands.options import Scheduler, Slice
 
 if TYPE_CHECKING:
     from rattle.proof.bifurcations.certificate import BifurcationCertificate
@@ -29,7 +30,8 @@ def certify(
         Path | None,
         typer.Option(metavar="PATH", help="The store of certificates.", show_default=f"beside STORE, *{SUFFIX}"),
     ] = None,
-    processes: Annotated[int, typer.Option(min=1, help="Processes that prove.")] = 1,
+    processes: Annotated[int, typer.Option("--processes", "--workers", min=1, help="Processes that prove.")] = 1,
+    scheduler: Scheduler = None,
     point: Annotated[
         tuple[str, str] | None,
         typer.Option(
@@ -87,7 +89,7 @@ def certify(
         _write(bifurcations.points_of_curves(store, slice_))
     elif store is not None:
         beside = store.rstrip("/").removesuffix(".zarr") + ("" if slice_ is None else f".slice{slice_}") + SUFFIX
-        _prove_survey(store, out or Path(beside), processes, slice_)
+        _prove_survey(store, out or Path(beside), processes, scheduler, slice_)
 
 
 def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate | str]:
@@ -167,23 +169,39 @@ def _prove_point(delta: str, epsilon: str, beta: str, kappa: str | None) -> None
         raise typer.Exit(NOT_PROVED)
 
 
-def _prove_survey(store: str, out: Path, processes: int, slice_number: int | None) -> None:
+def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, slice_number: int | None) -> None:
     from service.commands.progress import reporter
     from service.commands.signals import stop_requested
     from service.results import open_results
     from workers.certificates import CERTIFICATES, REFUSED, certify_survey, claims_of
+    from workers.errors import SurveyError
     from workers.survey.slices import slice_of
 
     with open_results(store) as whole, stop_requested() as stop:
         survey = slice_of(whole, slice_number)
         number = len(claims_of(survey))
-        with reporter(number, what="motions") as progress:
-            found = certify_survey(survey, out, processes, progress.show, stop.is_set)
+        here = processes == 1 and scheduler is None
+        cluster = nullcontext() if here else started(None, scheduler, processes, stop.is_set)
+        try:
+            with cluster as client, reporter(number, what="motions") as progress:
+
+                def on_done(done: int, _: int) -> None:
+                    progress.show(done)
+
+                if client is None:
+                    found = certify_survey(survey, out, on_done=on_done, should_stop=stop.is_set)
+                else:
+                    from workers.cluster.runner import certify_on  # dask
+
+                    found = certify_on(client, survey, out, on_done, stop.is_set)
+        except SurveyError:
+            if not stop.is_set():  # otherwise the stop is what ended the cluster
+                raise
+    if stop.is_set():
+        typer.echo(f"Stopped. {out} keeps what is proved; the same command resumes it.", err=True)
+        raise typer.Exit(INTERRUPTED)
     proved = int((found["attractor_certificate"] != 0).sum())
     typer.echo(f"{proved} of {number} periodic attractors are proved: {out / CERTIFICATES}")
-    if stop.is_set():
-        typer.echo("Stopped. The same command resumes it.", err=True)
-        raise typer.Exit(INTERRUPTED)
     if proved < number:
         typer.echo(f"{number - proved} are not proved, which does not mean that they are false: {out / REFUSED}")
         raise typer.Exit(NOT_PROVED)

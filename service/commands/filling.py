@@ -26,7 +26,9 @@ def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | No
     import workers as survey
     from service.commands.progress import compiling_told
     from service.commands.signals import stop_requested
+    from workers.certificates import require_certifiable
 
+    require_certifiable(request, out)
     survey.create_store(request, out)
     done = survey.tiles_done(request, out)
     missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
@@ -35,7 +37,9 @@ def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | No
             try:
                 short = survey.is_short(request, sum(tile.n_cells for tile in missing) or request.n_cells)
                 here = short and not (scheduler or workers)
-                cluster = nullcontext() if here else _started(request, scheduler, workers or PROCESSES, stop.is_set)
+                cluster = (
+                    nullcontext() if here else started(request.stiffness, scheduler, workers or PROCESSES, stop.is_set)
+                )
                 _compute(request, out, missing, cluster, stop.is_set)
             except survey.SurveyError:
                 if not stop.is_set():  # otherwise the stop is what ended the cluster
@@ -48,8 +52,8 @@ def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | No
     survey.finish_store(out)
 
 
-def _started(
-    request: AnyRequest, scheduler: str | None, workers: int, should_stop: Callable[[], bool]
+def started(
+    stiffness: float | None, scheduler: str | None, workers: int, should_stop: Callable[[], bool]
 ) -> AbstractContextManager[Client]:
     """The cluster, and a word to whoever waits for it."""
     import rattle
@@ -59,7 +63,7 @@ def _started(
         return connect(scheduler)
     typer.echo(f"Starting {workers} process{'es' if workers > 1 else ''} …", err=True)
     # Kernels that are not there yet are compiled once for all: here too, where it is told.
-    threading.Thread(target=rattle.warm_up, args=(request.stiffness,), name="kernels", daemon=True).start()
+    threading.Thread(target=rattle.warm_up, args=(stiffness,), name="kernels", daemon=True).start()
     return embedded_cluster(workers, should_stop=should_stop)
 
 
@@ -109,6 +113,8 @@ def _complete(request: AnyRequest, out: str, client: Client | None, should_stop:
 
     is_joined = survey.Group.FAMILIES in request.quantities
     typer.echo("Joining the attractors to families …" if is_joined else "Making the levels …", err=True)
+    if isinstance(request, survey.SurveyRequest) and request.certify:
+        typer.echo("Proving the periodic attractors …", err=True)
     if client is None:
         with survey.place_of(out).writing():
             survey.complete(request, out)

@@ -110,6 +110,10 @@ Audit = Annotated[
         metavar="SHARE", help="With --refine: of the filled cells that are computed all the same.", show_default="0.02"
     ),
 ]
+Certify = Annotated[
+    bool,
+    typer.Option("--certify", help="Prove the periodic attractors, into a store of certificates beside the survey's."),
+]
 Quantity = Annotated[
     list[str] | None,
     typer.Option(
@@ -167,6 +171,7 @@ def survey_request(
     machine: dict[str, Any],
     refine: bool,
     audit: float | None,
+    certify: bool,
 ) -> SurveyRequest:
     """The request that these options describe; typer.BadParameter names the option that is wrong."""
     from pydantic import ValidationError
@@ -197,6 +202,7 @@ def survey_request(
             "slots_by": slots_by,
             "seed": seed,
             "name": name,
+            "certify": certify,
         }
         if kappa is not None:
             fields |= {"model": "stiff", "kappa": _number_or_axis("--kappa", kappa)}

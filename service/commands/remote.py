@@ -35,6 +35,7 @@ def submit(
     quantity: options.Quantity = None,
     refine: options.Refine = False,
     audit: options.Audit = None,
+    certify: options.Certify = False,
     inertia: options.Inertia = None,
     drag: options.Drag = None,
     backlash: options.Backlash = None,
@@ -69,6 +70,7 @@ def submit(
         quantity=quantity,
         refine=refine,
         audit=audit,
+        certify=certify,
         machine={
             "inertia": inertia,
             "drag": drag,

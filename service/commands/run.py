@@ -30,6 +30,7 @@ def run(
     quantity: options.Quantity = None,
     refine: options.Refine = False,
     audit: options.Audit = None,
+    certify: options.Certify = False,
     inertia: options.Inertia = None,
     drag: options.Drag = None,
     backlash: options.Backlash = None,
@@ -61,6 +62,7 @@ def run(
         quantity=quantity,
         refine=refine,
         audit=audit,
+        certify=certify,
         machine={
             "inertia": inertia,
             "drag": drag,

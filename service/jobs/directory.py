@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from sqlalchemy import URL
 
 from service.errors import DataDirectoryError, DirectoryAwayError
+from workers.storage.location import CERTIFICATES, certificates_of
 
 if TYPE_CHECKING:
     from workers import Bucket
@@ -24,9 +25,15 @@ if TYPE_CHECKING:
 TRASH = ".trash-"
 IDENTITY = "identity"
 SURVEY = r"(?P<survey>[0-9a-f]{16})"
-#: A store that is being deleted; one that is being created, beside its place; one in its place.
-DELETION, TEMPORARY, SURVEY_STORE = (
-    re.compile(pattern) for pattern in (rf"\.trash-{SURVEY}", rf"\.{SURVEY}\.zarr\.[0-9a-f]{{32}}", rf"{SURVEY}\.zarr")
+#: A store that is being deleted; one that is being created, beside its place; one in its place; its certificates.
+DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES = (
+    re.compile(pattern)
+    for pattern in (
+        rf"\.trash-{SURVEY}",
+        rf"\.{SURVEY}\.zarr\.[0-9a-f]{{32}}",
+        rf"{SURVEY}\.zarr",
+        SURVEY + re.escape(CERTIFICATES),
+    )
 )
 
 
@@ -45,7 +52,7 @@ class Entry:
         def remove() -> None:
             shutil.rmtree(path, ignore_errors=True)
 
-        for pattern in (DELETION, TEMPORARY, SURVEY_STORE):
+        for pattern in (DELETION, TEMPORARY, SURVEY_STORE, OF_CERTIFICATES):
             if match := pattern.fullmatch(path.name):
                 return cls(str(path), match["survey"], pattern is DELETION, pattern is TEMPORARY, remove)
         return cls(str(path), "", deletion=False, temporary=False, remove=remove)
@@ -141,7 +148,10 @@ class DataDirectory:
             return ""
 
     def remove_store(self, survey_id: str) -> None:
-        """Delete a store. It disappears at once: a crash in the middle leaves no half of it under its name."""
+        """Delete a store, after the certificates beside it. It disappears at once: a crash in the middle leaves no half
+        of it under its name.
+        """
+        shutil.rmtree(certificates_of(self._path_of(survey_id)), ignore_errors=True)
         trash = self._stores / f"{TRASH}{survey_id}"
         try:
             os.rename(self._path_of(survey_id), trash)

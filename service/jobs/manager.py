@@ -275,9 +275,23 @@ class JobManager:
         run_tiles(request, path, missing, client, on_tile, self._interrupted, self._dismissed.is_set)
         if not self._interrupted():
             if is_incomplete(request, path):
-                complete_on(client, request, path, self._interrupted)
+                complete_on(client, request, path, self._interrupted, self._telling(survey_id))
             finish_store(path)
             self._database.set_state(survey_id, State.SUCCESSFUL)
+
+    def _telling(self, survey_id: str) -> Callable[[int, int], None]:
+        """What tells of attractors that are proved, at each per cent of them."""
+        shown = -1
+
+        def tell(done: int, number: int) -> None:
+            nonlocal shown
+            percent = 100 * done // max(number, 1)
+            if percent > shown:
+                shown = percent
+                message = f"proves its periodic attractors: {done} of {number} are through"
+                self._database.set_state(survey_id, State.RUNNING, message)
+
+        return tell
 
     def workers(self) -> int:
         """Threads of the cluster; 0 if it is not there or does not say so soon."""

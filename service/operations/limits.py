@@ -1,14 +1,17 @@
-"""Limits of a survey, in one function."""
+"""What may be asked of a survey, in one function."""
 
 from __future__ import annotations
 
+from rattle import MissingExtraError
 from service.errors import LimitError
 from service.settings import Settings
 from workers import AnyRequest, PopulationRequest
+from workers.certificates import require_proofs
 
 
 def check_limits(request: AnyRequest, settings: Settings) -> None:
-    """Refuse a survey, or a population, that is larger than this service allows. Costs nothing, whatever its size.
+    """Refuse a survey, or a population, that is larger than this service allows, or asks for proofs that it cannot
+    make. Costs nothing, whatever its size.
 
     Raises:
         LimitError: names the field and the limit.
@@ -26,6 +29,21 @@ def check_limits(request: AnyRequest, settings: Settings) -> None:
     _at_most(field, f"samples ({each})", request.n_cells * samples, settings.max_samples)
     _at_most("tile", "tiles", request.n_tiles, settings.max_tiles)
     _at_most("tile", f"samples per tile ({each})", tile_cells * samples, settings.max_tile_samples)
+    if request.certify:
+        _require_proofs(settings)
+
+
+def _require_proofs(settings: Settings) -> None:
+    if settings.store:
+        raise LimitError(
+            "body.certify",
+            "this service keeps its stores in a bucket, where no certificates are made. Leave certify out, and prove "
+            "the survey afterwards: rattle certify URL --out PATH.",
+        )
+    try:
+        require_proofs()
+    except MissingExtraError as error:
+        raise LimitError("body.certify", f"This service makes no certificates. {error}") from error
 
 
 def _check_population(request: PopulationRequest, settings: Settings) -> None:

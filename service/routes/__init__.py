@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter
 
-from service.routes import download, events, limits, metrics, picture, populations, store, surveys
+from service.routes import certificates, download, events, limits, metrics, picture, populations, store, surveys
 from service.routes.model import (
     basins,
     curves,
@@ -18,6 +18,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     populations.estimates,
     events.router,
     store.router,
+    certificates.router,
     picture.router,
     download.router,
     points.router,

@@ -18,6 +18,7 @@ class Links(BaseModel):
     events: str
     store: str
     map: str
+    certificates: str | None = Field(description="null unless the survey was submitted with `certify`")
 
 
 class Standing(BaseModel):
@@ -27,7 +28,9 @@ class Standing(BaseModel):
     name: str
     state: State
     progress: int = Field(ge=0, le=100, description="percent of the tiles done")
-    message: str = Field(description="why it failed, was dismissed, or waits although it runs")
+    message: str = Field(
+        description="why it failed, was dismissed, or waits although it runs; how far its certificates are"
+    )
     created: str
     started: str | None
     finished: str | None
@@ -85,7 +88,8 @@ def request_shown(job: JobRow) -> dict[str, Any]:
 
 def _links(job: JobRow) -> Links:
     here = path_of(job.id)
-    return Links(self=here, events=f"{here}/events", store=f"{here}/store", map=f"{here}/map.png")
+    asked = f"{here}/certificates" if request_shown(job).get("certify") else None
+    return Links(self=here, events=f"{here}/events", store=f"{here}/store", map=f"{here}/map.png", certificates=asked)
 
 
 def standing(job: JobRow) -> dict[str, Any]:

@@ -73,14 +73,14 @@ async def stored_file(front: Front, survey_id: str, kind: Kind, key: str, reques
         raise MissingError(f"The store of {kind} {survey_id} has no key {key!r}.")
     unchanging = job.state == State.SUCCESSFUL
     try:
-        response = await _stored(store, key, request, unchanging)
+        response = await file_at(store, key, request, unchanging)
     except (HTTPException, OSError) as error:  # a link that leads round in a circle is an OSError
         if getattr(error, "status_code", 404) not in NOT_THERE:
             raise
         if not await run_in_threadpool(is_owed, front, survey_id, key):
             raise HTTPException(404) from error
         try:
-            response = await _stored(store, key, request, unchanging)  # it may have come meanwhile
+            response = await file_at(store, key, request, unchanging)  # it may have come meanwhile
         except (HTTPException, OSError):
             raise DamageError(
                 f"{key} of {kind} {survey_id} was computed and cannot be read now. "
@@ -92,7 +92,8 @@ async def stored_file(front: Front, survey_id: str, kind: Kind, key: str, reques
     return response
 
 
-async def _stored(store: pathlib.Path | Bucket, key: str, request: Request, unchanging: bool) -> Response:
+async def file_at(store: pathlib.Path | Bucket, key: str, request: Request, unchanging: bool) -> Response:
+    """The file of this key. Raises HTTPException or OSError if there is none."""
     if isinstance(store, Bucket):
         return await object_response(store, key, request)
     files = StaticFiles(directory=store, check_dir=False)

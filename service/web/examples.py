@@ -40,7 +40,13 @@ SURVEY: dict[str, Any] = {
     "cells_done": 0,
     "cells": 3660,
     "cells_failed": 0,
-    "links": {"self": HERE, "events": f"{HERE}/events", "store": f"{HERE}/store", "map": f"{HERE}/map.png"},
+    "links": {
+        "self": HERE,
+        "events": f"{HERE}/events",
+        "store": f"{HERE}/store",
+        "map": f"{HERE}/map.png",
+        "certificates": None,
+    },
 }
 DETAIL: dict[str, Any] = SURVEY | {
     "request": REQUEST
@@ -54,6 +60,7 @@ DETAIL: dict[str, Any] = SURVEY | {
         "slots_by": None,
         "machine": None,
         "refine": None,
+        "certify": False,
     },
     "failures": [],
 }

@@ -19,10 +19,13 @@ from distributed import Client
 from intruders import certificates, listening
 from waiting import HANG, wait_until
 
+import workers.certificates
 import workers.cluster.cluster
 import workers.cluster.joining
+import workers.cluster.runner
 import workers.cluster.submission
 import workers.families.blocks
+from rattle import MissingExtraError
 from workers import (
     Axis,
     ClusterLostError,
@@ -31,6 +34,7 @@ from workers import (
     SurveyError,
     SurveyRequest,
     TileRecord,
+    complete,
     complete_on,
     connect,
     create_store,
@@ -293,3 +297,51 @@ def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path, mon
     assert not lacks_families(request, there)
     files = [path.relative_to(here) for path in here.rglob("*") if path.is_file()]
     assert [file for file in files if (here / file).read_bytes() != (there / file).read_bytes()] == []
+
+
+@pytest.mark.parametrize("kill", [False, pytest.param(True, marks=deep)])
+def test_attractors_are_proved_on_the_cluster(
+    cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kill: bool
+) -> None:
+    """Stopped and resumed, a worker killed meanwhile: the same bytes as in this process."""
+    monkeypatch.setattr(workers.certificates, "AT_ONCE", 1)
+    asked = {"quantities": (Group.ATTRACTORS,), "certify": True}
+    request = REQUEST.model_copy(update=asked)
+    there, here = tmp_path / "there.zarr", tmp_path / "here.zarr"
+    create_store(request, there)
+    run_tiles(request, there, tiles_of(request), cluster, lambda _: None, lambda: False)
+    shutil.copytree(there, here)
+    told: list[tuple[int, int]] = []
+    with pytest.raises(StoppedError):
+        complete_on(cluster, request, there, lambda: bool(told[1:]), lambda *numbers: told.append(numbers))
+
+    def tell(done: int, number: int) -> None:
+        if kill and not told:
+            os.kill(next(iter(cluster.run(os.getpid).values())), signal.SIGKILL)
+        told.append((done, number))
+
+    resumed = told.pop()[0]
+    told.clear()
+    complete_on(cluster, request, there, lambda: False, tell)
+    assert told[0][0] == resumed > 0
+    assert told[-1][0] == told[-1][1]
+    complete(request, here)
+    proved, again = (path.with_name(f"{path.stem}.certificates.zarr") for path in (here, there))
+    files = [path.relative_to(proved) for path in proved.rglob("*") if path.is_file()]
+    assert len(files) > 3
+    assert [file for file in files if (proved / file).read_bytes() != (again / file).read_bytes()] == []
+    cluster.wait_for_workers(2)
+
+
+def test_workers_that_cannot_prove_say_so_before_they_compute(
+    cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing() -> None:
+        raise MissingExtraError("proofs need python-flint")
+
+    monkeypatch.setattr(workers.cluster.runner, "require_proofs", missing)
+    request = REQUEST.model_copy(update={"certify": True})
+    create_store(request, tmp_path / "survey.zarr")
+    with pytest.raises(MissingExtraError, match="proofs need"):
+        run_tiles(request, tmp_path / "survey.zarr", TILES, cluster, lambda _: None, lambda: False)
+    assert not tiles_done(request, tmp_path / "survey.zarr")

@@ -1,4 +1,4 @@
-"""On a cluster, the tasks by which a survey is completed: those of its join and of its levels."""
+"""On a cluster, the tasks by which a survey is completed: those of its join, of its levels and of its certificates."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -16,6 +16,7 @@ from workers.survey.tiles import POLL_SECONDS
 
 #: At a task, of two deaths each, as at a template.
 ATTEMPTS = 3
+SEVERAL = 8  # tasks of each thread, where the next are submitted when all have ended
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,11 @@ class Joining(InFlight[_Item, Any]):
     def each(
         self, task: Callable[..., Any], request: SurveyRequest, path: str, items: Sequence[tuple[Any, ...]]
     ) -> list[Any]:
-        """Do a task for each of these, as many at a time as the cluster has threads; results in their order.
+        """Do a task for each of these; as `map`."""
+        return self.map(task, [(request, path, *item) for item in items])
+
+    def map(self, task: Callable[..., Any], items: Sequence[tuple[Any, ...]]) -> list[Any]:
+        """Do a task with each of these arguments, as many as the cluster has threads at a time; results in order.
 
         Raises:
             StoppedError: because `should_stop` said so; no process computes any of it then.
@@ -54,7 +59,7 @@ class Joining(InFlight[_Item, Any]):
                 room = self.threads(WORKERLESS_SECONDS) - len(self.in_flight)
                 for _ in range(min(room, len(self._waiting))):
                     item = self._waiting.popleft()
-                    self.put(item, task, request, path, *items[item.number])
+                    self.put(item, task, *items[item.number])
                 if ended := self.next_ended(POLL_SECONDS, fetch_seconds=WORKERLESS_SECONDS):
                     done, result = ended
                     found[done.work.number] = result
@@ -64,6 +69,10 @@ class Joining(InFlight[_Item, Any]):
                 self.in_flight.clear()
                 end_tasks_and_wait(self._client, futures)
         return found
+
+    def several(self) -> int:
+        """Return how many tasks keep every thread busy for long, whatever each takes."""
+        return SEVERAL * max(self.threads(WORKERLESS_SECONDS), 1)
 
     def after_error(self, task: Task[_Item], error: BaseException) -> None:
         """Go on after a worker's death, raise anything else."""

@@ -1,16 +1,20 @@
 """Tiles on a cluster: what to submit next is decided here, what a tile is is decided elsewhere."""
 
+from __future__ import annotations
+
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING
 from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
+from workers.certificates import Answers, Claim, certified, certify_survey, require_proofs
 from workers.cluster.cluster import end_tasks
 from workers.cluster.isolation import compute_tile_apart
 from workers.cluster.joining import Joining
@@ -20,8 +24,12 @@ from workers.errors import ClusterLostError, StoppedError, SurveyError
 from workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from workers.storage.location import Place, place_of
 from workers.storage.store import before_tiles, require_aligned, write_tile
+from workers.survey.request import SurveyRequest
 from workers.survey.template import Template
 from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
+
+if TYPE_CHECKING:
+    from xarray import Dataset
 
 #: At a template, two deaths each: a process that has just been ended for another survey may still be given it.
 ATTEMPTS = 3
@@ -77,14 +85,34 @@ def _traced(client: Client, request: AnyRequest, created: str | None, should_sto
 
 
 def complete_on(
-    client: Client, request: AnyRequest, where: str | Path | Place, should_stop: Callable[[], bool]
+    client: Client,
+    request: AnyRequest,
+    where: str | Path | Place,
+    should_stop: Callable[[], bool],
+    on_proved: Callable[[int, int], None] = lambda _done, _number: None,
 ) -> None:
     """Do what `complete` does on a cluster, block by block, holding the store. Arguments and errors are those of
     `template_on`, and its own. After a stop no process computes any of it.
     """
-    place = place_of(where)
+    place, joining = place_of(where), Joining(client, should_stop)
     with place.writing():
-        complete(request, place, Joining(client, should_stop).each)
+        complete(request, place, joining.each, joining.several(), on_proved)
+
+
+def certify_on(
+    client: Client,
+    survey: Dataset,
+    out: Path,
+    on_done: Callable[[int, int], None] = lambda _done, _number: None,
+    should_stop: Callable[[], bool] = _never,
+) -> Dataset:
+    """Do what `certify_survey` does on a cluster. Its errors, and those of `template_on`: StoppedError after a stop."""
+    joining = Joining(client, should_stop)
+
+    def prove(parts: Sequence[list[Claim]]) -> list[Answers]:
+        return joining.map(certified, [(part,) for part in parts])
+
+    return certify_survey(survey, out, prove, joining.several(), on_done)
 
 
 def run_tiles(
@@ -111,6 +139,7 @@ def run_tiles(
         StorageError: a tile cannot be written now (the disk is full or read-only); the message names it.
         SurveyError: a tile cannot be computed; or another run holds the store.
         ClusterLostError: the cluster is gone; the tiles not reported can be run on another.
+        MissingExtraError: the request asks for certificates, which the workers cannot make.
     """
     tiles = list(tiles)
     for tile in tiles:
@@ -119,6 +148,9 @@ def run_tiles(
     with place.writing():
         if tiles:
             before_tiles(request, place)
+            if isinstance(request, SurveyRequest) and request.certify:
+                with suppress(StoppedError):
+                    Joining(client, should_stop).map(require_proofs, [()])
         submission = Submission(compute_and_write, request, str(place), client)
         try:
             _run(submission, deque(tiles), on_tile, should_stop, unwanted)

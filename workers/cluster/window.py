@@ -77,7 +77,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
     """Return the survey of a window with about so many cells along (delta, epsilon): its cells are the window's.
 
     What is beyond the plane (δ ≤ 0, ε < 0) is cut off, and no axis is finer than double precision tells values apart.
-    All else is as in `request`, what it has by default too, but for the tile, which is the default one.
+    All else is as in `request`, what it has by default too, but for the tile, the default one; nothing is proved.
 
     Raises:
         ParameterError: the window or its pixels are no numbers, or out of range.
@@ -89,7 +89,7 @@ def window_survey(request: SurveyRequest, window: Window, pixels: tuple[int, int
             low, high = require_pair(name, span)
             axes[name] = _axis(name, low, high, require_integer(f"pixels along {name}", number, 2, MOST_PIXELS))
         sample = request.initial_conditions.model_copy(update={"v_max": request.v_max})
-        same = {"initial_conditions": sample, "slots": request.n_slots, "tile": TileShape()}
+        same = {"initial_conditions": sample, "slots": request.n_slots, "tile": TileShape(), "certify": False}
         return SurveyRequest.model_validate(request.model_dump() | axes | same)
     except ValidationError as error:
         raise SurveyError(f"the window cannot be computed: {reason(error)}") from error

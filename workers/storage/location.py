@@ -16,6 +16,8 @@ from workers.errors import SurveyError, storage_error
 from workers.storage.bucket import LOCK, SCHEME, Bucket
 from workers.survey.seals import ROOT
 
+CERTIFICATES = ".certificates.zarr"  # the ending of a store of certificates
+
 
 class Directory:
     """A store on a file system."""
@@ -125,6 +127,17 @@ def place_of(where: str | Path | Place) -> Place:
     if not str(where).startswith(SCHEME):
         raise SurveyError(f"{where}: a store is a path, or {SCHEME}BUCKET/PREFIX")
     return _bucket(str(where))
+
+
+def certificates_of(where: str | Path | Place) -> Path:
+    """Return where the certificates of a survey are: beside its store. Raises SurveyError for a bucket."""
+    place = place_of(where)
+    if isinstance(place, Bucket):
+        raise SurveyError(
+            f"certificates are written to a directory beside the survey's, and {place} is in a bucket: leave certify "
+            "out, and prove it afterwards: rattle certify STORE --out PATH"
+        )
+    return place.path.with_name(place.path.name.removesuffix(".zarr") + CERTIFICATES)
 
 
 @lru_cache(maxsize=64)

@@ -110,7 +110,8 @@ class SurveyRequest(Strict):
     largest share first, or "family", each family in one slot of all cells as far as there are slots; by default where
     families are asked for. machine: instead of β, and of the axes where it has `rpm` and `eccentricity`, {"start",
     "stop", "num"} each; these become even steps of δ and ε. refine: compute few cells first, and more where what exists
-    differs between them; true, or {"audit": the share of filled cells that are computed all the same}.
+    differs between them; true, or {"audit": the share of filled cells that are computed all the same}. certify: prove
+    the periodic attractors, into a store of certificates beside the survey's.
     """
 
     name: Name = ""
@@ -127,6 +128,7 @@ class SurveyRequest(Strict):
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
     machine: SurveyedMachine | None = None
     refine: Annotated[Refine | None, RefineOrNot] = None
+    certify: Annotated[bool, Field(strict=True)] = False
 
     @model_validator(mode="before")
     @classmethod
@@ -216,6 +218,17 @@ class SurveyRequest(Strict):
     def _fills_what_it_can(self) -> Self:
         if self.refine is not None:
             require_refinable(self.quantities, self.model)
+        return self
+
+    @model_validator(mode="after")
+    def _has_what_it_proves(self) -> Self:
+        if self.certify and Group.ATTRACTORS not in self.quantities:
+            raise ValueError("certify proves attractors: name this quantity too, or leave certify out")
+        if self.certify and self.third:
+            raise ValueError(
+                f"certify is of a survey without a third axis: give one number for {self.third}, or prove its slices "
+                "one by one afterwards: rattle certify STORE --slice NUMBER"
+            )
         return self
 
     @model_validator(mode="after")

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from depth import deep
 from typer.testing import CliRunner, Result
 
 import rattle
@@ -60,10 +61,27 @@ def test_what_cannot_be_meant_is_said(arguments: tuple[str, ...]) -> None:
     assert said.exit_code == 2 or isinstance(said.exception, rattle.ParameterError)
 
 
+GRID = ("--delta", "0.6:0.61:2", "--epsilon", "0.0615:0.062:2", "--count", "16", "--quantity", "attractors")
+
+
+@pytest.mark.parametrize("how", [(), pytest.param(("--workers", "2"), marks=deep)])
+def test_certificates_that_a_run_makes_are_those_that_its_survey_asks_for(tmp_path: Path, how: tuple[str, ...]) -> None:
+    asked, proved = tmp_path / "asked.zarr", tmp_path / "proved.zarr"
+    said = CliRunner().invoke(app, ["run", *GRID, "--certify", "--out", str(asked)])
+    assert said.exit_code == 0
+    assert "Proving the periodic attractors" in said.stderr
+    assert CliRunner().invoke(app, ["run", *GRID, "--out", str(proved)]).exit_code == 0
+    assert not proved.with_name("proved.certificates.zarr").exists()
+    assert ran(proved, *how).exit_code == 0
+    lines = [
+        (tmp_path / f"{name}.certificates.zarr" / "certificates.jsonl").read_text() for name in ("asked", "proved")
+    ]
+    assert lines[0] == lines[1] != ""
+
+
 def test_a_survey_has_its_certificates_beside_it(tmp_path: Path) -> None:
     store = tmp_path / "survey.zarr"
-    grid = ("--delta", "0.6:0.61:2", "--epsilon", "0.0615:0.062:2", "--count", "16", "--quantity", "attractors")
-    assert CliRunner().invoke(app, ["run", *grid, "--out", str(store)]).exit_code == 0
+    assert CliRunner().invoke(app, ["run", *GRID, "--out", str(store)]).exit_code == 0
     said = ran(store)
     assert said.exit_code == 0
     assert re.match(r"([1-9]) of \1 periodic attractors are proved: ", said.stdout)

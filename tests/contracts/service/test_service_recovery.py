@@ -60,6 +60,7 @@ def test_only_what_the_database_owns_is_swept(
         *(f"{running}.zarr", f".{running}.zarr.{HEX}", f"{ended}.zarr", f".trash-{deleted}"),
         *(f"{unknown}.zarr", f".{unknown}.zarr.{HEX}", f".trash-{unknown}"),
         *("mine", f"{running}.zarr.backup", f".{running}.zarr.old"),
+        *(f"{running}.certificates.zarr", f"{unknown}.certificates.zarr"),
     ):
         fill(stores / name)
     zarr.create_group(stores / f"{running}.zarr", attributes={"content_hash": "c"})
@@ -73,9 +74,10 @@ def test_only_what_the_database_owns_is_swept(
         f"{running}.zarr": ["region/c/0", "zarr.json"]
     }
     named = "\n".join(record.getMessage() for record in caplog.records if "left alone" in record.getMessage())
-    for name in before.keys() - gone - {f"{running}.zarr", f"{ended}.zarr"}:
+    for name in before.keys() - gone - {f"{running}.zarr", f"{ended}.zarr", f"{running}.certificates.zarr"}:
         assert f"/{name} belongs to no survey" in named, name
-    assert str(stores / f"{ended}.zarr belongs") not in named
+    for name in (f"{ended}.zarr", f"{running}.certificates.zarr"):
+        assert f"/{name} belongs" not in named
 
 
 def test_a_deletion_that_was_begun_is_ended(stores: Path, database: Database) -> None:
@@ -84,6 +86,7 @@ def test_a_deletion_that_was_begun_is_ended(stores: Path, database: Database) ->
     database.begin_deletion(begun)
     for survey_id in (begun, before):
         fill(stores / f"{survey_id}.zarr")
+    fill(stores / f"{begun}.certificates.zarr")
     database.close()
     with front_end(stores.parent) as client:
         assert [item["id"] for item in client.get("/v1/surveys").json()["surveys"]] == [before]

@@ -35,7 +35,18 @@ from service.routes import limits
 from service.routes.model import basins, curves, intensity, points, reached
 from service.settings import Settings
 from service.web import examples
-from workers import SurveyError, SurveyRequest, compute_tile, create_store, finish_store, request_of, tiles_of
+from workers import (
+    SurveyError,
+    SurveyRequest,
+    compute_tile,
+    create_store,
+    finish_store,
+    open_survey,
+    request_of,
+    tiles_of,
+)
+from workers.certificates import certify_survey
+from workers.storage.location import certificates_of
 from workers.storage.store import write_tile
 
 HOW_TO = (Path(__file__).parents[3] / "docs" / "how-to" / "service.md").read_text()
@@ -82,7 +93,7 @@ LEFT_OUT = "use_after_free"
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The stores of a survey and of a population, whole."""
+    """The stores of a survey, with its certificates, and of a population, whole."""
     path = tmp_path_factory.mktemp("finished")
     for kind, request in ((Kind.SURVEY, SurveyRequest(**BODY)), (Kind.POPULATION, request_of(POPULATION))):
         store = path / kind
@@ -90,6 +101,8 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for tile in tiles_of(request):
             write_tile(request, str(store), tile, compute_tile(request, tile)[0])
         finish_store(store)
+    with open_survey(path / Kind.SURVEY) as survey:
+        certify_survey(survey, certificates_of(path / Kind.SURVEY))
     return path
 
 
@@ -109,6 +122,8 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
         store = manager._directory.store(job.id)
         if not store.exists():  # it does after POST …/verify
             shutil.copytree(finished / job.kind, store, copy_function=os.link)
+            if job.request.get("certify"):
+                shutil.copytree(certificates_of(finished / job.kind), certificates_of(store), copy_function=os.link)
         manager._database.set_state(job.id, State.SUCCESSFUL)
 
     limits = {"max_jobs": 10**6, "max_point_count": 64, "max_point_seconds": HANG}
@@ -208,7 +223,7 @@ def operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, A
 
 def test_every_example_of_a_request_is_executed(http: httpx.Client, document: dict[str, Any]) -> None:
     client = Client(http=http)
-    survey_id = client.submit(BODY, force=True).wait().id
+    survey_id = client.submit(BODY, force=True, certify=True).wait().id
     population_id = client.submit_population(POPULATION, force=True).wait().id
     executed = set()
     for path, method, operation in sorted(operations(document), key=lambda each: each[1] == "delete"):

@@ -98,6 +98,7 @@ def test_axes_are_read_by_commands(tmp_path: Path) -> None:
         ("kappa", "v_max", "budget", "slots", "slots_by", "tile", "quantity", "audit"), None
     ) | {
         "refine": False,
+        "certify": False,
         "count": 4,
         "seed": 0,
         "name": "",

@@ -2,15 +2,28 @@
 
 import hashlib
 import json
+import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
-from depth import deep
 
+import rattle
 from rattle.proof.check import check
-from workers import SurveyRequest, create_store, examine, finish_store, open_survey, run_tiles_here, tiles_of
+from workers import (
+    SurveyRequest,
+    complete,
+    create_store,
+    examine,
+    finish_store,
+    is_incomplete,
+    open_survey,
+    run_survey,
+    run_tiles_here,
+    tiles_of,
+)
 from workers import certificates as certified
 from workers.certificates import CERTIFICATES, REFUSED, certify_survey
 from workers.errors import SurveyError
@@ -46,7 +59,11 @@ def whole(store):
 
 
 def files(path):
-    return {str(each): hashlib.sha256(each.read_bytes()).hexdigest() for each in path.rglob("*") if each.is_file()}
+    return {
+        each.relative_to(path).as_posix(): hashlib.sha256(each.read_bytes()).hexdigest()
+        for each in path.rglob("*")
+        if each.is_file()
+    }
 
 
 def lines(out):
@@ -88,13 +105,17 @@ def test_the_survey_is_left_as_it_is_and_opens_beside_them(store, tmp_path):
 def test_a_run_that_was_stopped_or_killed_is_resumed(store, whole, tmp_path, monkeypatch):
     monkeypatch.setattr(certified, "AT_ONCE", 2)
     out, seen = tmp_path / "certificates.zarr", []
+
+    def told(*numbers):
+        seen.append(numbers)
+
     with open_survey(store) as survey:
-        certify_survey(survey, out, on_done=seen.append, should_stop=lambda: True)
+        certify_survey(survey, out, on_done=told, should_stop=lambda: True)
         assert len(lines(out)) == 2 == int(xr.open_zarr(out).attractor_certificate.sum())
         with (out / CERTIFICATES).open("a") as file:
             file.write('{"cell": [0, 0], "sl')  # where a killed run was
-        certify_survey(survey, out, on_done=seen.append)
-    assert seen[:3] == [0, 2, 2]
+        certify_survey(survey, out, on_done=told)
+    assert [done for done, _ in seen[:3]] == [0, 2, 2]
     assert lines(out) == lines(whole)
     xr.testing.assert_identical(xr.open_zarr(out).load(), xr.open_zarr(whole).load())
 
@@ -116,7 +137,7 @@ def test_other_places_and_other_surveys_are_refused(store, whole, tmp_path):
     (tmp_path / "mine" / "text").write_text("mine")
     with open_survey(store) as survey, pytest.raises(SurveyError, match="choose another path"):
         certify_survey(survey, tmp_path / "mine")
-    assert files(tmp_path / "mine").keys() == {str(tmp_path / "mine" / "text")}
+    assert files(tmp_path / "mine").keys() == {"text"}
     other = computed(tmp_path / "other.zarr", seed=1)
     with open_survey(other) as survey, pytest.raises(SurveyError, match="choose another path"):
         certify_survey(survey, whole)
@@ -134,9 +155,72 @@ def test_attractors_of_the_stiff_gear_are_proved_at_the_stiffness_of_the_request
     assert json.loads(lines(tmp_path / "certificates.zarr")[0])["parameters"]["kappa"] == "10000"
 
 
-@deep
-def test_processes_give_the_same(store, whole, tmp_path, monkeypatch):
+def test_however_they_are_shared_out_the_files_are_the_same(store, whole, tmp_path, monkeypatch):
     monkeypatch.setattr(certified, "AT_ONCE", 3)
+    given = []
+
+    def prove(parts):
+        given.append([len(part) for part in parts])
+        return certified.proved_here(parts)
+
     with open_survey(store) as survey:
-        certify_survey(survey, tmp_path / "certificates.zarr", processes=2)
-    assert lines(tmp_path / "certificates.zarr") == lines(whole)
+        certify_survey(survey, tmp_path / "certificates.zarr", prove, at_once=2)
+    assert given[0] == [3, 3]
+    assert files(tmp_path / "certificates.zarr") == files(whole)
+
+
+@pytest.mark.parametrize("name", [CERTIFICATES, "zarr.json", "attractor_certificate/c/0/0/0"])
+def test_what_is_damaged_at_the_end_is_proved_anew(store, whole, tmp_path, name):
+    out = tmp_path / "certificates.zarr"
+    shutil.copytree(whole, out)
+    (tmp_path / "mine").mkdir()
+    for path in (out / "mine", tmp_path / "mine" / "mine"):
+        path.write_text("what is none of it stays")
+    (out / name).write_bytes((out / name).read_bytes()[:-9] + b"damaged}\n")
+    with open_survey(store) as survey:
+        certify_survey(survey, out)
+    assert files(out) == files(whole) | files(tmp_path / "mine")
+
+
+def test_a_survey_that_asks_for_it_is_proved_after_its_tiles_beside_it(tmp_path, whole):
+    request = SurveyRequest(**BODY, certify=True)
+    out = tmp_path / "survey.zarr"
+    run_survey(request, out=out).close()
+    beside = tmp_path / "survey.certificates.zarr"
+    assert lines(beside) == lines(whole)
+    assert not is_incomplete(request, out)
+    assert not is_incomplete(SurveyRequest(**BODY), out)
+    (beside / REFUSED).write_text("?")
+    assert is_incomplete(request, out)
+    told = []
+    complete(request, out, on_proved=lambda *numbers: told.append(numbers))
+    assert told == [(0, len(lines(whole))), (len(lines(whole)),) * 2]
+    assert not is_incomplete(request, out)
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"quantities": ["region"]}, "certify proves attractors"),
+        ({"beta": {"start": 0.5, "stop": 0.6, "num": 2}}, "give one number for beta"),
+        ({"certify": 1}, "certify"),
+        ({}, "give an out"),
+    ],
+)
+def test_what_cannot_be_proved_is_said_before_anything_is_computed(changes, why):
+    with pytest.raises(SurveyError, match=why):
+        run_survey({**BODY, "certify": True, **changes})
+
+
+def test_certificates_are_not_in_a_bucket():
+    with pytest.raises(SurveyError, match="leave certify out"):
+        run_survey({**BODY, "certify": True}, out="s3://bucket/survey.zarr")
+
+
+def test_without_the_extra_nothing_is_computed_in_vain(tmp_path, monkeypatch):
+    for name in [name for name in sys.modules if name.startswith("rattle.proof.balls")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "flint", None)
+    with pytest.raises(rattle.MissingExtraError, match=r"gear-rattle\[proof\]"):
+        run_survey({**BODY, "certify": True}, out=tmp_path / "survey.zarr")
+    assert not (tmp_path / "survey.zarr").exists()

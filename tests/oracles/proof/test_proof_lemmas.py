@@ -319,3 +319,18 @@ def test_a_box_that_might_hold_two_zeros_is_made_smaller():
         found = krawczyk.enclosed(Pair, np.array([1e-11]))
         assert found.radius == Fraction(1, 10**13)
         assert found.zero[0].overlaps(arb("1e-11"))
+
+
+def test_a_certificate_does_not_show_in_which_order_a_machine_adds_doubles(monkeypatch):
+    """Libraries of linear algebra differ in the last bits by processor and number of threads."""
+    gear = rattle.Gear(0.6, 0.089)
+    orbit = next(gear.orbit(each.tau, each.v, each.n_plus) for each in gear.attractors() if each.n_plus == 4)
+    plain, exactly_so = rattle.certify(orbit).json(), krawczyk.inverse
+    for error in (1e-13, -1e-11):
+
+        def inverse(matrix, error=error):
+            found = exactly_so(matrix)
+            return found + arb_mat(found.nrows(), found.ncols(), [error * each for each in found.entries()])
+
+        monkeypatch.setattr(krawczyk, "inverse", inverse)
+        assert rattle.certify(orbit).json() == plain
