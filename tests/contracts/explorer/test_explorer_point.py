@@ -5,8 +5,10 @@ import os
 import re
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from service_support import no_cluster
 from waiting import HANG, eventually
 
 import rattle
-from rattle.models import Impacting, Stiff
+from rattle.models import AnyGear, Impacting, Stiff
 from rattle.plot.colours import Palette
 from rattle.stiff import StiffGear
 from service.app import create_app
@@ -204,6 +206,19 @@ def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyP
     assert np.all((found.marks.x >= low) & (found.marks.x <= high))
 
 
+def test_the_link_to_the_notebook_has_the_point_and_the_diagram_to_the_last_bit() -> None:
+    def asked(gear: AnyGear, *shown: Any) -> dict[str, list[str]]:
+        (address,) = re.findall(r'href="([^"]+)" download', words.notebook_link(gear, *shown))
+        return parse_qs(urlsplit(unescape(address)).query)
+
+    gear = rattle.Gear(0.1 + 0.2, 0.1, 0.5)
+    point = {"delta": [repr(0.1 + 0.2)], "epsilon": ["0.1"], "beta": ["0.5"]}
+    assert asked(gear, "epsilon", None, None) == point | {"direction": ["epsilon"]}
+    assert asked(gear, "delta", 0.01, None) == point | {"direction": ["delta"], "span": ["0.01"]}
+    assert asked(gear, "epsilon", None, (0.4, 0.0)) == point | {"to_delta": ["0.4"], "to_epsilon": ["0.0"]}
+    assert asked(StiffGear(0.6, 0.1, 0.5, 1e4), "epsilon", None, None)["kappa"] == ["10000.0"]
+
+
 def test_a_diagram_has_as_many_steps_as_are_set_when_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(diagrams, "STEPS", 4)
     monkeypatch.setattr(diagrams, "COUNT", 2)
@@ -318,6 +333,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         np.testing.assert_array_equal(samples["phi"], expected.phi)
         view.panel.direction.value = "delta"
         await eventually(lambda: "damping δ" in view.panel.under_diagram.html)
+        assert "direction=delta" in view.panel.take.html
         start = {"tau": "0.25", "v": "4.5"}
         assert states == [{"attractor": "2"}, start, start | {"direction": "delta"}]
         again = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6), **view.state)
