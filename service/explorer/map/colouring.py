@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from matplotlib.colors import to_hex
 
-from service.explorer.common.address import Limits, Pair
-from service.explorer.map.planes import Block, Plane
+from service.explorer.common.address import Limits, Pair, Ranges
+from service.explorer.map.planes import Block, Plane, Room
 from workers.pictures.figure import region_places
 from workers.pictures.maps import WITHOUT_VALUE, ZERO, scale_of, title_of, valueless_layers
 
@@ -70,6 +70,12 @@ def values_shown(plane: Plane, block: Block) -> np.ndarray:
     """The values of a block; NaN where a cell has none."""
     without = np.logical_or.reduce([mask for mask, _ in layers_of(plane, block).values()])
     return np.where(without, np.float32(np.nan), block.values)
+
+
+def window_shown(plane: Plane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
+    """The values of the cells of a window, and where these are. Blocks: for a thread."""
+    block = plane.block(window, room)
+    return values_shown(plane, block), block.box
 
 
 def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> Colouring:
