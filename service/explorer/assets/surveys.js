@@ -91,6 +91,9 @@ function detail_of(row, model) {
     element("div", {class: "code"}, code, copy),
     element("div", {class: "actions"},
       element("button", {type: "button", class: "quiet", "data-action": "again", onclick: act("again")}, "Use its settings"),
+      row.mine && row.state === "dismissed"
+        ? element("button", {type: "button", class: "quiet", "data-action": "resume", onclick: act("resume")}, "Resume")
+        : null,
       row.mine ? removing : null))
 }
 
