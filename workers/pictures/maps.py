@@ -34,7 +34,7 @@ WITHOUT_VALUE = {
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
 FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow
-CAPTION = 130  # characters of a line
+CAPTION = 110  # characters of a line
 ROOM = (512, 512)  # cells of a map, which has more pixels
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
@@ -80,7 +80,7 @@ def map_picture(
     if POINTS in lines:
         draw_points(axes, dataset, curves)
     if look.caption:
-        figure.supxlabel("\n".join(wrap(look.caption, CAPTION)), x=0.01, ha="left", fontsize=7)
+        figure.supxlabel("\n".join(wrap(look.caption, CAPTION)), x=0.01, ha="left", fontsize=7, parse_math=False)
     with BytesIO() as file:
         figure.savefig(file, format=form)
         return file.getvalue()

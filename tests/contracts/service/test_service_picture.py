@@ -41,7 +41,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
 @pytest.fixture(scope="module")
 def survey_id(client: TestClient) -> str:
     """The id of a survey whose tiles are done."""
-    found = str(client.post("/v1/surveys", json=ASKED | {"name": "of <pictures>"}).json()["id"])
+    found = str(client.post("/v1/surveys", json=ASKED | {"name": "of <pictures> $\\frac$ --"}).json()["id"])
     compute(front_of(client), found, SurveyRequest(**ASKED))
     return found
 
