@@ -134,19 +134,21 @@ class Surveys(Transactions):
         return True
 
     def reopen(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
-        """Let a survey that was successful or failed wait again; its tiles stay noted.
+        """Let a survey that has ended wait again; its tiles stay noted.
 
         Args:
             owner: id of the API key that asks, whose quotas count; None without a key.
 
         Raises:
-            ConflictError: it waits or runs, or was dismissed.
+            ConflictError: it waits or runs, or is being deleted.
             QueueFullError: ``max_jobs`` surveys are waiting or running, or as many of the owner as its key allows.
         """
         with self._write() as (session, _):
             job = _find(session, survey_id)
-            if job.state not in (State.SUCCESSFUL, State.FAILED):
-                raise ConflictError(f"Survey {survey_id} is {job.state}; only one that was computed can be verified.")
+            if job.message == BEING_DELETED:
+                raise ConflictError(f"Survey {survey_id} is {BEING_DELETED}. Submit it anew.")
+            if not State(job.state).final:
+                raise ConflictError(f"Survey {survey_id} is {job.state}; only one that has ended can go on.")
             _require_room(session, owner, 0, max_jobs)
             job.state, job.message, job.finished = State.ACCEPTED, "", None
             _add_state_event(session, job)

@@ -128,11 +128,11 @@ class JobManager:
         return None
 
     def verify(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
-        """Let a survey that has ended run again over the tiles that are damaged or missing.
+        """Let a survey that has ended, or was dismissed, run again over the tiles that are damaged or missing.
 
         Raises:
             UnknownSurveyError: there is no such survey.
-            ConflictError: it waits or runs, was dismissed, or is a successful one of another version.
+            ConflictError: it waits or runs, is being deleted, or is a successful one of another version.
             QueueFullError: ``max_jobs`` surveys are waiting or running, or as many as the key of ``owner`` allows.
         """
         job = self._database.job(survey_id)

@@ -58,6 +58,18 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kin
     return front.manager.dismiss_or_delete(survey_id)
 
 
+def verify_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow:
+    """Let a survey that has ended, or was dismissed, go on: what is damaged or missing of it is computed.
+
+    Raises:
+        UnknownSurveyError: there is no such survey.
+        ForbiddenError: it was submitted with another key.
+        ConflictError, QueueFullError: as `service.jobs.manager.JobManager.verify`.
+    """
+    require_owner(front, caller, survey_id, kind)
+    return front.manager.verify(survey_id, caller.owner, front.settings.max_jobs)
+
+
 def require_owner(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> None:
     """Raise ForbiddenError unless the caller submitted this survey."""
     if not caller.owns(front.database.job(survey_id, kind)):

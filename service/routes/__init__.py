@@ -8,6 +8,7 @@ from service.routes.model import (
     curves,
     intensity,
     machine,
+    notebook,
     points,
     reached,
 )
@@ -27,6 +28,7 @@ ROUTERS: tuple[APIRouter, ...] = (
     machine.router,
     limits.router,
     basins.router,
+    notebook.router,
     curves.router,
     metrics.router,
 )

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import anyio
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from service.errors import MissingError
+import rattle
+from service.database.tables import JobRow
+from service.errors import LimitError, MissingError
+from service.operations.notebook import PACKAGE
 from service.routes.documents import SurveyId
-from service.state import FrontState
+from service.state import Front, FrontState
 from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
 from service.web.problems import declared
 from workers import QUANTITIES, Bucket, open_survey
+from workers.pictures.look import LINES, Form, Look, Pair, Span
 from workers.storage.store import has_added
 from workers.survey.levels.grid import GROUP as LEVELS
 from workers.survey.request import MAX_SLICES
@@ -23,51 +27,151 @@ from workers.survey.slices import slice_of
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
-PNG = "image/png"
+PNG, SVG = "image/png", "image/svg+xml"
 MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
+NARROWEST = 1e-10  # of what is farthest from 0 in a window: below, no tick can be told from the next
+FARTHEST = 1e100  # of what a window or the colours reach to
+LONGEST_LINES = 200
+
+Bound = Annotated[
+    float | None,
+    Query(ge=-FARTHEST, le=FARTHEST, description="of the window; by default the whole survey"),
+]
+Colour = Annotated[float | None, Query(ge=-FARTHEST, le=FARTHEST, description="an end of what the colours span")]
+
+
+async def look_of_query(
+    delta_min: Bound = None,
+    delta_max: Bound = None,
+    epsilon_min: Bound = None,
+    epsilon_max: Bound = None,
+    span: Annotated[
+        Span, Query(description="of the colours: as usual, the middle 96 % of the values, or all of them")
+    ] = "auto",
+    low: Colour = None,
+    high: Colour = None,
+    log: Annotated[bool, Query(description="colours evenly in the logarithm")] = False,
+    lines: Annotated[
+        str | None,
+        Query(max_length=LONGEST_LINES, description=f"of {', '.join(LINES)}, with commas; by default as usual"),
+    ] = None,
+) -> Look:
+    """The look of the query. Raises LimitError."""
+    chosen = None if lines is None else tuple(name for name in lines.split(",") if name)
+    if unknown := set(chosen or ()) - set(LINES):
+        raise LimitError("query.lines", f"there is no line {min(unknown)!r}: choose of {', '.join(LINES)}.")
+    if log and low is not None and 0 < low < 1 / FARTHEST:
+        raise LimitError("query.low", f"low must be at least {1 / FARTHEST:g} for colours in the logarithm.")
+    return Look(
+        _range("delta", delta_min, delta_max),
+        _range("epsilon", epsilon_min, epsilon_max),
+        _range("colours", low, high, ("low", "high")) or span,
+        log,
+        chosen,
+    )
+
+
+def _range(name: str, low: float | None, high: float | None, ends: tuple[str, str] | None = None) -> Pair | None:
+    """Both ends of a range, None without. Raises LimitError where there is one alone, or nothing between them."""
+    first, last = ends or (f"{name}_min", f"{name}_max")
+    if low is None and high is None:
+        return None
+    if low is None or high is None:
+        raise LimitError(f"query.{first if low is None else last}", f"give both {first} and {last}, or none.")
+    if not high - low > max(NARROWEST * max(abs(low), abs(high)), 1 / FARTHEST):
+        raise LimitError(f"query.{first}", f"{first} must be less than {last}, by a part in 1e10 at least.")
+    return low, high
+
+
+Asked = Annotated[Look, Depends(look_of_query)]
+Variable = Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})]
+Index = Annotated[int, Query(ge=0, le=64, description="which orbit, or slot of attractors")]
+SliceNumber = Annotated[
+    int | None, Query(alias="slice", ge=0, lt=MAX_SLICES, description="of a survey with a third axis, from 0")
+]
+Caption = Annotated[bool, Query(description="say below which survey it is, its address, and the version")]
+
+
+def _answers(media: str, schema: dict[str, str]) -> dict[int | str, dict[str, Any]]:
+    return {200: {"content": {media: {"schema": schema}}}, **NOT_MODIFIED, **declared(404, 422)}
 
 
 @router.get(
     "/{survey_id}/map.png",
     summary="A map over the (delta, epsilon) plane, also of a running survey",
     response_class=Response,
-    responses={
-        200: {"content": {PNG: {"schema": {"type": "string", "format": "binary"}}}},
-        **NOT_MODIFIED,
-        **declared(404, 422),
-    },
+    responses=_answers(PNG, {"type": "string", "format": "binary"}),
 )
 async def picture(
     request: Request,
     front: FrontState,
     survey_id: SurveyId,
-    variable: Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})] = "region",
-    index: Annotated[int, Query(ge=0, le=64, description="which orbit, or slot of attractors")] = 0,
-    slice_: Annotated[
-        int | None, Query(alias="slice", ge=0, lt=MAX_SLICES, description="of a survey with a third axis, from 0")
-    ] = None,
+    look: Asked,
+    variable: Variable = "region",
+    index: Index = 0,
+    slice_: SliceNumber = None,
+    caption: Caption = False,
 ) -> Response:
     """Cells that failed or are still to be computed are told apart from the others."""
+    return await _answer(request, front, survey_id, (variable, index, slice_), look, caption, "png", PNG)
+
+
+@router.get(
+    "/{survey_id}/map.svg",
+    summary="The same map as SVG",
+    response_class=Response,
+    responses=_answers(SVG, {"type": "string"}),
+)
+async def drawing(
+    request: Request,
+    front: FrontState,
+    survey_id: SurveyId,
+    look: Asked,
+    variable: Variable = "region",
+    index: Index = 0,
+    slice_: SliceNumber = None,
+    caption: Caption = False,
+) -> Response:
+    """Lines and letters are vectors, cells pixels."""
+    return await _answer(request, front, survey_id, (variable, index, slice_), look, caption, "svg", SVG)
+
+
+async def _answer(
+    request: Request,
+    front: Front,
+    survey_id: str,
+    which: tuple[str, int, int | None],
+    look: Look,
+    caption: bool,
+    form: Form,
+    media: str,
+) -> Response:
     job, place = await run_in_threadpool(front.stored, survey_id)
     if not await run_in_threadpool(place.exists):
         raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
+    if caption:
+        look = look.with_caption(_caption(job, str(request.url)))
     headers = {
-        "ETag": picture_tag(survey_id, job.last_event, variable, index, slice_),
+        "ETag": picture_tag(survey_id, job.last_event, *which, look, form),
         "Cache-Control": REVALIDATE,  # another version may draw otherwise, and what was lost may have been repaired
     }
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
     with front.interruptible():
-        png = await anyio.to_thread.run_sync(
-            _draw, place, variable, index, slice_, limiter=front.pictures, abandon_on_cancel=True
+        drawn = await anyio.to_thread.run_sync(
+            _draw, place, *which, look, form, limiter=front.pictures, abandon_on_cancel=True
         )
-    return Response(png, media_type=PNG, headers=headers)
+    return Response(drawn, media_type=media, headers=headers)
 
 
-def _draw(place: Path | Bucket, variable: str, index: int, slice_number: int | None) -> bytes:
+def _caption(job: JobRow, address: str) -> str:
+    return f"{job.name or job.id}, {address}, {PACKAGE} {rattle.__version__}"
+
+
+def _draw(place: Path | Bucket, variable: str, index: int, slice_number: int | None, look: Look, form: Form) -> bytes:
     from workers.pictures.levels import groups_of
-    from workers.pictures.maps import map_png  # matplotlib: a second for who asks first, not for every start
+    from workers.pictures.maps import map_picture  # matplotlib: a second for who asks first, not for every start
 
     with open_survey(place) as dataset:
         levels = groups_of(partial(open_survey, place), slice_number, has_added(place, LEVELS))
-        return map_png(slice_of(dataset, slice_number), variable, index, levels)
+        return map_picture(slice_of(dataset, slice_number), variable, index, levels, look, form)

@@ -14,7 +14,7 @@ from service.access.middleware import CallerState
 from service.database.tables import JobRow, Kind, State
 from service.errors import MissingError
 from service.operations.estimate import estimate
-from service.operations.surveys import remove_survey, require_owner, submit_survey
+from service.operations.surveys import remove_survey, submit_survey, verify_survey
 from service.routes.documents import path_of
 from service.routes.events import LARGEST_ID, stream
 from service.routes.population_documents import (
@@ -128,8 +128,7 @@ def verify_population(
     front: FrontState, caller: CallerState, response: Response, population_id: PopulationId
 ) -> PopulationDetail:
     """As `POST /v1/surveys/{survey_id}/verify`."""
-    require_owner(front, caller, population_id, KIND)
-    job = front.manager.verify(population_id, caller.owner, front.settings.max_jobs)
+    job = verify_survey(front, caller, population_id, KIND)
     response.headers["Location"] = path_of(job.id, KIND)
     response.headers["Retry-After"] = RETRY_SECONDS
     return _detail(front, job)

@@ -11,7 +11,7 @@ from starlette.exceptions import HTTPException
 
 from service.access.middleware import CallerState
 from service.database.tables import JobRow, Kind, State
-from service.operations.surveys import remove_survey, require_owner, submit_survey
+from service.operations.surveys import remove_survey, submit_survey, verify_survey
 from service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of
 from service.state import Front, FrontState
 from service.web import examples
@@ -131,13 +131,12 @@ def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     responses=declared(404, 409, 422, 429),
 )
 def verify(front: FrontState, caller: CallerState, response: Response, survey_id: SurveyId) -> SurveyDetail:
-    """A survey that was successful, or failed and may succeed now, waits and runs again.
+    """A survey that was successful, was dismissed, or failed and may succeed now, waits and runs again.
 
     Every chunk has a checksum: those that are whole are kept as they are, and stay readable meanwhile. Only the key
     that submitted a survey may ask for this.
     """
-    require_owner(front, caller, survey_id)
-    job = front.manager.verify(survey_id, caller.owner, front.settings.max_jobs)
+    job = verify_survey(front, caller, survey_id)
     response.headers["Location"] = path_of(job.id)
     response.headers["Retry-After"] = RETRY_SECONDS
     return _detail(front, job)

@@ -19,9 +19,9 @@ COARSE = f"""
     def coarse(point):
         point.RESOLUTIONS = (50, {CELLS})
 
-    @patch("service.explorer.point.parts")
-    def few(parts):
-        parts.STEPS = 20
+    @patch("service.operations.diagrams")
+    def few(diagrams):
+        diagrams.STEPS = 20
 """
 SURVEY: dict[str, Any] = {
     "name": "small",

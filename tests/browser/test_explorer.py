@@ -1,5 +1,6 @@
 """The explorer in a browser, against a real server."""
 
+import re
 from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
@@ -64,6 +65,10 @@ def test_a_survey_is_submitted_and_fills_in(page: Page, service: str, held: Faul
     page.locator("[data-action=cancel]").click()
     expect(row).to_have_attribute("data-state", "dismissed")
     assert get(service + listed["links"]["self"]).json()["state"] == "dismissed"
+    page.locator("[data-action=resume]").click()
+    expect(row).to_have_attribute("data-state", re.compile("accepted|running"))
+    page.locator("[data-action=cancel]").click()
+    expect(row).to_have_attribute("data-state", "dismissed")
     held.release()
     page.locator("[data-action=delete]").click()
     page.get_by_text("Delete for good?").click()

@@ -3,19 +3,21 @@
 from collections.abc import Sequence
 from io import BytesIO
 from itertools import pairwise
+from textwrap import wrap
 
 import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, Normalize
+from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
 
 from rattle.orbits.period_one import PAPER_REGIONS
 from rattle.plot.colours import REGION_COLOURS
 from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
 from workers.pictures.levels import OpenGroup, overview
+from workers.pictures.look import POINTS, USUAL, Form, Look
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
 from workers.pictures.planes import numbers, plane_of, with_periodic
 from workers.survey.slices import value_along
@@ -32,12 +34,20 @@ WITHOUT_VALUE = {
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
 FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow
+CAPTION = 110  # characters of a line
 ROOM = (512, 512)  # cells of a map, which has more pixels
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
 
-def map_png(dataset: xr.Dataset, variable: str, index: int = 0, opened: OpenGroup | None = None) -> bytes:
-    """Draw a variable of an open survey, finished or not, as a PNG picture.
+def map_picture(
+    dataset: xr.Dataset,
+    variable: str,
+    index: int = 0,
+    opened: OpenGroup | None = None,
+    look: Look = USUAL,
+    form: Form = "png",
+) -> bytes:
+    """Draw a variable of an open survey, finished or not.
 
     Of more cells than there are pixels, cells become one, and what is rare among these is shown.
 
@@ -45,10 +55,14 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0, opened: OpenGrou
         variable: any variable over (epsilon, delta).
         index: which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
         opened: opens a level of the survey, which is faster than to read all cells.
+        look: a part of the plane, its colours and lines, by default as all pictures have them.
+        form: what is returned, a PNG or an SVG file.
 
     Raises:
         SurveyError: the survey has no such map, it cannot be read, or its axes reach too far to be drawn.
     """
+    if look.delta or look.epsilon:
+        dataset, opened = look.cut(dataset), None  # levels are of all cells
     shown = overview(dataset, variable, index, ROOM, opened)
     plane = plane_of(shown, variable, index if shown is dataset else 0)
     with reading(f"the map of {variable}"):
@@ -56,16 +70,20 @@ def map_png(dataset: xr.Dataset, variable: str, index: int = 0, opened: OpenGrou
         shown["status"].load()
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
-    draw_map(axes, shown, plane, WITHOUT_VALUE.get(variable, "none"))
+    draw_map(axes, shown, plane, WITHOUT_VALUE.get(variable, "none"), look)
     third = "".join(f", {name} = {value:g}" for name, value in value_along(dataset).items())
     axes.set_title(title_of(plane) + third, fontsize=11)
-    curves = draw_curves(axes, dataset, CURVES_ON.get(variable, ()))
+    usual = (*CURVES_ON.get(variable, ()), *([POINTS] if variable == "region" else []))
+    lines = usual if look.lines is None else look.lines
+    curves = draw_curves(axes, dataset, lines)
     draw_legend(axes)
-    if variable == "region":
+    if POINTS in lines:
         draw_points(axes, dataset, curves)
-    with BytesIO() as png:
-        figure.savefig(png, format="png")
-        return png.getvalue()
+    if look.caption:
+        figure.supxlabel("\n".join(wrap(look.caption, CAPTION)), x=0.01, ha="left", fontsize=7, parse_math=False)
+    with BytesIO() as file:
+        figure.savefig(file, format=form)
+        return file.getvalue()
 
 
 def title_of(plane: xr.DataArray) -> str:
@@ -83,11 +101,12 @@ def _chosen(dim: str, value: object) -> str:
     return f"attractor {value}, of those of a cell by falling share" if dim == "attractor" else f"{dim} {value}"
 
 
-def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str = "none") -> None:
+def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str = "none", look: Look = USUAL) -> None:
     """Draw a map with its colour bar; cells without a value are told apart: to be computed, failed, none.
 
     Args:
         nothing: what it means that a computed cell has no value.
+        look: its window, and what its colours span.
 
     Raises:
         SurveyError: its axes reach too far to be drawn.
@@ -101,6 +120,12 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
     for mask, colour in layers.values():
         _cells(axes, dataset, np.where(mask, 1.0, np.nan), ListedColormap([colour]), Normalize(0, 1))
     cmap, norm, ticks, labels = scale_of(plane, values[~valueless])
+    if not labels and (look.log or look.span != "auto"):
+        norm = look.norm(norm, values[~valueless])
+    if isinstance(norm, LogNorm) and (hidden := ~valueless & (values <= 0)).any():
+        layers["zero or below"] = hidden, ZERO
+        valueless = valueless | hidden
+        _cells(axes, dataset, np.where(hidden, 1.0, np.nan), ListedColormap([ZERO]), Normalize(0, 1))
     extend = _extend(norm, values[~valueless])
     mesh = _cells(axes, dataset, np.where(valueless, np.nan, values), cmap, norm)
     # axes that are drawn on have a figure, which their type leaves open
@@ -114,6 +139,10 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
             axes.plot([], [], "s", color=colour, markeredgecolor="0.4", label=label)
     axes.set_xlabel("damping δ")
     axes.set_ylabel("eccentricity ε")
+    if look.delta:
+        axes.set_xlim(look.delta)
+    if look.epsilon:
+        axes.set_ylim(look.epsilon)
 
 
 def valueless_layers(

@@ -66,9 +66,6 @@ function lines_of(row, signed_in) {
 
 function detail_of(row, model) {
   const here = `/v1/surveys/${row.id}`
-  const [axis, number] = row.slice
-  const map = `${here}/map.png?variable=${row.variable}`
-  const picture = `${map}${row.index ? `&index=${row.index}` : ""}${axis ? `&slice=${number}` : ""}`
   const busy = row.state === "running" || row.state === "accepted"
   const act = (action) => () => model.send_msg({action, survey: row.id})
   const removing = element("button", {type: "button", class: "quiet", "data-action": busy ? "cancel" : "delete"},
@@ -89,10 +86,14 @@ function detail_of(row, model) {
     element("div", {class: "downloads"}, "Download ",
       element("a", {href: `${here}/download.nc`, download: true}, "NetCDF"), " ",
       element("a", {href: `${here}/download.csv`, download: true}, "CSV"), " ",
-      row.variable ? element("a", {href: picture, download: `${row.variable}.png`}, "PNG") : null),
+      ...(row.picture ? ["png", "svg"] : []).flatMap((form) => [  // the view as it is seen
+        element("a", {href: `${here}/map.${form}?${row.picture}`, download: `${row.variable}.${form}`}, form.toUpperCase()), " "])),
     element("div", {class: "code"}, code, copy),
     element("div", {class: "actions"},
       element("button", {type: "button", class: "quiet", "data-action": "again", onclick: act("again")}, "Use its settings"),
+      row.mine && row.state === "dismissed"
+        ? element("button", {type: "button", class: "quiet", "data-action": "resume", onclick: act("resume")}, "Resume")
+        : null,
       row.mine ? removing : null))
 }
 
@@ -139,7 +140,7 @@ export function render({model}) {
     })
     empty.hidden = model.rows.length > 0 || !model.ready
     const row = rows.find((each) => each.id === model.chosen)
-    const now = row ? JSON.stringify([row.id, row.state, row.message, row.variable, row.index, row.slice, row.mine]) : ""
+    const now = row ? JSON.stringify([row.id, row.state, row.message, row.picture, row.mine]) : ""
     if (now !== shown) {  // or a half-made choice and a selected text would be lost at every tile
       const stops = () => [...detail.querySelectorAll("a, button, pre")]
       const focused = stops().indexOf(root.getRootNode().activeElement)

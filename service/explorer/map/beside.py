@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -44,14 +45,23 @@ class Beside:
         )
         on_press(self._close, lambda: self.close(tell=True))
         self._view: PointView | None = None
+        self._reading: asyncio.Task[None] | None = None
         self._points: PointPanel | None = None
         self._point = pn.Column(sizing_mode="stretch_width", margin=0)
         self.panel = pn.Column(
             go_to.panel, self._close, self._point, self._text.pane, sizing_mode="stretch_width", margin=0
         )
 
-    async def read(self, plane: Plane, finer: Block | None, delta: float, epsilon: float, window: Ranges) -> None:
-        """Show what is known at a point."""
+    def read(self, plane: Plane, finer: Block | None, delta: float, epsilon: float, window: Ranges) -> None:
+        """Show what is known at a point, and no more what was asked for before."""
+        self._give_up_reading()
+        self._reading = self._viewer.start(self._read(plane, finer, delta, epsilon, window))
+
+    def _give_up_reading(self) -> None:
+        if self._reading is not None:
+            self._reading.cancel()
+
+    async def _read(self, plane: Plane, finer: Block | None, delta: float, epsilon: float, window: Ranges) -> None:
         model, here = plane.request.gear_model, finer_value(plane, finer, delta, epsilon)
         machine = plane.request.machine
         found = await self._viewer.read(
@@ -65,6 +75,7 @@ class Beside:
 
     def forget(self) -> None:
         """Show no cell: what was read is no longer shown."""
+        self._give_up_reading()
         self._text.html = HINT
 
     def open(

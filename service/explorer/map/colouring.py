@@ -8,13 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from matplotlib.colors import to_hex
 
-from service.explorer.common.address import Limits, Pair
-from service.explorer.map.planes import Block, Plane
+from service.explorer.common.address import Limits, Pair, Ranges
+from service.explorer.map.planes import Block, Plane, Room
 from workers.pictures.figure import region_places
+from workers.pictures.look import limits_of, positive
 from workers.pictures.maps import WITHOUT_VALUE, ZERO, scale_of, title_of, valueless_layers
 
 SHADES = 256
-ROBUST = (2.0, 98.0)  # percentiles
 
 
 @dataclass(frozen=True)
@@ -72,6 +72,12 @@ def values_shown(plane: Plane, block: Block) -> np.ndarray:
     return np.where(without, np.float32(np.nan), block.values)
 
 
+def window_shown(plane: Plane, window: Ranges, room: Room) -> tuple[np.ndarray, Ranges]:
+    """The values of the cells of a window, and where these are. Blocks: for a thread."""
+    block = plane.block(window, room)
+    return values_shown(plane, block), block.box
+
+
 def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> Colouring:
     """The colours of a map, of which this is drawn. Blocks: for a thread."""
     values, variable = block.values, str(plane.plane.name)
@@ -103,9 +109,9 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> C
             title_of(plane.plane), colours, low, high, False, True, named + shades, reasons, reason_colours,
             names=region_places(values, block.delta, block.epsilon) if variable == "region" else {},
         )  # fmt: skip
-    low, high, note = _limits(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
+    low, high, note = limits_of(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
     if log:
-        low, high, log, note = _positive(shown, low, high, note)
+        low, high, log, note = positive(shown, low, high, note)
     if log and (hidden := (reasons == 0) & (values <= 0)).any():
         reason_colours += (to_hex(ZERO),)
         reasons[hidden] = len(reason_colours)
@@ -126,25 +132,3 @@ def _beyond(values: np.ndarray, low: float, high: float) -> Pair:
         return 0.0, 0.0
     least, most = np.float32(low), np.float32(high)
     return float((values < least).mean()), float((values > most).mean())
-
-
-def _limits(shown: np.ndarray, auto: Pair, limits: Limits | Pair) -> tuple[float, float, str]:
-    if isinstance(limits, tuple):
-        return *limits, ""
-    low, high = auto
-    if limits != "auto" and shown.size:
-        low, high = (float(x) for x in np.percentile(shown, ROBUST if limits == "robust" else (0.0, 100.0)))
-    if not low < high:
-        return low, low + max(abs(low), 1.0) * 1e-3, "all values are equal"
-    return low, high, ""
-
-
-def _positive(shown: np.ndarray, low: float, high: float, note: str) -> tuple[float, float, bool, str]:
-    """Limits for a logarithmic scale, which shows positive values only."""
-    positive = shown[shown > 0]
-    if not positive.size or high <= 0:
-        return low, high, False, "nothing positive to show: the scale stays linear"
-    low = low if low > 0 else float(positive.min())
-    if not low < high:
-        high = 2.0 * low
-    return low, high, True, note

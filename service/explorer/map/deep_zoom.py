@@ -10,11 +10,13 @@ from collections.abc import AsyncGenerator, Callable
 from contextlib import aclosing, closing, suppress
 from functools import partial
 
+import numpy as np
+
 from rattle import RattleError
 from service.errors import UnavailableError
 from service.explorer.common.address import Ranges
 from service.explorer.common.viewer import Viewer
-from service.explorer.map.planes import Plane
+from service.explorer.map.planes import Block, Plane, box_of
 from service.jobs.manager import STARTING
 from service.state import Front
 from workers import Frame, SurveyRequest, Window, map_quantity, refined, window_survey
@@ -104,7 +106,7 @@ class _Refinement:
 class Zoom:
     """The refinement of one page; `show` gets each frame in the event loop, `say` what goes on."""
 
-    def __init__(self, viewer: Viewer, show: Callable[[Frame], None], say: Callable[[str], None]) -> None:
+    def __init__(self, viewer: Viewer, show: Callable[[Block], None], say: Callable[[str], None]) -> None:
         self._viewer, self._show, self._say = viewer, show, say
         self._task: asyncio.Task[None] | None = None
 
@@ -126,10 +128,17 @@ class Zoom:
             frames = refine(self._viewer.front, plane.request, variable, index, inside, pixels)
             async with aclosing(frames):
                 async for frame in frames:
-                    self._show(frame)
+                    self._show(block_of(frame))
                     self._say(f"Computing this window: {frame.done:.0%}" if frame.done < 1 else "")
         except RattleError as error:
             self._say(f"This window is not shown finer: {error}")
+
+
+def block_of(frame: Frame) -> Block:
+    """Cells of a window as those of a map; of complex values the modulus."""
+    values = (np.abs(frame.values) if np.iscomplexobj(frame.values) else frame.values).astype(np.float32)
+    status = np.ones(values.shape, np.int8)
+    return Block(frame.delta, frame.epsilon, values, status, box_of(frame.delta, frame.epsilon))
 
 
 def coarser(plane: Plane, window: Ranges, pixels: tuple[int, int]) -> bool:

@@ -9,7 +9,6 @@ from functools import partial
 from html import escape
 from typing import Any
 
-import numpy as np
 import panel as pn
 
 from rattle import RattleError
@@ -23,7 +22,7 @@ from service.explorer.common.viewer import Viewer
 from service.explorer.design.go_to import GoTo
 from service.explorer.design.places import Place
 from service.explorer.map.beside import Beside
-from service.explorer.map.colouring import Colouring, colouring, values_shown
+from service.explorer.map.colouring import Colouring, colouring, values_shown, window_shown
 from service.explorer.map.controls import Controls, Uses
 from service.explorer.map.cursor import Cursor, History
 from service.explorer.map.deep_zoom import Zoom, coarser
@@ -33,12 +32,11 @@ from service.explorer.map.planes import SIDE, Block, Plane, Room, box_of, maps_o
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
 from service.explorer.point.state import marks_of, stands_for
-from workers import Frame, SurveyRequest
+from workers import SurveyRequest
 from workers.survey.machine import SurveyedMachine
 from workers.survey.values.schema import OF_PERIODIC
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
-EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
 WAITS = "<p class=faint>This survey waits for its turn.</p>"
 PAUSE = 1.0  # between two drawings of a survey that runs
 
@@ -81,7 +79,6 @@ class MapView:
             "forward": lambda _at: self._show(self._history.forward(self._zoomed)),
         }
         self._cursor = Cursor(viewer.document, self.map.figure, self._shown, self._look, self._go, words)
-        self._hovering: asyncio.Task[None] | None = None
         uses = Uses(self._on_variable, self._on_index, self._on_slice, self._on_limits, self._on_own, save_window)
         self._controls = Controls(sheet, view.log, uses)
         self._title = Heading(sheet)
@@ -146,13 +143,7 @@ class MapView:
     async def _draw_exact(self) -> None:
         """Draw what is known without any survey."""
         view = self.view
-
-        def prepare() -> tuple[Plane, Block, Colouring]:
-            plane = self._shared.exact.plane(view.variable, view.index)
-            block = plane.block()
-            return plane, block, replace(colouring(plane, block, view.limits, view.log), note=EXACT)
-
-        plane, block, colours = await self._viewer.read(prepare)
+        plane, block, colours = await self._viewer.read(partial(self._shared.exact_map, view))
         # a survey may have come meanwhile
         self._viewer.change(lambda: self._draw(plane, block, colours, view) if self._job is None else None)
 
@@ -222,11 +213,6 @@ class MapView:
     async def _draw_once(self, job: JobRow, view: View) -> bool:
         """Draw what is known; whether that is all there is by now."""
 
-        def prepare(room: Room = self.map.pixels) -> tuple[Plane, bool, Block, Colouring]:
-            plane, is_whole = self._shared.atlas.plane(job, view.variable, view.index, view.slice)
-            block = plane.block(room=room)
-            return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
-
         def show(what: Callable[[], None]) -> None:
             if self._job is not None and self._job.id == job.id:  # none other was chosen meanwhile
                 what()
@@ -235,7 +221,9 @@ class MapView:
             self._viewer.change(lambda: show(lambda: self._show_nothing(WAITS)))
             return True
         try:
-            plane, is_whole, block, colours = await self._viewer.read(prepare)
+            plane, is_whole, block, colours = await self._viewer.read(
+                partial(self._shared.map_of, job, view, self.map.pixels)
+            )
         except RattleError as error:
             text = f'<p class="notice" role="alert">{escape(str(error))}</p>'
             self._viewer.change(lambda: show(lambda: self._show_nothing(text)))
@@ -260,8 +248,6 @@ class MapView:
         self._finer = self._seen = None
         self._count()
         self._controls.show_limits(self.view.limits, None)
-        if self._hovering is not None:
-            self._hovering.cancel()
         self._said.html = ""
         self._beside.forget()
         if self._plane is None:
@@ -413,22 +399,14 @@ class MapView:
 
     async def _all_cells(self, plane: Plane, window: Ranges, room: Room) -> None:
         """Draw those cells of a window that are left out where the whole survey is drawn."""
-
-        def prepare() -> tuple[np.ndarray, Ranges]:
-            block = plane.block(window, room)
-            return values_shown(plane, block), block.box
-
-        values, box = await self._viewer.read(prepare)
+        values, box = await self._viewer.read(partial(window_shown, plane, window, room))
         self._viewer.change(
             lambda: self.map.frame(values, box) if (plane, window) == (self._plane, self.window) else None
         )
 
-    def _frame(self, frame: Frame) -> None:
-        box, found = box_of(frame.delta, frame.epsilon), frame.values
-        values = (np.abs(found) if np.iscomplexobj(found) else found).astype(np.float32)
-        self._finer = finer = Block(frame.delta, frame.epsilon, values, np.ones(values.shape, np.int8), box)
-        self._seen = lambda: finer
-        self._viewer.change(lambda: self.map.frame(values, box))
+    def _frame(self, finer: Block) -> None:
+        self._finer, self._seen = finer, lambda: finer
+        self._viewer.change(lambda: self.map.frame(finer.values, finer.box))
         self._count()
 
     def _count(self) -> None:
@@ -449,12 +427,8 @@ class MapView:
         self._read(delta, epsilon)
 
     def _read(self, delta: float, epsilon: float) -> None:
-        if self._hovering is not None and not self._hovering.done():
-            self._hovering.cancel()
         if self._plane is not None:
-            self._hovering = self._viewer.start(
-                self._beside.read(self._plane, self._finer, delta, epsilon, self.window)
-            )
+            self._beside.read(self._plane, self._finer, delta, epsilon, self.window)
 
     def _point(self, delta: float, epsilon: float) -> None:
         self._open(delta, epsilon, None)

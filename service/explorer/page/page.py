@@ -23,7 +23,7 @@ from service.explorer.map.view import MapView
 from service.explorer.page.form import Form
 from service.explorer.page.head import SCHEME, theme_of
 from service.explorer.page.rows import row_of
-from service.operations.surveys import remove_survey
+from service.operations.surveys import remove_survey, verify_survey
 from workers import SurveyRequest
 
 
@@ -173,6 +173,14 @@ class Page:
             self._opened_form().fill(self._request(survey_id))
         elif action in ("cancel", "delete") and survey_id in self._standings:
             self._viewer.start(self._remove(action, survey_id))
+        elif action == "resume" and survey_id in self._standings:
+            self._viewer.start(self._resume(survey_id))
+
+    async def _resume(self, survey_id: str) -> None:
+        def resume() -> None:
+            verify_survey(self._shared.front, self._viewer.require(Scope.SUBMIT), survey_id)
+
+        await self._viewer.read(resume, Scope.SUBMIT)
 
     async def _remove(self, action: str, survey_id: str) -> None:
         def remove() -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
+from urllib.parse import urlencode
 
 from service.explorer.common.address import View
 from service.explorer.common.news import Standing
 from service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
 from workers import SurveyRequest
+from workers.pictures.look import LINES
 from workers.survey.values.schema import FIXED
 
 
@@ -32,9 +34,24 @@ def row_of(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
         "mine": owned,
         "facts": [*facts, submitted],
         "variable": view.variable if chosen else "",
-        "index": view.index if chosen else 0,
+        "picture": picture_query(job.request, view) if chosen else "",
         "slice": [next(_thirds(job.request), ""), view.slice] if chosen else ["", 0],
     }
+
+
+def picture_query(request: dict[str, Any], view: View) -> str:
+    """What map.png and map.svg are asked for to be the view as it is seen, of lines those that they have."""
+    asked: dict[str, Any] = {"variable": view.variable, "index": view.index or None}
+    asked["slice"] = view.slice if any(_thirds(request)) else None
+    for name, window in {"delta": view.delta, "epsilon": view.epsilon}.items():
+        asked |= {f"{name}_min": window[0], f"{name}_max": window[1]} if window else {}
+    if isinstance(view.limits, tuple):
+        asked |= {"low": view.limits[0], "high": view.limits[1]}
+    else:
+        asked["span"] = view.limits
+    asked["log"] = "true" if view.log else None
+    asked |= {"lines": ",".join(name for name in view.overlays if name in LINES), "caption": "true"}
+    return urlencode({name: value for name, value in asked.items() if value is not None})
 
 
 def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:

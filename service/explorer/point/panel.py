@@ -36,12 +36,12 @@ class PointPanel:
         self._watch = Watch()
         self.where, self.likely, self.safe, self.table, self.loud, self.orbits = (self._text() for _ in range(6))
         self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (self._text() for _ in range(4))
-        self.under_spectrum, self.heard = self._text(), self._text()
+        self.under_spectrum, self.heard, self.take = self._text(), self._text(), self._text()
         self._basins, self._motion, self._diagram = (
             pn.Column(*(each.pane for each in texts), sizing_mode="stretch_width", margin=0)
             for texts in ((self.under_basins, self.about_lines), (self.under_motion,), (self.under_diagram,))
         )
-        words = (self.where, self.likely, self.safe, self.table, self.loud, self.orbits)
+        words = (self.where, self.take, self.likely, self.safe, self.table, self.loud, self.orbits)
         self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
         self.column = pn.Column(
             *(each.pane for each in words), self._tolerance, self._basins, self._motion, self._diagram,
@@ -51,7 +51,7 @@ class PointPanel:
     def clear(self) -> None:
         """Take away what there is of a point."""
         for text in (
-            self.where, self.likely, self.safe, self.table, self.loud, self.orbits,
+            self.where, self.take, self.likely, self.safe, self.table, self.loud, self.orbits,
             self.under_basins, self.about_lines, self.under_motion, self.under_diagram, self.under_spectrum, self.heard,
         ):  # fmt: skip
             text.html = ""

@@ -18,10 +18,9 @@ from rattle.flight.law import wrapped
 from rattle.impacting.attractors.plane import ImpactingPlane
 from rattle.models import AnyGear, model_at
 from service.explorer.design import rattling
+from service.operations import diagrams
 
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
-SPANS = {"epsilon": 0.02, "delta": 0.05}  # of the diagram, either way, of the scale of the plane
-STEPS, COUNT = 160, 32  # of the diagram
 MOST_POINTS = 8000  # of it that are drawn
 SAME_ORBIT = 1e-6
 Array = NDArray[np.float64]
@@ -191,21 +190,13 @@ def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> Lines:
     return Lines(tuple(line for line in found if len(line.points)), tuple(missing))
 
 
-def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> tuple[float, float]:
-    """The values of δ or ε about the point that are inside the plane, as far either way as is asked for."""
-    either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
-    if direction == "epsilon":
-        return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
-    return max(gear.delta - either_way, gear.delta / 2), gear.delta + either_way
-
-
 def diagram(
     gear: AnyGear,
     direction: str,
     either_way: float | None = None,
     to: tuple[float, float] | None = None,
-    steps: int = STEPS,
-    count: int = COUNT,
+    steps: int | None = None,
+    count: int | None = None,
 ) -> DiagramLines:
     """The one-parameter diagram through the point, along "epsilon" or "delta", as far either way as is asked for; or
     from there to another point (δ, ε).
@@ -213,11 +204,9 @@ def diagram(
     from rattle.plot.colours import name_of as name_of_type
     from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
 
-    span = diagram_span(gear, direction, either_way)
-    start, end = ((gear.delta, value) if direction == "epsilon" else (value, gear.epsilon) for value in span)
-    if to is not None:
-        span, start, end = (0.0, 1.0), (gear.delta, gear.epsilon), to
-    found: Diagram[Any, Any] = model_at(gear).diagram(start, end, steps, count)
+    span = (0.0, 1.0) if to is not None else diagrams.diagram_span(gear, direction, either_way)
+    ends = diagrams.diagram_ends(gear, direction, either_way, to)
+    found: Diagram[Any, Any] = model_at(gear).diagram(*ends, steps or diagrams.STEPS, count or diagrams.COUNT)
     scale, offset = (1.0, 0.0) if to is not None else parameter_axis(found)[1:]
     pieces = []
     for branch in found.branches:
@@ -284,4 +273,4 @@ def warm_up(gear: AnyGear) -> None:
     rattling.warm_up(gear)
     if model_at(gear).has_margin:
         margin(gear)
-    diagram(gear, "epsilon", steps=4, count=4, either_way=0.25 * SPANS["epsilon"] * plane_scale(gear.delta))
+    diagram(gear, "epsilon", steps=4, count=4, either_way=0.25 * diagrams.SPANS["epsilon"] * plane_scale(gear.delta))

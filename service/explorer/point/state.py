@@ -13,11 +13,10 @@ from rattle.models import AnyModel, model_of
 from service.explorer.common.address import Entered, Pair, View
 from service.explorer.design.fields import machine_at
 from service.explorer.design.tolerance import Tolerance, outline
-from service.explorer.point.parts import SPANS
+from service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS
 from workers.survey.machine import SurveyedMachine
 
 MOST_ATTRACTORS = 1000
-LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # of δ or ε either way
 
 
 @dataclass(frozen=True)

@@ -69,11 +69,13 @@ class PointView(param.Parameterized):
             return
         self._choices = Choices(panel, self._work, self._gear, machine, self._palette, chosen, self._remember)
         self._is_there = True
+        self._remember(chosen)
         self._say_what_is_computed()
         self._work.start(self._fill())
 
     def _remember(self, chosen: PointState) -> None:
         self.state = chosen.text()
+        self.panel.take.html = words.notebook_link(self._gear, chosen.direction, chosen.span, chosen.to)
 
     def go_through(self, to: Pair) -> bool:
         """Draw the diagram from here to another point; whether there are gears."""

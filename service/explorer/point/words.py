@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from html import escape
+from urllib.parse import urlencode
 
 import rattle
 from rattle import Machine
 from rattle.models import AnyGear, model_at
 from rattle.orbits.period_one import in_words
 from rattle.plot.colours import Palette, name_of
+from service.explorer.common.address import Pair
 from service.explorer.point.parts import Chances, Margin, PeriodOne
 
 MINUS = "\N{MINUS SIGN}"
@@ -172,6 +174,15 @@ def orbits_table(found: PeriodOne) -> str:
         ("Orbit", "Type", "Stability", "Phase τ", "Speed v", "Multipliers"),
         rows,
     )
+
+
+def notebook_link(gear: AnyGear, direction: str, span: float | None, to: Pair | None) -> str:
+    """Where this point is as a notebook, with the diagram that is shown."""
+    at = {"delta": gear.delta, "epsilon": gear.epsilon, "beta": gear.beta, "kappa": model_at(gear).stiffness}
+    along = {"direction": direction, "span": span} if to is None else {"to_delta": to[0], "to_epsilon": to[1]}
+    query = urlencode([(name, value) for name, value in (*at.items(), *along.items()) if value is not None])
+    link = f'<a href="/v1/notebook?{escape(query)}" download>A notebook</a>'
+    return f'<p class="faint">{link} computes what is shown here.</p>'
 
 
 def attractors_table(found: Chances, palette: Palette) -> str:

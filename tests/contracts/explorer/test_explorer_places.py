@@ -16,6 +16,7 @@ from service.explorer.map.view import MapView
 from service.explorer.point import parts
 from service.explorer.point.diagram import table
 from service.explorer.point.state import PointState
+from service.operations import diagrams
 from service.state import Front
 
 
@@ -36,7 +37,7 @@ def test_a_figure_s_diagram_goes_as_far_as_the_paper_s() -> None:
         assert place.point is not None
         state = PointState.read(place.state, 7.0)
         assert PointState.read(state.text(), 7.0) == state
-        assert parts.diagram_span(rattle.Gear(*place.point), "epsilon", state.span) == pytest.approx(span)
+        assert diagrams.diagram_span(rattle.Gear(*place.point), "epsilon", state.span) == pytest.approx(span)
     for wrong in ("0", "-1", "nan", "inf", "1", "wide"):
         assert PointState.read({"span": wrong}, 7.0).span is None
 

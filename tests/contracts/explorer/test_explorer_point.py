@@ -5,8 +5,10 @@ import os
 import re
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 from typing import Any
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from service_support import no_cluster
 from waiting import HANG, eventually
 
 import rattle
-from rattle.models import Impacting, Stiff
+from rattle.models import AnyGear, Impacting, Stiff
 from rattle.plot.colours import Palette
 from rattle.stiff import StiffGear
 from service.app import create_app
@@ -31,6 +33,7 @@ from service.explorer.point.parts import DiagramLines, Marks, Stroke
 from service.explorer.point.state import PointState
 from service.explorer.point.view import PointView
 from service.explorer.point.work import prepare
+from service.operations import diagrams
 from service.operations.turns import in_turn
 from service.settings import Settings
 from service.state import Front
@@ -120,9 +123,9 @@ def test_lines_are_the_manifolds_and_gamma() -> None:
 @pytest.mark.parametrize(("delta", "epsilon"), [(0.6, 0.1), (0.03, 0.005), (1e-9, 0.0), (5.0, 3.0)])
 def test_a_diagram_stays_inside_the_plane(delta: float, epsilon: float) -> None:
     gear = rattle.Gear(delta, epsilon)
-    low, high = parts.diagram_span(gear, "delta")
+    low, high = diagrams.diagram_span(gear, "delta")
     assert 0 < low < delta < high
-    low, high = parts.diagram_span(gear, "epsilon")
+    low, high = diagrams.diagram_span(gear, "epsilon")
     assert 0 <= low <= epsilon < high
 
 
@@ -134,7 +137,7 @@ def test_a_view_where_real_gears_are_has_their_scales() -> None:
     for line in parts.lines(gear).lines:
         steps = np.abs(np.diff(line.points, axis=0)) / [1.0, highest / 7]
         assert np.nanmax(steps[:, 1]) < 0.05 + 1e-9, line.name
-    low, high = parts.diagram_span(gear, "epsilon")
+    low, high = diagrams.diagram_span(gear, "epsilon")
     assert high - low < gear.epsilon
     assert parts.margin(gear).v_max == highest
     assert PointState.read({"tau": "0.3", "v": "0.02"}, highest).start == (0.3, 0.02)
@@ -188,7 +191,7 @@ def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
 
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])
 def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parts, "STEPS", either(40, parts.STEPS))
+    monkeypatch.setattr(diagrams, "STEPS", either(40, diagrams.STEPS))
     found = parts.diagram(rattle.Gear(0.6, 0.1), direction)
     assert 0 < found.x.size <= 2 * parts.MOST_POINTS
     assert {each.stable for each in found.strokes} == {True, False}
@@ -201,6 +204,25 @@ def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyP
     assert set(found.marks.kind) <= {"SN", "PD", "GR"}
     low, high = found.span
     assert np.all((found.marks.x >= low) & (found.marks.x <= high))
+
+
+def test_the_link_to_the_notebook_has_the_point_and_the_diagram_to_the_last_bit() -> None:
+    def asked(gear: AnyGear, *shown: Any) -> dict[str, list[str]]:
+        (address,) = re.findall(r'href="([^"]+)" download', words.notebook_link(gear, *shown))
+        return parse_qs(urlsplit(unescape(address)).query)
+
+    gear = rattle.Gear(0.1 + 0.2, 0.1, 0.5)
+    point = {"delta": [repr(0.1 + 0.2)], "epsilon": ["0.1"], "beta": ["0.5"]}
+    assert asked(gear, "epsilon", None, None) == point | {"direction": ["epsilon"]}
+    assert asked(gear, "delta", 0.01, None) == point | {"direction": ["delta"], "span": ["0.01"]}
+    assert asked(gear, "epsilon", None, (0.4, 0.0)) == point | {"to_delta": ["0.4"], "to_epsilon": ["0.0"]}
+    assert asked(StiffGear(0.6, 0.1, 0.5, 1e4), "epsilon", None, None)["kappa"] == ["10000.0"]
+
+
+def test_a_diagram_has_as_many_steps_as_are_set_when_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagrams, "STEPS", 4)
+    monkeypatch.setattr(diagrams, "COUNT", 2)
+    assert np.unique(parts.diagram(rattle.Gear(0.6, 0.03), "epsilon").x).size <= 5
 
 
 # State
@@ -271,7 +293,7 @@ def is_complete(view: PointView, side: int) -> bool:
 
 def with_process(compute: Callable[..., Any], *arguments: Any) -> tuple[int, Any]:
     """What a function returns, and the process that computed it."""
-    parts.STEPS = either(10, parts.STEPS)  # in that process
+    diagrams.STEPS = either(10, diagrams.STEPS)  # in that process
     return os.getpid(), compute(*arguments)
 
 
@@ -311,6 +333,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         np.testing.assert_array_equal(samples["phi"], expected.phi)
         view.panel.direction.value = "delta"
         await eventually(lambda: "damping δ" in view.panel.under_diagram.html)
+        assert "direction=delta" in view.panel.take.html
         start = {"tau": "0.25", "v": "4.5"}
         assert states == [{"attractor": "2"}, start, start | {"direction": "delta"}]
         again = PointView(PointPanel("light"), front, 0.6, 0.1, Impacting(0.6), **view.state)
@@ -334,7 +357,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
             return refusing(arguments[0]) if slow and what == "The margin" else coarse(work, arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
-        monkeypatch.setattr(parts, "STEPS", 10)
+        monkeypatch.setattr(diagrams, "STEPS", 10)
         await eventually(lambda: is_complete(view, 40))
         assert "too long" in view.panel.safe.html
         assert "<b>" not in view.panel.safe.html
@@ -379,7 +402,7 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             return coarse(work, arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
-        monkeypatch.setattr(parts, "STEPS", 10)
+        monkeypatch.setattr(diagrams, "STEPS", 10)
         assert "stiffness κ = 10000" in view.panel.where.html
         texts = (view.panel.under_motion, view.panel.under_diagram, view.panel.orbits)
         await eventually(lambda: asked.count("The basins") == 3 and not any("computing" in each.html for each in texts))

@@ -148,6 +148,7 @@ from service.explorer.point import parts as point_parts
 from service.compilation import compile_all
 from service.kernels import KAPPA
 from service.routes.model.basins import _draw
+from service.operations import diagrams
 from service.operations.points import curves_document, intensities, orbits_document
 from workers import SurveyRequest, compute_tile, tiles_of
 from workers.survey.template import template_of
@@ -178,7 +179,7 @@ for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if kappa els
     point_parts.lines(gear)
     if model.has_margin:
         point_parts.margin(gear)
-    for direction in point_parts.SPANS:
+    for direction in diagrams.SPANS:
         point_parts.diagram(gear, direction, steps=4, count=4)
     _draw(gear, 10, (0.0, 1.0), (0.0, 7.0))
     curves_document(model, (0.98 * delta, delta), (0.0, 0.3))

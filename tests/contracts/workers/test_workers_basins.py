@@ -11,7 +11,7 @@ import rattle
 from workers import Axis, Group, SurveyRequest, create_store, finish_store, tiles_of
 from workers.cluster.runner import compute_and_write
 from workers.pictures import maps
-from workers.pictures.maps import map_png
+from workers.pictures.maps import map_picture
 
 NAMES = ("basin_entropy", "boundary_basin_entropy", "boundary_distance", "boundary_distance_phase", "crisis_side")
 # quiet alone, another basin, chaos, past its crisis, so near the quiet limit that nothing can be told, no quiet motion
@@ -85,5 +85,5 @@ def test_a_map_says_what_cells_without_a_value_mean(
     monkeypatch.setattr(
         maps, "draw_legend", lambda axes: (said.extend(axes.get_legend_handles_labels()[1]), draw(axes))
     )
-    assert map_png(survey, name).startswith(b"\x89PNG")
+    assert map_picture(survey, name).startswith(b"\x89PNG")
     assert set(said) == meanings

@@ -28,7 +28,7 @@ from workers import (
 )
 from workers.cluster.runner import compute_and_write
 from workers.pictures.figure import survey_figure
-from workers.pictures.maps import map_png, scale_of
+from workers.pictures.maps import map_picture, scale_of
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.8, num=8),
@@ -68,19 +68,19 @@ def lines(axes: Axes) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("name", [pytest.param(name, marks=deep if n % 3 else ()) for n, name in enumerate(MAPS)])
 def test_every_map_of_a_running_survey_is_drawn(partial: xr.Dataset, name: str) -> None:
-    picture = pixels(map_png(partial, name))
+    picture = pixels(map_picture(partial, name))
     grey = np.all(np.isclose(picture[..., :3], 0.78, atol=0.005), axis=-1)
     assert 0.35 < grey.mean() < 0.7  # three of its four tiles are not computed
 
 
 def test_an_empty_survey_is_drawn(tmp_path: Path) -> None:
     empty = survey(tmp_path / "survey.zarr", tiles=slice(0))
-    assert map_png(empty, "lyapunov_max").startswith(b"\x89PNG")
+    assert map_picture(empty, "lyapunov_max").startswith(b"\x89PNG")
     assert len(survey_figure(empty).axes) == 6
 
 
 def test_slots_are_drawn_by_index(whole: xr.Dataset) -> None:
-    first, second = (pixels(map_png(whole, "orbit_phase", index)) for index in (0, 2))
+    first, second = (pixels(map_picture(whole, "orbit_phase", index)) for index in (0, 2))
     assert not np.array_equal(first, second)
 
 
@@ -97,7 +97,7 @@ def test_slots_are_drawn_by_index(whole: xr.Dataset) -> None:
 )
 def test_what_is_no_map_is_refused(whole: xr.Dataset, name: str, index: int, message: str) -> None:
     with pytest.raises(SurveyError, match=message):
-        map_png(whole, name, index)
+        map_picture(whole, name, index)
 
 
 def test_figure_has_regions_curves_and_points(whole: xr.Dataset) -> None:
@@ -161,7 +161,7 @@ def test_the_map_of_the_regions_has_the_curves_too(whole: xr.Dataset) -> None:
     def red(png: bytes) -> float:
         return float(np.all(np.isclose(pixels(png)[..., :3], (0.773, 0.106, 0.106), atol=0.01), axis=-1).mean())
 
-    assert red(map_png(whole, "region")) > 0.001 > red(map_png(whole, "orbit_exists")) == 0
+    assert red(map_picture(whole, "region")) > 0.001 > red(map_picture(whole, "orbit_exists")) == 0
 
 
 def test_curves_outside_the_map_are_left_out(tmp_path: Path) -> None:
@@ -193,9 +193,9 @@ def test_nothing_to_draw_says_so(whole: xr.Dataset) -> None:
 
 def test_drawing_in_threads_gives_the_same_pictures(whole: xr.Dataset) -> None:
     names = ["region", "lyapunov_max", "quiet_fraction"]
-    alone = [map_png(whole, name) for name in names]
+    alone = [map_picture(whole, name) for name in names]
     with ThreadPoolExecutor(3) as pool:
-        assert list(pool.map(lambda name: map_png(whole, name), names)) == alone
+        assert list(pool.map(lambda name: map_picture(whole, name), names)) == alone
 
 
 def test_no_global_drawing_state() -> None:

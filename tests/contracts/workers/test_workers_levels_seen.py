@@ -10,7 +10,7 @@ from matplotlib.colors import to_rgb
 
 from rattle import KINDS
 from workers.pictures.levels import Seen, of_cells, part_for
-from workers.pictures.maps import CODE_COLOURS, map_png
+from workers.pictures.maps import CODE_COLOURS, map_picture
 from workers.survey.levels.grid import halvings
 from workers.survey.values.evaluate import FAILED
 from workers.survey.values.schema import CELL
@@ -114,7 +114,7 @@ def test_an_island_is_in_the_picture() -> None:
             {"orbit_exists": (("orbit", *CELL), exists), "status": (CELL, np.ones(exists.shape[1:], np.int8))},
             {"epsilon": np.linspace(0.1, 0.2, 1300), "delta": np.linspace(0.4, 1.0, 1100), "orbit": ["A"], "beta": 0.6},
         )
-        picture = matplotlib.image.imread(BytesIO(map_png(survey, "orbit_exists")))[..., :3]
+        picture = matplotlib.image.imread(BytesIO(map_picture(survey, "orbit_exists")))[..., :3]
         found: np.ndarray = np.isclose(picture, to_rgb(CODE_COLOURS[1]), atol=0.01).all(axis=-1)
         return found
 

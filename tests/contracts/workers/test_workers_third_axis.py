@@ -28,7 +28,7 @@ from workers.boundaries.explain import explain
 from workers.certificates import KNOWN, certify_survey
 from workers.kinds import place_of_cell
 from workers.pictures.figure import survey_figure
-from workers.pictures.maps import map_png
+from workers.pictures.maps import map_picture
 from workers.storage.export import csv_lines, require_readable, tables, write_netcdf
 from workers.storage.integrity import manifest_of
 from workers.storage.location import place_of
@@ -195,7 +195,7 @@ def test_tables_and_files_have_all_slices(store: Path, planes: list[Path], tmp_p
 def test_what_is_of_a_plane_asks_for_a_slice(store: Path, tmp_path: Path) -> None:
     with open_survey(store) as whole:
         for ask in (
-            lambda: map_png(whole, "region"),
+            lambda: map_picture(whole, "region"),
             lambda: survey_figure(whole),
             lambda: explain(whole),
             lambda: certify_survey(whole, tmp_path / "c.zarr"),
@@ -204,7 +204,7 @@ def test_what_is_of_a_plane_asks_for_a_slice(store: Path, tmp_path: Path) -> Non
         ):
             with pytest.raises(SurveyError, match="2 values of beta: choose one, slice 0 to 1"):
                 ask()
-        assert map_png(slice_of(whole, 0), "region") != map_png(slice_of(whole, 1), "region")
+        assert map_picture(slice_of(whole, 0), "region") != map_picture(slice_of(whole, 1), "region")
         assert [each.beta.item() for each in slices_of(whole)] == [0.6, 0.7]
     with pytest.raises(SurveyError, match="choose one of its slices"):
         _ = REQUEST.gear_model

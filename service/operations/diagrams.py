@@ -1,0 +1,34 @@
+"""The diagram of a point: from where to where it goes unless somebody says otherwise, and how finely."""
+
+from __future__ import annotations
+
+from rattle.continuation.arclength import plane_scale
+from rattle.models import AnyGear
+
+Pair = tuple[float, float]
+
+SPANS = {"epsilon": 0.02, "delta": 0.05}  # either way, of the scale of the plane
+LEAST_SPAN, MOST_SPAN = 1e-7, 0.5  # of δ or ε either way, that may be asked for
+STEPS, COUNT = 160, 32  # points of the parameter, and initial conditions
+
+
+def diagram_span(gear: AnyGear, direction: str, either_way: float | None = None) -> Pair:
+    """The values of δ or ε about the point that are inside the plane, as far either way as is asked for."""
+    either_way = either_way or SPANS[direction] * plane_scale(gear.delta)
+    if direction == "epsilon":
+        return max(gear.epsilon - either_way, 0.0), gear.epsilon + either_way
+    return max(gear.delta - either_way, gear.delta / 2), gear.delta + either_way
+
+
+def diagram_ends(
+    gear: AnyGear, direction: str, either_way: float | None = None, to: Pair | None = None
+) -> tuple[Pair, Pair]:
+    """The points (δ, ε) where the diagram begins and ends: through the point along "epsilon" or "delta", or from there
+    to another one.
+    """
+    if to is not None:
+        return (gear.delta, gear.epsilon), to
+    low, high = diagram_span(gear, direction, either_way)
+    if direction == "epsilon":
+        return (gear.delta, low), (gear.delta, high)
+    return (low, gear.epsilon), (high, gear.epsilon)

@@ -1,0 +1,81 @@
+"""A parameter point as a Jupyter notebook, whose cells compute what its view shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
+
+import rattle
+from rattle import Machine
+from rattle.models import AnyGear, model_at
+from service.operations.diagrams import COUNT, STEPS, Pair
+
+STARTS, SIDE = 1024, 300  # initial conditions of the attractors; cells of the basins a side
+PACKAGE = "gear-rattle"
+TITLE = """# What runs at δ = {gear.delta:g}, ε = {gear.epsilon:g}
+
+{kind} with {model}, made by {package} {version}, which computes the same numbers anywhere:
+
+    pip install '{package}[plot]=={version}'"""
+FINENESS = """# initial conditions of the attractors, cells of the basins a side
+starts, side = {starts}, {side}
+# points of the parameter in the diagram, and initial conditions
+steps, count = {steps}, {count}"""
+BASINS = """import matplotlib.pyplot as plt
+from rattle.plot.basins import draw_basins
+from rattle.plot.colours import Palette
+
+basins = gear.basins(side, None, "refined")
+figure, axes = plt.subplots()
+draw_basins(axes, basins, Palette())
+axes.set(xlabel="phase τ", ylabel="speed v")
+basins"""
+DIAGRAM = """from rattle.plot import diagram_figure
+
+diagram = model.diagram({start}, {end}, steps, count)
+diagram_figure(diagram)"""
+
+
+def notebook_of(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> dict[str, Any]:
+    """The notebook, nbformat 4.5, of a point or of the machine that it is, with the diagram between these ends.
+
+    Its numbers are written so that they are read back the same to the last bit.
+    """
+    cells: list[dict[str, Any]] = [
+        {"id": name, "cell_type": kind, "metadata": {}, "source": source.splitlines(keepends=True)}
+        | ({"execution_count": None, "outputs": []} if kind == "code" else {})
+        for name, kind, source in _cells(gear, machine, ends)
+    ]
+    kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    return {"cells": cells, "metadata": {"kernelspec": kernel}, "nbformat": 4, "nbformat_minor": 5}
+
+
+def _cells(gear: AnyGear, machine: Machine | None, ends: tuple[Pair, Pair]) -> Iterator[tuple[str, str, str]]:
+    """Name, kind and text of the cells."""
+    version = rattle.__version__
+    made = TITLE.format(gear=gear, kind=type(gear).__name__, model=model_at(gear), package=PACKAGE, version=version)
+    yield "title", "markdown", made
+    yield "point", "code", _point(gear, machine)
+    yield "fineness", "code", FINENESS.format(starts=STARTS, side=SIDE, steps=STEPS, count=COUNT)
+    yield "orbits", "code", "print('region', rattle.REGIONS[gear.region()])\ngear.orbits()"
+    yield "attractors", "code", "attractors = gear.attractors(starts)\nattractors"
+    yield "basins", "code", BASINS
+    yield "diagram", "code", DIAGRAM.format(start=ends[0], end=ends[1])
+    yield "events", "code", "diagram.events"
+
+
+def _point(gear: AnyGear, machine: Machine | None) -> str:
+    if machine is not None:
+        numbers = ", ".join(f"{each.name}={getattr(machine, each.name)!r}" for each in fields(machine))
+        return (
+            "import rattle\nfrom rattle.models import model_at\n\n"
+            f"machine = rattle.Machine({numbers})\ngear = machine.gear\nmodel = model_at(gear)\ngear"
+        )
+    stiffness = model_at(gear).stiffness
+    parameters = f"{gear.beta!r}" + (f", {stiffness!r}" if stiffness is not None else "")
+    return (
+        "import rattle\nfrom rattle.models import model_of\n\n"
+        f"model = model_of({parameters})  # half-backlash β{', stiffness κ' if stiffness is not None else ''}\n"
+        f"gear = model.gear({gear.delta!r}, {gear.epsilon!r})\ngear"
+    )

@@ -1,0 +1,49 @@
+"""One parameter point to take away: a notebook that computes it."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Depends, Query, Response
+
+from rattle import ParameterError
+from service.operations.diagrams import LEAST_SPAN, MOST_SPAN, diagram_ends
+from service.operations.notebook import notebook_of
+from service.routes.model.machine import PlaceQuery, positive
+from service.web.conditional import NOT_MODIFIED, function_of_query
+from service.web.problems import declared
+
+router = APIRouter(prefix="/v1", tags=["points"])
+
+IPYNB = "application/x-ipynb+json"
+
+
+@router.get(
+    "/notebook",
+    summary="A Jupyter notebook of one parameter point",
+    dependencies=[Depends(function_of_query)],
+    response_class=Response,
+    responses={200: {"content": {IPYNB: {"schema": {"type": "object"}}}}, **NOT_MODIFIED, **declared(422)},
+)
+async def notebook(
+    place: PlaceQuery,
+    response: Response,
+    direction: Annotated[Literal["epsilon", "delta"], Query(description="of the diagram")] = "epsilon",
+    span: Annotated[
+        float | None, Query(ge=LEAST_SPAN, le=MOST_SPAN, description="of the diagram either way; by default as usual")
+    ] = None,
+    to_delta: Annotated[float | None, positive("the diagram goes from the point to this damping instead …")] = None,
+    to_epsilon: Annotated[float | None, positive("… and this eccentricity", zero=True)] = None,
+) -> Response:
+    """Of a point, or of a machine in SI units: its cells compute attractors, basins and a diagram; nothing is computed
+    here.
+    """
+    if (to_delta is None) != (to_epsilon is None):
+        raise ParameterError("to_delta and to_epsilon are the end of the diagram: give both, or none")
+    to = None if to_delta is None or to_epsilon is None else (to_delta, to_epsilon)
+    gear = place.gear
+    found = notebook_of(gear, place.machine, diagram_ends(gear, direction, span, to))
+    name = f"gear-delta-{gear.delta:g}-epsilon-{gear.epsilon:g}.ipynb"
+    headers = dict(response.headers) | {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(json.dumps(found, ensure_ascii=False, indent=1), media_type=IPYNB, headers=headers)

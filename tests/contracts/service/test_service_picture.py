@@ -1,0 +1,169 @@
+"""map.png and map.svg: a map as it is looked at, and the page's links to it."""
+
+import warnings
+from collections.abc import Iterator
+from io import BytesIO
+from urllib.parse import parse_qs
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import xarray as xr
+from fastapi.testclient import TestClient
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from service_support import assert_problem, compute, front_end, front_of
+
+import rattle
+from service.explorer.common.address import View
+from service.explorer.page.rows import picture_query
+from workers import SurveyRequest, open_survey
+from workers.pictures.look import Look
+from workers.pictures.maps import draw_map
+from workers.pictures.overlay import draw_curves
+
+ASKED = {
+    "delta": {"start": 0.5, "stop": 0.8, "num": 7},
+    "epsilon": {"start": 0.02, "stop": 0.2, "num": 10},
+    "quantities": ["region", "orbits"],
+}
+WINDOW = {"delta_min": 0.61, "delta_max": 0.69, "epsilon_min": 0.05, "epsilon_max": 0.09}
+LOOK = Look((0.61, 0.69), (0.05, 0.09))
+
+
+@pytest.fixture(scope="module")
+def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
+    with front_end(tmp_path_factory.mktemp("data")) as client:
+        yield client
+
+
+@pytest.fixture(scope="module")
+def survey_id(client: TestClient) -> str:
+    """The id of a survey whose tiles are done."""
+    found = str(client.post("/v1/surveys", json=ASKED | {"name": "of <pictures> $\\frac$ --"}).json()["id"])
+    compute(front_of(client), found, SurveyRequest(**ASKED))
+    return found
+
+
+@pytest.fixture(scope="module")
+def survey(client: TestClient, survey_id: str) -> xr.Dataset:
+    with open_survey(front_of(client).directory.store(survey_id)) as dataset:
+        return dataset.load()
+
+
+def drawn(dataset: xr.Dataset, plane: xr.DataArray, look: Look) -> tuple[np.ndarray, object, Figure]:
+    """What the cells of a map are coloured by, their scale, and the figure."""
+    figure = Figure()
+    axes = figure.add_subplot()
+    draw_map(axes, dataset, plane, look=look)
+    mesh = axes.collections[-1]
+    return np.ma.filled(mesh.get_array(), np.nan), mesh.norm, figure
+
+
+def test_a_window_has_its_cells_and_those_around_them(survey: xr.Dataset) -> None:
+    cut = LOOK.cut(survey)
+    np.testing.assert_allclose(cut["delta"], [0.6, 0.65, 0.7])
+    np.testing.assert_allclose(cut["epsilon"], [0.04, 0.06, 0.08, 0.1])
+    values, _, figure = drawn(cut, cut["region"], LOOK)
+    np.testing.assert_array_equal(values, rattle.regions(*np.meshgrid(cut["delta"], cut["epsilon"])))
+    assert figure.axes[0].get_xlim() == LOOK.delta
+    assert figure.axes[0].get_ylim() == LOOK.epsilon
+    for beyond in ((0.4, 0.41), (0.9, 1.0), (0.601, 0.602)):  # without a cell inside: two, or they have no width
+        assert Look(delta=beyond).cut(survey)["delta"].size == 2
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_colours_span_what_is_chosen(survey: xr.Dataset, log: bool) -> None:
+    plane = survey["orbit_velocity"].isel(orbit=0)
+    known = plane.values[np.isfinite(plane.values)]
+    least, most = float(known.min()), float(known.max())
+    for look, ends in (
+        (Look(span=(2.0, 3.0), log=log), (2.0, 3.0)),
+        (Look(span="full", log=log), (least, most)),
+        (Look(span="robust", log=log), tuple(np.percentile(known, (2.0, 98.0)))),
+    ):
+        _, norm, _ = drawn(survey, plane, look)
+        assert isinstance(norm, LogNorm) == log
+        assert (norm.vmin, norm.vmax) == pytest.approx(ends)  # type: ignore[attr-defined]
+
+
+def test_zeros_of_a_logarithmic_scale_are_told_apart(survey: xr.Dataset) -> None:
+    plane = survey["orbit_velocity"].isel(orbit=0).copy()
+    plane[0, :] = 0.0
+    values, norm, figure = drawn(survey, plane, Look(log=True))
+    assert np.isnan(values[0]).all()
+    assert isinstance(norm, LogNorm)
+    assert "zero or below" in figure.axes[0].get_legend_handles_labels()[1]
+
+
+def test_lines_are_those_that_are_chosen(client: TestClient, survey_id: str, survey: xr.Dataset) -> None:
+    axes = Figure().add_subplot()
+    assert len(draw_curves(axes, survey, ("SN1", "points"))) == 1
+    here = f"/v1/surveys/{survey_id}/map.png"
+    pictures = [client.get(here, params={"lines": lines}) for lines in ("", "SN1", "SN1,points")]
+    assert len({each.content for each in pictures}) == len({each.headers["etag"] for each in pictures}) == 3
+
+
+def test_a_drawing_says_what_it_is(client: TestClient, survey_id: str) -> None:
+    here = f"/v1/surveys/{survey_id}/map"
+    answer = client.get(f"{here}.svg", params=WINDOW | {"caption": "true"})
+    assert answer.headers["content-type"] == "image/svg+xml"
+    assert ElementTree.fromstring(answer.content).tag == "{http://www.w3.org/2000/svg}svg"
+    assert "<pictures>" not in answer.text
+    for said in ("of &lt;pictures&gt;", "delta_min=0.61", f"gear-rattle {rattle.__version__}"):
+        assert said in answer.text.replace("\n", ""), said
+    plain = client.get(f"{here}.svg", params=WINDOW)
+    assert rattle.__version__ not in plain.text.replace("\n", "")
+    assert len({each.headers["etag"] for each in (answer, plain, client.get(f"{here}.png", params=WINDOW))}) == 3
+
+
+@pytest.mark.parametrize(
+    ("query", "field"),
+    [
+        ({"delta_min": 0.5}, "query.delta_max"),
+        ({"delta_min": 0.5, "delta_max": 0.5}, "query.delta_min"),
+        ({"epsilon_min": 0.1, "epsilon_max": 0.1 + 1e-15}, "query.epsilon_min"),
+        ({"low": 3, "high": 2}, "query.low"),
+        ({"lines": "SN1,SN9"}, "query.lines"),
+        ({"low": 1e-200, "high": 1, "log": "true"}, "query.low"),
+        ({"span": "wide"}, "query.span"),
+        ({"delta_min": "nan", "delta_max": 1}, "query.delta_min"),
+    ],
+)
+def test_looks_that_are_refused(client: TestClient, survey_id: str, query: dict[str, str], field: str) -> None:
+    for form in ("png", "svg"):
+        assert_problem(client.get(f"/v1/surveys/{survey_id}/map.{form}", params=query), 422, field)
+
+
+@pytest.mark.parametrize(
+    "query",
+    [
+        {"delta_min": -1e100, "delta_max": 1e100}, {"epsilon_min": 0.9e100, "epsilon_max": 1e100},
+        {"delta_min": 0.6, "delta_max": 0.6 + 1e-9}, {"delta_min": 0, "delta_max": 1e-99},
+        {"variable": "orbit_velocity", "low": -1e100, "high": 1e100},
+        {"variable": "orbit_velocity", "low": 1e-100, "high": 1e100, "log": True},
+        {"variable": "orbit_velocity", "low": -2, "high": -1, "log": True},
+    ],
+)  # fmt: skip
+def test_extreme_looks_are_drawn(client: TestClient, survey_id: str, query: dict[str, float]) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        answer = client.get(f"/v1/surveys/{survey_id}/map.png", params=query)
+    assert answer.status_code == 200, answer.text
+    assert imread(BytesIO(answer.content)).ndim == 3
+
+
+def test_the_page_asks_for_the_view_as_it_is_seen(client: TestClient, survey_id: str) -> None:
+    window = {"delta": (0.61, 0.69), "epsilon": (0.05, 0.09)}
+    view = View(
+        survey_id, "orbit_velocity", 2, limits=(0.5, 4.0), log=True, overlays=("SN1", "crisis", "points"), **window
+    )
+    query = picture_query(ASKED | {"beta": 0.6}, view)
+    assert {name: value for name, (value,) in parse_qs(query).items()} == {
+        **{name: str(value) for name, value in WINDOW.items()},
+        **{"variable": "orbit_velocity", "index": "2", "low": "0.5", "high": "4.0", "log": "true"},
+        **{"lines": "SN1,points", "caption": "true"},
+    }
+    assert client.get(f"/v1/surveys/{survey_id}/map.svg?{query}").status_code == 200
+    assert parse_qs(picture_query(ASKED, View(survey_id, "region", limits="robust")))["span"] == ["robust"]

@@ -1,0 +1,88 @@
+"""How a map is looked at: a part of the plane, what its colours span, the lines on it, and what is written below."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+import xarray as xr
+
+from rattle.curves import NAMES
+
+if TYPE_CHECKING:
+    from matplotlib.colors import Normalize  # a second for who draws, not for who asks
+
+Pair = tuple[float, float]
+Span = Literal["auto", "robust", "full"]
+Form = Literal["png", "svg"]
+
+ROBUST = (2.0, 98.0)  # percentiles
+POINTS = "points"
+LINES = (*NAMES, POINTS)
+
+
+@dataclass(frozen=True)
+class Look:
+    """delta, epsilon: (low, high) of the window, None: of all cells. span: the colours go as in all pictures, over the
+    middle 96 % of the values, over all, or from low to high; log: evenly in the logarithm. lines: names of curves and
+    "points", None: those that explain the map. caption: what is written below.
+    """
+
+    delta: Pair | None = None
+    epsilon: Pair | None = None
+    span: Span | Pair = "auto"
+    log: bool = False
+    lines: tuple[str, ...] | None = None
+    caption: str = ""
+
+    def cut(self, dataset: xr.Dataset) -> xr.Dataset:
+        """The cells of a survey that the window shows, and those around them."""
+        windows = {"delta": self.delta, "epsilon": self.epsilon}
+        return dataset.isel({axis: _around(dataset[axis].values, *at) for axis, at in windows.items() if at})
+
+    def with_caption(self, caption: str) -> Look:
+        """The same, with this written below."""
+        return replace(self, caption=caption)
+
+    def norm(self, usual: Normalize, values: np.ndarray) -> Normalize:
+        """The scale of the colours of these values, which pictures have on this one."""
+        from matplotlib.colors import LogNorm, Normalize
+
+        low, high, _ = limits_of(values, (float(usual.vmin or 0.0), float(usual.vmax or 0.0)), self.span)
+        log = False
+        if self.log:
+            low, high, log, _ = positive(values, low, high, "")
+        return (LogNorm if log else Normalize)(low, high)
+
+
+USUAL = Look()
+
+
+def _around(cells: np.ndarray, low: float, high: float) -> slice:
+    """Those of ascending cells that are in a range, and one on either side: two at least, or they have no width."""
+    first = min(max(int(np.searchsorted(cells, low)) - 1, 0), max(cells.size - 2, 0))
+    return slice(first, max(int(np.searchsorted(cells, high, "right")) + 1, first + 2))
+
+
+def limits_of(shown: np.ndarray, auto: Pair, span: Span | Pair) -> tuple[float, float, str]:
+    """What colours of these values span, and what is to be said of it."""
+    if isinstance(span, tuple):
+        return *span, ""
+    low, high = auto
+    if span != "auto" and shown.size:
+        low, high = (float(x) for x in np.percentile(shown, ROBUST if span == "robust" else (0.0, 100.0)))
+    if not low < high:
+        return low, low + max(abs(low), 1.0) * 1e-3, "all values are equal"
+    return low, high, ""
+
+
+def positive(shown: np.ndarray, low: float, high: float, note: str) -> tuple[float, float, bool, str]:
+    """Limits for a logarithmic scale, which shows positive values only; whether there can be one."""
+    above = shown[shown > 0]
+    if not above.size or high <= 0:
+        return low, high, False, "nothing positive to show: the scale stays linear"
+    low = low if low > 0 else float(above.min())
+    if not low < high:
+        high = 2.0 * low
+    return low, high, True, note
