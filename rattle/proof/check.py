@@ -1,9 +1,8 @@
 """Check certificates of periodic motions of the gear, trusting nobody: `python check.py FILE`.
 
-Of this project it needs this file alone, and besides Python only mpmath, of whose intervals it takes + − × ÷ and roots
-as they are; pi, exp, sin and cos are widened by 2⁻²⁸⁰. All is proved anew, otherwise than it was found: a piece of a
-motion solves y'' + δy' + ky = g(t) from an event to the next, with k = 0 in a flight and 2κ in a contact; unknown are
-the times t and the velocities w after all events, x = (t, w, t, w, …). docs/proofs.md has the lemmas.
+Of this project it needs this file alone, and besides Python only mpmath, of whose intervals it takes + − × ÷ and roots;
+pi, exp, sin and cos are widened by 2⁻²⁸⁰. A piece of a motion solves y'' + δy' + ky = g(t) from an event to the next, k
+being 0 in a flight and 2κ in a contact; unknown are times and velocities after all events. docs/proofs.md has the lemmas.
 """
 
 import json

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import xarray as xr
 
 from rattle.curves import NAMES
 
-if TYPE_CHECKING:
-    from matplotlib.colors import Normalize  # a second for who draws, not for who asks
+if TYPE_CHECKING:  # a second for who draws, not for who asks
+    import xarray as xr
+    from matplotlib.colors import Normalize
 
 Pair = tuple[float, float]
 Span = Literal["auto", "robust", "full"]
