@@ -2,7 +2,7 @@
 
 Of this project it needs this file alone, and besides Python only mpmath, of whose intervals it takes + − × ÷ and roots;
 pi, exp, sin and cos are widened by 2⁻²⁸⁰. A piece of a motion solves y'' + δy' + ky = g(t) from an event to the next, k
-being 0 in a flight and 2κ in a contact; unknown are times and velocities after all events. docs/proofs.md has the lemmas.
+being 0 in a flight and 2κ in a contact; unknown are times and velocities after all events (docs/proofs.md).
 """
 
 import json
