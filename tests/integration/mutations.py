@@ -73,13 +73,6 @@ PROTECTIONS = (
         "        if False:\n",
     ),
     _one(
-        "a late tile is not repeated where its result lies",
-        f"{WORKERS}::test_a_result_that_a_frozen_worker_holds_is_not_waited_for",
-        "workers/cluster/submission.py",
-        " and address not in holding",
-        "",
-    ),
-    _one(
         "a tile that kills workers is computed apart",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/cluster/submission.py",

@@ -210,26 +210,6 @@ def test_a_tile_of_a_frozen_worker_is_repeated_elsewhere(
     assert faults.executions().total() <= N_TILES + 2
 
 
-@pytest.mark.parametrize("number", [0, 1])
-def test_a_result_that_a_frozen_worker_holds_is_not_waited_for(
-    number: int, client: Client, store: Path, expected: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(workers.cluster.submission, "LATE_SECONDS", 0.1)
-    monkeypatch.setattr(workers.cluster.submission, "LATE_FACTOR", 0)
-    victim = pids(client)[number]
-
-    def freeze(done: int) -> None:
-        if done == 5:  # both workers have finished a tile more, which nobody has asked for yet
-            wait_until(lambda: not any(client.processing().values()))
-            os.kill(victim, signal.SIGSTOP)
-
-    try:
-        run(store, client, freeze)
-    finally:
-        os.kill(victim, signal.SIGCONT)
-    assert_bit_identical(open_survey(store), expected)
-
-
 def snapshot(path: Path) -> dict[str, bytes]:
     return {str(file.relative_to(path)): file.read_bytes() for file in path.rglob("*") if file.is_file()}
 
