@@ -23,7 +23,7 @@ REQUEST = SurveyRequest(
 
 _HOOK = """
 import functools, importlib.util, os, signal, sys, time
-LOG, HOLD = {log!r}, {hold!r}
+LOG, HOLD, ARMED = {log!r}, {hold!r}, {armed!r}
 
 def note(line):
     with open(LOG, "a") as log:  # short appends are whole
@@ -91,6 +91,13 @@ def held(index):
     except FileNotFoundError:
         return False
 
+def disarmed(word):
+    try:
+        os.unlink(ARMED + word)  # in one process of all
+    except FileNotFoundError:
+        return False
+    return True
+
 @patch("workers.survey.tiles")
 def count(tiles):
     def act(request, tile, outcomes=None):
@@ -127,13 +134,14 @@ class Faults:
 
     def __init__(self, directory: Path) -> None:
         self._directory, self._log, self._hold = directory / "faults", directory / "executed", directory / "hold"
+        self._armed = directory / "armed-"
         self._directory.mkdir()
         self._log.touch()
         self.inject("")
 
     def inject(self, *patches: str) -> None:
         """Replace the patches, for processes that start from now on; executions are always counted."""
-        hook = _HOOK.format(log=str(self._log), hold=str(self._hold))
+        hook = _HOOK.format(log=str(self._log), hold=str(self._hold), armed=str(self._armed))
         (self._directory / "sitecustomize.py").write_text(hook + "".join(map(textwrap.dedent, patches)))
 
     def hold(self, first: int) -> None:
@@ -145,6 +153,10 @@ class Faults:
     def release(self) -> None:
         """Let every tile end."""
         self._hold.unlink(missing_ok=True)
+
+    def arm(self, word: str) -> None:
+        """Let what waits for this word happen, once."""
+        Path(f"{self._armed}{word}").touch()
 
     def forget(self) -> None:
         """Count from here."""

@@ -167,8 +167,8 @@ PROTECTIONS = (
         (
             Edit(
                 "workers/cluster/in_flight.py",
-                "            raise self.lost()\n        if future.status",
-                "            return None\n        if future.status",
+                "            raise self.lost() from error\n        return task, result",
+                "            return None\n        return task, result",
             ),
             Edit(
                 "workers/cluster/in_flight.py",

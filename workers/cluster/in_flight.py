@@ -1,18 +1,22 @@
 """Tasks that are on a cluster: submitted, awaited as they end, and told apart from a cluster that is gone."""
 
+import asyncio
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from concurrent.futures import CancelledError
 from dataclasses import dataclass
+from functools import partial
 from queue import Empty, SimpleQueue
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 from uuid import uuid4
 
 from dask.typing import Key
 from distributed import Client, Future
 
 from workers.errors import ClusterLostError
+
+if TYPE_CHECKING:
+    from tornado.ioloop import IOLoop
 
 Work = TypeVar("Work")
 Result = TypeVar("Result")
@@ -33,9 +37,10 @@ class InFlight(ABC, Generic[Work, Result]):
     def __init__(self, client: Client, name: str, lost: str) -> None:
         """Take the name that keys begin with, and what is said when the scheduler is gone."""
         self._client, self._lost = client, lost
+        self._loop = cast("IOLoop", client.loop)
         self._name = f"{name}-{uuid4().hex}"  # keys of another run must not be taken for this one's
         self._submitted = 0
-        self._ended: SimpleQueue[Future] = SimpleQueue()
+        self._ended: SimpleQueue[tuple[Future, Any, BaseException | None]] = SimpleQueue()
         self._workers_seen = time.monotonic()
         self.in_flight: dict[Key, Task[Work]] = {}
 
@@ -65,30 +70,35 @@ class InFlight(ABC, Generic[Work, Result]):
         except Exception as error:
             raise self.lost() from error
         self.in_flight[key] = Task(future, work, time.monotonic())
-        future.add_done_callback(self._ended.put)
+        future.add_done_callback(partial(self._loop.add_callback, self._bring))
 
-    def next_ended(self, seconds: float, fetch_seconds: float) -> tuple[Task[Work], Result] | None:
-        """Return the next task that ends and its result, which may take so long to come; None if none does in time."""
+    def next_ended(self, seconds: float) -> tuple[Task[Work], Result] | None:
+        """Return the next task that ends and its result; None if none is there in time."""
         try:
-            future = self._ended.get(timeout=seconds)
+            future, result, error = self._ended.get(timeout=seconds)
         except Empty:
             return None
         task = self.in_flight.get(future.key)
         if task is None:  # given up meanwhile
             return None
-        if future.status == "cancelled":  # nobody else cancels: the scheduler is gone
-            raise self.lost()
         if future.status == "error":
             self.after_error(task, future.exception())
             return None
-        try:
-            result: Result = future.result(timeout=fetch_seconds)
-        except TimeoutError:  # its worker died holding the result, and dask computes the task again
-            future.add_done_callback(self._ended.put)
-            return None
-        except (CancelledError, OSError) as error:
+        if error is not None:  # nobody else cancels: the scheduler is gone
             raise self.lost() from error
         return task, result
+
+    async def _bring(self, future: Future) -> None:
+        """Wait for a result for as long as its worker keeps it; if that dies, dask computes it again.
+
+        Asked for once: each question waits at a frozen worker and takes one of the few that the client has at a time.
+        """
+        result, error = None, None
+        try:
+            result = await self._client.gather(future, asynchronous=True)
+        except (Exception, asyncio.CancelledError) as failed:
+            error = failed
+        self._ended.put((future, result, error))
 
     def drop(self, belongs: Callable[[Work], bool]) -> None:
         """Forget tasks: nobody holds them, and the scheduler cancels what has not ended.

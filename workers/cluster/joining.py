@@ -60,7 +60,7 @@ class Joining(InFlight[_Item, Any]):
                 for _ in range(min(room, len(self._waiting))):
                     item = self._waiting.popleft()
                     self.put(item, task, *items[item.number])
-                if ended := self.next_ended(POLL_SECONDS, fetch_seconds=WORKERLESS_SECONDS):
+                if ended := self.next_ended(POLL_SECONDS):
                     done, result = ended
                     found[done.work.number] = result
                     self.drop(done.work.__eq__)

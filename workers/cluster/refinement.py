@@ -83,7 +83,7 @@ class _Work(InFlight[Part, PartValues]):
                 axes = self._delta[left.delta], self._epsilon[left.epsilon]
                 self.put(left, compute_part, *self._map, *axes, priority=PRIORITY)
                 left, room = next(parts, None), room - 1
-            if ended := self.next_ended(POLL_SECONDS, fetch_seconds=WORKERLESS_SECONDS):
+            if ended := self.next_ended(POLL_SECONDS):
                 task, values = ended
                 del self.in_flight[task.future.key]
                 self._cells += values.values.size

@@ -166,11 +166,9 @@ def _run(
     unwanted: Callable[[], bool],
 ) -> None:
     while (waiting or submission.in_flight) and not should_stop():
-        room = submission.room()
-        for _ in range(min(room, len(waiting))):
+        for _ in range(min(submission.room(), len(waiting))):
             submission.submit(waiting.popleft())
-        if room and not waiting:
-            submission.repeat_late_tiles()
+        submission.repeat_late_tiles()
         submission.set_endless_tile_apart()
         if record := submission.next_record(POLL_SECONDS):
             on_tile(record)

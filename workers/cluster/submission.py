@@ -60,8 +60,7 @@ class Submission(InFlight[Attempt, TileRecord]):
         latest = {task.work.tile.index: task for task in self.in_flight.values()}.values()
         late = [task.work for task in latest if task.began < late_since]
         if late:
-            processing, holding = self._at_workers()
-            idle = [address for address, keys in processing.items() if not keys and address not in holding]
+            idle = [address for address, keys in self._processing().items() if not keys]
             for attempt, address in zip(late, idle, strict=False):
                 self.submit(attempt.tile, attempt.apart, workers=[address])
 
@@ -79,7 +78,7 @@ class Submission(InFlight[Attempt, TileRecord]):
 
     def next_record(self, seconds: float) -> TileRecord | None:
         """Return the record of the next tile that ends, None if none does in this time."""
-        if (ended := self.next_ended(seconds, fetch_seconds=seconds)) is None:
+        if (ended := self.next_ended(seconds)) is None:
             return None
         task, record = ended
         self._longest = max(self._longest, time.monotonic() - task.began)
@@ -119,11 +118,9 @@ class Submission(InFlight[Attempt, TileRecord]):
             with suppress(OSError):  # the scheduler is gone: nothing to cancel
                 self._client.cancel([task.future for task in self.in_flight.values()])
 
-    def _at_workers(self) -> tuple[dict[str, tuple[Key, ...]], set[str]]:
-        """What each worker has at work, and the workers that have a result which nobody got: they may be frozen."""
+    def _processing(self) -> dict[str, tuple[Key, ...]]:
+        """What each worker has at work."""
         try:
-            processing: dict[str, tuple[Key, ...]] = self._client.processing()
-            held: dict[Key, tuple[str, ...]] = self._client.who_has([task.future for task in self.in_flight.values()])
+            return self._client.processing()
         except OSError as error:
             raise self.lost() from error
-        return processing, {address for addresses in held.values() for address in addresses}

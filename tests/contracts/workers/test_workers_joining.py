@@ -1,6 +1,7 @@
 """Which tasks of a join are done again, and which are given up, without a cluster."""
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import Callable, Coroutine
 from typing import Any
 
 import pytest
@@ -27,7 +28,9 @@ class Future:
         if self._result is not ENDLESS:
             function(self)
 
-    def result(self, **_: Any) -> Any:
+    def result(self) -> Any:
+        if self._error:
+            raise self._error
         return self._result
 
     def exception(self) -> Any:
@@ -48,6 +51,16 @@ class Client:
 
     def nthreads(self) -> dict[str, int]:
         return {"one": 1, "other": 2}
+
+    @property
+    def loop(self) -> "Client":
+        return self
+
+    def add_callback(self, function: Callable[..., Coroutine[Any, Any, None]], *arguments: Any) -> None:
+        asyncio.run(function(*arguments))
+
+    async def gather(self, future: Future, **_: Any) -> Any:
+        return future.result()
 
     def submit(self, function: Callable[..., Any], *arguments: Any, key: str, **_: Any) -> Future:
         self.submitted.append(arguments[-1])
