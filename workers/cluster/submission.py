@@ -16,8 +16,8 @@ from workers.survey.tiles import TileRecord
 
 #: A tile is late after this time, and after ten times the longest tile of the run: its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
-#: A tile may take so long on a worker; a usual one takes seconds.
-TILE_SECONDS = 900.0
+#: A tile of so many cells may take so long on a worker, a larger one longer; a usual one takes seconds.
+TILE_CELLS, TILE_SECONDS = 4096, 900.0
 #: Between two tiles that are ended so: a process starts again meanwhile.
 RESTART_SECONDS = 60.0
 #: A cluster may be without workers for so long: they are being restarted.
@@ -70,7 +70,7 @@ class Submission(InFlight[Attempt, TileRecord]):
         One at a time: a process that is being ended may still be given a tile, which dask counts as a death of it.
         """
         now = time.monotonic()
-        endless = (each for each in self.in_flight.values() if not each.work.apart and each.began < now - TILE_SECONDS)
+        endless = (each for each in self.in_flight.values() if not each.work.apart and now - each.began > _limit(each))
         if now >= self._next_end and (task := next(endless, None)):
             self._next_end = now + RESTART_SECONDS
             end_tasks(self._client, [task.future])
@@ -124,3 +124,7 @@ class Submission(InFlight[Attempt, TileRecord]):
             return self._client.processing()
         except OSError as error:
             raise self.lost() from error
+
+
+def _limit(task: Task[Attempt]) -> float:
+    return TILE_SECONDS * max(task.work.tile.n_cells / TILE_CELLS, 1.0)
