@@ -10,7 +10,6 @@ from workers.survey.axes import Real, Strict
 from workers.survey.values.schema import SAMPLED, Group
 
 BLOCK = 32  # cells along a side of a block, whose corners are at its multiples whatever the tiles
-LARGEST_SIDE = 256  # of a tile by default
 AUDIT = 0.02  # of the filled cells
 
 

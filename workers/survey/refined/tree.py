@@ -86,7 +86,7 @@ class Tree:
         if not audited.any():
             return np.ones(leaves.block.size, bool)
         before = self.evidence.code(square)
-        self.evidence.compute(np.unique(cell[audited]))
+        self.evidence.compute(self.blocks.each_once(cell[audited]))
         odd = self.evidence.surprising(square, audited, before)
         self.audit[cell[audited]] = AUDITED
         self.audit[cell[odd]] = DISAGREED
