@@ -24,7 +24,7 @@ from workers.errors import SurveyError
 from workers.survey.axes import Axis, Name, NumberOrAxis, Real, Strict
 from workers.survey.machine import SurveyedMachine, in_the_model
 from workers.survey.refined.asked import BLOCK, Refine, RefineOrNot, require_refinable
-from workers.survey.values.quantities import groups_of, stored
+from workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored
 from workers.survey.values.schema import DEFAULT, FIXED, JOINED, SAMPLED, Group, Quantity
 from workers.survey.version import code_version
 
@@ -112,8 +112,9 @@ class SurveyRequest(Strict):
     largest share first, or "family", each family in one slot of all cells as far as there are slots; by default where
     families are asked for. machine: instead of β, and of the axes where it has `rpm` and `eccentricity`, {"start",
     "stop", "num"} each; these become even steps of δ and ε. refine: compute few cells first, and more where what exists
-    differs between them; true, or {"audit": the share of filled cells that are computed all the same}. certify: prove
-    the periodic attractors, into a store of certificates beside the survey's.
+    differs between them; true, or {"audit": the share of filled cells that are computed all the same, "bound": the
+    upper bound of the wrong share of filled cells that has to be met}. certify: prove the periodic attractors, into a
+    store of certificates beside the survey's.
     """
 
     name: Name = ""
@@ -252,7 +253,8 @@ class SurveyRequest(Strict):
     @property
     def variables(self) -> tuple[Quantity, ...]:
         """The variables that its store has."""
-        return stored(self.quantities, self.model, self.refine is not None)
+        more = () if self.refine is None else (*REFINED, *BOUNDED) if self.refine.bound else REFINED
+        return stored(self.quantities, self.model, more)
 
     @property
     def gear_model(self) -> AnyModel:

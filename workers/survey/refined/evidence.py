@@ -100,6 +100,16 @@ class Evidence:
             same &= ~differ(self.samples[:, cell], known, self.cells.count).any(0)
         return same
 
+    def chaotic(self, leaves: Leaves) -> np.ndarray:
+        """Whether samples of computed cells of leaves (k,) are chaotic or undecided."""
+        if not self.sampled:
+            return np.zeros(leaves.block.size, bool)
+        square = self.blocks.square(leaves)
+        cell = self.blocks.cell(square)
+        wild = (self.samples[SEEN.index(CHAOTIC)] > 0) | (self.samples[SEEN.index(UNDECIDED)] > 0)
+        found: np.ndarray = (square.inside & wild[cell]).any((1, 2))
+        return found
+
     def surprising(self, square: Square, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Which audited cells of leaves have something else than the edges of their leaf tell.
 
