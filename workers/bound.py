@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -22,6 +23,7 @@ from workers.survey.tiles import Tile, compute_tile, first_audit, tiles_of
 
 #: Of a store: the rounds that all its tiles have to go through, those after the first, as JSON.
 ROUNDS = "refined_rounds"
+COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
@@ -43,52 +45,37 @@ def meet_bound(request: SurveyRequest, where: str | Path | Place, each: Each = h
     assert request.refine is not None
     assert request.refine.bound is not None
     place = place_of(where)
-    later = tuple(Round(*each) for each in json.loads(attributes_of(place).get(ROUNDS, "[]")))
+    later = tuple(Round(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
     while True:
-        number = len(later)
-        counts = _through(request, place, later, each)
+        tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
+        counts = reduce(_sum, each(take_through, request, str(place), tiles))
         more = next_round(request.refine.bound, (first_audit(request), *later), counts)
         if more is None:
             break
         later = (*later, more)
         _tell(place, {ROUNDS: json.dumps(later)})
     told = (int(x.sum()) for x in (counts.filled, counts.audited, counts.disagreed))
-    _tell(place, dict(zip(TOLD, (*told, upper_of(counts, number)), strict=True)))
+    _tell(place, dict(zip(TOLD, (*told, upper_of(counts, len(later))), strict=True)))
 
 
-def take_through(request: SurveyRequest, path: str, tile: Tile) -> None:
-    """Compute a tile as it is after the rounds that it names, and write it."""
-    write_tile(request, path, tile, compute_tile(request, tile)[0])
-
-
-def _tell(place: Place, told: dict[str, str | int | float]) -> None:
-    try:
-        tell(place, told)
-    except OSError as error:
-        raise storage_error(f"{place} cannot be written", error) from error
-
-
-def _through(request: SurveyRequest, place: Place, later: tuple[Round, ...], each: Each) -> Counts:
-    """Take all tiles through these rounds that are not. Returns what the last one found."""
-    tiles = [replace(tile, rounds=later) for tile in tiles_of(request)]
-    found = {tile.index: _counts(place, tile) for tile in tiles}
-    behind = [tile for tile in tiles if found[tile.index] is None]
-    each(take_through, request, str(place), [(tile,) for tile in behind])
-    found |= {tile.index: _counts(place, tile) for tile in behind}
-    return reduce(_sum, (counts for counts in found.values() if counts is not None))
-
-
-def _sum(one: Counts, other: Counts) -> Counts:
-    return Counts(*(a + b for a, b in zip(one, other, strict=True)))
-
-
-def _counts(place: Place, tile: Tile) -> Counts | None:
-    """What the last of its rounds found in a tile; None if it has gone through others."""
+def take_through(request: SurveyRequest, path: str, tile: Tile) -> Counts:
+    """Compute and write a tile as it is after the rounds that it names, unless it has gone through them. Returns what
+    the last one found. May be done twice.
+    """
+    place = place_of(path)
     with reading(f"the audit of {place}"):
-        source, audit, leaf = (
-            np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.at])
-            for name in (SOURCE_LEVEL, AUDIT, LEAF)
-        )
+        stored = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.at]) for name in COUNTED}
+    if (counts := _counts(tile, stored)) is None:
+        values, _ = compute_tile(request, tile)
+        write_tile(request, path, tile, values)
+        counts = _counts(tile, values)
+    assert counts is not None, "what is filled has gone through all rounds"
+    return counts
+
+
+def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
+    """What the last of its rounds found in a tile; None if its filled cells have gone through others."""
+    source, audit, leaf = (values[name] for name in COUNTED)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0
     if (filled & ~now).any():
@@ -98,3 +85,14 @@ def _counts(place: Place, tile: Tile) -> Counts | None:
 
 def _by_kind(leaf: np.ndarray) -> np.ndarray:
     return np.bincount(leaf % KINDS, minlength=KINDS)
+
+
+def _sum(one: Counts, other: Counts) -> Counts:
+    return Counts(*(a + b for a, b in zip(one, other, strict=True)))
+
+
+def _tell(place: Place, told: Mapping[str, str | int | float]) -> None:
+    try:
+        tell(place, told)
+    except OSError as error:
+        raise storage_error(f"{place} cannot be written", error) from error
