@@ -1,10 +1,13 @@
-"""What follows from the tiles of a survey once all are there: families, then levels, then certificates."""
+"""What follows from the tiles of a survey once all are there: the bound of one that is refined, then families, then
+levels, then certificates.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
+from workers.bound import lacks_bound, meet_bound
 from workers.certificates import lacks_certificates, prove_survey
 from workers.families.join import join_survey, lacks_families
 from workers.kinds import AnyRequest
@@ -17,7 +20,7 @@ from workers.survey.request import SurveyRequest
 def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:
     """Whether what follows from all tiles, which are there, is still to be made."""
     return isinstance(request, SurveyRequest) and any(
-        lacks(request, where) for lacks in (lacks_families, lacks_levels, lacks_certificates)
+        lacks(request, where) for lacks in (lacks_bound, lacks_families, lacks_levels, lacks_certificates)
     )
 
 
@@ -42,6 +45,8 @@ def complete(
     """
     if not isinstance(request, SurveyRequest):
         return
+    if lacks_bound(request, where):
+        meet_bound(request, where, each)
     if lacks_families(request, where):
         join_survey(request, where, each)
     if lacks_levels(request, where):  # of slots as they are after the join

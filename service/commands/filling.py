@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,7 @@ import typer
 if TYPE_CHECKING:
     from distributed import Client
 
-    from workers import AnyRequest, TileRecord
+    from workers import AnyRequest, SurveyRequest, TileRecord
     from workers.kinds import AnyTile
 
 INTERRUPTED = 130
@@ -111,12 +111,26 @@ def _compute(
 def _complete(request: AnyRequest, out: str, client: Client | None, should_stop: Callable[[], bool]) -> None:
     import workers as survey
 
-    is_joined = survey.Group.FAMILIES in request.quantities
-    typer.echo("Joining the attractors to families …" if is_joined else "Making the levels …", err=True)
-    if isinstance(request, survey.SurveyRequest) and request.certify:
-        typer.echo("Proving the periodic attractors …", err=True)
+    if isinstance(request, survey.SurveyRequest):
+        for words in _what_follows(request):
+            typer.echo(f"{words} …", err=True)
     if client is None:
         with survey.place_of(out).writing():
             survey.complete(request, out)
     else:
         survey.complete_on(client, request, out, should_stop)
+
+
+def _what_follows(request: SurveyRequest) -> Iterator[str]:
+    """What is done with a survey whose tiles are all there."""
+    from workers import Group
+    from workers.survey.levels.grid import levels_of
+
+    if request.refine and request.refine.bound:
+        yield "Auditing filled cells until the bound is met"
+    if Group.FAMILIES in request.quantities:
+        yield "Joining the attractors to families"
+    elif levels_of(request.shape):
+        yield "Making the levels"
+    if request.certify:
+        yield "Proving the periodic attractors"

@@ -110,6 +110,13 @@ Audit = Annotated[
         metavar="SHARE", help="With --refine: of the filled cells that are computed all the same.", show_default="0.02"
     ),
 ]
+Bound = Annotated[
+    float | None,
+    typer.Option(
+        metavar="SHARE",
+        help="With --refine: how many of the filled cells may be wrong (95 %); more are computed until no more are.",
+    ),
+]
 Certify = Annotated[
     bool,
     typer.Option("--certify", help="Prove the periodic attractors, into a store of certificates beside the survey's."),
@@ -171,6 +178,7 @@ def survey_request(
     machine: dict[str, Any],
     refine: bool,
     audit: float | None,
+    bound: float | None,
     certify: bool,
 ) -> SurveyRequest:
     """The request that these options describe; typer.BadParameter names the option that is wrong."""
@@ -181,8 +189,9 @@ def survey_request(
     from workers import Axis, SurveyRequest
 
     given = {name: value for name, value in machine.items() if value is not None}
-    if audit is not None and not refine:
-        raise typer.BadParameter("--audit is a share of filled cells: give --refine too")
+    asked = {name: value for name, value in (("audit", audit), ("bound", bound)) if value is not None}
+    if asked and not refine:
+        raise typer.BadParameter(f"--{next(iter(asked))} is a share of filled cells: give --refine too")
     for axis, other, value in (("delta", "rpm", delta), ("epsilon", "eccentricity", epsilon)):
         if (value is None) == (given.get(other) is None):
             raise typer.BadParameter(f"give either --{axis} or a machine's --{other}")
@@ -209,7 +218,7 @@ def survey_request(
         if tile is not None:
             fields["tile"] = _tile(tile)
         if refine:
-            fields["refine"] = True if audit is None else {"audit": audit}
+            fields["refine"] = asked or True
         if quantity:
             fields["quantities"] = tuple(quantity)
         return SurveyRequest(**fields)

@@ -35,6 +35,7 @@ def submit(
     quantity: options.Quantity = None,
     refine: options.Refine = False,
     audit: options.Audit = None,
+    bound: options.Bound = None,
     certify: options.Certify = False,
     inertia: options.Inertia = None,
     drag: options.Drag = None,
@@ -70,6 +71,7 @@ def submit(
         quantity=quantity,
         refine=refine,
         audit=audit,
+        bound=bound,
         certify=certify,
         machine={
             "inertia": inertia,

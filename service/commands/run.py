@@ -30,6 +30,7 @@ def run(
     quantity: options.Quantity = None,
     refine: options.Refine = False,
     audit: options.Audit = None,
+    bound: options.Bound = None,
     certify: options.Certify = False,
     inertia: options.Inertia = None,
     drag: options.Drag = None,
@@ -62,6 +63,7 @@ def run(
         quantity=quantity,
         refine=refine,
         audit=audit,
+        bound=bound,
         certify=certify,
         machine={
             "inertia": inertia,

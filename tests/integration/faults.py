@@ -120,6 +120,22 @@ IN_PROCESS = """
         cluster.SpecCluster, cluster.WarmKernels.setup = start, nothing
 """
 
+#: A survey that has to meet a bound, in 9 tiles; with so few audited, these go through a further round.
+BOUNDED = SurveyRequest(
+    delta=Axis(start=0.4, stop=1.0, num=96),
+    epsilon=Axis(start=0.005, stop=0.3, num=70),
+    quantities=("region",),
+    refine={"audit": 0.001, "bound": 0.02},
+    tile={"delta": 32, "epsilon": 32},
+    seed=15,
+)
+SPARE = 0.1
+FEW_AUDITED = f"""
+    @patch("workers.survey.refined.rounds")
+    def few_audited(rounds):
+        rounds.SPARE = {SPARE}
+"""
+
 #: A service that waits for ever for what it ends by itself.
 NO_DEADLINE = """
     @patch("service.web.server")

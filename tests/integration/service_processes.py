@@ -107,6 +107,11 @@ def client_of(port: int, key: str | None = None) -> Iterator[Client]:
         yield client
 
 
+def written_in(store: Path) -> dict[str, bytes]:
+    """What tiles have written in a directory."""
+    return {str(path.relative_to(store)): path.read_bytes() for path in store.rglob("c/**/*") if path.is_file()}
+
+
 @cache
 def serial_run(request: SurveyRequest) -> dict[str, np.ndarray]:
     """Every per-cell variable, computed here, tile by tile, in reverse order."""

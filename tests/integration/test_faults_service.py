@@ -10,13 +10,14 @@ import numpy as np
 import psutil
 import pytest
 import xarray as xr
-from depth import either
-from faults import IN_PROCESS, REQUEST, Faults
-from service_processes import assert_bit_identical, client_of, free_port, server, start
+from depth import deep, either
+from faults import BOUNDED, FEW_AUDITED, IN_PROCESS, REQUEST, SPARE, Faults
+from service_processes import assert_bit_identical, client_of, free_port, server, start, written_in
 from waiting import HANG, wait_until
 
 from service.client import Client
 from service.errors import ResponseError, ServiceError
+from workers import SurveyRequest, open_survey, run_survey
 
 N_TILES = REQUEST.n_tiles
 
@@ -69,6 +70,12 @@ INSTANTS = {
             after(database.Database, "set_state", lambda _, id, state, *__: state == "successful" and die())
     """,
 }
+STATUS_HALF_WRITTEN = """
+    @patch("workers.storage.location")
+    def kill(location):
+        last = at_call({}, die)
+        before(location.Directory, "put", lambda _, key, content: key.startswith("status/c/") and last())
+"""
 #: Those without which a protection would not be missed (protections.py).
 TELLING = (
     "template creation",
@@ -89,7 +96,7 @@ def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]
             process = start("serve", "--port", str(port), "--data", str(data), settings=faults.environment)
             try:
                 if job is None:
-                    job = wait_until(lambda: try_to_submit(client))
+                    job = wait_until(lambda: try_to_submit(client, REQUEST))
                 assert process.wait(timeout=HANG) == -signal.SIGKILL, instant
             finally:
                 process.kill()
@@ -110,9 +117,38 @@ def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]
     assert set(faults.executions()) == set(range(N_TILES))
 
 
-def try_to_submit(client: Client) -> Any:
+@deep
+def test_a_refined_survey_of_a_service_that_is_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the middle of its tiles, and of a further round: the bytes are those of a run in this process, and the values
+    those of other tiles.
+    """
+    faults, port, data = Faults(tmp_path), free_port(), tmp_path / "data"
+    job = None
+    with client_of(port) as client:
+        for count in (4, 8):
+            faults.inject(IN_PROCESS, FEW_AUDITED, STATUS_HALF_WRITTEN.format(count))
+            process = start("serve", "--port", str(port), "--data", str(data), settings=faults.environment)
+            try:
+                if job is None:
+                    job = wait_until(lambda: try_to_submit(client, BOUNDED))
+                assert process.wait(timeout=HANG) == -signal.SIGKILL, count
+            finally:
+                process.kill()
+                process.wait()
+        faults.inject(IN_PROCESS, FEW_AUDITED)
+        with server(data, port, settings=faults.environment):
+            job.wait()
+    monkeypatch.setattr("workers.survey.refined.rounds.SPARE", SPARE)
+    run_survey(BOUNDED, out=tmp_path / "here.zarr").close()
+    assert written_in(data / "surveys" / f"{job.id}.zarr") == written_in(tmp_path / "here.zarr")
+    other = run_survey(BOUNDED, tile={"delta": 96, "epsilon": 64})
+    with open_survey(tmp_path / "here.zarr") as here:
+        xr.testing.assert_identical(here.drop_attrs(), other.drop_attrs())
+
+
+def try_to_submit(client: Client, request: SurveyRequest) -> Any:
     try:
-        return client.submit(REQUEST)
+        return client.submit(request)
     except ServiceError:  # it does not listen yet
         return None
 

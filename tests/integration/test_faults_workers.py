@@ -11,8 +11,8 @@ import numpy as np
 import psutil
 import pytest
 from distributed import Client
-from faults import REQUEST, Faults
-from service_processes import assert_bit_identical, serial_run
+from faults import BOUNDED, FEW_AUDITED, REQUEST, SPARE, Faults
+from service_processes import assert_bit_identical, serial_run, written_in
 from waiting import HANG, wait_until
 
 import workers.cluster.cluster
@@ -25,6 +25,7 @@ from workers import (
     embedded_cluster,
     finish_store,
     open_survey,
+    run_survey,
     run_tiles,
     template_on,
 )
@@ -97,6 +98,24 @@ DEADLY_CURVES = """
 """
 
 
+#: Tiles of the survey that has to meet a bound kill the process that has half written them: the fourth, and the second
+#: of those that go through a further round.
+DEADLY_WRITES = """
+    @patch("workers.storage.location")
+    def deadly(location):
+        def act(place, key, content):
+            if place.path.name == "bounded.zarr" and key.startswith("audit_leaf/c/"):
+                note("written " + key)
+                with open(LOG) as log:
+                    notes = log.read()
+                deaths = notes.count("dead")
+                if deaths < 2 and notes.count("written") >= (4, 12)[deaths]:
+                    note("dead")
+                    die()
+        before(location.Directory, "put", act)
+"""
+
+
 @pytest.fixture(scope="module")
 def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Faults]:
     """Faults in every worker of this module."""
@@ -107,6 +126,8 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Faults]:
         NEVER_ENDING.format(float(DELTA[column]), float(EPSILON[row])),
         DEADLY_CURVES,
         FREEZING,
+        DEADLY_WRITES,
+        FEW_AUDITED,
     )
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", faults.environment["PYTHONPATH"])
@@ -183,6 +204,19 @@ def test_workers_killed_at_random(faults: Faults, client: Client, store: Path, e
     # Only what a dead worker was at is computed again, or had just ended.
     assert executed.total() <= N_TILES + 2 * len(killed)
     wait_until(lambda: replaced(client, *killed))
+
+
+def test_a_refined_survey_has_the_same_bytes_whatever_is_killed(
+    faults: Faults, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("workers.survey.refined.rounds.SPARE", SPARE)
+    run_survey(BOUNDED, out=tmp_path / "bounded.zarr", cluster=client).close()
+    assert faults.notes("written").total() >= 2 * BOUNDED.n_tiles  # a further round
+    assert faults.notes("dead").total() == 2
+    with run_survey(BOUNDED, out=tmp_path / "here.zarr") as here:
+        assert here.attrs["refined_wrong_share_upper"] <= BOUNDED.refine.bound  # type: ignore[union-attr]
+    written, expected = (written_in(tmp_path / name) for name in ("bounded.zarr", "here.zarr"))
+    assert written == expected
 
 
 def test_a_frozen_worker_is_replaced(

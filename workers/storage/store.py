@@ -27,10 +27,11 @@ from workers.storage.integrity import (
     whole_tile,
 )
 from workers.storage.location import Place, place_of
+from workers.storage.root import tell
 from workers.survey.families import FAMILY
 from workers.survey.families import GROUP as FAMILIES
 from workers.survey.levels.grid import GROUP as LEVELS
-from workers.survey.refined.audit import AUDIT, AUDITED, DISAGREED, SOURCE_LEVEL, told_of_audit
+from workers.survey.refined.audit import AUDIT, AUDITED, DISAGREED, LEAF, SOURCE_LEVEL, TOLD, told_of_audit
 from workers.survey.request import SurveyRequest
 from workers.survey.seals import GROUP, OWN, ROOT, SLICES, TILES, checksums_of, chunk_key, files_of, sealed, tile_key
 from workers.survey.template import Template, now
@@ -242,7 +243,8 @@ def finish_store(where: str | Path | Place) -> None:
                 raise SurveyError(f"{ROOT} of {place} is damaged: run the survey again to repair it")
             known = root["attributes"]
             told = {COMPLETED: known.get(COMPLETED) or now()}
-            told |= _refined(place) if AUDIT in manifest.chunks else {}
+            if AUDIT in manifest.chunks and LEAF not in manifest.chunks:  # otherwise its rounds have told
+                told |= _refined(place)
             if told != {name: known.get(name) for name in told}:
                 root["attributes"] = known | told
                 place.put(ROOT, sealed(root))
@@ -288,11 +290,16 @@ def _slice_group(key: str) -> str:
 
 def before_tiles(request: AnyRequest, place: Place) -> None:
     """Take from a store what was added to it and would not be true of tiles that are computed anew: their slots are by
-    share until they are joined. The caller holds the store.
+    share until they are joined, and they have gone through one round of audits. The caller holds the store.
 
     Raises:
         StorageError: it cannot be written now.
     """
+    try:
+        if TOLD[-1] in _attributes(place):
+            tell(place, dict.fromkeys(TOLD))
+    except OSError as error:
+        raise storage_error(f"{place} cannot be written", error) from error
     if isinstance(request, PopulationRequest) or not (request.slots_follow_families and has_added(place, FAMILY)):
         return
     root, own = read_sealed(place, ROOT), read_sealed(place, OWN)

@@ -23,8 +23,8 @@ from rattle.models import AnyModel, Model, model_of
 from workers.errors import SurveyError
 from workers.survey.axes import Axis, Name, NumberOrAxis, Real, Strict
 from workers.survey.machine import SurveyedMachine, in_the_model
-from workers.survey.refined.asked import BLOCK, LARGEST_SIDE, Refine, RefineOrNot, require_refinable
-from workers.survey.values.quantities import groups_of, stored
+from workers.survey.refined.asked import BLOCK, Refine, RefineOrNot, require_refinable
+from workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored
 from workers.survey.values.schema import DEFAULT, FIXED, JOINED, SAMPLED, Group, Quantity
 from workers.survey.version import code_version
 
@@ -51,6 +51,8 @@ LARGER = 16  # times as many, at most, in a tile of a large survey
 BASIN_SIDE = 8  # cells along a side of a default tile with basins: a second or two
 BASIN_SAMPLES = 4096  # states at a time of each such cell
 MAX_TILE_CELLS = 65_536  # some 50 MB of results in a worker
+MAX_TILE_REGIONS = 1_048_576  # cells of a refined tile of regions alone, which are a few bytes each
+TALL = 4  # how many times its usual height it has by default: closed forms are prepared column by column
 MAX_TILE_SAMPLES = 4_194_304  # some 300 MB while a worker follows them
 MOST_STIFF = 1e8  # a motion needs some √κ returns to become quiet: beyond, samples are left undecided
 BY_FRACTION, BY_FAMILY = "fraction", "family"  # what decides in which slot an attractor is
@@ -110,8 +112,9 @@ class SurveyRequest(Strict):
     largest share first, or "family", each family in one slot of all cells as far as there are slots; by default where
     families are asked for. machine: instead of β, and of the axes where it has `rpm` and `eccentricity`, {"start",
     "stop", "num"} each; these become even steps of δ and ε. refine: compute few cells first, and more where what exists
-    differs between them; true, or {"audit": the share of filled cells that are computed all the same}. certify: prove
-    the periodic attractors, into a store of certificates beside the survey's.
+    differs between them; true, or {"audit": the share of filled cells that are computed all the same, "bound": the
+    upper bound of the wrong share of filled cells that has to be met}. certify: prove the periodic attractors, into a
+    store of certificates beside the survey's.
     """
 
     name: Name = ""
@@ -239,8 +242,8 @@ class SurveyRequest(Strict):
                 raise ValueError(f"tile.{axis} ({size}) exceeds the axis ({num} values): use {num} or less")
             if self.refine is not None and size not in (None, num) and size % BLOCK:
                 raise ValueError(f"tile.{axis} ({size}) cuts the blocks that are refined: use a multiple of {BLOCK}")
-        if self.tile_shape[0] * self.tile_shape[1] > MAX_TILE_CELLS:
-            raise ValueError(f"a tile may hold {MAX_TILE_CELLS} cells: use a smaller tile")
+        if self.tile_shape[0] * self.tile_shape[1] > self._most_tile_cells:
+            raise ValueError(f"a tile may hold {self._most_tile_cells} cells: use a smaller tile")
         if self.tile_shape[0] * self.tile_shape[1] * self.samples_per_cell > MAX_TILE_SAMPLES:
             raise ValueError(f"a tile may hold {MAX_TILE_SAMPLES} initial conditions: use a smaller tile")
         if self.n_tiles > MAX_TILES:
@@ -250,7 +253,8 @@ class SurveyRequest(Strict):
     @property
     def variables(self) -> tuple[Quantity, ...]:
         """The variables that its store has."""
-        return stored(self.quantities, self.model, self.refine is not None)
+        more = () if self.refine is None else (*REFINED, *BOUNDED) if self.refine.bound else REFINED
+        return stored(self.quantities, self.model, more)
 
     @property
     def gear_model(self) -> AnyModel:
@@ -327,11 +331,11 @@ class SurveyRequest(Strict):
     @property
     def tile_shape(self) -> tuple[int, int]:
         """Cells of a tile along (epsilon, delta); the last tile of an axis may be smaller."""
-        side = self._default_side
-        return self.tile.epsilon or min(side, self.epsilon.num), self.tile.delta or min(side, self.delta.num)
+        rows, columns = self._default_sides
+        return self.tile.epsilon or min(rows, self.epsilon.num), self.tile.delta or min(columns, self.delta.num)
 
     @property
-    def _default_side(self) -> int:
+    def _default_sides(self) -> tuple[int, int]:
         larger = math.isqrt(self.n_cells // MOST_TILES)
         side = min(max(DEFAULT_TILE, larger), math.isqrt(self.n_cells // LEAST_TILES))
         if SAMPLED.intersection(self.quantities):
@@ -342,8 +346,19 @@ class SurveyRequest(Strict):
         if Group.BASINS in self.quantities:
             side = min(side, BASIN_SIDE)
         if self.refine is not None:  # few of its cells are computed
-            return max(min(2 * side, LARGEST_SIDE) // BLOCK, 1) * BLOCK
-        return min(max(side, SMALLEST_DEFAULT), math.isqrt(MAX_TILE_CELLS))
+            side = min(2 * side, math.isqrt(self._most_tile_cells))
+            tall = TALL if self._refines_regions else 1
+            return max(side * tall // BLOCK, 1) * BLOCK, max(side // tall // BLOCK, 1) * BLOCK
+        side = min(max(side, SMALLEST_DEFAULT), math.isqrt(self._most_tile_cells))
+        return side, side
+
+    @property
+    def _refines_regions(self) -> bool:
+        return self.refine is not None and self.quantities == (Group.REGION,)
+
+    @property
+    def _most_tile_cells(self) -> int:
+        return MAX_TILE_REGIONS if self._refines_regions else MAX_TILE_CELLS
 
     @property
     def samples_per_cell(self) -> int:

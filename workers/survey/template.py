@@ -144,6 +144,7 @@ def _attributes(request: SurveyRequest, created: str) -> dict[str, Any]:
         **{f"computed_with_{name}": value for name, value in rattle.toolchain().items()},
         **_model_attributes(request),
         **_machine_attributes(request),
+        **({"refined_bound_asked": request.refine.bound} if request.refine and request.refine.bound else {}),
     }
 
 

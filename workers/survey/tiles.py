@@ -9,6 +9,7 @@ import numpy as np
 
 from workers.survey.curves import crossings
 from workers.survey.refined.fill import Plan, RefinedCells, refined_cells
+from workers.survey.refined.rounds import Round, first_round
 from workers.survey.request import Along, SurveyRequest
 from workers.survey.values.cells import Cells
 from workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
@@ -31,13 +32,14 @@ CellOutcome = TileArrays | str  # a cell's values, or why there are none
 class Tile:
     """A rectangle of cells that is one chunk of every variable; index counts along δ first, then ε, then a third axis.
 
-    along: in which slice it is, as in `SurveyRequest.slices`.
+    along: in which slice it is, as in `SurveyRequest.slices`. rounds: of its audits after the first, if it is refined.
     """
 
     index: int
     delta: slice
     epsilon: slice
     along: Along = ()
+    rounds: tuple[Round, ...] = ()
 
     @property
     def n_cells(self) -> int:
@@ -146,11 +148,16 @@ def compute_tile(
 
 def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
     """The cells of a tile, of which only some are computed."""
-    assert request.refine is not None
     whole = cells_of(request.at(tile.along))
     # those of the stiff model take minutes
     curves = crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
-    return refined_cells(whole, *tile.spans, Plan(request.refine.audit, request.quantities, curves))
+    return refined_cells(whole, *tile.spans, Plan((first_audit(request), *tile.rounds), request.quantities, curves))
+
+
+def first_audit(request: SurveyRequest) -> Round:
+    """The first round of audits of a survey that is refined."""
+    assert request.refine is not None
+    return first_round(request.refine.audit, request.refine.bound, request.n_cells)
 
 
 def _evaluate(request: SurveyRequest, cells: Cells) -> TileArrays:

@@ -95,7 +95,7 @@ def test_the_cost_is_that_of_cells_of_the_middle_slice() -> None:
 
 def test_axes_are_read_by_commands(tmp_path: Path) -> None:
     given: dict[str, Any] = dict.fromkeys(
-        ("kappa", "v_max", "budget", "slots", "slots_by", "tile", "quantity", "audit"), None
+        ("kappa", "v_max", "budget", "slots", "slots_by", "tile", "quantity", "audit", "bound"), None
     ) | {
         "refine": False,
         "certify": False,

@@ -24,7 +24,7 @@ from workers.storage.location import place_of
 from workers.storage.store import write_tile
 from workers.survey import tiles as computing
 from workers.survey.refined.asked import BLOCK
-from workers.survey.refined.audit import AUDITED, DISAGREED, chosen, upper_share
+from workers.survey.refined.audit import AUDITED, DISAGREED, draws, upper_share
 from workers.survey.refined.blocks import Blocks
 from workers.survey.refined.evidence import differ
 from workers.survey.refined.shares import _parts
@@ -144,10 +144,11 @@ def test_an_audit_of_all_cells_finds_each_that_would_be_wrong(plain: dict[str, n
 def test_audits_are_a_share_of_the_cells_wherever_they_are_looked_at() -> None:
     whole = Blocks(slice(0, 600), slice(0, 500), (600, 500))
     some = Blocks(slice(64, 128), slice(32, 96), (600, 500))
-    found = chosen(whole, 0.03, 5).reshape(whole.shape)
-    assert (chosen(some, 0.03, 5).reshape(some.shape) == found[64:129, 32:97]).all()
-    assert found.mean() == pytest.approx(0.03, abs=4 * np.sqrt(0.03 / found.size))
-    assert (found != chosen(whole, 0.03, 6).reshape(whole.shape)).any()
+    found = draws(whole, 5).reshape(whole.shape)
+    assert (draws(some, 5).reshape(some.shape) == found[64:129, 32:97]).all()
+    for share in (0.03, 0.5):
+        assert (found < share).mean() == pytest.approx(share, abs=4 * np.sqrt(share / found.size))
+    assert (found != draws(whole, 6).reshape(whole.shape)).any()
 
 
 def test_the_bound_of_an_audit_is_exact() -> None:

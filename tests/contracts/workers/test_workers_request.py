@@ -117,6 +117,8 @@ def test_a_large_survey_has_a_hundred_tiles_until_they_take_too_long(num: int, s
 def test_a_default_tile_of_cells_that_cost_little_is_no_larger_than_tiles_may_be() -> None:
     large = {"delta": AXIS | {"num": 16_384}, "epsilon": AXIS | {"num": 16_384}}
     assert survey(**large, quantities=["region"]).tile_shape == (256, 256)
+    assert survey(**large, quantities=["region"], refine=True).tile_shape == (4096, 256)
+    assert survey(**large, quantities=["region", "orbits"], refine=True).tile_shape == (256, 256)
 
 
 AXIS = AXES["delta"]

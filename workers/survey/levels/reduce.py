@@ -41,7 +41,7 @@ def pooled(
 
 def codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int) -> Iterator[Codes]:
     """Codes 0 to number − 1, at most 32."""
-    there = [int(code) for code in np.unique(values[known])]
+    there = np.flatnonzero(np.bincount(values[known], minlength=number)).tolist()
     counts = {code: (values == code) & known for code in there}
     of = known.astype(np.int32)
     for step in steps:

@@ -10,17 +10,19 @@ from workers.survey.axes import Real, Strict
 from workers.survey.values.schema import SAMPLED, Group
 
 BLOCK = 32  # cells along a side of a block, whose corners are at its multiples whatever the tiles
-LARGEST_SIDE = 256  # of a tile by default
 AUDIT = 0.02  # of the filled cells
 
 
 class Refine(Strict):
     """Cells that are computed coarse first, and finer where what exists differs; the others are filled.
 
-    audit: the share of filled cells that are computed all the same, to tell how many are wrong.
+    audit: the share of filled cells that are computed all the same, to tell how many are wrong. bound: the upper bound
+    of the share of wrong cells among the filled ones that has to be met, 95 % sure; more are audited and computed until
+    it is, in the end all.
     """
 
     audit: Annotated[Real, Field(gt=0, le=1)] = AUDIT
+    bound: Annotated[Real, Field(gt=0, lt=1)] | None = None
 
 
 def _refine_or_not(value: Any) -> Any:

@@ -5,7 +5,7 @@ import numpy as np
 from workers.survey.refined.blocks import Blocks
 from workers.survey.refined.evidence import scrambled
 
-SOURCE_LEVEL, AUDIT = "source_level", "audit"  # the variables that tell of it
+SOURCE_LEVEL, AUDIT, LEAF = "source_level", "audit", "audit_leaf"  # the variables that tell of it
 AUDITED, DISAGREED = 1, 2  # codes of an audited cell; 0: it was not
 SURE = 0.95
 #: Attributes of a store: numbers of cells that were filled and audited, and that disagreed; and a bound at 95 % of the
@@ -13,24 +13,27 @@ SURE = 0.95
 TOLD = "refined_cells_filled", "refined_cells_audited", "refined_cells_disagreed", "refined_wrong_share_upper"
 
 
-def chosen(blocks: Blocks, share: float, seed: int) -> np.ndarray:
-    """Which cells of the frame (cells,) are audited: a share of all, by the seed and where they are in the grid."""
+def draws(blocks: Blocks, seed: int) -> np.ndarray:
+    """A number from 0 to 1 for each cell of the frame (cells,), by the seed and where it is in the grid: those of the
+    least are audited.
+    """
     rows, columns = (np.arange(span.start, span.stop, dtype=np.uint64) for span in blocks.frame)
     place = (rows[:, None] << np.uint64(32)) + columns
     drawn = scrambled(place ^ scrambled(np.full(1, seed, np.uint64)))
-    found: np.ndarray = (drawn >> np.uint64(11)).astype(float) * 2.0**-53 < share
+    found: np.ndarray = (drawn >> np.uint64(11)).astype(float) * 2.0**-53
     return found.ravel()
 
 
 def told_of_audit(filled: int, audited: int, disagreed: int) -> dict[str, int | float]:
-    """What a store says, by the names of TOLD."""
-    return dict(zip(TOLD, (filled, audited, disagreed, upper_share(disagreed, audited)), strict=True))
+    """What a store says, by the names of TOLD. Where nothing is filled, nothing is wrong."""
+    upper = upper_share(disagreed, audited) if filled else 0.0
+    return dict(zip(TOLD, (filled, audited, disagreed, upper), strict=True))
 
 
-def upper_share(wrong: int, of: int) -> float:
-    """The upper end of the one-sided 95 % interval of a share (Clopper and Pearson, Biometrika 26 (1934) 404), 1 where
+def upper_share(wrong: int, of: int, sure: float = SURE) -> float:
+    """The upper end of a share's one-sided interval, 95 % sure (Clopper and Pearson, Biometrika 26 (1934) 404); 1 where
     nothing was looked at.
     """
     from scipy.special import betaincinv  # a tenth of a second to load
 
-    return float(betaincinv(wrong + 1, of - wrong, SURE)) if wrong < of else 1.0
+    return float(betaincinv(wrong + 1, of - wrong, sure)) if wrong < of else 1.0

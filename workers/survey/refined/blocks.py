@@ -110,17 +110,24 @@ class Blocks:
 
     def cell(self, square: Square) -> np.ndarray:
         """The numbers of cells in the frame."""
-        top, left = self.corners
-        number: np.ndarray = (top[square.block] + square.row) * self.shape[1] + left[square.block] + square.column
+        block, row, column = square.block[:, :1, :1], square.row[:, :, :1], square.column[:, :1]
+        top, left = (corner[block] for corner in self.corners)
+        number: np.ndarray = (top + row) * self.shape[1] + left + column
         return number
 
     def edges(self, leaves: Leaves) -> np.ndarray:
-        """The cells of the frame that are on an edge of leaves, each once."""
+        """The cells of the frame that are on an edge of leaves, each once, in their order."""
         square = self.square(leaves)
         row, column = square.row, square.column
         ends = (row[:, :1], row[:, -1:]), (column[:, :, :1], column[:, :, -1:])
         on = (row == ends[0][0]) | (row == ends[0][1]) | (column == ends[1][0]) | (column == ends[1][1])
-        return np.unique(self.cell(square)[on])
+        return self.each_once(self.cell(square)[on])
+
+    def each_once(self, cells: np.ndarray) -> np.ndarray:
+        """Cells of the frame in their order, each once; `np.unique` takes ten times as long."""
+        there = np.zeros(self.n_cells, bool)
+        there[cells] = True
+        return np.flatnonzero(there)
 
 
 def together(parts: Iterable[Leaves]) -> Leaves:

@@ -16,6 +16,7 @@ from workers.survey.values.cells import Cells
 #: What samples go to that has no orbit which could be continued.
 SEEN = (QUIET, CHAOTIC, UNDECIDED)
 FEW = 12  # samples: where one cell has none and another so many, they differ
+MOST = 65_536  # cells whose closed forms are looked for at once, by columns, which share their preparation
 SURELY = 1e-3  # how seldom a cell's samples miss by chance what others have
 
 
@@ -46,7 +47,8 @@ class Evidence:
         model, own = self.cells.model, self.cells
         self.known[cells] = True
         if self.regions:
-            self.region[cells] = rattle.classify_regions(model.period_one(delta, epsilon))
+            for part in np.array_split(np.argsort(column, kind="stable"), 1 + cells.size // MOST):
+                self.region[cells[part]] = rattle.classify_regions(model.period_one(delta[part], epsilon[part]))
         if not self.sampled:
             return
         sample = own.count, own.v_max, own.seed, own.budget, own.tau, own.v_min
@@ -97,6 +99,16 @@ class Evidence:
             same &= ((code == code[:, :1, :1]) | ~square.inside).all(inner)
             same &= ~differ(self.samples[:, cell], known, self.cells.count).any(0)
         return same
+
+    def chaotic(self, leaves: Leaves) -> np.ndarray:
+        """Whether samples of computed cells of leaves (k,) are chaotic or undecided."""
+        if not self.sampled:
+            return np.zeros(leaves.block.size, bool)
+        square = self.blocks.square(leaves)
+        cell = self.blocks.cell(square)
+        wild = (self.samples[SEEN.index(CHAOTIC)] > 0) | (self.samples[SEEN.index(UNDECIDED)] > 0)
+        found: np.ndarray = (square.inside & wild[cell]).any((1, 2))
+        return found
 
     def surprising(self, square: Square, audited: np.ndarray, before: np.ndarray) -> np.ndarray:
         """Which audited cells of leaves have something else than the edges of their leaf tell.

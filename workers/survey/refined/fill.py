@@ -13,9 +13,10 @@ from rattle import Attractors, wilson_interval
 from rattle.attractors.table import CHAOTIC, QUIET
 from rattle.families.join import in_order, together
 from workers.survey.crossings import Crossings
-from workers.survey.refined.audit import chosen
+from workers.survey.refined.audit import draws
 from workers.survey.refined.blocks import Blocks
 from workers.survey.refined.evidence import Evidence
+from workers.survey.refined.rounds import Round
 from workers.survey.refined.shares import filling
 from workers.survey.refined.tree import Tree, passed
 from workers.survey.values.cells import Cells
@@ -29,7 +30,7 @@ BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")
 @dataclass(frozen=True, eq=False)
 class RefinedCells(Cells):
     """Cells of which only some were computed. table: the attractors of all, wider (rows,): as `Filling` has it, 0 of
-    computed cells. regions, source_level, audit: of each cell.
+    computed cells. regions, source_level, audit, audit_leaf: of each cell.
     """
 
     table: Attractors = None  # type: ignore[assignment]  # a dataclass that follows one with defaults
@@ -37,6 +38,7 @@ class RefinedCells(Cells):
     regions: np.ndarray = None  # type: ignore[assignment]
     source_level: np.ndarray = None  # type: ignore[assignment]
     audit: np.ndarray = None  # type: ignore[assignment]
+    audit_leaf: np.ndarray = None  # type: ignore[assignment]
 
     @cached_property
     def attractors(self) -> Attractors:
@@ -95,9 +97,9 @@ class RefinedCells(Cells):
 
 
 class Plan(NamedTuple):
-    """How a tile is refined: the share of filled cells that are audited, what is compared, and curves of the plane."""
+    """How a tile is refined: the rounds of its audits, what is compared, and curves of the plane."""
 
-    audit: float
+    rounds: Sequence[Round]
     quantities: tuple[Group, ...]
     crossings: Sequence[Crossings]
 
@@ -111,7 +113,7 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: Plan) -> Refi
     frame = replace(whole, epsilon=whole.epsilon[blocks.frame[0]], delta=whole.delta[blocks.frame[1]])
     sampled = bool(SAMPLED.intersection(plan.quantities))
     evidence = Evidence(blocks, frame, sampled, Group.REGION in plan.quantities)
-    tree = Tree(evidence, passed(blocks, plan.crossings), chosen(blocks, plan.audit, whole.seed))
+    tree = Tree(evidence, passed(blocks, plan.crossings), draws(blocks, whole.seed), plan.rounds)
     tree.grow()
     level, wider, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
     for leaves in tree.filled:
@@ -143,4 +145,5 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: Plan) -> Refi
         regions=own(evidence.region),
         source_level=own(level),
         audit=own(tree.audit),
+        audit_leaf=own(tree.leaf),
     )

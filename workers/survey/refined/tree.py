@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from workers.survey.refined.asked import BLOCK
 from workers.survey.refined.audit import AUDITED, DISAGREED
 from workers.survey.refined.blocks import Blocks, Leaves, Square, together
 from workers.survey.refined.evidence import Evidence
+from workers.survey.refined.rounds import CHAOTIC, KINDS, Round
 
 
 @dataclass(eq=False)
@@ -19,17 +21,25 @@ class Tree:
     """The leaves of a tile.
 
     passed (rows, columns), twice: whether a curve passes between a cell of the frame and the next one along δ, along ε.
-    chosen (cells,): the cells that are audited when they are to be filled.
+    draws (cells,): of each cell, which round audits it if it is to be filled. leaf (cells,): of each that a round was
+    to fill before its audit KINDS times the number of the last such round, and the kind of its leaf.
     """
 
     evidence: Evidence
     passed: tuple[np.ndarray, np.ndarray]
-    chosen: np.ndarray
+    draws: np.ndarray
+    rounds: Sequence[Round]
     audit: np.ndarray = field(init=False)
+    leaf: np.ndarray = field(init=False)
     filled: list[Leaves] = field(init=False, default_factory=list)
+    _number: int = field(init=False, default=0)
+    _now: Round = field(init=False)
+    _chosen: np.ndarray = field(init=False)  # (cells,): audited when they are to be filled
 
     def __post_init__(self) -> None:
-        self.audit = np.zeros(self.blocks.n_cells, np.int8)
+        self.audit, self.leaf = np.zeros((2, self.blocks.n_cells), np.int8)
+        self._now = self.rounds[0]
+        self._chosen = self.draws < self._now.drawn
 
     @property
     def blocks(self) -> Blocks:
@@ -37,21 +47,35 @@ class Tree:
         return self.evidence.blocks
 
     def grow(self) -> None:
-        """Compute what has to be; `filled` has the leaves whose other cells can be filled.
+        """Compute what has to be, round by round; `filled` has the leaves whose other cells can be filled."""
+        self._refine([self.blocks.whole()])
+        for number, (before, now) in enumerate(pairwise(self.rounds), start=1):
+            self._now = now  # what it computes whole comes before what it audits
+            self._refine(self._judged(self._uniform))
+            self._number = number
+            self._chosen = (before.drawn <= self.draws) & (self.draws < now.drawn)
+            self._refine(self._judged(self._holds))
+
+    def _refine(self, waiting: list[Leaves]) -> None:
+        """Compute leaves and what is between them.
 
         An orbit that is found late may end in a leaf that was uniform before: then that one is halved too.
         """
-        waiting = [self.blocks.whole()]
-        while waiting:
+        while True:
             self._down(waiting)
-            waiting = []
-            kept: list[Leaves] = []
-            for leaves in self.filled:
-                same = self._uniform(leaves)
-                kept.append(leaves.of(same))
-                if not same.all():
-                    waiting.append(self.blocks.halves(leaves.of(~same)))
-            self.filled = [leaves for leaves in kept if leaves.block.size]
+            if not (waiting := self._judged(self._uniform)):
+                break
+
+    def _judged(self, judge: Callable[[Leaves], np.ndarray]) -> list[Leaves]:
+        """Keep the filled leaves that are judged so, and return the halves of the others."""
+        kept, others = list[Leaves](), list[Leaves]()
+        for leaves in self.filled:
+            same = judge(leaves)
+            kept.append(leaves.of(same))
+            if not same.all():
+                others.append(self.blocks.halves(leaves.of(~same)))
+        self.filled = [leaves for leaves in kept if leaves.block.size]
+        return others
 
     def _down(self, waiting: list[Leaves]) -> None:
         size = BLOCK
@@ -68,7 +92,11 @@ class Tree:
             size //= 2
 
     def _uniform(self, leaves: Leaves) -> np.ndarray:
-        return self.evidence.uniform(leaves) & ~self._crossed(self.blocks.square(leaves))
+        found = self.evidence.uniform(leaves) & ~self._crossed(self.blocks.square(leaves))
+        if max(self._now.regular, self._now.chaotic) >= leaves.size:
+            limit = np.where(self.evidence.chaotic(leaves), self._now.chaotic, self._now.regular)
+            found &= limit < leaves.size
+        return found
 
     def _crossed(self, square: Square) -> np.ndarray:
         cell, inside = self.blocks.cell(square), square.inside
@@ -82,15 +110,24 @@ class Tree:
         """Audit leaves that are to be filled: whether they are uniform still."""
         square = self.blocks.square(leaves)
         cell = self.blocks.cell(square)
-        audited = square.inside & self.chosen[cell] & ~self.evidence.known[cell]
+        empty = square.inside & ~self.evidence.known[cell]
+        self._note(leaves, cell, empty)
+        audited = empty & self._chosen[cell]
         if not audited.any():
             return np.ones(leaves.block.size, bool)
         before = self.evidence.code(square)
-        self.evidence.compute(np.unique(cell[audited]))
+        self.evidence.compute(self.blocks.each_once(cell[audited]))
         odd = self.evidence.surprising(square, audited, before)
         self.audit[cell[audited]] = AUDITED
         self.audit[cell[odd]] = DISAGREED
         return self._uniform(leaves)
+
+    def _note(self, leaves: Leaves, cell: np.ndarray, empty: np.ndarray) -> None:
+        """Note which cells a round is to fill, in which kind of leaf they are first."""
+        first = KINDS * self._number
+        fresh = empty & (self.leaf[cell] < max(first, 1))
+        kind = first + CHAOTIC * self.evidence.chaotic(leaves) + leaves.size.bit_length() - 1
+        self.leaf[cell[fresh]] = np.broadcast_to(kind[:, None, None], cell.shape)[fresh]
 
 
 def passed(blocks: Blocks, crossings: Sequence[Crossings]) -> tuple[np.ndarray, np.ndarray]:

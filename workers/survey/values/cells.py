@@ -49,6 +49,11 @@ class Cells:
         """What the audit of filled cells found of each: codes of `AUDIT`."""
         return np.zeros(self.shape, np.int8)
 
+    @property
+    def audit_leaf(self) -> np.ndarray:
+        """Of each cell that was to be filled, in which round of audits and what kind of leaf."""
+        return np.zeros(self.shape, np.int8)
+
     def one(self, i: int, j: int) -> "Cells":
         """Return the cell at (i_epsilon, i_delta), with nothing evaluated."""
         return replace(self, delta=self.delta[j : j + 1], epsilon=self.epsilon[i : i + 1])

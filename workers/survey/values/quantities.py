@@ -400,6 +400,19 @@ REFINED: tuple[Quantity, ...] = (
         AUDIT,
     ),
 )
+#: The same of one that has to meet a bound.
+BOUNDED: tuple[Quantity, ...] = (
+    Quantity(
+        "audit_leaf",
+        None,
+        CELL,
+        "int8",
+        "of a cell that was to be filled: 16 times the last such round of audits, from 0, and of the block between its "
+        "computed cells the logarithm (base 2) of its side, and 8 where chaos was seen there; else 0",
+        _REFINED,
+        lambda cells: cells.audit_leaf,
+    ),
+)
 
 
 def groups_of(model: Model) -> tuple[Group, ...]:
@@ -408,16 +421,16 @@ def groups_of(model: Model) -> tuple[Group, ...]:
     return tuple(group for group in Group if group in in_tiles or group is Group.FAMILIES)
 
 
-def stored(groups: Iterable[Group], model: Model, refined: bool = False) -> tuple[Quantity, ...]:
+def stored(groups: Iterable[Group], model: Model, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
     """Return the variables that a store has of `held`: of complex ones both parts."""
-    return tuple(part for quantity in held(groups, model, refined) for part in quantity.parts)
+    return tuple(part for quantity in held(groups, model, more) for part in quantity.parts)
 
 
-def held(groups: Iterable[Group], model: Model, refined: bool = False) -> tuple[Quantity, ...]:
-    """Return the variables of these groups that a model has, and `status`; refined: of a survey that is."""
+def held(groups: Iterable[Group], model: Model, more: Iterable[Quantity] = ()) -> tuple[Quantity, ...]:
+    """Return the variables of these groups that a model has, more of them, and `status`."""
     wanted = {*groups, None}
     *found, status = (each for each in QUANTITIES if each.group in wanted and model in each.models)
-    return *found, *(REFINED if refined else ()), status
+    return *found, *more, status
 
 
 def labels_of(dim: str, slots: int) -> tuple[int, ...] | tuple[str, ...]:

@@ -1,0 +1,171 @@
+"""A bound of the wrong share that is asked for: it is met, it holds, and neither tiles nor interruptions show."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zarr
+from pydantic import ValidationError
+
+from workers import SurveyRequest, compute_tile, is_incomplete, run_survey, tiles_of
+from workers.bound import ROUNDS
+from workers.storage.location import Directory
+from workers.survey.refined.audit import AUDITED, TOLD
+from workers.survey.refined.rounds import CHAOTIC, KINDS, Counts, Round, first_round, next_round, upper_of
+
+#: Its first round audits too few cells for its bound; tiles of one block.
+REGIONS: dict[str, Any] = {
+    "delta": (0.4, 1.0, 96),
+    "epsilon": (0.005, 0.3, 70),
+    "quantities": ("region",),
+    "refine": {"audit": 0.001, "bound": 0.02},
+    "tile": {"delta": 32, "epsilon": 32},
+}
+SAMPLED = SurveyRequest(
+    delta=(0.45, 0.55, 40), epsilon=(0.1, 0.2, 40), quantities=("attractors",), initial_conditions={"count": 4},
+    refine={"bound": 0.05}, tile={"delta": 32, "epsilon": 32},
+)  # fmt: skip
+
+
+def few_audited(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("workers.survey.refined.rounds.SPARE", 0.1)
+
+
+def chunks(store: Path) -> dict[str, bytes]:
+    """What tiles have written."""
+    return {str(path.relative_to(store)): path.read_bytes() for path in store.rglob("c/**/*") if path.is_file()}
+
+
+def test_the_bound_holds_whatever_is_wrong() -> None:
+    """Rounds over cells of which some, by chance and by the kind of their leaf, are wrong: of surveys at most one in
+    twenty may have more wrong than it says, and chance has three standard deviations.
+    """
+    rng = np.random.default_rng(8)
+    missed = filling = 0
+    for _ in range(300):
+        kind = np.array([5, CHAOTIC + 5, CHAOTIC + 2])[rng.choice(3, 20_000, p=[0.6, 0.3, 0.1])]
+        wrong = rng.random(kind.size) < rng.choice([0.0, 0.004, 0.02], 3)[np.searchsorted([5, 10, 13], kind)]
+        draw, filled = rng.random(kind.size), np.ones(kind.size, bool)
+        rounds = (first_round(0.01, 0.004, kind.size),)
+        while True:
+            before = rounds[-2].drawn if len(rounds) > 1 else 0.0
+            limit = np.where(kind >= CHAOTIC, rounds[-1].chaotic, rounds[-1].regular)
+            filled &= limit < 1 << kind % CHAOTIC
+            audited = filled & (before <= draw) & (draw < rounds[-1].drawn)
+            after = filled & ~audited
+            counts = Counts(
+                *(np.bincount(kind[of], minlength=KINDS) for of in (filled, audited, audited & wrong, after))
+            )
+            filled = after
+            if (more := next_round(0.004, rounds, counts)) is None:
+                break
+            rounds = (*rounds, more)
+        assert len(rounds) <= 6
+        upper = upper_of(counts, len(rounds) - 1)
+        assert upper <= 0.004
+        missed += (wrong & filled).sum() > upper * filled.sum()
+        filling += bool(filled.any())
+    assert filling > 80
+    assert missed <= 0.05 * filling + 3 * np.sqrt(0.05 * filling)
+
+
+def test_rounds_go_on_until_the_bound_is_met(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    few_audited(monkeypatch)
+    with run_survey(REGIONS, out=tmp_path / "survey.zarr") as survey:
+        told, rounds = survey.attrs, [None, *json.loads(survey.attrs[ROUNDS])]
+        source, audit, leaf = (survey[name].values for name in ("source_level", "audit", "audit_leaf"))
+    assert len(rounds) > 1
+    assert told["refined_bound_asked"] == 0.02
+    assert 0.0 < told["refined_wrong_share_upper"] <= 0.02
+    now = leaf // KINDS == len(rounds) - 1
+    assert told["refined_cells_filled"] == (source > 0).sum() == ((source > 0) & now).sum()
+    assert told["refined_cells_audited"] == ((audit >= AUDITED) & now).sum() < (audit >= AUDITED).sum()
+
+
+def test_a_bound_beyond_what_so_few_cells_can_tell_is_met_by_computing_all(tmp_path: Path) -> None:
+    with run_survey({**REGIONS, "refine": {"bound": 1e-6}}, out=tmp_path / "survey.zarr") as survey:
+        assert not survey.source_level.any()
+        assert survey.attrs["refined_wrong_share_upper"] == survey.attrs["refined_cells_filled"] == 0.0
+    assert not is_incomplete(SurveyRequest(**{**REGIONS, "refine": {"bound": 1e-6}}), tmp_path / "survey.zarr")
+
+
+def test_wherever_it_is_killed_it_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At each of its writes after the tiles, as a process that is killed leaves them; at every one, killed again."""
+    few_audited(monkeypatch)
+    put, left = Directory.put, [10**9]
+
+    def killed(place: Directory, key: str, content: bytes) -> None:
+        left[0] -= 1
+        if left[0] < 0:
+            raise KeyboardInterrupt
+        put(place, key, content)
+
+    monkeypatch.setattr(Directory, "put", killed)
+    run_survey(REGIONS, out=tmp_path / "whole").close()
+    expected, writes = chunks(tmp_path / "whole"), 10**9 - left[0]
+    tiles = SurveyRequest(**REGIONS).n_tiles * 6
+    assert writes > tiles + 20
+    left[0], starts = tiles, 0
+    while True:
+        starts += 1
+        try:
+            run_survey(REGIONS, out=tmp_path / "killed").close()
+            break
+        except KeyboardInterrupt:
+            left[0] = 13 + starts  # enough for a tile and what was begun
+    assert starts > 2
+    assert chunks(tmp_path / "killed") == expected
+
+
+def test_a_damaged_tile_is_taken_through_all_rounds_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    few_audited(monkeypatch)
+    with run_survey(REGIONS, out=tmp_path / "survey.zarr") as survey:
+        told = survey.attrs
+    expected = chunks(tmp_path / "survey.zarr")
+    (tmp_path / "survey.zarr/audit_leaf/c/1/1").write_bytes(b"damaged")
+    with run_survey(REGIONS, out=tmp_path / "survey.zarr") as again:
+        assert again.attrs == told
+    assert chunks(tmp_path / "survey.zarr") == expected
+
+
+def test_tiles_do_not_show_after_any_round() -> None:
+    """Two rounds of a sampled survey, the second of which computes chaotic leaves whole, in tiles of two shapes."""
+    rounds = (Round(0.3, 0, 0), Round(0.4, 0, 4))
+    found = []
+    for request in (SAMPLED, SAMPLED.model_copy(update={"tile": SurveyRequest.model_fields["tile"].default})):
+        whole: dict[str, np.ndarray] = {}
+        for tile in tiles_of(request):
+            for name, values in compute_tile(request, replace(tile, rounds=rounds))[0].items():
+                grid = whole.setdefault(name, np.zeros((*values.shape[:-2], *request.shape), values.dtype))
+                grid[tile.at] = values
+        found.append(whole)
+    for name, values in found[0].items():
+        assert values.tobytes() == found[1][name].tobytes(), name
+    leaf, source = found[0]["audit_leaf"], found[0]["source_level"]
+    assert set(np.unique(leaf[source > 0] // KINDS)) == {2}  # all that is filled has gone through both
+    chaotic = (leaf % KINDS >= CHAOTIC) & (leaf // KINDS == 2)
+    assert (leaf[chaotic] % CHAOTIC > 2).all()
+    assert {0, 1, 2} == set(np.unique(leaf[found[0]["audit"] > 0] // KINDS))
+
+
+@pytest.mark.parametrize("bound", [0, 1, -0.1, "1e-3"])
+def test_what_no_bound_can_be_is_refused(bound: Any) -> None:
+    with pytest.raises(ValidationError, match="bound"):
+        SurveyRequest(**{**REGIONS, "refine": {"bound": bound}})
+
+
+def test_a_store_tells_no_bound_before_it_is_met(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A tile that is computed again has gone through one round: the bound is of the tiles as they were."""
+    few_audited(monkeypatch)
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("workers.completion.meet_bound", stop)
+    with pytest.raises(KeyboardInterrupt):
+        run_survey(REGIONS, out=tmp_path / "survey.zarr")
+    assert not set(TOLD) & set(zarr.open_group(tmp_path / "survey.zarr", mode="r").attrs)
+    assert is_incomplete(SurveyRequest(**REGIONS), tmp_path / "survey.zarr")

@@ -1,0 +1,98 @@
+"""The bound of the wrong share that a refined survey was asked for: its tiles go through rounds until it is met."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+import zarr
+
+from workers.errors import reading, storage_error
+from workers.storage.added import Each, here
+from workers.storage.location import Place, place_of
+from workers.storage.root import attributes_of, tell
+from workers.storage.store import write_tile
+from workers.survey.refined.audit import AUDIT, DISAGREED, LEAF, SOURCE_LEVEL, TOLD
+from workers.survey.refined.rounds import KINDS, Counts, Round, next_round, upper_of
+from workers.survey.request import SurveyRequest
+from workers.survey.tiles import Tile, compute_tile, first_audit, tiles_of
+
+#: Of a store: the rounds that all its tiles have to go through, those after the first, as JSON.
+ROUNDS = "refined_rounds"
+COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
+
+
+def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
+    """Whether a bound was asked for, and it is not yet known of a survey whose tiles are all there that it is met."""
+    bounded = request.refine is not None and request.refine.bound is not None
+    return bounded and TOLD[-1] not in attributes_of(place_of(where))
+
+
+def meet_bound(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:
+    """Take a survey whose tiles are all there through rounds of audits until its bound is met, and tell what it is.
+
+    The caller holds the store, whose attractors are not yet joined. What a tile holds follows from the request and the
+    rounds, and these from what all tiles have: neither tiles nor workers nor where a run was interrupted show.
+
+    Raises:
+        StorageError: it cannot be written now.
+        SurveyError: there is no survey, or it is damaged.
+    """
+    assert request.refine is not None
+    assert request.refine.bound is not None
+    place = place_of(where)
+    later = tuple(Round(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
+    while True:
+        tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
+        counts = reduce(_sum, each(take_through, request, str(place), tiles))
+        more = next_round(request.refine.bound, (first_audit(request), *later), counts)
+        if more is None:
+            break
+        later = (*later, more)
+        _tell(place, {ROUNDS: json.dumps(later)})
+    told = (int(x.sum()) for x in (counts.filled, counts.audited, counts.disagreed))
+    _tell(place, dict(zip(TOLD, (*told, upper_of(counts, len(later))), strict=True)))
+
+
+def take_through(request: SurveyRequest, path: str, tile: Tile) -> Counts:
+    """Compute and write a tile as it is after the rounds that it names, unless it has gone through them. Returns what
+    the last one found. May be done twice.
+    """
+    place = place_of(path)
+    with reading(f"the audit of {place}"):
+        stored = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.at]) for name in COUNTED}
+    if (counts := _counts(tile, stored)) is None:
+        values, _ = compute_tile(request, tile)
+        write_tile(request, path, tile, values)
+        counts = _counts(tile, values)
+    assert counts is not None, "what is filled has gone through all rounds"
+    return counts
+
+
+def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
+    """What the last of its rounds found in a tile; None if its filled cells have gone through others."""
+    source, audit, leaf = (values[name] for name in COUNTED)
+    now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
+    filled = source > 0
+    if (filled & ~now).any():
+        return None
+    return Counts(*(_by_kind(leaf[now & of]) for of in (True, audit > 0, audit == DISAGREED, filled)))
+
+
+def _by_kind(leaf: np.ndarray) -> np.ndarray:
+    return np.bincount(leaf % KINDS, minlength=KINDS)
+
+
+def _sum(one: Counts, other: Counts) -> Counts:
+    return Counts(*(a + b for a, b in zip(one, other, strict=True)))
+
+
+def _tell(place: Place, told: Mapping[str, str | int | float]) -> None:
+    try:
+        tell(place, told)
+    except OSError as error:
+        raise storage_error(f"{place} cannot be written", error) from error

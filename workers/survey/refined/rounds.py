@@ -1,0 +1,101 @@
+"""Rounds of audits: what the next one has to do so that a bound of the wrong share that was asked for is met.
+
+Each round draws cells that no round before has drawn, from what is filled then: a sample that is independent of all
+that was decided before it. What a round finds wrong is mended. Kinds of leaves in which too much was wrong are computed
+whole in the next, which audits as many cells as the bound needs; the last computes all that is left.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from workers.survey.refined.audit import SURE, upper_share
+
+LAST = 5  # the number of the round that computes all that is left; the first has 0
+CHAOTIC, KINDS = 8, 16  # a kind of leaf: the logarithm of its size, and CHAOTIC where chaos was seen on its edges
+#: Of the bound: what is expected to be wrong after kinds of leaves are computed whole.
+AIM = 0.5
+MOST = 0.5  # a larger share of the filled cells is not audited: all are computed
+SPARE = 3.0  # times as many cells as the first round needs if all are filled and none is wrong
+
+
+class Round(NamedTuple):
+    """A round of audits.
+
+    drawn: cells whose draw is below this are audited, if they are filled when it begins. regular, chaotic: leaves of at
+    most so many cells a side, without and with chaos, are computed whole before.
+    """
+
+    drawn: float
+    regular: int = 0
+    chaotic: int = 0
+
+
+class Counts(NamedTuple):
+    """What a round found, by kind of leaf (KINDS,): cells that were to be filled before it, that it audited, of these
+    the ones that disagreed, and cells that are filled after it.
+    """
+
+    before: np.ndarray
+    audited: np.ndarray
+    disagreed: np.ndarray
+    filled: np.ndarray
+
+
+def sure_of(number: int) -> float:
+    """How sure the bound of a round is: all together as sure as SURE, however many there are."""
+    return 1.0 - (1.0 - SURE) / 2.0 ** (number + 1)
+
+
+def first_round(audit: float, bound: float | None, cells: int) -> Round:
+    """The first round, of a survey of so many cells; audit: the least share."""
+    if bound is None:
+        return Round(audit)
+    needed = -SPARE * math.log(1.0 - sure_of(0)) / (bound * cells)
+    return Round(1.0 if needed > MOST else max(audit, needed))
+
+
+def upper_of(counts: Counts, number: int) -> float:
+    """The upper bound of the share of wrong cells among those that are filled after a round: of those before it the
+    bound that the audit gives, less those that were found.
+    """
+    filled, wrong, audited = (int(x.sum()) for x in (counts.filled, counts.disagreed, counts.audited))
+    if not filled:
+        return 0.0
+    left = upper_share(wrong, audited, sure_of(number)) * int(counts.before.sum()) - wrong
+    return min(max(left, 0.0) / filled, 1.0)
+
+
+def next_round(bound: float, rounds: tuple[Round, ...], counts: Counts) -> Round | None:
+    """The round after these, of which the last one found `counts`; None if the bound is met."""
+    number = len(rounds)
+    if upper_of(counts, number - 1) <= bound:
+        return None
+    limits = [rounds[-1].regular, rounds[-1].chaotic]
+    left = counts.filled.astype(float)
+    rate = counts.disagreed / np.maximum(counts.audited, 1)
+    kind = np.arange(KINDS)
+    while (left * rate).sum() > AIM * bound * left.sum():
+        worst = int(np.where(left > 0.0, rate, -1.0).argmax())
+        of, size = divmod(worst, CHAOTIC)
+        limits[of] = max(limits[of], 1 << size)
+        left[(kind // CHAOTIC == of) & (kind % CHAOTIC <= size)] = 0.0
+    drawn = rounds[-1].drawn
+    share = 1.0 if number == LAST else _share(bound, left.sum(), (left * rate).sum(), sure_of(number))
+    return Round(drawn + share * (1.0 - drawn) if share < 1.0 else 1.0, *limits)
+
+
+def _share(bound: float, filled: float, wrong: float, sure: float) -> float:
+    """Which share of filled cells has to be audited, where so many are expected to be wrong; 1: all are computed."""
+    share = 1.2 * -math.log(1.0 - sure) / (bound * max(filled, 1.0))
+    while share <= MOST:
+        found = share * wrong
+        likely = math.ceil(found + 2.0 * math.sqrt(found))
+        audited = math.floor(share * filled)
+        if audited and upper_share(likely, audited, sure) - likely / filled <= bound * (1.0 - share):
+            return share
+        share *= 1.5
+    return 1.0
