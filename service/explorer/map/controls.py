@@ -48,7 +48,7 @@ class Controls:
         chosen = [LOG] if log else []
         self._log = pn.widgets.CheckBoxGroup(options=[LOG], value=chosen, **{**styled, "margin": (2, 8, 8, 4)})
         save = pn.widgets.Button(
-            label="Save window as survey", **{**styled, "margin": (2, 0, 2, 8)}, css_classes=["save"]
+            label="Save window as survey", **{**styled, "margin": (2, 0, 2, 0)}, css_classes=["save"]
         )
         on_press(save, lambda: uses.save())
         self._watch = Watch()

@@ -65,7 +65,7 @@ class Form:
         )  # fmt: skip
         self.count = pn.widgets.IntInput(label="Initial conditions", value=64, start=1, step=64, **number)
         self.v_max = pn.widgets.TextInput(
-            label="Highest speed", placeholder="7 in the paper's plane, or natural", **number
+            label="Highest speed", placeholder="7, or natural", **number
         )
         self.budget = pn.widgets.IntInput(label="Impacts of a sample", value=BUDGET, start=1, step=BUDGET, **number)
         self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, **number)
