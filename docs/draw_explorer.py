@@ -3,7 +3,8 @@
     python docs/draw_explorer.py [VIEW …] [--kept FOLDER] [--data FOLDER] [--chromium PATH]
 
 Of each view explorer-VIEW.png is a laptop's screen, light, as pages of the documentation show it, and
-explorer-VIEW-screens.webp all of its screens, side by side and half as large. --kept keeps each screen as it was.
+explorer-VIEW-screens.webp all of its screens, side by side and half as large; the end of docs/explorer.md lists
+them. --kept keeps each screen as it was.
 """
 
 from __future__ import annotations
@@ -25,7 +26,9 @@ from PIL import Image
 from playwright.sync_api import Browser, Page, sync_playwright
 from server import server
 
-IMAGES = Path(__file__).parent / "images"
+PAGE, IMAGES = Path(__file__).parent / "explorer.md", Path(__file__).parent / "images"
+HEADING = "## On every screen\n"
+LEAD = "1920, 1280 and 390 pixels wide, light and dark. `make screenshots` takes them.\n"
 THEMES = ("light", "dark")
 WIDE, LAPTOP, PHONE = SCREENS = ((1920, 1080), (1280, 800), (390, 844))
 PHONES = 4  # screens of a telephone, of a page that is higher
@@ -33,6 +36,12 @@ GAP = 16
 PATIENCE_MS, STEADY_MS, POLL_SECONDS = 300_000, 1500, 1.0
 LARGEST = 150_000  # bytes of a picture
 
+#: Whether those of the lines that are switched on and are there for any survey are drawn.
+LINES = """() => {
+  const map = Bokeh.documents.map((each) => each.get_model_by_name("map")).find((each) => each)
+  return map.renderers.filter((each) => each.visible && ["SN1", "design_limit"].includes(each.name))
+    .every((each) => each.data_source.data.xs.length)
+}"""
 PLANE: dict[str, Any] = {
     "delta": {"start": 0.403, "stop": 0.997, "num": 100}, "epsilon": {"start": 0.002, "stop": 0.298, "num": 75},
     "initial_conditions": {"count": 16},
@@ -63,6 +72,7 @@ SURVEYS: dict[str, dict[str, Any]] = {
 class View:
     """What a picture shows: the address, with its survey by name; what is done then, and what is read in the end."""
 
+    what: str
     query: Mapping[str, str] = field(default_factory=dict)
     act: Callable[[Page], None] = lambda _page: None
     until: Sequence[str] = ()
@@ -80,8 +90,8 @@ def press(*names: str) -> Callable[[Page], None]:
 
 def by_keyboard(page: Page) -> None:
     """Walk over the map by its keys."""
-    page.get_by_role("application", name="map over damping").focus()
-    for key in ("+", *("ArrowRight", "ArrowUp") * 3, "Shift+ArrowLeft"):
+    page.locator(".plot[data-keys=heard]").focus()
+    for key in ("ArrowRight", "ArrowUp") * 6:
         page.keyboard.press(key)
 
 
@@ -103,26 +113,31 @@ def tolerances(page: Page) -> None:
 POINT = ("600 × 600 cells", "periodic motions")
 #: A view of the explorer is a line here.
 VIEWS: dict[str, View] = {
-    "start": View(),  # before any survey
-    "map": View({"survey": FIGURE_7}),
-    "values": View({"survey": FIGURE_7, "variable": "quiet_fraction", "overlays": "quiet_limit,SN1"}),
-    "form": View({"survey": FIGURE_7}, press("New survey"), ("cells, about",)),
-    "deep": View(
-        {"survey": FIGURE_7, "variable": "region", "delta": "0.4951,0.5051", "epsilon": "0.196,0.2"},
-        until=("region",),
+    "start": View("Before any survey"),
+    "map": View("A survey", {"survey": FIGURE_7}),
+    "values": View(
+        "Numbers over the plane", {"survey": FIGURE_7, "variable": "quiet_fraction", "overlays": "quiet_limit,SN1"}
     ),
-    "go-to": View({"survey": FIGURE_7}, press("Go to a point"), ("Given",)),
-    "point": View({"survey": FIGURE_7, "variable": "attractor_kind", "point": "0.6,0.1"}, until=POINT),
-    "section": View({"survey": FIGURE_7, "point": "0.6,0.06"}, cross_section, POINT),
+    "form": View("The form of a new survey", {"survey": FIGURE_7}, press("New survey"), ("cells, about",)),
+    "deep": View(
+        "A window computed afresh",
+        {"survey": FIGURE_7, "variable": "region", "delta": "0.4951,0.5051", "epsilon": "0.196,0.2"},
+    ),
+    "go-to": View("To go to a point", {"survey": FIGURE_7}, press("Go to a point"), ("Given",)),
+    "point": View(
+        "A clicked point", {"survey": FIGURE_7, "variable": "attractor_kind", "point": "0.6,0.1"}, until=POINT
+    ),
+    "section": View("A cross-section", {"survey": FIGURE_7, "point": "0.6,0.06"}, cross_section, POINT),
     "machine": View(
+        "A machine with its design limit, and the tolerances of a point",
         {"survey": MACHINE, "variable": "attractor_kind", "overlays": "design_limit", "point": "0.3333,0.0004"},
         tolerances,
         ("of the gears pass",),
     ),
-    "keys": View({"survey": FIGURE_7}, by_keyboard, ("Cell at δ",)),
-    "slices": View({"survey": GAPS, "slice": "2"}),
-    "stiff": View({"survey": STIFF, "variable": "attractor_kind"}),
-}  # fmt: skip
+    "keys": View("The map by the keyboard", {"survey": FIGURE_7}, by_keyboard, ("Cell at δ",)),
+    "slices": View("A slice of a survey with a third axis", {"survey": GAPS, "slice": "2"}),
+    "stiff": View("Teeth that give way", {"survey": STIFF, "variable": "attractor_kind"}),
+}
 
 
 def submitted(url: str) -> dict[str, str]:
@@ -173,6 +188,7 @@ def settle(page: Page) -> None:
         while "omputing" in status.inner_text():
             page.wait_for_timeout(STEADY_MS)
     page.wait_for_function(IDLE, polling=POLL_MS)
+    page.wait_for_function(LINES, polling=POLL_MS)
 
 
 def sheet_of(screens: Mapping[tuple[str, int], Image.Image]) -> Image.Image:
@@ -208,6 +224,14 @@ def write(name: str, screens: Mapping[tuple[str, int], Image.Image]) -> None:
             raise RuntimeError(f"{path.name} is larger than {LARGEST} bytes: let the view show less")
 
 
+def listed() -> str:
+    """The part of docs/explorer.md that has all views."""
+    pictures = (
+        f"**{view.what}**\n\n![{view.what}](images/explorer-{name}-screens.webp)\n" for name, view in VIEWS.items()
+    )
+    return "\n".join((HEADING, LEAD, *pictures))
+
+
 def main() -> None:
     """Take the pictures, all or some."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -234,6 +258,8 @@ def main() -> None:
                             picture.save(given.kept / f"{name}-{width}-{theme}.png")
                     write(name, screens)
         browser.close()
+    before, _, _ = PAGE.read_text().partition(HEADING)
+    PAGE.write_text(before + listed())
 
 
 if __name__ == "__main__":

@@ -39,7 +39,13 @@ class Controls:
         self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
         self._index = pn.widgets.Select(label="Which", options=[], width=90, visible=False, **styled)
         self._slice = pn.widgets.IntSlider(
-            label="", start=0, end=1, show_value=False, width=150, visible=False, **styled
+            label="",
+            start=0,
+            end=1,
+            show_value=False,
+            width=150,
+            visible=False,
+            **{**styled, "margin": (2, 16, 2, 0)},
         )
         options = {name: rule for rule, name in LIMIT_NAMES.items()} | {"from … to": OWN}
         self._rule = pn.widgets.Select(label="Colours span", options=options, width=180, **styled)
