@@ -36,11 +36,10 @@ GAP = 16
 PATIENCE_MS, STEADY_MS, POLL_SECONDS = 300_000, 1500, 1.0
 LARGEST = 150_000  # bytes of a picture
 
-#: Whether those of the lines that are switched on and are there for any survey are drawn.
+#: Whether of the lines that are switched on some are drawn.
 LINES = """() => {
   const map = Bokeh.documents.map((each) => each.get_model_by_name("map")).find((each) => each)
-  return map.renderers.filter((each) => each.visible && ["SN1", "design_limit"].includes(each.name))
-    .every((each) => each.data_source.data.xs.length)
+  return map.renderers.some((each) => each.visible && each.data_source.data.xs?.length)
 }"""
 PLANE: dict[str, Any] = {
     "delta": {"start": 0.403, "stop": 0.997, "num": 100}, "epsilon": {"start": 0.002, "stop": 0.298, "num": 75},
@@ -121,7 +120,12 @@ VIEWS: dict[str, View] = {
     "form": View("The form of a new survey", {"survey": FIGURE_7}, press("New survey"), ("cells, about",)),
     "deep": View(
         "A window computed afresh",
-        {"survey": FIGURE_7, "variable": "region", "delta": "0.4951,0.5051", "epsilon": "0.196,0.2"},
+        {
+            "survey": FIGURE_7,
+            "variable": "region",
+            "delta": "0.7701471304,0.7701471314",
+            "epsilon": "0.0978908122,0.0978908132",
+        },
     ),
     "go-to": View("To go to a point", {"survey": FIGURE_7}, press("Go to a point"), ("Given",)),
     "point": View(
@@ -213,12 +217,13 @@ def _parts(picture: Image.Image, size: tuple[int, int]) -> Iterator[Image.Image]
 def write(name: str, screens: Mapping[tuple[str, int], Image.Image]) -> None:
     """Write the two pictures of a view."""
     single, sheet = IMAGES / f"explorer-{name}.png", IMAGES / f"explorer-{name}-screens.webp"
-    screens["light", LAPTOP[0]].quantize(256, dither=Image.Dither.NONE).save(single, optimize=True)
+    if shown := single.name in PAGE.read_text():
+        screens["light", LAPTOP[0]].quantize(256, dither=Image.Dither.NONE).save(single, optimize=True)
     for quality in (85, 75, 65, 55):
         sheet_of(screens).save(sheet, quality=quality, method=6)
         if sheet.stat().st_size <= LARGEST:
             break
-    for path in (single, sheet):
+    for path in (single, sheet) if shown else (sheet,):
         print(f"{path.name} {path.stat().st_size / 1e3:.0f} kB")
         if path.stat().st_size > LARGEST:
             raise RuntimeError(f"{path.name} is larger than {LARGEST} bytes: let the view show less")
