@@ -188,9 +188,8 @@ def taken(browser: Browser, url: str, view: View, surveys: Mapping[str, str]) ->
 def settle(page: Page) -> None:
     """Wait until nothing is being computed or laid out."""
     page.wait_for_timeout(STEADY_MS)
-    for status in page.get_by_role("status").all():
-        while "omputing" in status.inner_text():
-            page.wait_for_timeout(STEADY_MS)
+    while page.get_by_role("status").filter(has_text="omputing").count():
+        page.wait_for_timeout(STEADY_MS)
     page.wait_for_function(IDLE, polling=POLL_MS)
     page.wait_for_function(LINES, polling=POLL_MS)
 
