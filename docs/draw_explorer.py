@@ -229,11 +229,12 @@ def write(name: str, screens: Mapping[tuple[str, int], Image.Image]) -> None:
 
 
 def listed() -> str:
-    """The part of docs/explorer.md that has all views."""
-    pictures = (
-        f"**{view.what}**\n\n![{view.what}](images/explorer-{name}-screens.webp)\n" for name, view in VIEWS.items()
-    )
-    return "\n".join((HEADING, LEAD, *pictures))
+    """The part of docs/explorer.md that has all views of which there is a picture."""
+    parts = [HEADING, LEAD]
+    for name, view in VIEWS.items():
+        if (IMAGES / f"explorer-{name}-screens.webp").exists():
+            parts.append(f"**{view.what}**\n\n![{view.what}](images/explorer-{name}-screens.webp)\n")
+    return "\n".join(parts)
 
 
 def main() -> None:
