@@ -23,7 +23,7 @@ environment = $(PYTHON) -m venv $(1)
 install = $(1)/bin/python -m pip install --quiet --disable-pip-version-check
 endif
 
-.PHONY: survey figures map areas test test-deep test-install test-under-load bytecode kernels impacting-kernels stiff-kernels lint bench \
+.PHONY: survey figures map screenshots areas test test-deep test-install test-under-load bytecode kernels impacting-kernels stiff-kernels lint bench \
 	constraints docs docs-links readers clean
 
 survey: $(SURVEY)
@@ -66,6 +66,10 @@ lint: $(INSTALLED)
 # The picture of the rooms, from the imports.
 map: $(INSTALLED)
 	$(BIN)/python docs/draw_map.py
+
+# The pictures of the explorer: all views on three screens, light and dark. SHOWN names some of them.
+screenshots: $(INSTALLED)
+	PYTHONPATH=benchmarks $(BIN)/python docs/draw_explorer.py $(SHOWN)
 
 # What is proved of Figure 7's plane, block by block, and its picture.
 areas: $(INSTALLED)

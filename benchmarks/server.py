@@ -18,13 +18,14 @@ START_SECONDS = 300.0  # a cold start compiles
 
 
 @contextmanager
-def server(data: Path, *options: str) -> Iterator[tuple[str, psutil.Process]]:
-    """URL and process of a service that has its cluster; prints how it ended."""
+def server(data: Path, *options: str, first: str = "") -> Iterator[tuple[str, psutil.Process]]:
+    """URL and process of a service that has its cluster, and does something first; prints how it ended."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    command = [sys.executable, "-c", "from service.cli import main; main()", "serve", "--port", str(port)]
-    environment = os.environ | {"RATTLE_MAX_JOBS": "1000000", "PYTHONPATH": str(Path(__file__).parents[1])}
+    command = [sys.executable, "-c", f"{first}from service.cli import main; main()", "serve", "--port", str(port)]
+    here = Path(__file__).parent
+    environment = os.environ | {"RATTLE_MAX_JOBS": "1000000", "PYTHONPATH": f"{here.parent}{os.pathsep}{here}"}
     process = subprocess.Popen(
         [*command, "--data", str(data), *options],
         env=environment,

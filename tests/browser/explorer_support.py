@@ -174,8 +174,9 @@ def visiting(browser: Browser, url: str, allowed: str = "", **options: Any) -> I
         yield context
     finally:
         context.close()
-    assert [each for each in complaints if not allowed or allowed not in each] == []
+    found = [each for each in complaints if not allowed or allowed not in each]
+    assert not found, found
 
 
 def _own(asked: str, url: str) -> bool:
-    return asked.startswith((url, url.replace("http", "ws", 1), "blob:", "data:"))
+    return asked.startswith((f"{url}/", f"{url.replace('http', 'ws', 1)}/", "blob:", "data:"))

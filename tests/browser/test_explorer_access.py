@@ -42,6 +42,20 @@ def asking(tmp_path: Path) -> Iterator[Asking]:
         yield Asking(f"http://127.0.0.1:{port}", tokens, process, begin)
 
 
+def test_a_page_that_asks_somebody_else_is_found_out(browser: Browser) -> None:
+    """What the fixture of every page of these tests looks for."""
+
+    def visit() -> None:
+        with visiting(browser, "http://here.invalid") as context:
+            page = context.new_page()
+            page.route("**", lambda route: route.fulfill(body="", content_type="text/html"))
+            page.goto("http://here.invalid/")
+            page.set_content("<link rel=preload as=image href=b.png><iframe src=http://elsewhere.invalid/a></iframe>")
+
+    with pytest.raises(AssertionError, match=r"\['asked http://elsewhere\.invalid/a'\]"):
+        visit()
+
+
 def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Browser, asking: Asking) -> None:
     url, tokens, process, again = asking
     with visiting(browser, url, allowed="net::ERR_") as context:

@@ -1,5 +1,6 @@
 """Surveys on real processes: the same bits as a serial run, whatever is killed, stopped, resumed or poisoned."""
 
+import gc
 import json
 import os
 import shutil
@@ -15,7 +16,8 @@ import dask
 import pytest
 import xarray as xr
 from depth import deep
-from distributed import Client
+from distributed import Client, Worker
+from distributed.scheduler import TaskGroup
 from intruders import certificates, listening
 from waiting import HANG, wait_until
 
@@ -138,6 +140,26 @@ def test_two_processes_of_one_thread_on_loopback(cluster: Client) -> None:
     assert set(cluster.run(lambda: os.environ["NUMBA_NUM_THREADS"]).values()) == {"1"}
     assert all(address.startswith("tls://127.0.0.1:") for address in [*cluster.nthreads(), cluster.scheduler.address])
     assert {address for address, _ in listening(os.getpid())} == {"127.0.0.1"}
+
+
+def test_nothing_is_kept_of_what_is_over(cluster: Client) -> None:
+    def groups() -> int:
+        gc.collect()
+        return sum(isinstance(each, TaskGroup) for each in gc.get_objects())
+
+    def notes(dask_worker: Worker) -> list[int]:
+        return [len(dask_worker.batched_stream.recent_message_log), len(dask_worker.profile_history)]
+
+    before, last, scheduler = groups(), workers.cluster.cluster.LAST, cluster.cluster.scheduler
+    for number in range(3 * last):  # a window of the explorer each
+        assert cluster.submit(int, number, key=f"window{number}").result() == number
+    wait_until(lambda: not scheduler.tasks)
+    assert groups() - before <= last
+    for stream in (*scheduler.stream_comms.values(), *scheduler.client_comms.values()):
+        assert len(stream.recent_message_log) <= last
+    for messages, profiles in cluster.run(notes).values():
+        assert messages <= last
+        assert not profiles
 
 
 def test_the_same_bits_as_a_serial_run(cluster: Client, store: Path, serial: xr.Dataset) -> None:

@@ -18,6 +18,7 @@ from typing import Any
 
 import dask
 from distributed import Client, Future, Nanny, Scheduler, Security, SpecCluster, Worker, WorkerPlugin, comm
+from distributed.scheduler import DEFAULT_EXTENSIONS
 from distributed.utils import silence_logging_cmgr
 
 import rattle
@@ -39,6 +40,16 @@ HEARTBEAT_SECONDS = 1.0
 GIVE_UP_SECONDS = 0.1  # between two questions whether a cluster shall still start
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
 ROUNDS = 5  # in which no worker is at a task that was given up: what was sent to one before has arrived
+#: Of what dask notes for those who look into a cluster, which here is nobody: else the last 1000 messages of every
+#: connection are kept, with what is in them, two hours of each processor's load, and all that was ever submitted.
+LAST = 10
+NOTES = {
+    "distributed.admin.low-level-log-length": LAST,
+    "distributed.admin.system-monitor.log-length": LAST,
+    "distributed.diagnostics.computations.max-history": LAST,
+    "distributed.worker.profile.enabled": False,
+}
+SPANS = "spans"  # notes that are never given up, however old
 
 
 class WarmKernels(WorkerPlugin):
@@ -149,6 +160,7 @@ def embedded_cluster(
             prefix="rattle-", dir=dask.config.get("temporary-directory", None), ignore_cleanup_errors=True
         )
         settings = {
+            **NOTES,
             "temporary-directory": stack.enter_context(scratch),
             # dask drops a worker for good that is not back after it, and a busy machine starts one in half a minute.
             "distributed.deploy.lost-worker-timeout": RETURN_SECONDS,
@@ -176,7 +188,13 @@ def _cluster(n_workers: int, nannies: list[Nanny]) -> SpecCluster:
         return nannies[-1]
 
     part = {"host": "127.0.0.1", "protocol": "tls://", "security": Security.temporary()}
-    scheduler = {**part, "dashboard": False, "worker_ttl": SILENT_SECONDS, "allowed_failures": ALLOWED_DEATHS}
+    scheduler = {
+        **part,
+        "dashboard": False,
+        "worker_ttl": SILENT_SECONDS,
+        "allowed_failures": ALLOWED_DEATHS,
+        "extensions": {name: each for name, each in DEFAULT_EXTENSIONS.items() if name != SPANS},
+    }
     worker = {
         **part,
         "worker_class": SilentWorker,
@@ -185,6 +203,7 @@ def _cluster(n_workers: int, nannies: list[Nanny]) -> SpecCluster:
         "dashboard": False,
         "silence_logs": logging.CRITICAL,
         "env": ONE_THREAD,
+        "extensions": {},  # none but spans
         "preload": __name__,  # imported before the heart has to beat
     }
     return SpecCluster(

@@ -39,7 +39,13 @@ class Controls:
         self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
         self._index = pn.widgets.Select(label="Which", options=[], width=90, visible=False, **styled)
         self._slice = pn.widgets.IntSlider(
-            label="", start=0, end=1, show_value=False, width=150, visible=False, **styled
+            label="",
+            start=0,
+            end=1,
+            show_value=False,
+            width=150,
+            visible=False,
+            **{**styled, "margin": (2, 16, 2, 0)},
         )
         options = {name: rule for rule, name in LIMIT_NAMES.items()} | {"from … to": OWN}
         self._rule = pn.widgets.Select(label="Colours span", options=options, width=180, **styled)
@@ -48,7 +54,7 @@ class Controls:
         chosen = [LOG] if log else []
         self._log = pn.widgets.CheckBoxGroup(options=[LOG], value=chosen, **{**styled, "margin": (2, 8, 8, 4)})
         save = pn.widgets.Button(
-            label="Save window as survey", **{**styled, "margin": (2, 0, 2, 8)}, css_classes=["save"]
+            label="Save window as survey", **{**styled, "margin": (2, 0, 2, 0)}, css_classes=["save"]
         )
         on_press(save, lambda: uses.save())
         self._watch = Watch()

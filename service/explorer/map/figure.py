@@ -78,13 +78,13 @@ class Map:
         self._cursor, self._ellipse = (glyphs.source_of(("x", "y")) for _ in range(2))
         self._sure = glyphs.source_of(glyphs.BAND)
         self._names = glyphs.source_of(("x", "y", "name"))
-        self._marks = glyphs.points(self._points)
+        self._marks, self._band = glyphs.points(self._points), glyphs.band(self._sure)
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
         lines = (each for _, pair in self._lines.values() for each in pair)
         plot.renderers = [
             self._why,
             *images,
-            glyphs.band(self._sure),
+            self._band,
             *lines,
             *glyphs.outline(self._ellipse),
             glyphs.names(self._names),
@@ -270,7 +270,7 @@ class Map:
                 renderer.visible = name in names
         for renderer in self._marks:
             renderer.visible = "points" in names
-        self.figure.select_one({"name": glyphs.BAND_NAME}).visible = LIMIT in names
+        self._band.visible = LIMIT in names
 
     def cross(self, point: Pair | None) -> None:
         """Mark the point that was clicked."""

@@ -64,9 +64,7 @@ class Form:
             inline=True, margin=(0, 4), stylesheets=[sheet],
         )  # fmt: skip
         self.count = pn.widgets.IntInput(label="Initial conditions", value=64, start=1, step=64, **number)
-        self.v_max = pn.widgets.TextInput(
-            label="Highest speed", placeholder="7 in the paper's plane, or natural", **number
-        )
+        self.v_max = pn.widgets.TextInput(label="Highest speed", placeholder="7, or natural", **number)
         self.budget = pn.widgets.IntInput(label="Impacts of a sample", value=BUDGET, start=1, step=BUDGET, **number)
         self.seed = pn.widgets.IntInput(label="Seed", value=0, start=0, **number)
         self.submit = pn.widgets.Button(

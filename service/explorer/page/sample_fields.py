@@ -31,7 +31,7 @@ class SampleFields:
             placeholder="8 or 24",
             **style,
         )
-        options = {"by family, if asked for": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY}
+        options = {"as asked for": UNSAID, "by share": BY_FRACTION, "by family": BY_FAMILY}
         self._by = pn.widgets.Select(label="In slots", options=options, **style)
         self.widgets = [self._tau_min, self._tau_max, self._v_min, self._slots, self._by]
         self.panel = pn.Column(

@@ -1,0 +1,256 @@
+"""What many actions in the explorer take: memory of the service, and how long it and the page answer nobody meanwhile.
+
+    python benchmarks/explorer_actions.py [--actions 1000] [--every 200] [--chromium PATH] [--data PATH]
+
+Drives pages in Chromium through the same actions in the same order every time: other maps, surveys and slices, lines,
+zoom, keys, points with their basins and diagrams, the form, pages loaded anew and closed. Prints the memory of the
+service's processes (PSS), and by action the longest task of the page's main thread and the longest step of the
+service's event loop, both by the clock; of the loop also by the processor time of its thread, which depends less on
+others.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import random
+import shutil
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import httpx
+import psutil
+from explorer_times import FLAGS, PLACE, wait_until
+from playwright.sync_api import Browser, BrowserContext, Page, TimeoutError, sync_playwright
+from server import server
+
+VISIT = 25  # actions of a page, after which another one is opened, by somebody without a memory
+PAUSE_MS, PATIENCE_MS = 100, 30_000
+PLANE = {"delta": {"start": 0.4, "stop": 1.0}, "epsilon": {"start": 0.005, "stop": 0.3}}
+SURVEYS: tuple[dict[str, Any], ...] = (
+    {"name": "all", "num": 40, "quantities": ["region", "orbits", "attractors", "lyapunov", "intensity"]},
+    {"name": "large", "num": 600, "quantities": ["region", "orbits"]},
+    {"name": "slices", "num": 24, "quantities": ["region"], "beta": {"start": 0.4, "stop": 0.8, "num": 3}},
+    {"name": "stiff", "num": 16, "quantities": ["region", "attractors"], "model": "stiff", "kappa": 2e4},
+)
+LONG_TASKS = """
+window.held = []
+new PerformanceObserver((list) => held.push(...list.getEntries().map((each) => each.duration)))
+  .observe({type: "longtask", buffered: true})
+"""
+DRAWN = """() => {
+  const map = window.Bokeh?.documents?.map((each) => each.get_model_by_name("map")).find((each) => each)
+  return map && Bokeh.index.find_one(map) &&
+    map.renderers.some((each) => each.name?.startsWith("cells") && each.data_source.data.image.length)
+}"""
+IDLE = "() => Bokeh.documents.every((each) => each.is_idle)"
+LISTED = 12  # steps of the event loop, the longest
+POLL_MS = 50  # not at every frame: a browser under load may paint none
+
+
+def submitted(url: str) -> list[str]:
+    """The ids of the surveys, which are done."""
+    links = []
+    for survey in SURVEYS:
+        axes = {axis: span | {"num": survey["num"]} for axis, span in PLANE.items()}
+        rest = {name: value for name, value in survey.items() if name != "num"}
+        body = axes | rest | {"initial_conditions": {"count": 4}}
+        answer = httpx.post(f"{url}/v1/surveys", json=body, timeout=60).raise_for_status().json()
+        links.append((str(answer["id"]), url + answer["links"]["self"]))
+    for _, link in links:
+        wait_until(lambda link=link: httpx.get(link, timeout=60).json()["state"] == "successful")  # type: ignore[misc]
+    return [survey_id for survey_id, _ in links]
+
+
+class Visitor:
+    """Who uses the explorer; every action is chosen by chance, and the same in every run."""
+
+    def __init__(self, browser: Browser, url: str, surveys: Sequence[str]) -> None:
+        self._browser, self._url, self._surveys = browser, url, surveys
+        self._chance = random.Random(0)
+        self._context: BrowserContext | None = None
+        self._page: Page
+        self._left = 0
+        often = (self.variable, self.survey, self.point, self.zoom, self.keys, self.line)
+        seldom = (self.whole, self.cross_section, self.close_point, self.reload, self.limits, self.slice, self.form)
+        self._kinds = often + often + seldom
+
+    def act(self) -> tuple[str, float]:
+        """Do something: what, and the longest task of the page's main thread in milliseconds."""
+        if not self._left:
+            kind: Callable[[], None] = self.arrive
+            self._left = VISIT
+        else:
+            kind = self._chance.choice(self._kinds)
+        self._left -= 1
+        kind()
+        self._page.wait_for_function(IDLE, polling=POLL_MS)
+        self._page.wait_for_timeout(PAUSE_MS)
+        held = self._page.evaluate("() => held.splice(0)")
+        return kind.__name__.replace("_", " "), max(held, default=0.0)
+
+    def leave(self) -> None:
+        """Close the browser's window."""
+        if self._context is not None:
+            self._context.close()
+
+    def arrive(self) -> None:
+        self.leave()
+        self._context = self._browser.new_context(viewport={"width": 1280, "height": 800})
+        self._context.set_default_timeout(PATIENCE_MS)
+        self._page = self._context.new_page()
+        self._page.add_init_script(LONG_TASKS)
+        self._page.goto(f"{self._url}/?survey={self._chance.choice(self._surveys)}")
+        self._page.wait_for_function(DRAWN, polling=POLL_MS)
+
+    def reload(self) -> None:
+        self._page.reload()
+        self._page.wait_for_function(DRAWN, polling=POLL_MS)
+
+    def variable(self) -> None:
+        choice = self._page.get_by_label("Map", exact=True)
+        options = choice.locator("option").evaluate_all("(all) => all.map((each) => each.value)")
+        choice.select_option(self._chance.choice(options))
+
+    def limits(self) -> None:
+        choice = self._page.get_by_label("Colours span")
+        if choice.is_visible() and choice.is_enabled():
+            choice.select_option(index=self._chance.randrange(3))
+
+    def survey(self) -> None:
+        chosen = self._chance.choice(self._surveys)
+        self._page.locator(f"button.survey[data-survey='{chosen}']").click()
+        self._page.wait_for_function(DRAWN, polling=POLL_MS)
+
+    def slice(self) -> None:
+        self._page.locator(f"button.survey[data-survey='{self._surveys[2]}']").click()
+        slider = self._page.get_by_role("slider")
+        if slider.count():
+            slider.first.focus()
+            self._page.keyboard.press(self._chance.choice(("ArrowLeft", "ArrowRight")))
+
+    def zoom(self) -> None:
+        self._page.mouse.move(*self._place())
+        for _ in range(self._chance.randrange(1, 5)):
+            self._page.mouse.wheel(0, self._chance.choice((-200, 200)))
+
+    def whole(self) -> None:
+        self._on_map("0")
+
+    def keys(self) -> None:
+        self._on_map(*self._chance.choices(("ArrowUp", "ArrowRight", "ArrowDown", "ArrowLeft", "+", "-"), k=6))
+
+    def line(self) -> None:
+        self._page.get_by_role("checkbox", name=self._chance.choice(("SN1", "G1", "PD1", "quiet limit"))).first.click()
+
+    def point(self) -> None:
+        self._page.mouse.click(*self._place())
+        try:
+            self._page.locator(".beside", has_text="Damping δ = ").wait_for(timeout=3000)
+        except TimeoutError:  # outside of the map
+            return
+        self._page.wait_for_timeout(10 * PAUSE_MS)
+
+    def cross_section(self) -> None:
+        self._page.keyboard.down("Shift")
+        self._page.mouse.click(*self._place())
+        self._page.keyboard.up("Shift")
+
+    def close_point(self) -> None:
+        self._on_map("Escape")
+
+    def form(self) -> None:
+        self._page.locator("button", has_text="New survey").click()
+        self._page.wait_for_timeout(PAUSE_MS)
+        self._page.locator("button", has_text="Close the form").click()
+
+    def _place(self) -> tuple[float, float]:
+        """Somewhere on the map of the whole survey, on the screen."""
+        self._on_map("0")
+        at = self._chance.uniform(0.45, 0.95), self._chance.uniform(0.03, 0.27)
+        x, y = self._page.evaluate(PLACE, at)
+        return float(x), float(y)
+
+    def _on_map(self, *keys: str) -> None:
+        self._page.get_by_role("application", name="map over damping").focus()
+        for key in keys:
+            self._page.keyboard.press(key)
+
+
+def memory(service: psutil.Process) -> tuple[float, float]:
+    """MiB of the service's process, and of all those that it has started."""
+    found = []
+    for process in (service, *service.children(recursive=True)):
+        try:
+            found.append(process.memory_full_info().pss / 2**20)
+        except psutil.NoSuchProcess:  # meanwhile
+            found.append(0.0)
+    return found[0], sum(found[1:])
+
+
+class Steps:
+    """The long steps of the event loop, which the process of the service writes down (benchmarks/held.py)."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._read = path, 0
+
+    def new(self) -> list[tuple[float, float, str]]:
+        """Milliseconds of the thread and by the clock, and whose, since the last time."""
+        lines = self._path.read_text().splitlines()[self._read :]
+        self._read += len(lines)
+        return [(1e3 * work, 1e3 * clock, whose) for work, clock, whose in map(json.loads, lines)]
+
+
+def main() -> None:
+    """Act, measure, and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--actions", type=int, default=1000)
+    parser.add_argument("--every", type=int, default=200, help="actions between two readings of the memory")
+    parser.add_argument("--chromium", default=shutil.which("chromium"))
+    parser.add_argument("--data", type=Path, help="keep the service's data here")
+    given = parser.parse_args()
+    worst: defaultdict[str, list[tuple[float, float, float, str]]] = defaultdict(list)
+    with tempfile.TemporaryDirectory() as temporary:
+        noted = Path(temporary) / "held"
+        noted.touch()
+        steps = Steps(noted)
+        first = f"import pathlib, held; held.note(pathlib.Path({str(noted)!r})); "
+        with (
+            server(given.data or Path(temporary), "--workers", "1", first=first) as (url, process),
+            sync_playwright() as playwright,
+        ):
+            surveys = submitted(url)
+            browser = playwright.chromium.launch(executable_path=given.chromium, args=FLAGS)
+            visitor = Visitor(browser, url, surveys)
+            print("| actions | MiB of the service | of its processes | s |\n|---|---|---|---|")
+            began = time.monotonic()
+            for number in range(given.actions + 1):
+                if number % given.every == 0:
+                    service, others = memory(process)
+                    print(f"| {number} | {service:.0f} | {others:.0f} | {time.monotonic() - began:.0f} |", flush=True)
+                steps.new()
+                kind, page = visitor.act()
+                loop = steps.new()
+                work, clock, whose = max(loop, default=(0.0, 0.0, ""))
+                worst[kind].append((page, clock, work, whose))
+            visitor.leave()
+            browser.close()
+    print(f"\nLoad average {os.getloadavg()[0]:.1f}\n")
+    print("| action | times | page, ms | event loop, ms | its thread, ms |\n|---|---|---|---|---|")
+    for kind, found in sorted(worst.items()):
+        page, clock, work, _ = (max(each) for each in zip(*found, strict=True))
+        print(f"| {kind} | {len(found)} | {page:.0f} | {clock:.0f} | {work:.0f} |")
+    for _, clock, work, whose in sorted(
+        (each for found in worst.values() for each in found), key=lambda each: -each[2]
+    )[:12]:
+        print(f"{work:.0f} ms of {clock:.0f}: {whose}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

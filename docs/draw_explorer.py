@@ -1,0 +1,271 @@
+"""Take the pictures of the explorer in docs/images, every view on three screens, light and dark: `make screenshots`.
+
+    python docs/draw_explorer.py [VIEW …] [--kept FOLDER] [--data FOLDER] [--chromium PATH]
+
+Of each view explorer-VIEW.png is a laptop's screen, light, as pages of the documentation show it, and
+explorer-VIEW-screens.webp all of its screens, side by side and half as large; the end of docs/explorer.md lists
+them. --kept keeps each screen as it was.
+"""
+
+from __future__ import annotations
+
+import argparse
+import io
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+from explorer_actions import DRAWN, IDLE, POLL_MS
+from explorer_times import FLAGS, PLACE
+from PIL import Image
+from playwright.sync_api import Browser, Page, sync_playwright
+from server import server
+
+PAGE, IMAGES = Path(__file__).parent / "explorer.md", Path(__file__).parent / "images"
+HEADING = "## On every screen\n"
+LEAD = "1920, 1280 and 390 pixels wide, light and dark. `make screenshots` takes them.\n"
+THEMES = ("light", "dark")
+WIDE, LAPTOP, PHONE = SCREENS = ((1920, 1080), (1280, 800), (390, 844))
+PHONES = 4  # screens of a telephone, of a page that is higher
+GAP = 16
+PATIENCE_MS, STEADY_MS, POLL_SECONDS = 300_000, 1500, 1.0
+LARGEST = 150_000  # bytes of a picture
+
+#: Whether of the lines that are switched on some are drawn.
+LINES = """() => {
+  const map = Bokeh.documents.map((each) => each.get_model_by_name("map")).find((each) => each)
+  return map.renderers.some((each) => each.visible && each.data_source.data.xs?.length)
+}"""
+PLANE: dict[str, Any] = {
+    "delta": {"start": 0.403, "stop": 0.997, "num": 100}, "epsilon": {"start": 0.002, "stop": 0.298, "num": 75},
+    "initial_conditions": {"count": 16},
+    "quantities": ["region", "orbits", "attractors"],
+}  # fmt: skip
+FIGURE_7, STIFF, GAPS, MACHINE = "plane of Figure 7", "teeth that give way", "three gaps", "a pair of gears"
+#: Submitted in this order: the last one is the first in the list.
+SURVEYS: dict[str, dict[str, Any]] = {
+    MACHINE: {
+        "machine": {
+            "inertia": 0.003, "drag": 0.05, "backlash": 100e-6, "radius": 0.05, "drive": "torque",
+            "rpm": {"start": 1500.0, "stop": 6000.0, "num": 40},
+            "eccentricity": {"start": 2e-6, "stop": 60e-6, "num": 30},
+        },
+        "initial_conditions": {"count": 16},
+        "quantities": ["region", "attractors"],
+    },
+    STIFF: {
+        **PLANE, "model": "stiff", "kappa": 2e4, "quantities": ["region", "attractors"],
+        "delta": {"start": 0.41, "stop": 0.99, "num": 20}, "epsilon": {"start": 0.0075, "stop": 0.1425, "num": 10},
+    },
+    GAPS: {**PLANE, "beta": {"start": 0.4, "stop": 0.8, "num": 3}, "quantities": ["region"]},
+    FIGURE_7: PLANE,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class View:
+    """What a picture shows: the address, with its survey by name; what is done then, and what is read in the end."""
+
+    what: str
+    query: Mapping[str, str] = field(default_factory=dict)
+    act: Callable[[Page], None] = lambda _page: None
+    until: Sequence[str] = ()
+
+
+def press(*names: str) -> Callable[[Page], None]:
+    """Press these buttons, one after the other."""
+
+    def act(page: Page) -> None:
+        for name in names:
+            page.get_by_role("button", name=name, exact=True).click()
+
+    return act
+
+
+def by_keyboard(page: Page) -> None:
+    """Walk over the map by its keys."""
+    page.locator(".plot[data-keys=heard]").focus()
+    for key in ("ArrowRight", "ArrowUp") * 6:
+        page.keyboard.press(key)
+
+
+def cross_section(page: Page) -> None:
+    """Click another point with Shift, once the first is there."""
+    page.get_by_text("periodic motions").first.wait_for()
+    page.keyboard.down("Shift")
+    page.mouse.click(*page.evaluate(PLACE, [0.75, 0.2]))
+    page.keyboard.up("Shift")
+
+
+def tolerances(page: Page) -> None:
+    """Ask for the ellipse and the yield of the open point."""
+    page.get_by_label("σ of eccentricity, µm").fill("3")
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="Ellipse and yield").click()
+
+
+POINT = ("600 × 600 cells", "periodic motions")
+#: A view of the explorer is a line here.
+VIEWS: dict[str, View] = {
+    "start": View("Before any survey"),
+    "map": View("A survey", {"survey": FIGURE_7}),
+    "values": View(
+        "Numbers over the plane", {"survey": FIGURE_7, "variable": "quiet_fraction", "overlays": "quiet_limit,SN1"}
+    ),
+    "form": View("The form of a new survey", {"survey": FIGURE_7}, press("New survey"), ("cells, about",)),
+    "deep": View(
+        "A window computed afresh",
+        {
+            "survey": FIGURE_7,
+            "variable": "region",
+            "delta": "0.7701471304,0.7701471314",
+            "epsilon": "0.0978908122,0.0978908132",
+        },
+    ),
+    "go-to": View("To go to a point", {"survey": FIGURE_7}, press("Go to a point"), ("Given",)),
+    "point": View(
+        "A clicked point", {"survey": FIGURE_7, "variable": "attractor_kind", "point": "0.6,0.1"}, until=POINT
+    ),
+    "section": View("A cross-section", {"survey": FIGURE_7, "point": "0.6,0.06"}, cross_section, POINT),
+    "machine": View(
+        "A machine with its design limit, and the tolerances of a point",
+        {"survey": MACHINE, "variable": "attractor_kind", "overlays": "design_limit", "point": "0.3333,0.0004"},
+        tolerances,
+        ("of the gears pass",),
+    ),
+    "keys": View("The map by the keyboard", {"survey": FIGURE_7}, by_keyboard, ("Cell at δ",)),
+    "slices": View("A slice of a survey with a third axis", {"survey": GAPS, "slice": "2"}),
+    "stiff": View("Teeth that give way", {"survey": STIFF, "variable": "attractor_kind"}),
+}
+
+
+def submitted(url: str) -> dict[str, str]:
+    """The ids of the surveys by name, which are done."""
+    with httpx.Client(base_url=url, timeout=60) as client:
+        there = {each["name"]: str(each["id"]) for each in client.get("/v1/surveys").json()["surveys"]}
+        for name in (each for each in SURVEYS if each not in there):
+            answer = client.post("/v1/surveys", json=SURVEYS[name] | {"name": name}).raise_for_status()
+            there[name] = str(answer.json()["id"])
+        for survey_id in there.values():
+            while (state := client.get(f"/v1/surveys/{survey_id}").json()["state"]) in ("accepted", "running"):
+                time.sleep(POLL_SECONDS)
+            if state != "successful":
+                raise RuntimeError(f"a survey is {state}: start again with other --data")
+        return there
+
+
+def taken(browser: Browser, url: str, view: View, surveys: Mapping[str, str]) -> dict[tuple[str, int], Image.Image]:
+    """A view by theme and width of the screen; of a telephone the screens of the whole page one after the other."""
+    found = {}
+    for theme in THEMES:
+        context = browser.new_context(viewport={"width": LAPTOP[0], "height": LAPTOP[1]})
+        context.set_default_timeout(PATIENCE_MS)
+        page = context.new_page()
+        asked: list[str] = []
+        page.on("request", lambda sent, asked=asked: asked.append(sent.url))  # type: ignore[misc]
+        survey = {"survey": surveys[view.query["survey"]]} if "survey" in view.query else {}
+        page.goto(f"{url}/?{httpx.QueryParams({**view.query, **survey, 'theme': theme})}")
+        page.wait_for_function(DRAWN, polling=POLL_MS)
+        view.act(page)
+        for text in view.until:
+            page.get_by_text(text).first.wait_for()
+        for width, height in (LAPTOP, WIDE, PHONE):
+            page.set_viewport_size({"width": width, "height": height})
+            settle(page)
+            picture = page.screenshot(full_page=(width, height) == PHONE)
+            found[theme, width] = Image.open(io.BytesIO(picture)).convert("RGB")
+        context.close()
+        if others := [each for each in asked if not each.startswith((f"{url}/", "blob:", "data:"))]:
+            raise RuntimeError(f"the page has asked somebody else: {', '.join(others)}")
+    return found
+
+
+def settle(page: Page) -> None:
+    """Wait until nothing is being computed or laid out."""
+    page.wait_for_timeout(STEADY_MS)
+    while page.get_by_role("status").filter(has_text="omputing").count():
+        page.wait_for_timeout(STEADY_MS)
+    page.wait_for_function(IDLE, polling=POLL_MS)
+    page.wait_for_function(LINES, polling=POLL_MS)
+
+
+def sheet_of(screens: Mapping[tuple[str, int], Image.Image]) -> Image.Image:
+    """All screens of a view: a row for each size, light on the left and dark on the right; half as large."""
+    width = WIDE[0]
+    sheet = Image.new("RGB", (2 * width + GAP, sum(height + GAP for _, height in SCREENS) - GAP), "#808080")
+    top = 0
+    for size in SCREENS:
+        for left, theme in zip((0, width + GAP), THEMES, strict=True):
+            for number, part in enumerate(_parts(screens[theme, size[0]], size)):
+                sheet.paste(part, (left + number * (size[0] + GAP), top))
+        top += size[1] + GAP
+    return sheet.resize((sheet.width // 2, sheet.height // 2), Image.Resampling.LANCZOS)
+
+
+def _parts(picture: Image.Image, size: tuple[int, int]) -> Iterator[Image.Image]:
+    """A screen, or those of a page that is higher."""
+    for number in range(min(PHONES, -(-picture.height // size[1]))):
+        yield picture.crop((0, number * size[1], size[0], min((number + 1) * size[1], picture.height)))
+
+
+def write(name: str, screens: Mapping[tuple[str, int], Image.Image]) -> None:
+    """Write the two pictures of a view."""
+    single, sheet = IMAGES / f"explorer-{name}.png", IMAGES / f"explorer-{name}-screens.webp"
+    if shown := single.name in PAGE.read_text():
+        screens["light", LAPTOP[0]].quantize(256, dither=Image.Dither.NONE).save(single, optimize=True)
+    for quality in (85, 75, 65, 55):
+        sheet_of(screens).save(sheet, quality=quality, method=6)
+        if sheet.stat().st_size <= LARGEST:
+            break
+    for path in (single, sheet) if shown else (sheet,):
+        print(f"{path.name} {path.stat().st_size / 1e3:.0f} kB")
+        if path.stat().st_size > LARGEST:
+            raise RuntimeError(f"{path.name} is larger than {LARGEST} bytes: let the view show less")
+
+
+def listed() -> str:
+    """The part of docs/explorer.md that has all views of which there is a picture."""
+    parts = [HEADING, LEAD]
+    for name, view in VIEWS.items():
+        if (IMAGES / f"explorer-{name}-screens.webp").exists():
+            parts.append(f"**{view.what}**\n\n![{view.what}](images/explorer-{name}-screens.webp)\n")
+    return "\n".join(parts)
+
+
+def main() -> None:
+    """Take the pictures, all or some."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("views", nargs="*", choices=[*VIEWS, []], help="all of them if none is named")
+    parser.add_argument("--kept", type=Path, help="each screen as it was, here")
+    parser.add_argument("--data", type=Path, help="keep the service's data here, and use what is there")
+    parser.add_argument("--chromium", default=shutil.which("chromium"))
+    given = parser.parse_args()
+    names = given.views or list(VIEWS)
+    with tempfile.TemporaryDirectory() as temporary, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=given.chromium, args=FLAGS)
+        empty, full = Path(temporary) / "empty", given.data or Path(temporary) / "full"
+        before = [name for name in names if "survey" not in VIEWS[name].query]
+        for data, chosen in ((empty, before), (full, [name for name in names if name not in before])):
+            if not chosen:
+                continue
+            with server(data, "--workers", "2") as (url, _):
+                surveys = submitted(url) if data == full else {}
+                for name in chosen:
+                    screens = taken(browser, url, VIEWS[name], surveys)
+                    if given.kept:
+                        given.kept.mkdir(parents=True, exist_ok=True)
+                        for (theme, width), picture in screens.items():
+                            picture.save(given.kept / f"{name}-{width}-{theme}.png")
+                    write(name, screens)
+        browser.close()
+    before, _, _ = PAGE.read_text().partition(HEADING)
+    PAGE.write_text(before + listed())
+
+
+if __name__ == "__main__":
+    main()
