@@ -50,15 +50,15 @@ def second_attempt(b, groups, force, paths):
 @inline
 def compact(b, groups):
     """Copy what a scan needs of the lanes without proof to the first places; how many there are."""
-    n = np.uint64(0)
+    n = 0
     for i in range(GROUP * groups):
-        b.todo[n] = i  # no branch, which the processor could not foresee
-        n += np.uint64((b.proved[i] == ZERO) & (b.n_plus[i] < b.limit[i]))
+        b.todo[np.uint64(n)] = i  # no branch, which the processor could not foresee
+        n += (b.proved[i] == ZERO) & (b.n_plus[i] < b.limit[i])
     for k in range(n):
-        i = np.uint64(b.todo[k])
+        place, lane = np.uint64(k), np.uint64(b.todo[k])
         for field in range(len(b.scanned)):
-            b.compacted[field, k] = b.scanned[field, i]
-    return np.int64(n)
+            b.compacted[field, place] = b.scanned[field, lane]
+    return n
 
 
 @inline
