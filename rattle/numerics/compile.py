@@ -82,7 +82,12 @@ def note_in_cache(name: str) -> Path:
 
 #: IEEE arithmetic but for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation would
 #: break the rounding trick of `rattle.flight.law` and the sums that avoid cancellation.
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cfunc_wrapper": True}
+_OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "fastmath": {"contract", "nsz"},
+    "no_cfunc_wrapper": True,
+    "_nrt": True,
+}
 _INSIDE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True}
 
 
@@ -303,14 +308,40 @@ def _share(dispatcher: Any) -> None:
     dispatcher.compile = compile_once
 
 
+def _holds_arrays(kind: Any) -> bool:
+    return isinstance(kind, numba.types.Buffer) or any(map(_holds_arrays, getattr(kind, "types", ())))
+
+
+def _borrow(dispatcher: Any) -> None:
+    """Refuse to compile a function that counts no references and returns an array: its caller would give back what it
+    was never given.
+    """
+    compile_here = dispatcher.compile
+
+    def compile_checked(signature: Any) -> Any:
+        found = compile_here(signature)
+        if _holds_arrays(dispatcher.overloads[signature].signature.return_type):
+            raise TypeError(f"{dispatcher.py_func.__qualname__} is inline and returns an array: make it a kernel")
+        return found
+
+    dispatcher.compile = compile_checked
+
+
 class Inline:
-    """A function that is compiled into its callers; from Python it stays the plain function."""
+    """A function that is compiled into its callers; from Python it stays the plain function.
+
+    It borrows the arrays that it is given: it neither makes nor returns any, and counts no references to them. In a
+    kernel numba counts those of every array of a named tuple at each call, in atomic steps of some nanoseconds.
+    """
 
     def __init__(self, function: Callable[..., Any], *, forced: bool = True) -> None:
         """Inside other kernels it needs neither a wrapper nor a file, and is compiled once, whoever calls it."""
         update_wrapper(self, function)
         self._run = function
-        self._inside = numba.njit(forceinline=forced, pipeline_class=_InsideCompiler, **_INSIDE)(function)
+        options: dict[str, Any] = _INSIDE | {"forceinline": forced, "_nrt": not forced}
+        self._inside = numba.njit(pipeline_class=_InsideCompiler, **options)(function)
+        if forced:
+            _borrow(self._inside)
 
     def __call__(self, *arguments: Any) -> Any:
         return self._run(*arguments)

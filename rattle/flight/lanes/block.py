@@ -10,7 +10,7 @@ from rattle.flight.law import DRIFT, TWO_PI, Arc, Flight, negative_arc, versines
 from rattle.flight.tangent import MOST_BOUNCES, STUCK
 from rattle.numerics.compile import inline, kernel
 
-LANES, GROUP = 96, 16  # lanes are flown in groups, as many as are in use
+LANES, GROUP = 192, 16  # lanes are flown in groups, as many as are in use
 GROUPS = LANES // GROUP
 SMOOTH, ROUGH, ARCS = range(3)
 ROUGHNESS = 0.75  # of the amplitude at which the contact force changes sign: from there a better guess pays

@@ -20,7 +20,7 @@ from rattle.flight.guess import (
     scanned,
     taylor,
 )
-from rattle.flight.lanes.block import GROUP, ZERO, flag
+from rattle.flight.lanes.block import ARCS, GROUP, ONE, ZERO, flag
 from rattle.flight.law import Arc, Flight
 from rattle.flight.proof import clears_the_gap, is_located, single_turn, two_turns
 from rattle.numerics.compile import inline, kernel
@@ -29,26 +29,36 @@ SCANNED, SAFE = range(2)  # what `paths` counts: flights that took this second a
 
 
 @kernel
-def second_attempt(b, groups, paths):
+def second_attempt(b, groups, force, paths):
     """Lanes without proof, compacted and located afresh from a scan at fixed steps; their proof is then tried again."""
-    n = 0
-    for i in range(GROUP * groups):
-        if b.proved[i] == ZERO and b.n_plus[i] < b.limit[i]:
-            b.todo[n] = i
-            n += 1
+    n = compact(b, groups)
     paths[SCANNED] += n
     if n == 0:
         return
     padded = (n + GROUP - 1) // GROUP * GROUP
-    for k in range(padded):
-        i = b.todo[min(k, n - 1)]
-        for field in range(len(b.scanned)):
-            b.compacted[field, k] = b.scanned[field, i]
-    scan(b, padded)
-    conclude(b, padded)
+    scan(b, n, padded)
+    locate(b, padded)
+    if force == ARCS:
+        prove_scanned_turns(b, padded)
+    else:
+        prove_scanned(b, padded)
     for k in range(n):
         i = b.todo[k]
         b.s_[i], b.falls[i], b.proved[i] = b.z_s[k], b.z_falls[k], b.z_proved[k]
+
+
+@inline
+def compact(b, groups):
+    """Copy what a scan needs of the lanes without proof to the first places; how many there are."""
+    n = 0
+    for i in range(GROUP * groups):
+        b.todo[np.uint64(n)] = i  # no branch, which the processor could not foresee
+        n += (b.proved[i] == ZERO) & (b.n_plus[i] < b.limit[i])
+    for k in range(n):
+        place, lane = np.uint64(k), np.uint64(b.todo[k])
+        for field in range(len(b.scanned)):
+            b.compacted[field, place] = b.scanned[field, lane]
+    return n
 
 
 @inline
@@ -66,30 +76,32 @@ def arc_scanned(b, i):
 
 
 @inline
-def scan(b, n):
-    """Points of the flights at fixed steps, until each has ended."""
-    for k in range(n):
+def scan(b, n, padded):
+    """Points of the n flights at fixed steps, until each has ended; those that pad them count as ended."""
+    for k in range(padded):
         from_bottom = b.z_wall[k] < ZERO
         b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = ZERO, b.z_w[k], ZERO, ZERO
         b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(from_bottom), ZERO, ZERO
+    for k in range(n, padded):
+        b.z_ended[k] = ONE
     for j in range(SCAN_STEPS):
         s0, s1 = SCAN_STEP * f32(j), SCAN_STEP * f32(j + 1)
-        for k in range(n):
+        for k in range(padded):
             turned, ended, falls = b.z_turned[k] > ZERO, b.z_ended[k] > ZERO, b.z_falls[k] > ZERO
             before = Scan(b.z_f[k], b.z_g[k], turned, b.z_turn[k], ended, falls, b.z_end[k])
             now = scanned(s0, s1, b.z_wall[k], b.z_gap[k], before, flight_scanned(b, k))
             b.z_f[k], b.z_g[k], b.z_turn[k], b.z_end[k] = now.f, now.g, now.turn, now.end
             b.z_turned[k], b.z_ended[k], b.z_falls[k] = flag(now.turned), flag(now.ended), flag(now.falls)
         left = np.int32(0)
-        for k in range(n):
-            left |= np.int32(b.z_ended[k] == ZERO)
+        for k in range(padded):
+            left = np.int32(left | np.int32(b.z_ended[k] == ZERO))  # numba makes 64 bits of an or
         if left == 0:
             break
 
 
 @inline
-def conclude(b, n):
-    """Depth of the last turning point that the scan found, the impact to single precision, and its proof."""
+def locate(b, n):
+    """Depth of the last turning point that the scan found, and the impact to single precision."""
     for k in range(n):
         wall, gap, flight = b.z_wall[k], b.z_gap[k], flight_scanned(b, k)
         turn, end, scanned_fall = b.z_turn[k], b.z_end[k], b.z_falls[k]
@@ -106,6 +118,20 @@ def conclude(b, n):
         s, step, speed = refined(s, level, flight)
         b.z_s[k], b.z_falls[k], b.z_g[k], b.z_turn[k] = s, falls, minimum.tilt, minimum.time
         b.z_proved[k] = flag(is_located(s, step, speed, flight))
+
+
+@inline
+def prove_scanned(b, n):
+    """Whether the impacts that were located are certain to be the first, where the contact force keeps its sign."""
+    for k in range(n):
+        rising, minimum = b.z_falls[k] == ZERO, Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])
+        clear = clears_the_gap(b.z_wall[k], rising, b.z_s[k], minimum, b.z_gap[k], flight_scanned(b, k))
+        b.z_proved[k] = b.z_proved[k] if clear else ZERO
+
+
+@inline
+def prove_scanned_turns(b, n):
+    """The same, where it changes sign on some lane."""
     for k in range(n):
         wall, gap, rising, tau, s = b.z_wall[k], b.z_gap[k], b.z_falls[k] == ZERO, b.z_tau[k], b.z_s[k]
         flight, arc, minimum = flight_scanned(b, k), arc_scanned(b, k), Minimum(b.z_f[k], b.z_g[k], b.z_turn[k])

@@ -242,9 +242,9 @@ def _advance(tangent):
                 prove_turns(b, groups)
             unproved = np.int32(0)
             for i in range(GROUP * groups):
-                unproved |= np.int32(b.proved[i] == ZERO)
+                unproved = np.int32(unproved | np.int32(b.proved[i] == ZERO))  # numba makes 64 bits of an or
             if unproved:
-                second_attempt(b, groups, paths)
+                second_attempt(b, groups, force, paths)
             copy_to_double(b, groups)
             evaluate_in_double(b, groups)
             if tangent:

@@ -185,7 +185,7 @@ def located(a, b, index, level, cycle, y):
     return True
 
 
-@inline
+@kernel
 def passes(solution, a, b, cycle, y):
     """True if the family passes through a solution between its points a and b, written as it is there: some periods
     later perhaps.

@@ -1,0 +1,38 @@
+"""What is compiled into its callers borrows their arrays."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rattle.numerics.compile import inline, kernel
+
+
+@inline
+def with_its_size(numbers: Any) -> Any:
+    return numbers, numbers.size
+
+
+@inline
+def sum_of_a_copy(numbers: Any) -> Any:
+    return numbers.copy().sum()
+
+
+@kernel
+def size_of(numbers: Any) -> Any:
+    return with_its_size(numbers)[1]
+
+
+@kernel
+def total(numbers: Any) -> Any:
+    return sum_of_a_copy(numbers)
+
+
+def test_an_inline_function_that_returns_an_array_is_refused() -> None:
+    with pytest.raises(TypeError, match="with_its_size is inline and returns an array: make it a kernel"):
+        size_of(np.ones(3))
+
+
+def test_an_inline_function_that_makes_an_array_is_refused() -> None:
+    with pytest.raises(Exception, match="NRT required"):
+        total(np.ones(3))
