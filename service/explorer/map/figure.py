@@ -20,7 +20,7 @@ from rattle.plot.plane import MARKERS, STYLES
 from service.explorer.common import glyphs
 from service.explorer.common.address import CRISIS, LIMIT, Pair, Ranges
 from service.explorer.common.theme import INK
-from service.explorer.map import axes
+from service.explorer.design import axes
 from service.explorer.map.colouring import Colouring
 from service.explorer.map.planes import Block
 from workers.survey.machine import SurveyedMachine

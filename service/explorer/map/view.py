@@ -22,21 +22,19 @@ from service.explorer.common.viewer import Viewer
 from service.explorer.design.go_to import GoTo
 from service.explorer.design.places import Place
 from service.explorer.map.beside import Beside
-from service.explorer.map.colouring import Colouring, colouring, values_shown, window_shown
+from service.explorer.map.closer import Closer
+from service.explorer.map.colouring import Colouring, colouring
 from service.explorer.map.controls import Controls, Uses
 from service.explorer.map.cursor import Cursor, History
-from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
-from service.explorer.map.planes import SIDE, Block, Plane, Room, box_of, maps_of
+from service.explorer.map.planes import SIDE, Block, Plane, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
 from service.explorer.point.state import marks_of, stands_for
 from workers import SurveyRequest
 from workers.survey.machine import SurveyedMachine
-from workers.survey.values.schema import OF_PERIODIC
 
-SURVEY_ONLY = "This is shown for the cells of the survey only."
 WAITS = "<p class=faint>This survey waits for its turn.</p>"
 PAUSE = 1.0  # between two drawings of a survey that runs
 
@@ -65,7 +63,7 @@ class MapView:
         self.map = Map(theme, self._point, self._through, self._hover, self._moved, self._reset)
         for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
             self.map.figure.on_change(size, self._on_size)
-        self._zoom = Zoom(viewer, self._frame, self._say_zoom)
+        self._closer = Closer(viewer, self.map, self._say_zoom, self._count)
         heard = self._on_lines, self._on_share
         self._lines = Lines(shared.crises, shared.limits, viewer, self.map, view.overlays, view.share, *heard, sheet)
         self._history = History()
@@ -82,8 +80,6 @@ class MapView:
         uses = Uses(self._on_variable, self._on_index, self._on_slice, self._on_limits, self._on_own, save_window)
         self._controls = Controls(sheet, view.log, uses)
         self._title = Heading(sheet)
-        self._finer: Block | None = None  # what the workers have computed of the window
-        self._seen: Callable[[], Block] | None = None  # the cells of the window, none where that is the whole survey
         self._said = Text("", sheet, is_spoken=True)
         go_to = GoTo(sheet, self._point, self._machine_point, self._on_place)
         self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to)
@@ -125,7 +121,7 @@ class MapView:
                 self._beside.close()
                 self._mark()
         self._plane, self._drawn = None, ()
-        self._zoom.stop()
+        self._closer.stop()
         self._follow(job)
 
     def follow(self, standing: Standing | None) -> None:
@@ -244,8 +240,7 @@ class MapView:
         self._title.instead(why)
         self._colours = None
         self.map.no_cells()
-        self._zoom.stop()
-        self._finer = self._seen = None
+        self._closer.forget()
         self._count()
         self._controls.show_limits(self.view.limits, None)
         self._said.html = ""
@@ -291,9 +286,7 @@ class MapView:
         self._draw_anew()
 
     def _draw_anew(self) -> None:
-        self._zoom.stop()
-        self._finer = None
-        self.map.no_frame()
+        self._closer.forget()
         self._redraw()
 
     def _on_limits(self) -> None:
@@ -331,7 +324,7 @@ class MapView:
     def _look(self, at: Pair) -> None:
         assert self._plane is not None
         self.map.cursor(at)
-        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window, self._finer))}</p>"
+        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window, self._closer.finer))}</p>"
         self._read(*at)
 
     def _go(self, window: Ranges) -> None:
@@ -373,45 +366,15 @@ class MapView:
         return ""
 
     def _refine(self) -> None:
-        self.map.no_frame()
-        self._finer = self._seen = None
-        self._say_zoom("")
-        self._zoom.stop()
-        plane, window = self._plane, self.window
-        if plane is None:
-            return
-        if self._zoomed is None:
-            self._count()
-            return
-        if self.map.is_too_close:  # until the workers answer, and where they do not
-            self._seen = partial(plane.enlarged, window)
-            self.map.frame(values_shown(plane, self._seen()), window)
+        if self._plane is None:
+            self._closer.forget()
+            self._say_zoom("")
         else:
-            self._seen = partial(plane.block, window, self.map.pixels)
-        self._count()
-        is_coarser = coarser(plane, window, self.map.pixels)
-        if is_coarser and self.view.variable in OF_PERIODIC:
-            self._say_zoom(SURVEY_ONLY)
-        elif is_coarser:
-            self._zoom.start(plane, self.view.variable, self.view.index, window, self.map.pixels)
-        elif plane.is_thinned(self.map.pixels):
-            self._viewer.start(self._all_cells(plane, window, self.map.pixels))
-
-    async def _all_cells(self, plane: Plane, window: Ranges, room: Room) -> None:
-        """Draw those cells of a window that are left out where the whole survey is drawn."""
-        values, box = await self._viewer.read(partial(window_shown, plane, window, room))
-        self._viewer.change(
-            lambda: self.map.frame(values, box) if (plane, window) == (self._plane, self.window) else None
-        )
-
-    def _frame(self, finer: Block) -> None:
-        self._finer, self._seen = finer, lambda: finer
-        self._viewer.change(lambda: self.map.frame(finer.values, finer.box))
-        self._count()
+            self._closer.show(self._plane, self.view.variable, self.view.index, self._zoomed)
 
     def _count(self) -> None:
         """The shares of the key are those of what is seen."""
-        plane, view, seen = self._plane, self.view, self._seen
+        plane, view, seen = self._plane, self.view, self._closer.seen
         if plane is not None and seen is not None:
             self._lines.count(lambda: colouring(plane, seen(), view.limits, view.log).shades)
         else:
@@ -428,7 +391,7 @@ class MapView:
 
     def _read(self, delta: float, epsilon: float) -> None:
         if self._plane is not None:
-            self._beside.read(self._plane, self._finer, delta, epsilon, self.window)
+            self._beside.read(self._plane, self._closer.finer, delta, epsilon, self.window)
 
     def _point(self, delta: float, epsilon: float) -> None:
         self._open(delta, epsilon, None)
@@ -464,7 +427,7 @@ class MapView:
 
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""
-        self._zoom.stop()
+        self._closer.stop()
         self._beside.end()
 
     def _close_point(self) -> None:

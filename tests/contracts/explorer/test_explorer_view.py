@@ -196,7 +196,7 @@ def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
         axes = (np.linspace(low, high, 9) for low, high in window)
         values = np.full((9, 9), other, np.int8)
         values[:3] = int(at[0])
-        shown._frame(block_of(Frame(*axes, values, 1.0, 0)))
+        shown._closer._frame(block_of(Frame(*axes, values, 1.0, 0)))
         await eventually(lambda: shares().get(code) == pytest.approx(1 / 3))
         shown._hover(delta, epsilon)
         await eventually(lambda: "Outside of this window" in shown._beside._text.html)
