@@ -47,9 +47,29 @@ class Entered(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Chosen:
+    """One of the maps of a survey."""
+
+    variable: str
+    index: int = 0
+
+    @property
+    def written(self) -> str:
+        """As an address has it."""
+        return f"{self.variable},{self.index}"
+
+    @classmethod
+    def read(cls, text: str) -> Chosen:
+        """The map that is written so. Raises ValueError."""
+        variable, _, index = text.partition(",")
+        return cls(_word(variable), _index(index or "0"))
+
+
+@dataclass(frozen=True)
 class View:
     """What a page shows. Limits are a rule, or (low, high); `point_state` is what the view of the point keeps, and
     `machine` is there where the point is that of a machine which was entered. share: P(quiet) of the design limit.
+    profile: of which map there is one above the diagram, None for the map that is shown.
 
     No theme is that of the viewer's system.
     """
@@ -66,6 +86,8 @@ class View:
     point: Pair | None = None
     machine: Entered | None = None
     share: float = SHARE
+    profile: Chosen | None = None
+    profile_limits: Pair | None = None
     theme: str = ""
     point_state: Mapping[str, str] = field(default_factory=dict)
 
@@ -94,6 +116,8 @@ class View:
             point=point,
             machine=read("machine", _machine, None) if point else None,
             share=read("share", _share, SHARE),
+            profile=read("profile", Chosen.read, None),
+            profile_limits=read("profile_limits", _window, None),
             theme=text["theme"] if text.get("theme") in THEMES else "",
             point_state={
                 name.removeprefix(POINT_STATE): value
@@ -117,6 +141,8 @@ class View:
         if self.point and self.machine:
             pairs["machine"] = ",".join("" if each is None else str(each) for each in self.machine)
         pairs["share"] = repr(self.share) if self.share != SHARE else ""
+        pairs["profile"] = self.profile.written if self.profile else ""
+        pairs["profile_limits"] = _written(self.profile_limits) if self.profile_limits else ""
         pairs["theme"] = self.theme
         if self.point:
             pairs |= {POINT_STATE + name: str(value) for name, value in self.point_state.items()}

@@ -31,6 +31,7 @@ from service.explorer.map.overlays import WHOLE, Lines
 from service.explorer.map.planes import SIDE, Block, Plane, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
+from service.explorer.point.panel import Above
 from service.explorer.point.state import marks_of, stands_for
 from workers import SurveyRequest
 from workers.survey.machine import SurveyedMachine
@@ -51,6 +52,7 @@ class MapView:
         sheet: str,
         remember: Callable[[View], None],
         save_window: Callable[[], None],
+        above: Above | None = None,
     ) -> None:
         self._shared, self._viewer, self.view, self._remember = shared, viewer, view, remember
         self._job: JobRow | None = None
@@ -82,7 +84,7 @@ class MapView:
         self._title = Heading(sheet)
         self._said = Text("", sheet, is_spoken=True)
         go_to = GoTo(sheet, self._point, self._machine_point, self._on_place)
-        self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to)
+        self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to, above)
         self.parts = {
             "controls": pn.Column(self._controls.panel, self._title.pane, sizing_mode="stretch_width", margin=0),
             "plot": pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0),
@@ -424,6 +426,14 @@ class MapView:
         at, ellipse = marks_of(self.view, self.model, self.machine)
         self.map.cross(at)
         self.map.ellipse(ellipse)
+
+    def keep(self, **values: Any) -> None:
+        """Remember what another part of the page shows."""
+        self._change(**values)
+
+    def go_through(self, to: Pair) -> None:
+        """Have the diagram of the open point lead from there to another one."""
+        self._through(*to)
 
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""
