@@ -42,8 +42,11 @@ class Closer:
         self.finer = self.seen = self._shown = None
         self._zoom.stop()
 
-    def show(self, plane: Plane, variable: str, index: int, window: Ranges | None) -> None:
-        """Draw what the survey has of this window, or all of it, and then what is finer."""
+    def show(self, plane: Plane, variable: str | None, index: int, window: Ranges | None) -> None:
+        """Draw what the survey has of this window, or all of it, and then what is finer.
+
+        variable: which map is computed finer, None for one that only surveys have.
+        """
         self.forget()
         self._say("")
         if window is None:
@@ -57,9 +60,9 @@ class Closer:
             self.seen = partial(plane.block, window, pixels)
         self._on_seen()
         is_coarser = coarser(plane, window, pixels)
-        if is_coarser and variable in OF_PERIODIC:
+        if is_coarser and (variable is None or variable in OF_PERIODIC):
             self._say(SURVEY_ONLY)
-        elif is_coarser:
+        elif is_coarser and variable is not None:
             self._zoom.start(plane, variable, index, window, pixels)
         elif plane.is_thinned(pixels):
             self._viewer.start(self._all_cells(plane, window, pixels))

@@ -48,7 +48,10 @@ class Shared:
         """A map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""
         if job is None:
             return self.exact.plane(variable, index)
-        return self.atlas.plane(job, variable, index, number)[0]
+        is_whole = False
+        while not is_whole:  # what takes long is read a piece at a time
+            plane, is_whole = self.atlas.plane(job, variable, index, number)
+        return plane
 
     def exact_map(self, view: View) -> tuple[Plane, Block, Colouring]:
         """The map without any survey, and what is drawn of it. Blocks: for a thread."""

@@ -53,8 +53,10 @@ class MapView:
         remember: Callable[[View], None],
         save_window: Callable[[], None],
         above: Above | None = None,
+        on_pointed: Callable[[Pair], None] = lambda _at: None,
     ) -> None:
         self._shared, self._viewer, self.view, self._remember = shared, viewer, view, remember
+        self._on_pointed = on_pointed
         self._job: JobRow | None = None
         self._whole: SurveyRequest | None = None  # of the survey that is chosen, which may have no numbers yet
         self._request: SurveyRequest | None = None  # of its slice, if it has a third axis
@@ -62,7 +64,7 @@ class MapView:
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
-        self.map = Map(theme, self._point, self._through, self._hover, self._moved, self._reset)
+        self.map = Map(theme, self.open_point, self.through, self._hover, self.moved, self.reset)
         for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
             self.map.figure.on_change(size, self._on_size)
         self._closer = Closer(viewer, self.map, self._say_zoom, self._count)
@@ -71,10 +73,10 @@ class MapView:
         self._history = History()
         self._lines.tell(self.model, self.window[0])
         words: dict[str, Callable[[Pair], None]] = {
-            "all": lambda _at: self._reset(),
-            "open": lambda at: self._point(*at),
+            "all": lambda _at: self.reset(),
+            "open": lambda at: self.open_point(*at),
             "close": lambda _at: self._beside.close(tell=True),
-            "through": lambda at: self._through(*at),
+            "through": lambda at: self.through(*at),
             "back": lambda _at: self._show(self._history.back(self._zoomed)),
             "forward": lambda _at: self._show(self._history.forward(self._zoomed)),
         }
@@ -83,7 +85,7 @@ class MapView:
         self._controls = Controls(sheet, view.log, uses)
         self._title = Heading(sheet)
         self._said = Text("", sheet, is_spoken=True)
-        go_to = GoTo(sheet, self._point, self._machine_point, self._on_place)
+        go_to = GoTo(sheet, self.open_point, self._machine_point, self._on_place)
         self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to, above)
         self.parts = {
             "controls": pn.Column(self._controls.panel, self._title.pane, sizing_mode="stretch_width", margin=0),
@@ -98,6 +100,11 @@ class MapView:
     def model(self) -> AnyModel:
         """The model of the survey that is chosen."""
         return self._request.gear_model if self._request else Impacting()
+
+    @property
+    def request(self) -> SurveyRequest | None:
+        """The survey that is chosen, of a third axis its slice."""
+        return self._request
 
     @property
     def machine(self) -> SurveyedMachine | None:
@@ -326,15 +333,19 @@ class MapView:
     def _look(self, at: Pair) -> None:
         assert self._plane is not None
         self.map.cursor(at)
+        self._on_pointed(at)
         self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window, self._closer.finer))}</p>"
         self._read(*at)
 
     def _go(self, window: Ranges) -> None:
         if window != self.window and window[0][1] > 0:
             self.map.window(*window)
-            self._moved(*window)
+            self.moved(*window)
 
-    def _moved(self, delta: Pair, epsilon: Pair) -> None:
+    def moved(self, delta: Pair, epsilon: Pair) -> None:
+        """The viewer has moved to this window; of maps with one window each of them tells."""
+        if (delta, epsilon) == self._zoomed:
+            return
         if delta[0] >= delta[1] or epsilon[0] >= epsilon[1]:
             return
         self._history.leave(self._zoomed)
@@ -347,7 +358,8 @@ class MapView:
     def _zoomed(self) -> Ranges | None:
         return (self.view.delta, self.view.epsilon) if self.view.delta and self.view.epsilon else None
 
-    def _reset(self) -> None:
+    def reset(self) -> None:
+        """Show the whole survey."""
         self._history.leave(self._zoomed)
         self._show(None)
 
@@ -389,19 +401,26 @@ class MapView:
         self._cursor.forget()
         self.map.cursor(None)
         self._said.html = ""
+        self._on_pointed((delta, epsilon))
         self._read(delta, epsilon)
+
+    def point_at(self, delta: float, epsilon: float) -> None:
+        """Read a point that is pointed at in another map, and mark it."""
+        self._hover(delta, epsilon)
+        self.map.cursor((delta, epsilon))
 
     def _read(self, delta: float, epsilon: float) -> None:
         if self._plane is not None:
             self._beside.read(self._plane, self._closer.finer, delta, epsilon, self.window)
 
-    def _point(self, delta: float, epsilon: float) -> None:
+    def open_point(self, delta: float, epsilon: float) -> None:
+        """Look closer at a point."""
         self._open(delta, epsilon, None)
 
-    def _through(self, delta: float, epsilon: float) -> None:
+    def through(self, delta: float, epsilon: float) -> None:
         """Follow what happens on the way from the point that is open to this one."""
         if not self._beside.go_through((delta, epsilon)):
-            self._point(delta, epsilon)
+            self.open_point(delta, epsilon)
 
     def _machine_point(self, entered: Entered) -> None:
         machine = entered.machine
@@ -427,13 +446,13 @@ class MapView:
         self.map.cross(at)
         self.map.ellipse(ellipse)
 
+    def offer(self, control: Any) -> None:
+        """Put another control beside those of the map."""
+        self._controls.panel.append(control)
+
     def keep(self, **values: Any) -> None:
         """Remember what another part of the page shows."""
         self._change(**values)
-
-    def go_through(self, to: Pair) -> None:
-        """Have the diagram of the open point lead from there to another one."""
-        self._through(*to)
 
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""

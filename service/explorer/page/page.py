@@ -12,12 +12,13 @@ from bokeh.events import ConnectionLost
 from bokeh.models import CustomJS
 
 from service.database.tables import Scope, State
-from service.explorer.common.address import Pair, View
+from service.explorer.common.address import FURTHER, Pair, View
 from service.explorer.common.lists import SurveyList
 from service.explorer.common.news import Standing
 from service.explorer.common.viewer import CALLER, Viewer
 from service.explorer.common.watch import on_press
 from service.explorer.files import asset
+from service.explorer.further.maps import FurtherMaps
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
 from service.explorer.page.form import Form
@@ -74,8 +75,13 @@ class Page:
         self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
         on_press(self._new, self._toggle_form)
         self._side = pn.Column(self._new, self._notice, self._list, sizing_mode="stretch_width", margin=0)
+        self._further = FurtherMaps(shared, viewer, theme, sheet, lambda: self._map)
         self._section = Section(shared, viewer, theme, sheet, self._keep, self._go_through)
-        self._map = MapView(shared, viewer, view, theme, sheet, self._remember, self._save_window, self._section.above)
+        self._map = MapView(
+            shared, viewer, view, theme, sheet, self._remember, self._save_window, self._section.above,
+            self._further.point_at,
+        )  # fmt: skip
+        self._map.offer(self._further.add)
         self._list.param.watch(lambda event: self._choose(event.new), "chosen")
         self.template = self._laid_out(theme)
         shared.news.listen(self._on_news)
@@ -88,7 +94,8 @@ class Page:
             "signed_in": self._viewer.signed_in,
         }.items():
             template.add_variable(name, value)
-        for name, part in {"side": self._side, **self._map.parts}.items():
+        further = dict(zip(FURTHER, self._further.places, strict=True))
+        for name, part in {"side": self._side, **self._map.parts, **further}.items():
             template.add_panel(name, part)
         return template
 
@@ -130,12 +137,13 @@ class Page:
         view = self._map.view
         standing = self._standings.get(view.survey)
         self._section.follow(view, standing.job if standing else None)
+        self._further.follow(view, {survey_id: each.job for survey_id, each in self._standings.items()})
 
     def _keep(self, **values: Any) -> None:
         self._map.keep(**values)
 
     def _go_through(self, to: Pair) -> None:
-        self._map.go_through(to)
+        self._map.through(*to)
 
     def _show_address(self) -> None:
         """Also when the browser has just said what its address is: then what was shown before has been lost."""
@@ -217,6 +225,7 @@ class Page:
         """The browser has left."""
         self._shared.news.leave(self._on_news)
         self._map.end()
+        self._further.end()
         self._viewer.end()
 
 

@@ -16,7 +16,7 @@ from service.explorer.common.address import Chosen, Pair, View
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
 from service.explorer.common.watch import Watch
-from service.explorer.map.planes import maps_of
+from service.explorer.map.planes import names_of
 from service.explorer.map.shared import Shared
 from service.explorer.point.panel import Above
 from service.explorer.point.state import PointState, stands_for
@@ -159,11 +159,7 @@ class Section:
 
 def _offered(request: SurveyRequest, view: View) -> tuple[Chosen, dict[str, str]]:
     """The map whose profile is shown, that which is seen unless a viewer has chosen another one, and all others."""
-    options = {}
-    for name, labels in maps_of(request).items():
-        words = name.replace("_", " ")
-        for index, label in enumerate(labels or ("",)):
-            options[f"{words}, {label}" if labels else words] = Chosen(name, index).written
+    options = {words: chosen.written for words, chosen in names_of(request).items()}
     for chosen in (view.profile, Chosen(view.variable, view.index)):
         if chosen is not None and chosen.written in options.values():
             return chosen, options
