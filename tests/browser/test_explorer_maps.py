@@ -25,8 +25,9 @@ FURTHER = """() => ["further2", "further3"].every((name) => {
 OVERLAPS = """() => {
     const boxes = [...document.querySelectorAll(".plot, .further:has(.shown), .keys")]
         .map((each) => [each.getBoundingClientRect(), each.scrollHeight])
+    const across = (box, other) => other.left < box.right && other.right > box.left
     return boxes.filter(([box, height], i) => boxes.slice(i + 1).some(([other]) =>
-        other.left < box.right && other.right > box.left && other.top >= box.top && other.top < box.top + height - 1)).length
+        across(box, other) && other.top >= box.top && other.top < box.top + height - 1)).length
 }"""
 WINDOWS = """() => new Set(["map", "further2", "further3"].map((name) => {
     const figure = Bokeh.documents.map((each) => each.get_model_by_name(name)).find((each) => each)
@@ -70,4 +71,3 @@ def test_a_profile_has_the_axis_of_the_diagram_and_further_maps_the_window_of_th
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("() => document.documentElement.scrollWidth") <= width
         assert page.evaluate(OVERLAPS) == 0
-        page.wait_for_timeout(1000); page.screenshot(path=f"/tmp/w/h-map-scratch/maps{width}.png", full_page=True)

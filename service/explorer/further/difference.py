@@ -6,11 +6,13 @@ import numpy as np
 import xarray as xr
 
 from service.explorer.map.planes import Plane, cells_at
+from workers.errors import SurveyError
 from workers.pictures.maps import SYMMETRIC, title_of
 from workers.survey.levels.grid import halvings
 from workers.survey.values.evaluate import FAILED
 from workers.survey.values.schema import CELL, is_phase
 
+MOST_CELLS = 24_000_000
 SAME, OTHER = "the_same", "different"
 
 
@@ -22,6 +24,13 @@ class Difference(Plane):
     """
 
     def __init__(self, first: Plane, other: Plane) -> None:
+        """Blocks: for a thread. Raises SurveyError: they have too many cells to be held in memory."""
+        for each in (first, other):
+            if each.plane.size > MOST_CELLS:
+                raise SurveyError(
+                    f"A difference is of surveys of {MOST_CELLS:,} cells and fewer, not {each.plane.size:,}: "
+                    "save a window as a survey, or read both in Python."
+                )
         self._first = first
         self.id, self.number, self.request = f"{first.id} {other.id}", first.number, first.request
         self.delta, self.epsilon, self._levels = first.delta, first.epsilon, halvings(first.request.shape)

@@ -14,6 +14,7 @@ import rattle
 from rattle.models import Stiff
 from service.database.tables import JobRow
 from service.explorer.common.address import Further, View
+from service.explorer.further import difference
 from service.explorer.further.difference import Difference
 from service.explorer.further.maps import FurtherMaps
 from service.explorer.map.colouring import colouring
@@ -21,6 +22,7 @@ from service.explorer.map.planes import Plane
 from service.explorer.map.view import MapView
 from service.state import Front
 from workers import SurveyRequest
+from workers.errors import SurveyError
 
 ORBITS = SurveyRequest(**BODY | {"quantities": ["region", "orbits"]})
 COARSER = SurveyRequest(
@@ -36,7 +38,9 @@ STIFF = SurveyRequest(
 )
 
 
-def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(tmp_path: Path) -> None:
+def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async def body(front: Front, shown: MapView) -> None:
         jobs = done(front, ORBITS), done(front, COARSER)
 
@@ -74,6 +78,9 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(tmp_path: Path)
         colours = colouring(nothing, nothing.block(), "auto", False)
         assert colours.low == -colours.high  # nothing is in the middle
         assert colours.title.startswith("difference: ")
+        monkeypatch.setattr(difference, "MOST_CELLS", 23)
+        with pytest.raises(SurveyError, match="23 cells and fewer, not 24: save"):
+            Difference(same, same)
 
     with_map(tmp_path, body)
 
