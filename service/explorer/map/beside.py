@@ -39,7 +39,7 @@ class Beside:
         above: Above | None = None,
     ) -> None:
         self._viewer, self._on_close, self._on_state = viewer, on_close, on_state
-        self._theme, self._above = theme, above
+        self._theme, self._above, self._go_to = theme, above, go_to
         self._text = Text(HINT, sheet)
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
