@@ -174,8 +174,8 @@ def visiting(browser: Browser, url: str, allowed: str = "", **options: Any) -> I
         yield context
     finally:
         context.close()
-    found = [each for each in complaints if not allowed or allowed not in each]
-    assert not found, found
+    heard = [each for each in complaints if not allowed or allowed not in each]
+    assert not heard, heard
 
 
 def _own(asked: str, url: str) -> bool:

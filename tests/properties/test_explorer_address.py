@@ -8,7 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from service.explorer.common.address import LIMITS, OVERLAYS, SHARE, THEMES, Entered, View
-from service.explorer.map import axes
+from service.explorer.design import axes
 
 numbers = st.floats(-1e3, 1e3)
 windows = st.tuples(numbers, numbers).filter(lambda pair: pair[0] < pair[1])

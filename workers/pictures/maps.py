@@ -36,6 +36,7 @@ AT_ZERO = {"boundary_distance": "no quiet motion"}
 FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow
 CAPTION = 110  # characters of a line
 ROOM = (512, 512)  # cells of a map, which has more pixels
+SYMMETRIC = "symmetric"  # attribute of a map whose colours are those of values about 0
 CODE_COLOURS = ("#f4efe3", "#9ecae1", "#74c476", "#e6550d", "#756bb1", "#636363")
 
 
@@ -218,9 +219,9 @@ def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normali
     if np.issubdtype(plane.dtype, np.integer) and values.size:
         # Long periods are rare, and would wash out all others.
         high = max(float(np.quantile(values, 0.98)), low + 1)
-    if "lyapunov" in str(plane.name):
+    if "lyapunov" in str(plane.name) or plane.attrs.get(SYMMETRIC):
         # The few largest exponents, close to the quiet limit, would wash out all others.
         reach = float(np.quantile(np.abs(values), 0.98)) if values.size else 1.0
-        reach = reach or 1.0
+        reach = reach or float(np.abs(values).max(initial=0.0)) or 1.0
         return colormaps["RdBu_r"], Normalize(-reach, reach), None, []
     return colormaps["viridis"], Normalize(low, high if high > low else low + 1), None, []

@@ -24,6 +24,8 @@ SHARE = 0.9
 THEMES = ("light", "dark")
 LONGEST = 200
 POINT_STATE = "p."
+MOST_FURTHER = 3
+FURTHER = tuple(f"map{number}" for number in range(2, 2 + MOST_FURTHER))
 
 T = TypeVar("T")
 
@@ -47,9 +49,52 @@ class Entered(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Chosen:
+    """One of the maps of a survey."""
+
+    variable: str
+    index: int = 0
+
+    @property
+    def written(self) -> str:
+        """As an address has it."""
+        return f"{self.variable},{self.index}"
+
+    @classmethod
+    def read(cls, text: str) -> Chosen:
+        """The map that is written so. Raises ValueError."""
+        variable, _, index = text.partition(",")
+        return cls(_word(variable), _index(index or "0"))
+
+
+@dataclass(frozen=True)
+class Further:
+    """A map beside the first one; minus: what the first one has more than this survey."""
+
+    survey: str
+    variable: str
+    index: int = 0
+    slice: int = 0
+    minus: bool = False
+
+    @property
+    def written(self) -> str:
+        """As an address has it."""
+        parts = (self.survey, self.variable, str(self.index), str(self.slice), "minus" if self.minus else "")
+        return ",".join(parts).rstrip(",")
+
+    @classmethod
+    def read(cls, text: str) -> Further:
+        """The map that is written so. Raises ValueError."""
+        survey, variable, index, number, *minus = text.split(",")
+        return cls(_word(survey), _word(variable), _index(index), _index(number), minus == ["minus"])
+
+
+@dataclass(frozen=True)
 class View:
     """What a page shows. Limits are a rule, or (low, high); `point_state` is what the view of the point keeps, and
     `machine` is there where the point is that of a machine which was entered. share: P(quiet) of the design limit.
+    profile: of which map there is one above the diagram, None for the map that is shown.
 
     No theme is that of the viewer's system.
     """
@@ -66,6 +111,9 @@ class View:
     point: Pair | None = None
     machine: Entered | None = None
     share: float = SHARE
+    further: tuple[Further, ...] = ()
+    profile: Chosen | None = None
+    profile_limits: Pair | None = None
     theme: str = ""
     point_state: Mapping[str, str] = field(default_factory=dict)
 
@@ -94,6 +142,9 @@ class View:
             point=point,
             machine=read("machine", _machine, None) if point else None,
             share=read("share", _share, SHARE),
+            further=tuple(each for name in FURTHER if (each := read(name, Further.read, None)) is not None),
+            profile=read("profile", Chosen.read, None),
+            profile_limits=read("profile_limits", _window, None),
             theme=text["theme"] if text.get("theme") in THEMES else "",
             point_state={
                 name.removeprefix(POINT_STATE): value
@@ -117,6 +168,9 @@ class View:
         if self.point and self.machine:
             pairs["machine"] = ",".join("" if each is None else str(each) for each in self.machine)
         pairs["share"] = repr(self.share) if self.share != SHARE else ""
+        pairs |= {name: each.written for name, each in zip(FURTHER, self.further, strict=False)}
+        pairs["profile"] = self.profile.written if self.profile else ""
+        pairs["profile_limits"] = _written(self.profile_limits) if self.profile_limits else ""
         pairs["theme"] = self.theme
         if self.point:
             pairs |= {POINT_STATE + name: str(value) for name, value in self.point_state.items()}

@@ -17,7 +17,7 @@ from service.explorer.common.watch import on_press
 from service.explorer.design.go_to import GoTo
 from service.explorer.map.planes import Block, Plane
 from service.explorer.map.readout import finer_value, readout
-from service.explorer.point.panel import PointPanel
+from service.explorer.point.panel import Above, PointPanel
 from service.explorer.point.view import PointView
 
 RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model", "machine"})  # an address may name anything
@@ -36,9 +36,10 @@ class Beside:
         on_close: Callable[[], None],
         on_state: Callable[[dict[str, Any]], None],
         go_to: GoTo,
+        above: Above | None = None,
     ) -> None:
         self._viewer, self._on_close, self._on_state = viewer, on_close, on_state
-        self._theme, self._go_to = theme, go_to
+        self._theme, self._above, self._go_to = theme, above, go_to
         self._text = Text(HINT, sheet)
         self._close = pn.widgets.Button(
             label="Close the point", stylesheets=[sheet], visible=False, margin=(0, 0, 6, 0)
@@ -83,7 +84,7 @@ class Beside:
     ) -> None:
         """Show the view of a point."""
         self._drop()
-        points = self._points or PointPanel(self._theme)
+        points = self._points or PointPanel(self._theme, self._above)
         known = {name: value for name, value in state.items() if name not in RESERVED}
         self._view = view = PointView(points, self._viewer.front, delta, epsilon, model, machine, **known)
         view.param.watch(lambda event: self._on_state(event.new), "state")

@@ -20,7 +20,7 @@ from rattle.plot.plane import MARKERS, STYLES
 from service.explorer.common import glyphs
 from service.explorer.common.address import CRISIS, LIMIT, Pair, Ranges
 from service.explorer.common.theme import INK
-from service.explorer.map import axes
+from service.explorer.design import axes
 from service.explorer.map.colouring import Colouring
 from service.explorer.map.planes import Block
 from workers.survey.machine import SurveyedMachine
@@ -36,7 +36,7 @@ LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells wel
 
 class Map:
     """The figure. `on_point` (clicked), `on_through` (clicked with Shift) and `on_pointer` (hovered) get (δ, ε),
-    `on_window` a window or None for all.
+    `on_window` a window or None for all. beside: the map whose window this one has.
     """
 
     def __init__(
@@ -47,10 +47,13 @@ class Map:
         on_pointer: Callable[[float, float], None],
         on_window: Callable[[Pair, Pair], None],
         on_reset: Callable[[], None],
+        beside: Map | None = None,
+        name: str = "map",
     ) -> None:
+        spans = (beside.figure.x_range, beside.figure.y_range) if beside else _spans()
         plot: Any = figure(
-            x_range=Range1d(start=0.4, end=1.0, min_interval=axes.NARROWEST),
-            y_range=Range1d(start=0.0, end=0.3, min_interval=axes.NARROWEST),
+            x_range=spans[0],
+            y_range=spans[1],
             tools="pan,box_zoom,wheel_zoom,zoom_in,zoom_out,reset",
             toolbar_location="above",
             sizing_mode="stretch_both",
@@ -61,7 +64,7 @@ class Map:
         plot.toolbar.logo = None
         plot.toolbar.active_scroll = plot.select_one(WheelZoomTool)
         self.figure: Any = plot
-        plot.name = "map"
+        plot.name = name
         axes.dress(plot)
         self._in_si = axes.InSI(plot)
         self._dress(theme)
@@ -290,6 +293,14 @@ class Map:
     def cursor(self, point: Pair | None) -> None:
         """Mark the cell that the keyboard has come to."""
         _put(self._cursor, point)
+
+
+def _spans() -> tuple[Range1d, Range1d]:
+    """The plane of the paper."""
+    delta, epsilon = (
+        Range1d(start=low, end=high, min_interval=axes.NARROWEST) for low, high in ((0.4, 1.0), (0.0, 0.3))
+    )
+    return delta, epsilon
 
 
 def _put(source: ColumnDataSource, point: Pair | None) -> None:

@@ -14,7 +14,7 @@ import xarray as xr
 
 from service.database.tables import JobRow, State
 from service.errors import MissingError
-from service.explorer.common.address import Pair, Ranges
+from service.explorer.common.address import Chosen, Pair, Ranges
 from service.state import Front
 from workers import SurveyRequest, open_survey
 from workers.errors import reading
@@ -147,6 +147,10 @@ class Plane:
         """Values and status of some cells."""
         return self.values[rows, columns], self.status[rows, columns]
 
+    def whole(self) -> tuple[np.ndarray, np.ndarray]:
+        """Values and status of all cells. Blocks: for a thread."""
+        return self._cells(slice(None), slice(None))
+
     def enlarged(self, window: Ranges) -> Block:
         """A window that is far narrower than the survey, each point of it as the cell that it is in."""
         (left, right), (bottom, top) = window
@@ -155,7 +159,7 @@ class Plane:
         )
         values = np.full((ENLARGED, ENLARGED), np.nan, np.float32)
         status = np.zeros(values.shape, np.int8)
-        j, i = (_places(axis, points) for axis, points in ((self.delta, delta), (self.epsilon, epsilon)))
+        j, i = (cells_at(axis, points) for axis, points in ((self.delta, delta), (self.epsilon, epsilon)))
         inside = np.ix_(i >= 0, j >= 0)
         if inside[0].size and inside[1].size:
             i, j = i[i >= 0], j[j >= 0]
@@ -240,7 +244,7 @@ def _nearest(axis: np.ndarray, value: float) -> int | None:
     return int(np.abs(axis - value).argmin())
 
 
-def _places(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
+def cells_at(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Indices of the cells along an axis that hold values, −1 beyond the ends."""
     step = (axis[-1] - axis[0]) / (axis.size - 1)
     found = np.floor((values - axis[0]) / step + 0.5).astype(int)
@@ -302,3 +306,13 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
         for quantity in held(request.quantities, request.model)
         if quantity.per_cell
     }
+
+
+def names_of(request: SurveyRequest) -> dict[str, Chosen]:
+    """The same one by one, by their names in words."""
+    named = {}
+    for name, labels in maps_of(request).items():
+        words = name.replace("_", " ")
+        for index, label in enumerate(labels or ("",)):
+            named[f"{words}, {label}" if labels else words] = Chosen(name, index)
+    return named

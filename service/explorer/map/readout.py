@@ -13,8 +13,8 @@ import rattle
 from rattle.models import AnyModel
 from rattle.plot import name_of
 from service.explorer.common.address import Ranges
+from service.explorer.design.axes import written
 from service.explorer.design.fields import NUMBERS, in_unit
-from service.explorer.map.axes import written
 from service.explorer.map.planes import Block, Plane
 from workers import QUANTITIES
 from workers.pictures.maps import WITHOUT_VALUE, title_of

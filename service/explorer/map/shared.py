@@ -44,6 +44,15 @@ class Shared:
         block = plane.block(room=room)
         return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
 
+    def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> Plane:
+        """A map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""
+        if job is None:
+            return self.exact.plane(variable, index)
+        is_whole = False
+        while not is_whole:  # what takes long is read a piece at a time
+            plane, is_whole = self.atlas.plane(job, variable, index, number)
+        return plane
+
     def exact_map(self, view: View) -> tuple[Plane, Block, Colouring]:
         """The map without any survey, and what is drawn of it. Blocks: for a thread."""
         plane = self.exact.plane(view.variable, view.index)

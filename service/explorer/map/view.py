@@ -22,21 +22,20 @@ from service.explorer.common.viewer import Viewer
 from service.explorer.design.go_to import GoTo
 from service.explorer.design.places import Place
 from service.explorer.map.beside import Beside
-from service.explorer.map.colouring import Colouring, colouring, values_shown, window_shown
+from service.explorer.map.closer import Closer
+from service.explorer.map.colouring import Colouring, colouring
 from service.explorer.map.controls import Controls, Uses
 from service.explorer.map.cursor import Cursor, History
-from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
-from service.explorer.map.planes import SIDE, Block, Plane, Room, box_of, maps_of
+from service.explorer.map.planes import SIDE, Block, Plane, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
+from service.explorer.point.panel import Above
 from service.explorer.point.state import marks_of, stands_for
 from workers import SurveyRequest
 from workers.survey.machine import SurveyedMachine
-from workers.survey.values.schema import OF_PERIODIC
 
-SURVEY_ONLY = "This is shown for the cells of the survey only."
 WAITS = "<p class=faint>This survey waits for its turn.</p>"
 PAUSE = 1.0  # between two drawings of a survey that runs
 
@@ -53,8 +52,11 @@ class MapView:
         sheet: str,
         remember: Callable[[View], None],
         save_window: Callable[[], None],
+        above: Above | None = None,
+        on_pointed: Callable[[Pair], None] = lambda _at: None,
     ) -> None:
         self._shared, self._viewer, self.view, self._remember = shared, viewer, view, remember
+        self._on_pointed = on_pointed
         self._job: JobRow | None = None
         self._whole: SurveyRequest | None = None  # of the survey that is chosen, which may have no numbers yet
         self._request: SurveyRequest | None = None  # of its slice, if it has a third axis
@@ -62,19 +64,19 @@ class MapView:
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
-        self.map = Map(theme, self._point, self._through, self._hover, self._moved, self._reset)
+        self.map = Map(theme, self.open_point, self.through, self._hover, self.moved, self.reset)
         for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
             self.map.figure.on_change(size, self._on_size)
-        self._zoom = Zoom(viewer, self._frame, self._say_zoom)
+        self._closer = Closer(viewer, self.map, self._say_zoom, self._count)
         heard = self._on_lines, self._on_share
         self._lines = Lines(shared.crises, shared.limits, viewer, self.map, view.overlays, view.share, *heard, sheet)
         self._history = History()
         self._lines.tell(self.model, self.window[0])
         words: dict[str, Callable[[Pair], None]] = {
-            "all": lambda _at: self._reset(),
-            "open": lambda at: self._point(*at),
+            "all": lambda _at: self.reset(),
+            "open": lambda at: self.open_point(*at),
             "close": lambda _at: self._beside.close(tell=True),
-            "through": lambda at: self._through(*at),
+            "through": lambda at: self.through(*at),
             "back": lambda _at: self._show(self._history.back(self._zoomed)),
             "forward": lambda _at: self._show(self._history.forward(self._zoomed)),
         }
@@ -82,11 +84,9 @@ class MapView:
         uses = Uses(self._on_variable, self._on_index, self._on_slice, self._on_limits, self._on_own, save_window)
         self._controls = Controls(sheet, view.log, uses)
         self._title = Heading(sheet)
-        self._finer: Block | None = None  # what the workers have computed of the window
-        self._seen: Callable[[], Block] | None = None  # the cells of the window, none where that is the whole survey
         self._said = Text("", sheet, is_spoken=True)
-        go_to = GoTo(sheet, self._point, self._machine_point, self._on_place)
-        self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to)
+        go_to = GoTo(sheet, self.open_point, self._machine_point, self._on_place)
+        self._beside = Beside(viewer, theme, sheet, self._close_point, self._remember_point, go_to, above)
         self.parts = {
             "controls": pn.Column(self._controls.panel, self._title.pane, sizing_mode="stretch_width", margin=0),
             "plot": pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0),
@@ -100,6 +100,11 @@ class MapView:
     def model(self) -> AnyModel:
         """The model of the survey that is chosen."""
         return self._request.gear_model if self._request else Impacting()
+
+    @property
+    def request(self) -> SurveyRequest | None:
+        """The survey that is chosen, of a third axis its slice."""
+        return self._request
 
     @property
     def machine(self) -> SurveyedMachine | None:
@@ -125,7 +130,7 @@ class MapView:
                 self._beside.close()
                 self._mark()
         self._plane, self._drawn = None, ()
-        self._zoom.stop()
+        self._closer.stop()
         self._follow(job)
 
     def follow(self, standing: Standing | None) -> None:
@@ -244,8 +249,7 @@ class MapView:
         self._title.instead(why)
         self._colours = None
         self.map.no_cells()
-        self._zoom.stop()
-        self._finer = self._seen = None
+        self._closer.forget()
         self._count()
         self._controls.show_limits(self.view.limits, None)
         self._said.html = ""
@@ -291,9 +295,7 @@ class MapView:
         self._draw_anew()
 
     def _draw_anew(self) -> None:
-        self._zoom.stop()
-        self._finer = None
-        self.map.no_frame()
+        self._closer.forget()
         self._redraw()
 
     def _on_limits(self) -> None:
@@ -331,15 +333,19 @@ class MapView:
     def _look(self, at: Pair) -> None:
         assert self._plane is not None
         self.map.cursor(at)
-        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window, self._finer))}</p>"
+        self._on_pointed(at)
+        self._said.html = f"<p>{escape(in_words(self._plane, *at, self.window, self._closer.finer))}</p>"
         self._read(*at)
 
     def _go(self, window: Ranges) -> None:
         if window != self.window and window[0][1] > 0:
             self.map.window(*window)
-            self._moved(*window)
+            self.moved(*window)
 
-    def _moved(self, delta: Pair, epsilon: Pair) -> None:
+    def moved(self, delta: Pair, epsilon: Pair) -> None:
+        """The viewer has moved to this window; of maps with one window each of them tells."""
+        if (delta, epsilon) == self._zoomed:
+            return
         if delta[0] >= delta[1] or epsilon[0] >= epsilon[1]:
             return
         self._history.leave(self._zoomed)
@@ -352,7 +358,8 @@ class MapView:
     def _zoomed(self) -> Ranges | None:
         return (self.view.delta, self.view.epsilon) if self.view.delta and self.view.epsilon else None
 
-    def _reset(self) -> None:
+    def reset(self) -> None:
+        """Show the whole survey."""
         self._history.leave(self._zoomed)
         self._show(None)
 
@@ -373,45 +380,15 @@ class MapView:
         return ""
 
     def _refine(self) -> None:
-        self.map.no_frame()
-        self._finer = self._seen = None
-        self._say_zoom("")
-        self._zoom.stop()
-        plane, window = self._plane, self.window
-        if plane is None:
-            return
-        if self._zoomed is None:
-            self._count()
-            return
-        if self.map.is_too_close:  # until the workers answer, and where they do not
-            self._seen = partial(plane.enlarged, window)
-            self.map.frame(values_shown(plane, self._seen()), window)
+        if self._plane is None:
+            self._closer.forget()
+            self._say_zoom("")
         else:
-            self._seen = partial(plane.block, window, self.map.pixels)
-        self._count()
-        is_coarser = coarser(plane, window, self.map.pixels)
-        if is_coarser and self.view.variable in OF_PERIODIC:
-            self._say_zoom(SURVEY_ONLY)
-        elif is_coarser:
-            self._zoom.start(plane, self.view.variable, self.view.index, window, self.map.pixels)
-        elif plane.is_thinned(self.map.pixels):
-            self._viewer.start(self._all_cells(plane, window, self.map.pixels))
-
-    async def _all_cells(self, plane: Plane, window: Ranges, room: Room) -> None:
-        """Draw those cells of a window that are left out where the whole survey is drawn."""
-        values, box = await self._viewer.read(partial(window_shown, plane, window, room))
-        self._viewer.change(
-            lambda: self.map.frame(values, box) if (plane, window) == (self._plane, self.window) else None
-        )
-
-    def _frame(self, finer: Block) -> None:
-        self._finer, self._seen = finer, lambda: finer
-        self._viewer.change(lambda: self.map.frame(finer.values, finer.box))
-        self._count()
+            self._closer.show(self._plane, self.view.variable, self.view.index, self._zoomed)
 
     def _count(self) -> None:
         """The shares of the key are those of what is seen."""
-        plane, view, seen = self._plane, self.view, self._seen
+        plane, view, seen = self._plane, self.view, self._closer.seen
         if plane is not None and seen is not None:
             self._lines.count(lambda: colouring(plane, seen(), view.limits, view.log).shades)
         else:
@@ -424,19 +401,26 @@ class MapView:
         self._cursor.forget()
         self.map.cursor(None)
         self._said.html = ""
+        self._on_pointed((delta, epsilon))
         self._read(delta, epsilon)
+
+    def point_at(self, delta: float, epsilon: float) -> None:
+        """Read a point that is pointed at in another map, and mark it."""
+        self._hover(delta, epsilon)
+        self.map.cursor((delta, epsilon))
 
     def _read(self, delta: float, epsilon: float) -> None:
         if self._plane is not None:
-            self._beside.read(self._plane, self._finer, delta, epsilon, self.window)
+            self._beside.read(self._plane, self._closer.finer, delta, epsilon, self.window)
 
-    def _point(self, delta: float, epsilon: float) -> None:
+    def open_point(self, delta: float, epsilon: float) -> None:
+        """Look closer at a point."""
         self._open(delta, epsilon, None)
 
-    def _through(self, delta: float, epsilon: float) -> None:
+    def through(self, delta: float, epsilon: float) -> None:
         """Follow what happens on the way from the point that is open to this one."""
         if not self._beside.go_through((delta, epsilon)):
-            self._point(delta, epsilon)
+            self.open_point(delta, epsilon)
 
     def _machine_point(self, entered: Entered) -> None:
         machine = entered.machine
@@ -462,9 +446,17 @@ class MapView:
         self.map.cross(at)
         self.map.ellipse(ellipse)
 
+    def offer(self, control: Any) -> None:
+        """Put another control beside those of the map."""
+        self._controls.panel.append(control)
+
+    def keep(self, **values: Any) -> None:
+        """Remember what another part of the page shows."""
+        self._change(**values)
+
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""
-        self._zoom.stop()
+        self._closer.stop()
         self._beside.end()
 
     def _close_point(self) -> None:

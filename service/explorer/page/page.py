@@ -12,17 +12,19 @@ from bokeh.events import ConnectionLost
 from bokeh.models import CustomJS
 
 from service.database.tables import Scope, State
-from service.explorer.common.address import View
+from service.explorer.common.address import FURTHER, Pair, View
 from service.explorer.common.lists import SurveyList
 from service.explorer.common.news import Standing
 from service.explorer.common.viewer import CALLER, Viewer
 from service.explorer.common.watch import on_press
 from service.explorer.files import asset
+from service.explorer.further.maps import FurtherMaps
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
 from service.explorer.page.form import Form
 from service.explorer.page.head import SCHEME, theme_of
 from service.explorer.page.rows import row_of
+from service.explorer.section.section import Section
 from service.operations.surveys import remove_survey, verify_survey
 from workers import SurveyRequest
 
@@ -73,7 +75,13 @@ class Page:
         self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
         on_press(self._new, self._toggle_form)
         self._side = pn.Column(self._new, self._notice, self._list, sizing_mode="stretch_width", margin=0)
-        self._map = MapView(shared, viewer, view, theme, sheet, self._remember, self._save_window)
+        self._further = FurtherMaps(shared, viewer, theme, sheet, lambda: self._map)
+        self._section = Section(shared, viewer, theme, sheet, self._keep, self._go_through)
+        self._map = MapView(
+            shared, viewer, view, theme, sheet, self._remember, self._save_window, self._section.above,
+            self._further.point_at,
+        )  # fmt: skip
+        self._map.offer(self._further.add)
         self._list.param.watch(lambda event: self._choose(event.new), "chosen")
         self.template = self._laid_out(theme)
         shared.news.listen(self._on_news)
@@ -86,7 +94,8 @@ class Page:
             "signed_in": self._viewer.signed_in,
         }.items():
             template.add_variable(name, value)
-        for name, part in {"side": self._side, **self._map.parts}.items():
+        further = dict(zip(FURTHER, self._further.places, strict=True))
+        for name, part in {"side": self._side, **self._map.parts, **further}.items():
             template.add_panel(name, part)
         return template
 
@@ -107,6 +116,7 @@ class Page:
                 self._unasked = first
                 self._list.chosen = first
             self._map.follow(self._standings.get(self._map.view.survey))
+            self._follow()
 
         self._viewer.change(show)
 
@@ -117,9 +127,23 @@ class Page:
     def _remember(self, view: View) -> None:
         """The URL that reproduces what is shown."""
         self._show_address()
+        self._follow()
         if self._standings:
             owns = self._viewer.caller.owns
             self._list.rows = [row_of(each, view, owns(each.job)) for each in self._standings.values()]
+
+    def _follow(self) -> None:
+        """What belongs to the map is of the same survey."""
+        view = self._map.view
+        standing = self._standings.get(view.survey)
+        self._section.follow(view, standing.job if standing else None)
+        self._further.follow(view, {survey_id: each.job for survey_id, each in self._standings.items()})
+
+    def _keep(self, **values: Any) -> None:
+        self._map.keep(**values)
+
+    def _go_through(self, to: Pair) -> None:
+        self._map.through(*to)
 
     def _show_address(self) -> None:
         """Also when the browser has just said what its address is: then what was shown before has been lost."""
@@ -201,6 +225,7 @@ class Page:
         """The browser has left."""
         self._shared.news.leave(self._on_news)
         self._map.end()
+        self._further.end()
         self._viewer.end()
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from bokeh.models import ColumnDataSource, HoverTool
+from bokeh.models import ColumnDataSource, HoverTool, Range1d
 from bokeh.models.annotations import Span
 
 from service.explorer.common.glyphs import empty
-from service.explorer.point.figures import ink_of, new_figure
+from service.explorer.point.figures import BESIDE, ink_of, new_figure
 from service.explorer.point.parts import DiagramLines, Marks
 from service.explorer.point.words import pair
 
@@ -24,8 +24,10 @@ SEEN = {"light": "#5b9bd5", "dark": "#7fb3e0"}
 class DiagramPicture:
     """Impact speed against the parameter: stable solid, unstable dashed, events marked."""
 
-    def __init__(self, theme: str) -> None:
-        self.figure: Any = new_figure("diagram", theme, NAMES["epsilon"], "impact speed v", 320, (0.0, 1.0), (0.0, 7.0))
+    def __init__(self, theme: str, x_range: Range1d | None = None) -> None:
+        axis = x_range or (0.0, 1.0)
+        self.figure: Any = new_figure("diagram", theme, NAMES["epsilon"], "impact speed v", 320, axis, (0.0, 7.0))
+        self.figure.min_border_left = BESIDE
         ink = ink_of(theme)
         self._seen = ColumnDataSource({"x": [], "v": []})
         self.figure.scatter("x", "v", source=self._seen, size=2.2, color=SEEN[theme], alpha=0.7)

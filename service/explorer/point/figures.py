@@ -10,15 +10,26 @@ from bokeh.plotting import figure
 from service.explorer.common.theme import INK
 
 Limits = tuple[float, float]
+BESIDE = 62  # pixels left of pictures that stand one above the other, with one axis
 
 
 def new_figure(
-    name: str, theme: str, x: str, y: str, height: int, x_range: Limits | None = None, y_range: Limits | None = None
+    name: str,
+    theme: str,
+    x: str,
+    y: str,
+    height: int,
+    x_range: Limits | Range1d | None = None,
+    y_range: Limits | None = None,
 ) -> Any:
     """An empty figure as wide as there is room, with axes named x and y, and tools to zoom, move and save."""
     ink, paper, line = INK[theme]
     spans = {"x_range": x_range, "y_range": y_range}
-    ranges: dict[str, Any] = {name: Range1d(start=span[0], end=span[1]) for name, span in spans.items() if span}
+    ranges: dict[str, Any] = {
+        name: Range1d(start=span[0], end=span[1]) if isinstance(span, tuple) else span
+        for name, span in spans.items()
+        if span
+    }
     found = figure(
         name=name,
         sizing_mode="stretch_width",

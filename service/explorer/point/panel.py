@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import panel as pn
+from bokeh.models import Range1d
 
 from service.explorer.common.text import Text
 from service.explorer.common.watch import Watch, on_press
@@ -20,6 +22,14 @@ WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 
 
+@dataclass(frozen=True)
+class Above:
+    """What stands above the diagram, over the same axis; at first nothing."""
+
+    panel: pn.Column = field(default_factory=lambda: pn.Column(sizing_mode="stretch_width", margin=0, visible=False))
+    x_range: Range1d = field(default_factory=lambda: Range1d(start=0.0, end=1.0))
+
+
 class PointPanel:
     """What a browser takes long to lay out, the pictures, is made when a point has something to show in it.
 
@@ -27,8 +37,8 @@ class PointPanel:
     chooses.
     """
 
-    def __init__(self, theme: str) -> None:
-        self._theme = theme
+    def __init__(self, theme: str, above: Above | None = None) -> None:
+        self._theme, self._above = theme, above or Above()
         self.on_tap: Callable[[float, float], None]
         self.on_motion: Callable[[int | None], None]
         self.on_direction: Callable[[str], None]
@@ -44,7 +54,8 @@ class PointPanel:
         words = (self.where, self.take, self.likely, self.safe, self.table, self.loud, self.orbits)
         self._tolerance = pn.Column(sizing_mode="stretch_width", margin=0)
         self.column = pn.Column(
-            *(each.pane for each in words), self._tolerance, self._basins, self._motion, self._diagram,
+            *(each.pane for each in words), self._tolerance, self._basins, self._motion,
+            self._above.panel, self._diagram,
             css_classes=["point"], sizing_mode="stretch_width", margin=0,
         )  # fmt: skip
 
@@ -153,7 +164,7 @@ class PointPanel:
     @cached_property
     def diagram(self) -> diagram.DiagramPicture:
         """The one-parameter diagram."""
-        found = diagram.DiagramPicture(self._theme)
+        found = diagram.DiagramPicture(self._theme, self._above.x_range)
         self._diagram[:] = [
             self._text("<h2>One-parameter diagram</h2>").pane, self.direction, pn.pane.Bokeh(found.figure, **WIDE),
             self.under_diagram.pane,

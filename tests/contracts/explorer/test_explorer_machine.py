@@ -69,7 +69,7 @@ def test_the_tolerances_of_an_open_point_are_drawn(tmp_path: Path) -> None:
         shown.choose(done(front, MACHINE))
         await eventually(lambda: cells(shown) == 1)
         machine = rattle.Machine(**NUMBERS, eccentricity=20e-6, rpm=3000)
-        shown._point(machine.delta, machine.epsilon)
+        shown.open_point(machine.delta, machine.epsilon)
         drawn = shown.map._ellipse
         assert not len(drawn.data["x"])
         shown._remember_point({"tolerance": "100.0,2e-06,0.9"})
@@ -94,7 +94,7 @@ def test_a_machine_that_is_entered_is_looked_at_with_its_own_model(tmp_path: Pat
         rigid = ENTERED._replace(stiffness=None)
         shown._machine_point(rigid)
         assert len(shown.map._cross.data["x"]) == 1
-        shown._point(*shown.view.point)  # type: ignore[misc]
+        shown.open_point(*shown.view.point)  # type: ignore[misc]
         assert shown.view.machine is None
 
     with_map(tmp_path, body)

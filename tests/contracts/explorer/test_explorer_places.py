@@ -114,9 +114,9 @@ def test_a_click_with_shift_goes_through(tmp_path: Path) -> None:
     async def body(front: Front, shown: MapView) -> None:
         shown.choose(done(front, REGIONS))
         await eventually(lambda: cells(shown) and shown._plane is not None)
-        shown._through(0.55, 0.05)  # nothing is open: then it is
+        shown.through(0.55, 0.05)  # nothing is open: then it is
         assert shown.view.point == (0.55, 0.05)
-        shown._through(0.65, 0.08)
+        shown.through(0.65, 0.08)
         assert shown.view.point == (0.55, 0.05)
         assert "p.to=0.65,0.08" in shown.view.query()
         line = shown.map._ellipse.data

@@ -181,7 +181,7 @@ def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
         at = plane.at(delta, epsilon)
         assert at is not None
         window = (delta - 1e-9, delta + 1e-9), (epsilon - 1e-9, epsilon + 1e-9)
-        shown._moved(*window)
+        shown.moved(*window)
         fine = figure.select_one({"name": "fine0"}).data_source.data
         assert (fine["image"][0] == at[0]).all()  # as the survey has it, until the workers answer
         assert (fine["x"][0], fine["dw"][0]) == (window[0][0], pytest.approx(2e-9))
@@ -196,14 +196,14 @@ def test_a_deep_window_is_read_counted_and_never_white(tmp_path: Path) -> None:
         axes = (np.linspace(low, high, 9) for low, high in window)
         values = np.full((9, 9), other, np.int8)
         values[:3] = int(at[0])
-        shown._frame(block_of(Frame(*axes, values, 1.0, 0)))
+        shown._closer._frame(block_of(Frame(*axes, values, 1.0, 0)))
         await eventually(lambda: shares().get(code) == pytest.approx(1 / 3))
         shown._hover(delta, epsilon)
         await eventually(lambda: "Outside of this window" in shown._beside._text.html)
         assert f"computed here</dt><dd>{rattle.REGIONS[other]}</dd>" in shown._beside._text.html
         shown._look((delta, epsilon))
         assert shown._said.html.endswith(f"computed here, {rattle.REGIONS[other]}</p>")
-        shown._reset()
+        shown.reset()
         await eventually(lambda: shares().get(code) == pytest.approx((plane.values == at[0]).mean()))
 
     with_map(tmp_path, body)

@@ -1,0 +1,1 @@
+"""Maps beside the first one, of its window: other variables, other surveys, and differences."""

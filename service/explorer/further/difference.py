@@ -1,0 +1,61 @@
+"""The difference of two surveys: of the same variable, on the cells of the first."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+from service.explorer.map.planes import Plane, cells_at
+from workers.errors import SurveyError
+from workers.pictures.maps import SYMMETRIC, title_of
+from workers.survey.levels.grid import halvings
+from workers.survey.values.evaluate import FAILED
+from workers.survey.values.schema import CELL, is_phase
+
+MOST_CELLS = 24_000_000
+SAME, OTHER = "the_same", "different"
+
+
+class Difference(Plane):
+    """What a map has more than another one, float32; of codes, whether they differ. NaN where either has no value,
+    status 0 where either is not computed or the other one does not reach.
+
+    `is_same_grid` says that both have the same cells; else each is compared with that of the other which it is in.
+    """
+
+    def __init__(self, first: Plane, other: Plane) -> None:
+        """Blocks: for a thread. Raises SurveyError: they have too many cells to be held in memory."""
+        for each in (first, other):
+            if each.plane.size > MOST_CELLS:
+                raise SurveyError(
+                    f"A difference is of surveys of {MOST_CELLS:,} cells and fewer, not {each.plane.size:,}: "
+                    "save a window as a survey, or read both in Python."
+                )
+        self._first = first
+        self.id, self.number, self.request = f"{first.id} {other.id}", first.number, first.request
+        self.delta, self.epsilon, self._levels = first.delta, first.epsilon, halvings(first.request.shape)
+        axes = ((other.delta, first.delta), (other.epsilon, first.epsilon))
+        self.is_same_grid = all(np.array_equal(*pair) for pair in axes)
+        column, row = (cells_at(*pair) for pair in axes)
+        (mine, status), (others, beside) = first.whole(), other.whole()
+        others, beside = (each[np.ix_(row, column)] for each in (others, beside))
+        reached = np.logical_and.outer(row >= 0, column >= 0)
+        done = (status > 0) & (beside > 0) & reached
+        failed = (status == FAILED) | (beside == FAILED)
+        self.status = np.where(done, np.where(failed, FAILED, 1), 0).astype(np.int8)
+        known = done & ~failed & ~np.isnan(mine) & ~np.isnan(others)
+        variable, codes = first.plane, "flag_meanings" in first.plane.attrs or first.plane.dtype == bool
+        with np.errstate(invalid="ignore"):
+            found = np.where(mine == others, np.float32(0.0), mine - others)
+        if codes:
+            found = (mine != others).astype(np.float32)
+        elif is_phase(str(variable.name)):
+            found = (found + 0.5) % 1.0 - 0.5
+        self.values = np.where(known, found, np.float32(np.nan)).astype(np.float32)
+        meanings = {"flag_meanings": f"{SAME} {OTHER}"} if codes else {SYMMETRIC: True}
+        attributes = {"long_name": f"difference: {title_of(variable)}", **meanings}
+        self.plane = xr.DataArray(self.values, dims=CELL, name=f"{variable.name}_difference", attrs=attributes)
+
+    def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
+        """All that the first survey has of the cell at a point. Blocks: for a thread."""
+        return self._first.cell(delta, epsilon)

@@ -1,0 +1,83 @@
+"""The maps beside the first one: as many as a viewer adds, three at most."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import panel as pn
+
+from service.database.tables import JobRow
+from service.explorer.common.address import MOST_FURTHER, Further, Pair, View
+from service.explorer.common.viewer import Viewer
+from service.explorer.common.watch import on_press
+from service.explorer.further.one import Around, FurtherMap, Uses
+from service.explorer.map.planes import names_of
+from service.explorer.map.shared import Shared
+from service.explorer.map.view import MapView
+
+
+class FurtherMaps:
+    """`places` are where they are shown, `add` is the button for another one; `map` gives the first map, which keeps
+    what is chosen in its view.
+    """
+
+    def __init__(self, shared: Shared, viewer: Viewer, theme: str, sheet: str, first: Callable[[], MapView]) -> None:
+        self._shared, self._viewer, self._theme, self._sheet, self._first = shared, viewer, theme, sheet, first
+        self._maps: dict[int, FurtherMap] = {}
+        self._shown: tuple[Further, ...] = ()
+        self.places = [pn.Column(sizing_mode="stretch_both", margin=0) for _ in range(MOST_FURTHER)]
+        self.add = pn.widgets.Button(
+            label="Map beside", css_classes=["beside-map"], stylesheets=[sheet], margin=(2, 0, 2, 8), visible=False
+        )
+        on_press(self.add, self._add)
+
+    def follow(self, view: View, jobs: Mapping[str, JobRow]) -> None:
+        """Show what belongs to this view."""
+        self.add.visible = bool(view.survey) and len(view.further) < MOST_FURTHER
+        around = Around(view, self._first().window, jobs)
+        for i, place in enumerate(self.places):
+            if i < len(view.further):
+                self._made(i, place).follow(view.further[i], around)
+            elif i in self._maps:
+                self._maps.pop(i).end()
+                place.clear()
+                place.css_classes = []
+
+    def _made(self, i: int, place: pn.Column) -> FurtherMap:
+        if i not in self._maps:
+            first = self._first()
+            uses = Uses(first.open_point, first.through, first.point_at, first.moved, first.reset)
+            change = partial(self._change, i)
+            self._maps[i] = FurtherMap(
+                self._shared, self._viewer, self._theme, self._sheet, first.map, i + 2, uses, change
+            )
+            place.append(self._maps[i].panel)
+            place.css_classes = ["shown"]
+        return self._maps[i]
+
+    def point_at(self, at: Pair) -> None:
+        """Mark a point that is pointed at in the first map."""
+        for each in self._maps.values():
+            each.point_at(at)
+
+    def _change(self, i: int, chosen: Further | None) -> None:
+        further = list(self._first().view.further)
+        further[i : i + 1] = [chosen] if chosen is not None else []
+        self._first().keep(further=tuple(further))
+
+    def _add(self) -> None:
+        """Another variable of the same survey, the next that is not shown."""
+        first = self._first()
+        if first.request is None or len(first.view.further) >= MOST_FURTHER:
+            return
+        names = list(names_of(first.request).values())
+        shown = {(first.view.variable, first.view.index)} | {(each.variable, each.index) for each in first.view.further}
+        free = [each for each in names if (each.variable, each.index) not in shown] or names
+        added = Further(first.view.survey, free[0].variable, free[0].index, first.view.slice)
+        first.keep(further=(*first.view.further, added))
+
+    def end(self) -> None:
+        """The page was closed."""
+        for each in self._maps.values():
+            each.end()

@@ -1,0 +1,289 @@
+"""One map beside the first: what it shows is chosen above it, its window and its cursor are those of the first."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from html import escape
+from typing import Any
+
+import panel as pn
+
+from rattle import RattleError
+from service.database.tables import JobRow
+from service.explorer.common.address import POINTS, Chosen, Further, Pair, Ranges, View
+from service.explorer.common.heading import Heading
+from service.explorer.common.text import Text
+from service.explorer.common.viewer import Viewer
+from service.explorer.common.watch import Watch, on_press
+from service.explorer.further.difference import Difference
+from service.explorer.map.closer import Closer
+from service.explorer.map.colouring import Colouring, Shade, colouring
+from service.explorer.map.figure import Map
+from service.explorer.map.overlays import WHOLE, pieces_of, points_of
+from service.explorer.map.planes import Block, Plane, names_of
+from service.explorer.map.readout import in_words
+from service.explorer.map.shared import Shared
+from service.kernels import Part
+from workers import SurveyRequest
+
+SHOWN = "shown"
+GONE = "This survey is no longer there."
+MINUS = "first map less this one"
+
+
+@dataclass(frozen=True)
+class Around:
+    """What the first map shows, and the surveys that there are."""
+
+    view: View
+    window: Ranges
+    jobs: Mapping[str, JobRow]
+
+
+@dataclass(frozen=True)
+class Uses:
+    """What the first map does when this one is used."""
+
+    point: Callable[[float, float], None]
+    through: Callable[[float, float], None]
+    pointer: Callable[[float, float], None]
+    window: Callable[[Pair, Pair], None]
+    reset: Callable[[], None]
+
+
+class FurtherMap:
+    """`change` is called with what is chosen, None to take the map away."""
+
+    def __init__(
+        self,
+        shared: Shared,
+        viewer: Viewer,
+        theme: str,
+        sheet: str,
+        first: Map,
+        number: int,
+        uses: Uses,
+        change: Callable[[Further | None], None],
+    ) -> None:
+        self._shared, self._viewer, self._change = shared, viewer, change
+        self.map = Map(
+            theme, uses.point, uses.through, uses.pointer, uses.window, uses.reset, first, f"further{number}"
+        )
+        self._closer = Closer(viewer, self.map, self._say, self._count)
+        self._title, self._key, self._said = Heading(sheet), Text("", sheet), Text("", sheet)
+        self._watch = Watch()
+        styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
+        self._survey = pn.widgets.Select(label=f"Survey of map {number}", options={}, width=120, **styled)
+        self._variable = pn.widgets.Select(label=f"Map {number}", options={}, width=175, **styled)
+        self._minus = pn.widgets.CheckBoxGroup(options=[MINUS], **{**styled, "margin": (2, 8, 8, 4)})
+        for widget in (self._survey, self._variable, self._minus):
+            self._watch.on(widget, self._on_chosen)
+        remove = pn.widgets.Button(label=f"Remove map {number}", **styled)
+        on_press(remove, lambda: change(None))
+        choices = pn.FlexBox(
+            self._survey, self._variable, self._minus, remove, margin=0, sizing_mode="stretch_width",
+            align_items="flex-end",
+        )  # fmt: skip
+        plot = pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0)
+        self.panel = pn.Column(
+            choices, self._title.pane, plot, self._key.pane, self._said.pane, sizing_mode="stretch_both", margin=0,
+            css_classes=[SHOWN],
+        )  # fmt: skip
+        self._further: Further | None = None
+        self._plane: Plane | None = None
+        self._drawn: tuple[Any, ...] = ()
+        self._lines: tuple[Any, ...] = ()
+        self._window: Ranges | None = None
+        self._colours: Colouring | None = None
+        self._task: asyncio.Task[None] | None = None
+        self._over: asyncio.Task[None] | None = None
+        self._reading: asyncio.Task[None] | None = None
+        self._counting: asyncio.Task[None] | None = None
+
+    def follow(self, further: Further, around: Around) -> None:
+        """Show this beside what the first map shows."""
+        view, job = around.view, around.jobs.get(further.survey)
+        if job is None or not job.is_readable:
+            self._nothing(f"<p>{GONE}</p>")
+            return
+        first = around.jobs.get(view.survey) if further.minus else None
+        self._further = further = self._offer(further, around, job)
+        of_first = (view.variable, view.index, view.slice) if further.minus else ()
+        wanted = further, of_first, tuple((each.id, each.state, each.cells_done) for each in (job, first) if each)
+        if wanted != self._drawn:
+            self._drawn = wanted
+            self._stop(self._task)
+            self._task = self._viewer.start(self._draw(further, around, job, first))
+        elif self._plane is not None:
+            self._follow_window(self._plane, around)
+
+    def end(self) -> None:
+        """Give up what is at work."""
+        self._closer.stop()
+        for task in (self._task, self._over, self._reading, self._counting):
+            self._stop(task)
+
+    @staticmethod
+    def _stop(task: asyncio.Task[None] | None) -> None:
+        if task is not None:
+            task.cancel()
+
+    def _offer(self, further: Further, around: Around, job: JobRow) -> Further:
+        """The surveys and the maps that there are to choose from; what is shown where a survey has no such map."""
+        surveys = {
+            name + words: f"{each.id},{number}"
+            for each in around.jobs.values()
+            if each.is_readable
+            for name, number, words in _slices(each)
+        }
+        maps = names_of(_request(job))
+        chosen = Chosen(further.variable, further.index)
+        if chosen not in maps.values():
+            chosen = next(iter(maps.values()))
+        with self._watch.paused():
+            self._survey.param.update(options=surveys, value=f"{further.survey},{further.slice}")
+            options = {words: each.written for words, each in maps.items()}
+            self._variable.param.update(options=options, value=chosen.written, visible=not further.minus)
+            self._minus.param.update(value=[MINUS] if further.minus else [])
+        return replace(further, variable=chosen.variable, index=chosen.index)
+
+    def _on_chosen(self) -> None:
+        survey, _, number = str(self._survey.value).partition(",")
+        chosen = Chosen.read(str(self._variable.value))
+        self._change(Further(survey, chosen.variable, chosen.index, int(number), bool(self._minus.value)))
+
+    async def _draw(self, further: Further, around: Around, job: JobRow, first: JobRow | None) -> None:
+        def read() -> tuple[Plane, Block, Colouring]:
+            view = around.view
+            if further.minus:
+                wanted = view.variable, view.index
+                other = self._shared.plane(job, *wanted, further.slice)
+                plane: Plane = Difference(self._shared.plane(first, *wanted, view.slice), other)
+            else:
+                plane = self._shared.plane(job, further.variable, further.index, further.slice)
+            block = plane.block(room=self.map.pixels)
+            return plane, block, colouring(plane, block, "auto", False)
+
+        try:
+            plane, block, colours = await self._viewer.read(read)
+        except RattleError as error:
+            said = f'<p class="notice" role="alert">{escape(str(error))}</p>'
+            self._viewer.change(lambda: self._nothing(said))
+            return
+
+        def show() -> None:
+            self._plane, self._colours, self._window, self._lines = plane, colours, None, ()
+            self.map.cells(block, colours)
+            self._title.show(escape(_titled(plane, colours, job, first, _request(job))))
+            self._follow_window(plane, around)
+
+        self._viewer.change(show)
+
+    def _nothing(self, why: str) -> None:
+        self._plane, self._colours, self._drawn = None, None, ()
+        self.map.no_cells()
+        self.map.no_lines()
+        self._closer.forget()
+        self._title.instead(why)
+        self._key.html = self._said.html = ""
+
+    def _follow_window(self, plane: Plane, around: Around) -> None:
+        view, window = around.view, around.window
+        assert self._further is not None
+        if self._window != window:
+            self._window = window
+            self.map.moved(window[0])
+            variable = None if isinstance(plane, Difference) else self._further.variable
+            self._closer.show(plane, variable, self._further.index, window if view.delta and view.epsilon else None)
+        if (lines := (view.overlays, window)) != self._lines:
+            self._lines = lines
+            self.map.choose(view.overlays)
+            self._stop(self._over)
+            self._over = self._viewer.start(self._draw_lines(plane, view.overlays, window))
+
+    async def _draw_lines(self, plane: Plane, names: tuple[str, ...], window: Ranges) -> None:
+        """The lines of the first map, as they are of this one's gear."""
+        model = plane.request.gear_model
+        await self._shared.front.kernels.require(model.name, Part.CURVES, patience=float("inf"))
+        for name in names:
+            if name in model.curve_names and name not in WHOLE:
+                pieces, _ = await self._viewer.read(partial(pieces_of, name, model, *window))
+                self._viewer.change(partial(self.map.line, name, pieces))
+        points = await self._viewer.read(partial(points_of, model)) if POINTS in names and model.has_corners else []
+        self._viewer.change(partial(self.map.points, points))
+
+    def point_at(self, at: Pair) -> None:
+        """Mark a point, and tell what is there."""
+        self.map.cursor(at)
+        self._stop(self._reading)
+        if self._plane is not None and self._window is not None:
+            self._reading = self._viewer.start(self._read(self._plane, at, self._window))
+
+    async def _read(self, plane: Plane, at: Pair, window: Ranges) -> None:
+        said = await self._viewer.read(lambda: in_words(plane, *at, window, self._closer.finer))
+
+        def show() -> None:
+            self._said.html = f"<p>{escape(said)}</p>"
+
+        self._viewer.change(show)
+
+    def _say(self, text: str) -> None:
+        self._viewer.change(lambda: self._title.progress(text))
+
+    def _count(self) -> None:
+        """The shares of the key are those of what is seen."""
+        plane, seen, colours = self._plane, self._closer.seen, self._colours
+        self._stop(self._counting)
+        if plane is not None and seen is not None:
+            self._counting = self._viewer.start(self._counted(lambda: colouring(plane, seen(), "auto", False).shades))
+        elif colours is not None:
+            self._key.html = key_of(colours.shades)
+
+    async def _counted(self, shades: Callable[[], tuple[Shade, ...]]) -> None:
+        found = key_of(await self._viewer.read(shades))
+
+        def show() -> None:
+            self._key.html = found
+
+        self._viewer.change(show)
+
+
+def _request(job: JobRow) -> SurveyRequest:
+    return SurveyRequest.model_validate(job.request)
+
+
+def name_of(job: JobRow) -> str:
+    """What a survey is called."""
+    return job.name or f"survey {job.id[:6]}"
+
+
+def _slices(job: JobRow) -> list[tuple[str, int, str]]:
+    """Name, number and words of each slice of a survey, or of itself."""
+    thirds = _request(job).third_axis
+    slices = [(i, f", {name} = {value:g}") for name, axis in thirds.items() for i, value in enumerate(axis.values())]
+    return [(name_of(job), number, words) for number, words in slices or [(0, "")]]
+
+
+def _titled(plane: Plane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:
+    if not isinstance(plane, Difference) or first is None:  # the choices above tell the rest
+        return f"{plane.request.gear_model}{f' ({colours.note})' if colours.note else ''}"
+    cells = "the same cells"
+    if not plane.is_same_grid:
+        size = " × ".join(str(axis.num) for axis in (request.delta, request.epsilon))
+        cells = f"each cell of the first with the nearest of {size}, which has other ones"
+    return f"{name_of(first)} less {name_of(job)}, {cells}: {colours.title}"
+
+
+def key_of(shades: tuple[Shade, ...]) -> str:
+    """What colours mean, in HTML."""
+    entries = "".join(
+        f'<li><span style="display:inline-block;width:.8rem;height:.8rem;background:{each.colour};'
+        f'border:1px solid var(--strong-line)" aria-hidden="true"></span> {escape(each.label)}'
+        f" {100 * each.share:.2g} %</li>"
+        for each in shades
+    )
+    style = "display:flex;flex-wrap:wrap;gap:.1rem .8rem;margin:0;padding:0;list-style:none"
+    return f'<ul style="{style}" aria-label="colours of this map">{entries}</ul>' if entries else ""

@@ -1,0 +1,78 @@
+"""What is drawn of the window that is looked at, over the cells of a whole survey: all of its cells, or finer ones that
+the workers compute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from service.explorer.common.address import Ranges
+from service.explorer.common.viewer import Viewer
+from service.explorer.map.colouring import values_shown, window_shown
+from service.explorer.map.deep_zoom import Zoom, coarser
+from service.explorer.map.figure import Map
+from service.explorer.map.planes import Block, Plane, Room
+from workers.survey.values.schema import OF_PERIODIC
+
+SURVEY_ONLY = "This is shown for the cells of the survey only."
+
+
+class Closer:
+    """Over one map. `say` gets what goes on, `on_seen` is called when other cells than before are seen.
+
+    `finer` is what the workers have computed of the window; `seen` gives the cells of the window, and is None where
+    that is the whole survey.
+    """
+
+    def __init__(self, viewer: Viewer, canvas: Map, say: Callable[[str], None], on_seen: Callable[[], None]) -> None:
+        self._viewer, self._map, self._say, self._on_seen = viewer, canvas, say, on_seen
+        self._zoom = Zoom(viewer, self._frame, say)
+        self._shown: tuple[Plane, Ranges] | None = None
+        self.finer: Block | None = None
+        self.seen: Callable[[], Block] | None = None
+
+    def stop(self) -> None:
+        """Compute nothing more."""
+        self._zoom.stop()
+
+    def forget(self) -> None:
+        """Show the cells of the whole survey alone."""
+        self._map.no_frame()
+        self.finer = self.seen = self._shown = None
+        self._zoom.stop()
+
+    def show(self, plane: Plane, variable: str | None, index: int, window: Ranges | None) -> None:
+        """Draw what the survey has of this window, or all of it, and then what is finer.
+
+        variable: which map is computed finer, None for one that only surveys have.
+        """
+        self.forget()
+        self._say("")
+        if window is None:
+            self._on_seen()
+            return
+        self._shown, pixels = (plane, window), self._map.pixels
+        if self._map.is_too_close:  # until the workers answer, and where they do not
+            self.seen = partial(plane.enlarged, window)
+            self._map.frame(values_shown(plane, self.seen()), window)
+        else:
+            self.seen = partial(plane.block, window, pixels)
+        self._on_seen()
+        is_coarser = coarser(plane, window, pixels)
+        if is_coarser and (variable is None or variable in OF_PERIODIC):
+            self._say(SURVEY_ONLY)
+        elif is_coarser and variable is not None:
+            self._zoom.start(plane, variable, index, window, pixels)
+        elif plane.is_thinned(pixels):
+            self._viewer.start(self._all_cells(plane, window, pixels))
+
+    async def _all_cells(self, plane: Plane, window: Ranges, room: Room) -> None:
+        """Draw those cells of a window that are left out where the whole survey is drawn."""
+        values, box = await self._viewer.read(partial(window_shown, plane, window, room))
+        self._viewer.change(lambda: self._map.frame(values, box) if (plane, window) == self._shown else None)
+
+    def _frame(self, finer: Block) -> None:
+        self.finer, self.seen = finer, lambda: finer
+        self._viewer.change(lambda: self._map.frame(finer.values, finer.box))
+        self._on_seen()

@@ -1,0 +1,63 @@
+"""The picture of a profile: steps, over the axis of the diagram below."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, HoverTool, Range1d
+
+from service.explorer.common.address import Pair
+from service.explorer.common.glyphs import empty
+from service.explorer.point.figures import BESIDE, ink_of, new_figure
+from service.explorer.section.profile import Profile
+
+HEIGHT = 190
+ROOM = 0.06  # of the values, above and below
+
+
+class ProfilePicture:
+    """Values against the parameter of the diagram."""
+
+    def __init__(self, theme: str, x_range: Range1d) -> None:
+        self.figure: Any = new_figure("profile", theme, "", "", HEIGHT, x_range, (0.0, 1.0))
+        self.figure.min_border_left = BESIDE
+        self._steps = ColumnDataSource({"x": [], "value": [], "what": []})
+        drawn = self.figure.line("x", "value", source=self._steps, line_color=ink_of(theme), line_width=1.8)
+        tooltips = [("", "@what"), ("at", "$x{%.6g}")]
+        self.figure.add_tools(
+            HoverTool(renderers=[drawn], tooltips=tooltips, formatters={"$x": "printf"}, mode="vline")
+        )
+
+    def clear(self) -> None:
+        """Show nothing."""
+        empty(self._steps)
+
+    def show(self, found: Profile, span: Pair, limits: Pair | None) -> Pair:
+        """Draw a profile over these values of the parameter, between limits if there are any; return what it spans."""
+        x = np.repeat(span[0] + found.at * (span[1] - span[0]), 2)[1:-1]
+        values = np.repeat(found.values.astype(float), 2)
+        texts = [_told(found, each) for each in found.values.tolist() for _ in range(2)]
+        self._steps.data = {"x": x, "value": values, "what": texts}
+        axis = self.figure.yaxis
+        axis.ticker = FixedTicker(ticks=list(found.names)) if found.names else BasicTicker()
+        axis.major_label_overrides = dict(found.names)
+        low, high = limits or spanned(found)
+        self.figure.y_range.update(start=low, end=high)
+        return low, high
+
+
+def _told(found: Profile, value: float) -> str:
+    if not np.isfinite(value):
+        return ""
+    return found.names[int(value)] if found.names else f"{value:.6g}"
+
+
+def spanned(found: Profile) -> Pair:
+    """What the axis of values spans unless a viewer says otherwise: all codes, or all values."""
+    if found.names:
+        return min(found.names) - 0.5, max(found.names) + 0.5
+    known = found.values[np.isfinite(found.values)].astype(float)
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    room = ROOM * (high - low or abs(high) or 1.0)
+    return low - room, high + room

@@ -1,0 +1,95 @@
+"""What a map has along a line in the plane: the values of the cells that the line crosses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from service.explorer.common.address import Pair, Ranges
+from service.explorer.map.colouring import layers_of, values_shown
+from service.explorer.map.planes import Block, Plane
+from workers.pictures.maps import scale_of, title_of
+
+ROOM = (1024, 1024)  # cells about the line that are read; of more, several are one, as they are drawn
+OUTSIDE = "outside of the survey"
+Ends = tuple[Pair, Pair]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Values (k,) along a line, NaN where a cell has none; it goes from one cell into the next `at` (k + 1,), from 0 to
+    1.
+
+    names: of codes, what each means. gaps: why there are no values, and on which share of the line. together: how many
+    cells of the survey are one, along δ and along ε.
+    """
+
+    title: str
+    at: np.ndarray
+    values: np.ndarray
+    names: Mapping[int, str]
+    gaps: Mapping[str, float]
+    together: tuple[int, int]
+
+
+def crossed(box: Ranges, shape: tuple[int, int], ends: Ends) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where a line goes from one cell into the next, (k + 1,) from 0 to 1, and row and column (k,) of its cells.
+
+    box: what these rows and columns of cells of one size cover. Beyond it rows and columns are −1.
+    """
+    (x, y), (to_x, to_y) = ends
+    ways = tuple(zip((x, y), (to_x, to_y), box, shape[::-1], strict=True))
+    cuts = [np.array([0.0, 1.0])]
+    for begin, end, (low, high), size in ways:
+        if end != begin:
+            at = (np.linspace(low, high, size + 1) - begin) / (end - begin)
+            cuts.append(at[(at > 0) & (at < 1)])
+    at = np.unique(np.concatenate(cuts))
+    middle = (at[:-1] + at[1:]) / 2
+    column, row = (
+        np.floor((begin + middle * (end - begin) - low) / (high - low) * size).astype(int)
+        for begin, end, (low, high), size in ways
+    )
+    outside = (row < 0) | (row >= shape[0]) | (column < 0) | (column >= shape[1])
+    row[outside] = column[outside] = -1
+    return at, row, column
+
+
+def profile_of(plane: Plane, ends: Ends) -> Profile:
+    """What a map has along a line from one point (δ, ε) to another. Blocks: for a thread."""
+    delta, epsilon = ((min(pair), max(pair)) for pair in zip(*ends, strict=True))
+    block = plane.block((delta, epsilon), ROOM)
+    shape = block.values.shape
+    at, row, column = crossed(block.box, (shape[0], shape[1]), ends)
+    is_there = row >= 0
+    values = np.where(is_there, values_shown(plane, block)[row, column], np.float32(np.nan))
+    lengths = np.diff(at)
+    without = {why: mask for why, (mask, _) in layers_of(plane, block).items()}
+    gaps = {why: float(lengths[is_there & mask[row, column]].sum()) for why, mask in without.items()}
+    gaps[OUTSIDE] = float(lengths[~is_there].sum())
+    _, _, codes, labels = scale_of(plane.plane, values[np.isfinite(values)])
+    names = {int(code): label for code, label in zip(codes, labels, strict=True)} if codes is not None else {}
+    reasons = {why: share for why, share in gaps.items() if share > 0}
+    return Profile(title_of(plane.plane), at, values, names, reasons, _together(plane, block))
+
+
+def _together(plane: Plane, block: Block) -> tuple[int, int]:
+    """How many cells of a survey each cell of a block stands for, along δ and along ε."""
+    across, along = (
+        round((high - low) / cells.size * (axis.size - 1) / (axis[-1] - axis[0]))
+        for (low, high), cells, axis in zip(
+            block.box, (block.delta, block.epsilon), (plane.delta, plane.epsilon), strict=True
+        )
+    )
+    return int(across), int(along)
+
+
+def in_words(found: Profile) -> str:
+    """A sentence on what a profile shows."""
+    cells = "each cell" if found.together == (1, 1) else f"{found.together[0]} × {found.together[1]} cells as one"
+    gaps = "; ".join(f"{share:.2g} of the way: {why}" for why, share in found.gaps.items())
+    return f"{found.title[:1].upper()}{found.title[1:]}, along the diagram below: {cells} that it crosses." + (
+        f" Gaps: {gaps}." if gaps else ""
+    )

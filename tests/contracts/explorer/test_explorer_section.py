@@ -1,0 +1,148 @@
+"""The profile of a survey along the diagram of a point."""
+
+from pathlib import Path
+from urllib.parse import parse_qsl
+
+import numpy as np
+import pytest
+from service_support import BODY
+from test_explorer_view import done, with_map
+from waiting import eventually
+
+import rattle
+from rattle import KINDS
+from service.explorer.common.address import Chosen, View
+from service.explorer.map.view import MapView
+from service.explorer.places.exact import Exact
+from service.explorer.point.diagram import DiagramPicture
+from service.explorer.section.picture import spanned
+from service.explorer.section.profile import OUTSIDE, crossed, in_words, profile_of
+from service.explorer.section.section import NO_WAY, Section
+from service.state import Front
+from workers import SurveyRequest
+
+
+@pytest.fixture(scope="module")
+def exact() -> Exact:
+    return Exact()
+
+
+@pytest.mark.parametrize(
+    "ends",
+    [
+        ((0.45, 0.02), (0.95, 0.28)), ((0.95, 0.28), (0.45, 0.02)), ((0.6, 0.05), (0.6, 0.12)),
+        ((0.5, 0.1007), (0.8, 0.1007)), ((0.3, 0.4), (0.7, 0.1)), ((1.2, 0.1), (1.3, 0.2)),
+        ((0.602, 0.1007), (0.6021, 0.1007)),
+    ],
+)  # fmt: skip
+def test_a_profile_has_the_values_of_the_cells_that_are_crossed(
+    exact: Exact, ends: tuple[tuple[float, float], tuple[float, float]]
+) -> None:
+    plane = exact.plane("region", 0)
+    found = profile_of(plane, ends)
+    assert (found.at[0], found.at[-1]) == (0.0, 1.0)
+    assert (np.diff(found.at) > 0).all()
+    assert found.together == (1, 1)
+    outside = 0
+    along = np.random.default_rng(1).random(400)
+    for at in along:
+        delta, epsilon = (a + at * (b - a) for a, b in zip(*ends, strict=True))
+        value = found.values[np.searchsorted(found.at, at) - 1]
+        cell = plane.at(delta, epsilon)
+        outside += cell is None
+        assert np.isnan(value) if cell is None else value == cell[0]
+    assert found.gaps.get(OUTSIDE, 0.0) == pytest.approx(outside / along.size, abs=0.1)
+    assert [found.names[code] for code in range(1, 6)] == list(rattle.REGIONS[1:6])
+
+
+def test_a_line_crosses_cells_one_after_the_other() -> None:
+    box, shape = ((0.0, 4.0), (0.0, 3.0)), (3, 4)
+    at, row, column = crossed(box, shape, ((0.5, 0.5), (3.5, 2.5)))
+    assert at == pytest.approx([0, 1 / 6, 1 / 4, 1 / 2, 3 / 4, 5 / 6, 1])
+    assert row.tolist() == [0, 0, 1, 1, 2, 2]
+    assert column.tolist() == [0, 1, 1, 2, 2, 3]
+    at, row, column = crossed(box, shape, ((-1.0, 1.5), (1.0, 1.5)))
+    assert at.tolist() == [0, 0.5, 1]
+    assert (row.tolist(), column.tolist()) == ([-1, 1], [-1, 0])
+    at, row, column = crossed(box, shape, ((1.5, 1.5), (1.5, 1.5)))  # no way at all
+    assert (at.tolist(), row.tolist(), column.tolist()) == ([0, 1], [1], [1])
+
+
+def test_gaps_are_where_a_map_has_no_value(exact: Exact) -> None:
+    plane = exact.plane("orbit_velocity", 2)  # C
+    found = profile_of(plane, ((0.45, 0.02), (0.95, 0.28)))
+    lengths, none = np.diff(found.at), np.isnan(found.values)
+    assert 0 < found.gaps["none"] < 1
+    assert found.gaps["none"] == pytest.approx(lengths[none].sum())
+    assert f"Gaps: {found.gaps['none']:.2g} of the way: none" in in_words(found)
+    low, high = spanned(found)
+    assert low < np.nanmin(found.values) <= np.nanmax(found.values) < high
+    drawn = np.repeat(found.values, 2)
+    assert np.isnan(drawn).any()  # a line has a gap there
+
+
+class Page:
+    """What a section asks of the page around it."""
+
+    def __init__(self, shown: MapView) -> None:
+        self.shown, self.asked = shown, [(0.0, 0.0)]
+        self.section = Section(shown._shared, shown._viewer, "light", "", self.keep, self.asked.append)
+
+    def keep(self, **values: object) -> None:
+        self.shown.keep(**values)
+        self.section.follow(self.shown.view, self.shown._job)
+
+
+ATTRACTORS = SurveyRequest(**BODY | {"quantities": ["region", "attractors"], "slots": 2})
+
+
+def test_the_profile_is_of_the_map_that_is_seen_or_of_the_one_that_is_chosen(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        job = done(front, ATTRACTORS)
+        shown.choose(job)
+        await eventually(lambda: shown._plane is not None)
+        page = Page(shown)
+        section = page.section
+        panel, fields = section.above.panel, (section._delta, section._epsilon)
+        section.follow(View(survey=job.id, variable="region"), job)
+        assert not panel.visible  # no point, no diagram
+        page.keep(point=(0.52, 0.06), point_state={"to": "0.68,0.14"})
+        await eventually(lambda: panel.visible)
+        assert section._variable.value == "region,0"
+        assert [field.value for field in fields] == [0.68, 0.14]
+        data = section._picture._steps.data
+        assert (data["x"][0], data["x"][-1]) == (0.0, 1.0)
+        assert shown._plane is not None
+        region = int(shown._plane.values[0, 1])
+        assert (data["value"][0], data["what"][0]) == (region, rattle.REGIONS[region])
+        axis = section._picture.figure.yaxis
+        assert axis.major_label_overrides[region] == rattle.REGIONS[region]
+        picture = DiagramPicture("light", section.above.x_range)
+        assert picture.figure.x_range is section._picture.figure.x_range
+        assert picture.figure.min_border_left == section._picture.figure.min_border_left
+        section._variable.value = "attractor_kind,1"
+        assert shown.view.profile == Chosen("attractor_kind", 1)
+        told = {name: [value.encode()] for name, value in parse_qsl(shown.view.query()[1:])}
+        assert View.parse(told).profile == shown.view.profile
+        await eventually(lambda: "Kind of" in section._said.html)
+        assert set(section._picture._steps.data["what"]) <= {"", *KINDS}
+        section._variable.value = "attractor_fraction,0"
+        await eventually(lambda: "Share of" in section._said.html)
+        section._low.value, section._high.value = 0.25, 0.75
+        await eventually(lambda: section._picture.figure.y_range.start == 0.25)
+        assert shown.view.profile_limits == (0.25, 0.75)
+        section._low.value = 2.0
+        assert "two limits" in section._said.html
+        assert shown.view.profile_limits == (0.25, 0.75)
+        section._epsilon.value = 0.1
+        assert page.asked[-1] == (0.68, 0.1)
+        section._delta.value = -1.0
+        assert NO_WAY in section._said.html
+        assert page.asked[-1] == (0.68, 0.1)
+        page.keep(point_state={"direction": "delta", "span": "0.03"})
+        await eventually(lambda: section.above.x_range.start == pytest.approx(0.49))
+        assert section.above.x_range.end == pytest.approx(0.55)
+        page.keep(point=None)
+        assert not panel.visible
+
+    with_map(tmp_path, body)
