@@ -29,7 +29,7 @@ class Standing(BaseModel):
     state: State
     progress: int = Field(ge=0, le=100, description="percent of the tiles done")
     message: str = Field(
-        description="why it failed, was dismissed, or waits although it runs; how far its certificates are"
+        description="why it failed or was dismissed; what it waits for; how far its certificates are"
     )
     created: str
     started: str | None

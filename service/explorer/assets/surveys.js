@@ -32,6 +32,7 @@ const speed = (rate) => `${rate >= 10 ? Math.round(rate).toLocaleString("en") : 
 function standing(row) {
   const parts = [STATES[row.state]]
   if (row.state === "running") parts[0] = `${row.progress} %`
+  if (row.state === "running" && row.message.startsWith("waits for")) parts.push("waiting")  // another one has its turn
   if (row.rate) parts.push(speed(row.rate))
   if (row.left) parts.push(`${lasting(row.left)} left`)
   if (row.failed) parts.push(`${row.failed} cells failed`)

@@ -1,11 +1,13 @@
 """Which tiles are taken from their workers, without a cluster."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import workers.cluster.submission
-from workers import Axis, SurveyRequest, tiles_of
+from workers import Axis, SurveyRequest, TileRecord, tiles_of
+from workers.cluster import runner
 from workers.cluster.submission import Submission
 
 REQUEST = SurveyRequest(
@@ -61,3 +63,55 @@ def test_endless_tiles_are_taken_one_at_a_time(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(submission, "_next_end", 0.0)
     submission.set_endless_tile_apart()
     assert len(ended) == 2  # what is apart has its own limits
+
+
+class Done:
+    """A task that has ended."""
+
+    status = "finished"
+
+    def __init__(self, key: str, found: Any) -> None:
+        self.key, self._found = key, found
+
+    def add_done_callback(self, tell: Any) -> None:
+        tell(self)
+
+    def result(self, **_: Any) -> Any:
+        return self._found
+
+    def release(self) -> None:
+        pass
+
+
+class Here:
+    """Enough of dask's client for tasks that are done at once, as though two workers had them."""
+
+    status = "running"
+
+    def nthreads(self) -> dict[str, int]:
+        return {"one": 1, "another": 1}
+
+    def submit(self, task: Any, *arguments: Any, key: str, pure: bool, workers: Any = None) -> Done:  # noqa: ARG002
+        return Done(key, task(*arguments))
+
+
+def test_a_pause_begins_no_tile_and_gives_up_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, ended = list[int](), list[int]()
+
+    def compute(_request: Any, _path: str, tile: Any, _apart: bool) -> TileRecord:
+        begun.append(tile.index)
+        return TileRecord(tile.index, tile.n_cells, (), 0, 0.0)
+
+    monkeypatch.setattr(runner, "compute_and_write", compute)
+    monkeypatch.setattr(runner, "before_tiles", lambda *_: None)
+    client, tiles = Here(), tiles_of(REQUEST)
+
+    def run(should_pause: Any) -> None:
+        left: Any = (tile for tile in tiles if tile.index not in ended)
+        told: Any = client, lambda record: ended.append(record.index)
+        runner.run_tiles(REQUEST, tmp_path, left, *told, lambda: False, should_pause=should_pause)
+
+    run(lambda: bool(ended))
+    assert begun == ended == [0, 1]  # the second one was at work when the first ended
+    run(lambda: False)
+    assert begun == ended == [0, 1, 2, 3]
