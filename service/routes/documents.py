@@ -28,9 +28,7 @@ class Standing(BaseModel):
     name: str
     state: State
     progress: int = Field(ge=0, le=100, description="percent of the tiles done")
-    message: str = Field(
-        description="why it failed or was dismissed; what it waits for; how far its certificates are"
-    )
+    message: str = Field(description="why it failed or was dismissed; what it waits for; how far its certificates are")
     created: str
     started: str | None
     finished: str | None
