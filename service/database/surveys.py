@@ -157,6 +157,15 @@ class Surveys(Transactions):
         self._on_change(survey_id)
         return True
 
+    def describe(self, survey_id: str, name: str | None, notes: str | None) -> JobRow:
+        """Give a survey another name or other notes; None leaves them."""
+        with self._write() as (session, _):
+            job = _find(session, survey_id)
+            job.name = job.name if name is None else _storable(name)
+            job.notes = job.notes if notes is None else _storable(notes)
+        self._on_change(survey_id)
+        return job
+
     def reopen(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
         """Let a survey that has ended wait again; its tiles stay noted.
 

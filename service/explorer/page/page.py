@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -10,8 +10,10 @@ import panel as pn
 from bokeh.document import Document
 from bokeh.events import ConnectionLost
 from bokeh.models import CustomJS
+from pydantic import ValidationError
 
 from service.database.tables import Scope, State
+from service.errors import ServiceError
 from service.explorer.common.address import View
 from service.explorer.common.lists import SurveyList
 from service.explorer.common.news import Standing
@@ -20,10 +22,10 @@ from service.explorer.common.watch import on_press
 from service.explorer.files import asset
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
-from service.explorer.page.form import Form
+from service.explorer.page.form import Form, what_is_wrong
 from service.explorer.page.head import SCHEME, theme_of
 from service.explorer.page.rows import row_of
-from service.operations.surveys import remove_survey, verify_survey
+from service.operations.surveys import Description, describe_survey, remove_survey, verify_survey
 from workers import SurveyRequest
 
 
@@ -168,19 +170,32 @@ class Page:
         request, view = SurveyRequest.model_validate(self._standings[survey_id].job.request), self._map.view
         return request.at(request.along(view.slice if survey_id == view.survey else 0))
 
-    def _act(self, action: str, survey_id: str) -> None:
+    def _act(self, action: str, survey_id: str, entered: Mapping[str, Any]) -> None:
         if action == "again" and survey_id in self._standings and self._standings[survey_id].job.is_readable:
             self._opened_form().fill(self._request(survey_id))
         elif action in ("cancel", "delete") and survey_id in self._standings:
             self._viewer.start(self._remove(action, survey_id))
         elif action == "resume" and survey_id in self._standings:
             self._viewer.start(self._resume(survey_id))
+        elif action == "describe" and survey_id in self._standings:
+            self._viewer.start(self._describe(survey_id, entered))
 
     async def _resume(self, survey_id: str) -> None:
         def resume() -> None:
             verify_survey(self._shared.front, self._viewer.require(Scope.SUBMIT), survey_id)
 
         await self._viewer.read(resume, Scope.SUBMIT)
+
+    async def _describe(self, survey_id: str, entered: Mapping[str, Any]) -> None:
+        def describe() -> None:
+            try:
+                given = Description(name=entered.get("name"), notes=entered.get("notes"))
+            except ValidationError as error:
+                raise ServiceError(what_is_wrong(error)) from error
+            caller = self._viewer.require(Scope.SUBMIT)
+            describe_survey(self._shared.front, caller, survey_id, given)
+
+        await self._viewer.read(describe, Scope.SUBMIT)
 
     async def _remove(self, action: str, survey_id: str) -> None:
         def remove() -> None:
