@@ -14,7 +14,7 @@ import panel as pn
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
-from service.explorer.common.address import LIMIT, Entered, Pair, Ranges, View
+from service.explorer.common.address import LIMIT, Entered, Pair, Pin, Ranges, View
 from service.explorer.common.heading import Heading
 from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
@@ -461,6 +461,20 @@ class MapView:
         at, ellipse = marks_of(self.view, self.model, self.machine)
         self.map.cross(at)
         self.map.ellipse(ellipse)
+
+    @property
+    def pin(self) -> Pin | None:
+        """The point that is open, to be pinned; None if none is."""
+        if self.view.point is None:
+            return None
+        _, model = stands_for(self.view.point, self.view.machine, self.machine, self.model)
+        return Pin(*self.view.point, model.beta, model.stiffness)
+
+    def go_to_pin(self, pin: Pin) -> bool:
+        """Look closer at the point of a pin; whether it is one of this plane."""
+        if pin.model == self.model:
+            self._point(pin.delta, pin.epsilon)
+        return pin.model == self.model
 
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""

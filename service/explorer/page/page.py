@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from typing import Any
 
@@ -14,7 +15,7 @@ from pydantic import ValidationError
 
 from service.database.tables import Scope, State
 from service.errors import ServiceError
-from service.explorer.common.address import View
+from service.explorer.common.address import Pin, View
 from service.explorer.common.lists import SurveyList
 from service.explorer.common.news import Standing
 from service.explorer.common.viewer import CALLER, Viewer
@@ -25,6 +26,7 @@ from service.explorer.map.view import MapView
 from service.explorer.page.form import Form, what_is_wrong
 from service.explorer.page.head import SCHEME, theme_of
 from service.explorer.page.rows import row_of
+from service.explorer.pins.view import Pins
 from service.operations.surveys import Description, describe_survey, remove_survey, verify_survey
 from workers import SurveyRequest
 
@@ -75,6 +77,7 @@ class Page:
         self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
         on_press(self._new, self._toggle_form)
         self._side = pn.Column(self._new, self._notice, self._list, sizing_mode="stretch_width", margin=0)
+        self._pins = Pins(viewer, view.pins, self._show_address, self._go_to_pin)
         self._map = MapView(shared, viewer, view, theme, sheet, self._remember, self._save_window)
         self._list.param.watch(lambda event: self._choose(event.new), "chosen")
         self.template = self._laid_out(theme)
@@ -88,7 +91,7 @@ class Page:
             "signed_in": self._viewer.signed_in,
         }.items():
             template.add_variable(name, value)
-        for name, part in {"side": self._side, **self._map.parts}.items():
+        for name, part in {"side": self._side, "pins": self._pins.table, **self._map.parts}.items():
             template.add_panel(name, part)
         return template
 
@@ -119,13 +122,18 @@ class Page:
     def _remember(self, view: View) -> None:
         """The URL that reproduces what is shown."""
         self._show_address()
+        self._pins.follow(self._map.pin)
         if self._standings:
             owns = self._viewer.caller.owns
             self._list.rows = [row_of(each, view, owns(each.job)) for each in self._standings.values()]
 
     def _show_address(self) -> None:
         """Also when the browser has just said what its address is: then what was shown before has been lost."""
-        self._location.search = self._map.view.query()
+        self._location.search = replace(self._map.view, pins=self._pins.pins).query()
+
+    def _go_to_pin(self, pin: Pin) -> None:
+        if not self._map.go_to_pin(pin):
+            self._tell("This point is of another model, β or κ than the map: choose a survey of it.")
 
     def _toggle_form(self) -> None:
         if self._form is not None and self._form.panel in self._side:
@@ -216,6 +224,7 @@ class Page:
         """The browser has left."""
         self._shared.news.leave(self._on_news)
         self._map.end()
+        self._pins.end()
         self._viewer.end()
 
 
