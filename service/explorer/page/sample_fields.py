@@ -1,4 +1,4 @@
-"""The part of the form on where samples begin, and in which slot of a cell an attractor is."""
+"""Parts of the form: where samples begin, in which slot of a cell an attractor is, and which cells are computed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import panel as pn
 
 from workers import SurveyRequest
+from workers.survey.refined.asked import AUDIT
 from workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
 
 UNSAID = ""
@@ -53,3 +54,32 @@ class SampleFields:
         sample = request.initial_conditions
         self._tau_min.value, self._tau_max.value, self._v_min.value = sample.tau_min, sample.tau_max, sample.v_min
         self._slots.value, self._by.value = request.slots, request.slots_by or UNSAID
+
+
+class RefineFields:
+    """Whether cells are filled where nothing differs about them, and how many of those are computed all the same."""
+
+    def __init__(self, sheet: str) -> None:
+        style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
+        self._is_refined = pn.widgets.Checkbox(label="Few cells first, more where they differ", **style)
+        self._audit = pn.widgets.FloatInput(
+            label="Share of filled cells that is checked",
+            value=AUDIT,
+            start=0.0,
+            end=1.0,
+            step=0.01,
+            visible=False,
+            **style,
+        )
+        self._is_refined.param.watch(lambda event: self._audit.param.update(visible=event.new), "value")
+        self.widgets = [self._is_refined, self._audit]
+        self.panel = pn.Column(*self.widgets, sizing_mode="stretch_width", margin=0)
+
+    def fields(self) -> dict[str, Any]:
+        """Of a request."""
+        return {"refine": {"audit": self._audit.value} if self._is_refined.value else None}
+
+    def fill(self, request: SurveyRequest) -> None:
+        """Take over the settings of a survey."""
+        self._is_refined.value = request.refine is not None
+        self._audit.value = request.refine.audit if request.refine is not None else AUDIT
