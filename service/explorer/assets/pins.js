@@ -24,7 +24,7 @@ export function render({model}) {
     root.hidden = !offered && !heads.length
     const stops = () => [...root.querySelectorAll("a, button")]
     const focused = stops().indexOf(root.getRootNode().activeElement)
-    const table = heads.length ? element("div", {class: "scrolled", tabindex: 0, role: "region", "aria-label": "pinned points"},
+    const table = heads.length ? element("div", {class: "scrolled", tabindex: 0, role: "group", "aria-label": "table of the pinned points"},
       element("table", {}, element("caption", {}, "Pinned points"),
         element("thead", {}, element("tr", {}, element("td"), ...heads.map(head))),
         element("tbody", {}, ...lines.map(([name, ...cells]) =>

@@ -11,6 +11,7 @@ from workers.survey.refined.asked import AUDIT
 from workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
 
 UNSAID = ""
+REFINED = "few cells first, more where they differ"
 WHOLE = (0.0, 1.0, 0.0)  # phases from and to, and the least speed
 
 
@@ -61,7 +62,7 @@ class RefineFields:
 
     def __init__(self, sheet: str) -> None:
         style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
-        self._is_refined = pn.widgets.Checkbox(label="Few cells first, more where they differ", **style)
+        self._chosen = pn.widgets.CheckBoxGroup(label="Cells", options=[REFINED], value=[], **style)
         self._audit = pn.widgets.FloatInput(
             label="Share of filled cells that is checked",
             value=AUDIT,
@@ -71,15 +72,15 @@ class RefineFields:
             visible=False,
             **style,
         )
-        self._is_refined.param.watch(lambda event: self._audit.param.update(visible=event.new), "value")
-        self.widgets = [self._is_refined, self._audit]
+        self._chosen.param.watch(lambda event: self._audit.param.update(visible=bool(event.new)), "value")
+        self.widgets = [self._chosen, self._audit]
         self.panel = pn.Column(*self.widgets, sizing_mode="stretch_width", margin=0)
 
     def fields(self) -> dict[str, Any]:
         """Of a request."""
-        return {"refine": {"audit": self._audit.value} if self._is_refined.value else None}
+        return {"refine": {"audit": self._audit.value} if self._chosen.value else None}
 
     def fill(self, request: SurveyRequest) -> None:
         """Take over the settings of a survey."""
-        self._is_refined.value = request.refine is not None
+        self._chosen.value = [REFINED] if request.refine is not None else []
         self._audit.value = request.refine.audit if request.refine is not None else AUDIT
