@@ -30,7 +30,7 @@ from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
 from service.explorer.map.planes import SIDE, Block, Plane, Room, box_of, maps_of
 from service.explorer.map.readout import in_words
-from service.explorer.map.shared import Shared
+from service.explorer.map.shared import Shared, in_closed_form
 from service.explorer.point.state import marks_of, stands_for
 from workers import SurveyRequest
 from workers.survey.machine import SurveyedMachine
@@ -217,7 +217,8 @@ class MapView:
             if self._job is not None and self._job.id == job.id:  # none other was chosen meanwhile
                 what()
 
-        if job.state == State.ACCEPTED and not job.started:
+        is_known = self._whole is not None and in_closed_form(self._whole, view.variable)
+        if job.state == State.ACCEPTED and not job.started and not is_known:
             self._viewer.change(lambda: show(lambda: self._show_nothing(WAITS)))
             return True
         try:
