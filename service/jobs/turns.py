@@ -25,8 +25,8 @@ class Turns:
     """The order of the surveys that wait or run. Belongs to one thread; a new process begins a new order.
 
     Keys have turns one after the other. Of a key's surveys every other turn is for the one with the fewest cells left,
-    the others for the one that has waited for most turns: so a small survey is never behind more than two turns of
-    its key, and none waits for ever, whatever else is submitted.
+    the others for the one that has waited for most turns: so the smallest is never behind more than two turns of its
+    key, and none waits for ever, whatever else is submitted.
 
     Args:
         clock: seconds.
