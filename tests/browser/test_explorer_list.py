@@ -46,7 +46,7 @@ def test_a_survey_gets_a_name_and_notes_and_its_settings_are_refined(page: Page,
     row = page.locator("button.survey", has_text="nameless")
     expect(row).to_have_attribute("data-state", "successful")
     page.locator("[data-action=describe]").click()
-    page.get_by_label("Name", exact=True).fill("of the drawing")
+    page.get_by_label("New name").fill("of the drawing")
     page.get_by_label("Notes").fill("agrees with Figure 7\nsee the <b>minutes</b>")
     assert_accessible(page)
     page.get_by_role("button", name="Save", exact=True).click()

@@ -80,7 +80,7 @@ function form_of(row, send) {
     close()
     send({name: name.value, notes: notes.value})
   }},
-    element("label", {}, "Name", name), element("label", {}, "Notes", notes),
+    element("label", {}, "New name", name), element("label", {}, "Notes", notes),
     element("div", {class: "actions"}, element("button", {class: "quiet"}, "Save"),
       element("button", {type: "button", class: "quiet", onclick: close}, "Leave as it is")))
   return form
