@@ -25,7 +25,7 @@ from service.commands.limit import limit
 from service.commands.opening import open_
 from service.commands.orbits import orbits
 from service.commands.paper import paper
-from service.commands.remote import list_, submit, watch
+from service.commands.remote import describe, list_, submit, watch
 from service.commands.run import run
 from service.commands.serve import serve
 from service.commands.sound import sound
@@ -63,6 +63,7 @@ app.command()(serve)
 app.command()(submit)
 app.command("list")(list_)
 app.command()(watch)
+app.command()(describe)
 app.command("open")(open_)
 app.command()(verify)
 app.command()(certify)

@@ -276,6 +276,16 @@ class Job:
         self.document = self._client.call("POST", f"{self.document['links']['self']}/verify").json()
         return self
 
+    def describe(self, name: str | None = None, notes: str | None = None) -> Self:
+        """Give the survey another name, or other notes; what is None stays.
+
+        Raises:
+            ServiceError: it was submitted with another key.
+        """
+        given = {field: text for field, text in (("name", name), ("notes", notes)) if text is not None}
+        self.document = self._client.call("PATCH", self.document["links"]["self"], json=given).json()
+        return self
+
     def delete(self) -> None:
         """Dismiss the survey if it waits or runs, delete it with its store if it has ended."""
         self._client.call("DELETE", self.document["links"]["self"])

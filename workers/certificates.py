@@ -212,7 +212,12 @@ def lacks_certificates(request: SurveyRequest, where: str | Path | Location) -> 
 
 
 def prove_survey(
-    request: SurveyRequest, where: str | Path | Location, each: Each, at_once: int, on_done: Callable[[int, int], None]
+    request: SurveyRequest,
+    where: str | Path | Location,
+    each: Each,
+    at_once: int,
+    on_done: Callable[[int, int], None],
+    should_stop: Callable[[], bool],
 ) -> None:
     """Prove the periodic attractors of a survey, into the store beside it. Arguments and errors: `certify_survey`'s."""
 
@@ -220,7 +225,7 @@ def prove_survey(
         return each(_certified, request, str(where), [(part,) for part in parts])
 
     with open_survey(where) as survey:
-        certify_survey(survey, certificates_of(where), prove, at_once, on_done)
+        certify_survey(survey, certificates_of(where), prove, at_once, on_done, should_stop)
 
 
 def _certified(_request: SurveyRequest, _path: str, claims: list[Claim]) -> Answers:

@@ -30,6 +30,7 @@ def complete(
     each: Each = here,
     at_once: int = 1,
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
+    should_pause: Callable[[], bool] = lambda: False,
 ) -> None:
     """Make what is lacking of it. The caller holds the store.
 
@@ -37,6 +38,7 @@ def complete(
         each: does the tasks.
         at_once: parts of the attractors that it is given at a time to be proved.
         on_proved: told how many attractors are through, and how many there are.
+        should_pause: asked after each time: whether the rest is left for another call.
 
     Raises:
         MissingExtraError: attractors are to be proved, and python-flint is not installed.
@@ -52,4 +54,4 @@ def complete(
     if lacks_levels(request, where):  # of slots as they are after the join
         make_levels(request, where, each)
     if lacks_certificates(request, where):  # of attractors in their slots
-        prove_survey(request, where, each, at_once, on_proved)
+        prove_survey(request, where, each, at_once, on_proved, should_pause)

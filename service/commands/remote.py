@@ -1,4 +1,4 @@
-"""``rattle submit``, ``list`` and ``watch``: surveys and populations of a service."""
+"""``rattle submit``, ``list``, ``watch`` and ``describe``: surveys and populations of a service."""
 
 from __future__ import annotations
 
@@ -124,6 +124,21 @@ def watch(
 
     with Client(url) as client:
         follow(_job(client, job_id))
+
+
+def describe(
+    survey_id: Annotated[str, typer.Argument(metavar="ID", help="The id of a survey.")],
+    name: Annotated[str | None, typer.Option(help="Its name from now on.")] = None,
+    notes: Annotated[str | None, typer.Option(help="Notes about it, in place of those that it has.")] = None,
+    url: Url = DEFAULT_URL,
+) -> None:
+    """Give a survey of a service another name, or notes, and print both."""
+    from service.client import Client
+
+    with Client(url) as client:
+        job = client.job(survey_id)
+        shown = (job if name is None and notes is None else job.describe(name, notes)).document
+    typer.echo(f"{shown['name']}\n{shown['notes']}".rstrip("\n"))
 
 
 def _job(client: Client, job_id: str) -> Job:

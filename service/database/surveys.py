@@ -6,9 +6,9 @@ import secrets
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
-from typing import Any
+from typing import Any, NamedTuple
 
-from sqlalchemy import bindparam, delete, func, select, text
+from sqlalchemy import bindparam, delete, func, select, text, update
 from sqlalchemy.orm import Session
 
 from service.database.identity import NewJob, find_by_key, find_identical
@@ -18,8 +18,18 @@ from service.errors import ConflictError, QueueFullError, QuotaError, Unauthoriz
 
 CHUNK = 500  # values in one IN (…)
 BEING_DELETED = "being deleted"
+WAITS_FOR_TURN = "waits for its turn: "
+WAITS = JobRow.message.startswith(WAITS_FOR_TURN)
 #: Literal, so that every planner sees that the index ix_jobs_active answers it, however many surveys have ended.
 IS_ACTIVE = JobRow.state.in_(bindparam("active", ACTIVE, expanding=True, literal_execute=True))
+
+
+class Active(NamedTuple):
+    """A survey that waits or runs: the id of the key that submitted it, if one did, and the cells that it has left."""
+
+    id: str
+    owner: str | None
+    left: int
 
 
 @dataclass(frozen=True)
@@ -55,7 +65,9 @@ class Surveys(Transactions):
                 return known
             _require_room(session, new.owner, new.n_cells, max_jobs)
             values = vars(new) | {"idempotency_key": new.stored_key}
-            job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, **values)
+            at_work = session.scalars(select(JobRow).where(IS_ACTIVE, JobRow.state == State.RUNNING, ~WAITS).limit(1))
+            message = _waits_for(before) if (before := at_work.first()) else ""
+            job = JobRow(id=secrets.token_hex(8), state=State.ACCEPTED, message=message, **values)
             session.add(job)
             _count(service, job, 1)
             session.flush()
@@ -89,11 +101,23 @@ class Surveys(Transactions):
                 found.update(session.scalars(select(JobRow.id).where(JobRow.id.in_(ids[start : start + CHUNK]))))
         return found
 
-    def next_job(self) -> JobRow | None:
-        """The oldest survey that is waiting or was interrupted."""
+    def active(self) -> list[Active]:
+        """The surveys that wait or run, or were interrupted, oldest first."""
+        left = JobRow.n_cells - JobRow.cells_done
         with self._read() as session:
-            oldest = select(JobRow).where(IS_ACTIVE).order_by(JobRow.number).limit(1)
-            return session.scalars(oldest).first()
+            found = session.execute(select(JobRow.id, JobRow.owner, left).where(IS_ACTIVE).order_by(JobRow.number))
+            return [Active(*row) for row in found]
+
+    def give_turn(self, survey_id: str) -> None:
+        """Say of this survey no longer that it waits for its turn, and of the others which one they wait for."""
+        with self._write() as (session, _):
+            if (job := _find_active(session, survey_id)) is None:
+                return
+            others = update(JobRow).where(IS_ACTIVE, JobRow.number != job.number, WAITS | (JobRow.message == ""))
+            session.execute(others.values(message=_waits_for(job)), execution_options={"synchronize_session": False})
+            if job.message.startswith(WAITS_FOR_TURN):
+                job.message = ""
+        self._on_change(survey_id)
 
     def running(self) -> list[tuple[str, str]]:
         """Ids and content hashes of the surveys that run, or ran when the service ended."""
@@ -132,6 +156,15 @@ class Surveys(Transactions):
             _add_state_event(session, job)
         self._on_change(survey_id)
         return True
+
+    def describe(self, survey_id: str, name: str | None, notes: str | None) -> JobRow:
+        """Give a survey another name or other notes; None leaves them."""
+        with self._write() as (session, _):
+            job = _find(session, survey_id)
+            job.name = job.name if name is None else _storable(name)
+            job.notes = job.notes if notes is None else _storable(notes)
+        self._on_change(survey_id)
+        return job
 
     def reopen(self, survey_id: str, owner: str | None, max_jobs: int) -> JobRow:
         """Let a survey that has ended wait again; its tiles stay noted.
@@ -309,6 +342,10 @@ def _require_room(session: Session, owner: str | None, n_cells: int, max_jobs: i
             f"{n_cells} cells beside the {kept} of your other surveys are more than the quota of your key, "
             f"{key.max_cells} cells. Ask for less, or DELETE surveys that you no longer need."
         )
+
+
+def _waits_for(job: JobRow) -> str:
+    return f"{WAITS_FOR_TURN}{job.name or f'survey {job.id[:6]}'} is computed now"
 
 
 def _storable(value: str) -> str:

@@ -55,6 +55,7 @@ class JobRow(Table):
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     id: Mapped[str] = mapped_column(unique=True)
     name: Mapped[str]
+    notes: Mapped[str] = mapped_column(default="")
     state: Mapped[str] = mapped_column(index=True)
     message: Mapped[str] = mapped_column(default="")
     request: Mapped[dict[str, Any]] = mapped_column(JSON)

@@ -1,4 +1,4 @@
-"""The job manager: one thread that runs the surveys of the database in order, on a cluster that may come and go."""
+"""The job manager: one thread that runs the surveys of the database by turns, on a cluster that may come and go."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from service.database import Database, DoneTile
 from service.database.tables import UNREADABLE, JobRow, State
 from service.errors import ConflictError, DirectoryAwayError, ServiceError, UnavailableError
 from service.jobs.directory import DataDirectory
+from service.jobs.turns import Turns
 from service.observability.logs import about
 from workers import (
     ClusterLostError,
@@ -35,9 +36,12 @@ from workers import (
 from workers.kinds import place_of_cell
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from distributed import Client
 
-    from workers import AnyRequest, TileRecord
+    from workers import AnyRequest, Bucket, TileRecord
+    from workers.kinds import AnyTile
     from workers.survey.template import Template
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
@@ -50,7 +54,7 @@ log = logging.getLogger(__name__)
 
 
 class JobManager:
-    """Runs accepted surveys, one after the other, and resumes those that an earlier process left unfinished.
+    """Runs accepted surveys, one at a time by turns, and resumes those that an earlier process left unfinished.
 
     Args:
         database: the truth about the surveys.
@@ -58,6 +62,7 @@ class JobManager:
         cluster: opens the dask cluster, unless what it is given says that it shall not any more; called again whenever
             it was lost.
         on_tile: told of every tile that has been written.
+        turns: whose turn comes next, and when.
     """
 
     def __init__(
@@ -66,8 +71,11 @@ class JobManager:
         directory: DataDirectory,
         cluster: Callable[[Callable[[], bool]], AbstractContextManager[Client]],
         on_tile: Callable[[TileRecord], None] = lambda _: None,
+        turns: Turns | None = None,
     ) -> None:
         self._on_tile = on_tile
+        self._turns = turns or Turns()
+        self._left: dict[str, dict[int, AnyTile]] = {}  # tiles of surveys that another turn goes on with, by index
         self._client: Client | None = None
         self._database = database
         self._directory = directory
@@ -142,6 +150,7 @@ class JobManager:
             raise ConflictError(
                 f"Survey {survey_id} was computed by another version, and only that one can verify it. Submit it anew."
             )
+        self._left.pop(survey_id, None)  # all of it is looked at
         with self._lock:  # not between a deletion's look at the state and its removal of the store
             job = self._database.reopen(survey_id, owner, max_jobs)
         self.wake()
@@ -189,10 +198,14 @@ class JobManager:
                 self._wake.wait(pause)
 
     def _run_next(self, client: Client) -> bool:
-        """Run the oldest survey that waits. False if there is none."""
-        job = self._database.next_job()
+        """Run the survey whose turn it is. False if there is none."""
+        active = self._database.active()
+        job = self._turns.next(active)
         if job is None:
             return False
+        self._turns.begin(job)
+        self._left = {each.id: self._left[each.id] for each in active if each.id in self._left}
+        self._database.give_turn(job.id)
         with self._lock:
             self._current = job.id
             self._dismissed.clear()
@@ -250,6 +263,46 @@ class JobManager:
             return  # dismissed since it was found
         request = _request_of(job)
         path = self._directory.store(survey_id)
+        left = self._left.pop(survey_id, None)
+        has_message = bool(job.message)  # perhaps that it waits, since before a restart
+        if left is None:
+            left, has_lost = self._prepared(job, request, path, client)
+            has_message |= has_lost
+
+        def on_tile(tile: TileRecord) -> None:
+            nonlocal has_message
+            self._record(survey_id, request, tile)
+            left.pop(tile.index, None)
+            self._turns.advance(tile.seconds)
+            if has_message:
+                self._database.set_state(survey_id, State.RUNNING)  # without the message
+                has_message = False
+            self.storage_state = OK
+
+        is_paused = False
+
+        def is_over() -> bool:
+            nonlocal is_paused
+            is_paused = is_paused or self._is_turn_over(survey_id)
+            return is_paused
+
+        tiles = list(left.values())
+        run_tiles(request, path, tiles, client, on_tile, self._interrupted, self._dismissed.is_set, is_over)
+        if self._interrupted():
+            return
+        if not is_paused and is_incomplete(request, path):
+            complete_on(client, request, path, self._interrupted, self._telling(survey_id), is_over)
+        if is_paused and (left or is_incomplete(request, path)):
+            self._left[survey_id] = left
+            self._database.set_state(survey_id, State.RUNNING)  # without what it says of certificates
+        else:
+            finish_store(path)
+            self._database.set_state(survey_id, State.SUCCESSFUL)
+
+    def _prepared(
+        self, job: JobRow, request: AnyRequest, path: Path | Bucket, client: Client
+    ) -> tuple[dict[int, AnyTile], bool]:
+        """The tiles that are missing of a survey, by their index, and whether some that were there are lost."""
 
         # Curves take minutes in some windows: nothing is computed in this process.
         def template(request: AnyRequest, created: str | None) -> Template:
@@ -257,27 +310,23 @@ class JobManager:
 
         create_store(request, path, template)
         if job.content_hash != request.content_hash():
-            self._database.set_content_hash(survey_id, request.content_hash())
+            self._database.set_content_hash(job.id, request.content_hash())
         # A tile counts only if both agree: the database knows its failures, the store holds its numbers.
-        done = self._database.tiles_done(survey_id) & tiles_done(request, path, self._interrupted)
-        lost = self._database.keep_tiles(survey_id, done)
-        missing = [tile for tile in tiles_of(request) if tile.index not in done]
-        has_message = bool(job.message or lost)  # perhaps that it waits, since before a restart
+        done = self._database.tiles_done(job.id) & tiles_done(request, path, self._interrupted)
+        lost = self._database.keep_tiles(job.id, done)
+        return {tile.index: tile for tile in tiles_of(request) if tile.index not in done}, bool(lost)
 
-        def on_tile(tile: TileRecord) -> None:
-            nonlocal has_message
-            self._record(survey_id, request, tile)
-            if has_message:
-                self._database.set_state(survey_id, State.RUNNING)  # without the message
-                has_message = False
-            self.storage_state = OK
-
-        run_tiles(request, path, missing, client, on_tile, self._interrupted, self._dismissed.is_set)
-        if not self._interrupted():
-            if is_incomplete(request, path):
-                complete_on(client, request, path, self._interrupted, self._telling(survey_id))
-            finish_store(path)
-            self._database.set_state(survey_id, State.SUCCESSFUL)
+    def _is_turn_over(self, survey_id: str) -> bool:
+        """Whether the survey at work makes room for another one."""
+        if not self._turns.is_used_up:
+            return False
+        following = self._turns.next(self._database.active())
+        if following is None:
+            return False
+        if following.id == survey_id:
+            self._turns.begin(following)
+            return False
+        return True
 
     def _telling(self, survey_id: str) -> Callable[[int, int], None]:
         """What tells of attractors that are proved, at each per cent of them."""
@@ -285,6 +334,7 @@ class JobManager:
 
         def tell(done: int, number: int) -> None:
             nonlocal shown
+            self._turns.advance(0.0)
             percent = 100 * done // max(number, 1)
             if percent > shown:
                 shown = percent

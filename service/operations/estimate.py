@@ -22,16 +22,20 @@ LOOKED_AT = 100  # newest surveys
 LEAST_CELLS = 16  # of a survey whose speed is taken for that of others
 SIMILAR = 4.0  # of counts of initial conditions, between which cost is taken to be proportional
 TRIED = 3  # cells along each axis of a measurement
+IF_ALL = ", if all cells were computed"
 STRONG = WATCH / PERIODS  # damping above which every sample is watched for as long
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Seconds that a survey will take on this service once it runs, and what that rests on."""
+    """Seconds that a survey will take on this service once it runs, and what that rests on; or the most that it will
+    take: if it is refined, and only the cost of a cell is known.
+    """
 
     seconds: float
     workers: int
     basis: str
+    is_most: bool = False
 
 
 async def estimate(front: Front, request: AnyRequest) -> Estimate:
@@ -42,7 +46,11 @@ async def estimate(front: Front, request: AnyRequest) -> Estimate:
         UnavailableError: it has to be measured, and that takes too long or has to wait.
     """
     workers = await run_in_threadpool(front.manager.workers) or front.settings.workers
-    found = None if isinstance(request, PopulationRequest) else await run_in_threadpool(_by_others, front, request)
+    found = await run_in_threadpool(_by_others, front, request)
+    is_most = found is None and isinstance(request, SurveyRequest) and request.refine is not None
+    if is_most:
+        request = request.model_copy(update={"refine": None})
+        found = await run_in_threadpool(_by_others, front, request)
     if found:
         seconds, basis = found
     else:
@@ -57,11 +65,13 @@ async def estimate(front: Front, request: AnyRequest) -> Estimate:
         basis = (
             f"measured now on {TRIED * TRIED} {'gears' if isinstance(request, PopulationRequest) else 'cells'} of it"
         )
-    return Estimate(seconds * request.n_cells / workers, workers, basis)
+    return Estimate(seconds * request.n_cells / workers, workers, f"{basis}{IF_ALL if is_most else ''}", is_most)
 
 
-def _by_others(front: Front, request: SurveyRequest) -> tuple[float, str] | None:
+def _by_others(front: Front, request: AnyRequest) -> tuple[float, str] | None:
     """Seconds of one process for a cell, and by which survey."""
+    if isinstance(request, PopulationRequest):
+        return None
     jobs, _ = front.database.jobs(LOOKED_AT)
     like = most_like(request, jobs)
     if like is None:

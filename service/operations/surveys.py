@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
 
 from service.access.keys import Caller
 from service.database import NewJob
@@ -11,6 +14,25 @@ from service.errors import ForbiddenError
 from service.operations.limits import check_limits
 from service.state import Front
 from workers import AnyRequest, PopulationRequest
+from workers.survey.axes import Name, Strict
+
+MOST_NOTES = 10_000  # characters
+
+
+def _legible(text: str) -> str:
+    if not all(line.replace("\t", "").isprintable() for line in text.splitlines()):
+        raise ValueError("the notes hold characters that cannot be printed: remove them")
+    return text
+
+
+Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]
+
+
+class Description(Strict):
+    """What a survey is called, and notes about it; what is left out stays."""
+
+    name: Name | None = None
+    notes: Notes | None = None
 
 
 def submit_survey(
@@ -56,6 +78,17 @@ def remove_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kin
     if not front.database.job(survey_id).is_readable:  # it is shown as one that has ended
         front.database.set_state(survey_id, State.FAILED, UNREADABLE)
     return front.manager.dismiss_or_delete(survey_id)
+
+
+def describe_survey(front: Front, caller: Caller, survey_id: str, given: Description) -> JobRow:
+    """Give a survey another name or other notes. What it computes, and its store, stay.
+
+    Raises:
+        UnknownSurveyError: there is no such survey.
+        ForbiddenError: it was submitted with another key.
+    """
+    require_owner(front, caller, survey_id)
+    return front.database.describe(survey_id, given.name, given.notes)
 
 
 def verify_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kind.SURVEY) -> JobRow:

@@ -28,9 +28,7 @@ class Standing(BaseModel):
     name: str
     state: State
     progress: int = Field(ge=0, le=100, description="percent of the tiles done")
-    message: str = Field(
-        description="why it failed, was dismissed, or waits although it runs; how far its certificates are"
-    )
+    message: str = Field(description="why it failed or was dismissed; what it waits for; how far its certificates are")
     created: str
     started: str | None
     finished: str | None
@@ -45,11 +43,12 @@ class Standing(BaseModel):
 class Survey(Standing):
     """A survey: where it stands, what was asked, where its results are."""
 
+    notes: str
     links: Links
 
     @classmethod
     def of(cls, job: JobRow) -> Survey:
-        return cls(**standing(job), links=_links(job))
+        return cls(**standing(job), notes=job.notes, links=_links(job))
 
 
 class SurveyDetail(Survey):
@@ -60,7 +59,8 @@ class SurveyDetail(Survey):
 
     @classmethod
     def with_failures(cls, job: JobRow, failures: list[dict[str, Any]]) -> SurveyDetail:
-        return cls(**standing(job), links=_links(job), request=request_shown(job), failures=failures)
+        asked = request_shown(job)
+        return cls(**standing(job), notes=job.notes, links=_links(job), request=asked, failures=failures)
 
 
 class SurveyList(BaseModel):

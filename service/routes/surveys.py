@@ -11,8 +11,8 @@ from starlette.exceptions import HTTPException
 
 from service.access.middleware import CallerState
 from service.database.tables import JobRow, Kind, State
-from service.operations.surveys import remove_survey, submit_survey, verify_survey
-from service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of
+from service.operations.surveys import Description, describe_survey, remove_survey, submit_survey, verify_survey
+from service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of, request_shown
 from service.state import Front, FrontState
 from service.web import examples
 from service.web.conditional import NOT_MODIFIED, json_answer
@@ -121,7 +121,8 @@ def list_surveys(
 )
 def show(request: Request, front: FrontState, survey_id: SurveyId) -> Response:
     job = front.database.job(survey_id, Kind.SURVEY)
-    return json_answer(request, _detail(front, job), job.finished)
+    is_as_submitted = not job.notes and job.name == request_shown(job).get("name")  # names change at any time
+    return json_answer(request, _detail(front, job), job.finished if is_as_submitted else None)
 
 
 @router.post(
@@ -140,6 +141,24 @@ def verify(front: FrontState, caller: CallerState, response: Response, survey_id
     response.headers["Location"] = path_of(job.id)
     response.headers["Retry-After"] = RETRY_SECONDS
     return _detail(front, job)
+
+
+@router.patch(
+    "/{survey_id}",
+    summary="Give a survey another name, or notes",
+    dependencies=[Depends(require_json)],
+    responses=declared(404, 415, 422),
+)
+def describe(
+    front: FrontState,
+    caller: CallerState,
+    survey_id: SurveyId,
+    body: Annotated[Description, Body(examples=[examples.DESCRIPTION])],
+) -> SurveyDetail:
+    """At any time, by the key that submitted it. What is left out stays as it is; so does the store, which keeps the
+    name that it was submitted with, and identical surveys are found whatever they are called.
+    """
+    return _detail(front, describe_survey(front, caller, survey_id, body))
 
 
 @router.delete(

@@ -25,9 +25,12 @@ THIRD_AXIS: dict[str, Any] = {
     "epsilon": {"start": 0.005, "stop": 0.3, "num": 30},
 }
 
+DESCRIPTION = {"name": "figure 7 as printed", "notes": "Beside it on the wall: the same with 512 initial conditions."}
+
 SURVEY: dict[str, Any] = {
     "id": SURVEY_ID,
     "name": "figure 7",
+    "notes": "",
     "state": "accepted",
     "progress": 0,
     "message": "",
@@ -83,7 +86,7 @@ POPULATION_REQUEST: dict[str, Any] = {
     "seed": 0,
 }
 POPULATION: dict[str, Any] = {
-    name: value for name, value in SURVEY.items() if name not in ("id", "name", "links", "tiles", "cells")
+    name: value for name, value in SURVEY.items() if name not in ("id", "name", "notes", "links", "tiles", "cells")
 } | {
     "id": POPULATION_ID,
     "name": "drawing 17",

@@ -269,6 +269,9 @@ def test_surveys_are_searched_and_sorted(page: Page, service: str) -> None:
     expect(rows.filter(has_text="mu")).to_be_visible()
     page.get_by_label("search surveys").fill("ALPH")
     expect(rows).to_have_text(["Alpha"])
+    httpx.patch(service + made[2], json={"notes": "Ask Anna."}, timeout=HANG)
+    page.get_by_label("search surveys").fill("anna")
+    expect(rows).to_have_text(["mu"])
     page.get_by_label("search surveys").fill("nowhere")
     expect(page.get_by_text("No survey has that")).to_be_visible()
     page.get_by_label("search surveys").fill("29")  # of δ or ε, in their settings

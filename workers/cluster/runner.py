@@ -90,13 +90,14 @@ def complete_on(
     where: str | Path | Place,
     should_stop: Callable[[], bool],
     on_proved: Callable[[int, int], None] = lambda _done, _number: None,
+    should_pause: Callable[[], bool] = _never,
 ) -> None:
     """Do what `complete` does on a cluster, block by block, holding the store. Arguments and errors are those of
     `template_on`, and its own. After a stop no process computes any of it.
     """
     place, joining = place_of(where), Joining(client, should_stop)
     with place.writing():
-        complete(request, place, joining.each, joining.several(), on_proved)
+        complete(request, place, joining.each, joining.several(), on_proved, should_pause)
 
 
 def certify_on(
@@ -123,8 +124,9 @@ def run_tiles(
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
     unwanted: Callable[[], bool] = _never,
+    should_pause: Callable[[], bool] = _never,
 ) -> None:
-    """Compute tiles of a created store on a cluster, until all are written or `should_stop` says so.
+    """Compute tiles of a created store on a cluster, until all are written or `should_stop` or `should_pause` says so.
 
     A tile that kills its workers, or takes a quarter of an hour, is computed cell by cell in a process of its own: only
     the cells that kill it fail, and those that take too much processor time.
@@ -134,6 +136,7 @@ def run_tiles(
         should_stop: asked several times a second. After a stop this returns within seconds: tiles that end
             meanwhile are reported, the others are left for the next run.
         unwanted: asked after a stop: whether nobody wants the tiles at work, so that their processes are ended at once.
+        should_pause: asked several times a second: whether no more tiles shall begin. Those at work come to their end.
 
     Raises:
         StorageError: a tile cannot be written now (the disk is full or read-only); the message names it.
@@ -153,7 +156,7 @@ def run_tiles(
                     Joining(client, should_stop).map(require_proofs, [()])
         submission = Submission(compute_and_write, request, str(place), client)
         try:
-            _run(submission, deque(tiles), on_tile, should_stop, unwanted)
+            _run(submission, deque(tiles), on_tile, should_stop, unwanted, should_pause)
         finally:
             submission.cancel()
 
@@ -164,8 +167,11 @@ def _run(
     on_tile: Callable[[TileRecord], None],
     should_stop: Callable[[], bool],
     unwanted: Callable[[], bool],
+    should_pause: Callable[[], bool],
 ) -> None:
     while (waiting or submission.in_flight) and not should_stop():
+        if waiting and should_pause():
+            waiting.clear()
         for _ in range(min(submission.room(), len(waiting))):
             submission.submit(waiting.popleft())
         submission.repeat_late_tiles()

@@ -32,6 +32,7 @@ const speed = (rate) => `${rate >= 10 ? Math.round(rate).toLocaleString("en") : 
 function standing(row) {
   const parts = [STATES[row.state]]
   if (row.state === "running") parts[0] = `${row.progress} %`
+  if (row.state === "running" && row.message.startsWith("waits for")) parts.push("waiting")  // another one has its turn
   if (row.rate) parts.push(speed(row.rate))
   if (row.left) parts.push(`${lasting(row.left)} left`)
   if (row.failed) parts.push(`${row.failed} cells failed`)
@@ -64,6 +65,27 @@ function lines_of(row, signed_in) {
   return `import xarray as xr\n\nsurvey = xr.open_zarr(\n    "${url}"${key}\n)\nsurvey.${row.variable || "status"}${one}.plot()`
 }
 
+// The name and the notes of a survey, to be changed.
+function form_of(row, send) {
+  const name = element("input", {name: "name", maxlength: 200, value: row.title})
+  const notes = element("textarea", {name: "notes", maxlength: 10000, rows: 4})
+  notes.value = row.notes
+  const close = () => {
+    form.hidden = true
+    form.previousSibling.querySelector("[data-action=describe]").focus()
+    form.dispatchEvent(new Event("closed", {bubbles: true}))
+  }
+  const form = element("form", {class: "describing", hidden: true, onsubmit: (event) => {
+    event.preventDefault()
+    close()
+    send({name: name.value, notes: notes.value})
+  }},
+    element("label", {}, "New name", name), element("label", {}, "Notes", notes),
+    element("div", {class: "actions"}, element("button", {class: "quiet"}, "Save"),
+      element("button", {type: "button", class: "quiet", onclick: close}, "Leave as it is")))
+  return form
+}
+
 function detail_of(row, model) {
   const here = `/v1/surveys/${row.id}`
   const busy = row.state === "running" || row.state === "accepted"
@@ -75,14 +97,16 @@ function detail_of(row, model) {
     removing.dataset.sure = "1"
     removing.textContent = "Delete for good?"
   })
+  const describing = form_of(row, (given) => model.send_msg({action: "describe", survey: row.id, ...given}))
   const code = element("pre", {tabindex: 0, "aria-label": "Python lines that open this survey"}, lines_of(row, model.signed_in))
   const copy = element("button", {type: "button", class: "quiet copy", onclick: async () => {
     await navigator.clipboard?.writeText(code.textContent)
     copy.textContent = "Copied"
   }}, "Copy")
-  return element("section", {class: "detail", "aria-label": `survey ${row.name}`},
+  return element("section", {class: "detail", "data-of": row.id, "aria-label": `survey ${row.name}`},
     element("dl", {}, ...row.facts.flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)])),
     row.message ? element("p", {class: "message"}, row.message) : null,
+    row.notes ? element("p", {class: "notes"}, row.notes) : null,
     element("div", {class: "downloads"}, "Download ",
       element("a", {href: `${here}/download.nc`, download: true}, "NetCDF"), " ",
       element("a", {href: `${here}/download.csv`, download: true}, "CSV"), " ",
@@ -94,7 +118,14 @@ function detail_of(row, model) {
       row.mine && row.state === "dismissed"
         ? element("button", {type: "button", class: "quiet", "data-action": "resume", onclick: act("resume")}, "Resume")
         : null,
-      row.mine ? removing : null))
+      row.mine
+        ? element("button", {type: "button", class: "quiet", "data-action": "describe", onclick: () => {
+            describing.hidden = false
+            describing.querySelector("input").focus()
+          }}, "Name and notes")
+        : null,
+      row.mine ? removing : null),
+    row.mine ? describing : null)
 }
 
 export function render({model}) {
@@ -117,12 +148,12 @@ export function render({model}) {
   function draw() {
     drawn = state()
     const wanted = search.value.trim().toLowerCase()
-    const told = (row) => [row.name, row.size, STATES[row.state], ...row.facts.flat()].join(" ").toLowerCase()
+    const told = (row) => [row.name, row.notes, row.size, STATES[row.state], ...row.facts.flat()].join(" ").toLowerCase()
     const rows = model.rows.filter((row) => told(row).includes(wanted))
     const [key, falling] = ORDERS[order.value]
     if (key) rows.sort((one, other) => (falling ? -1 : 1) * compare(key(one), key(other)))
     finding.hidden = model.rows.length < FEW
-    none.textContent = model.rows.length && !rows.length ? "No survey has that in its name or settings." : ""
+    none.textContent = model.rows.length && !rows.length ? "No survey has that in its name, notes or settings." : ""
     none.hidden = !none.textContent
     const items = rows.map((row) => {
       if (!kept.has(row.id)) kept.set(row.id, row_of(row, (id) => { model.chosen = id }))
@@ -140,8 +171,9 @@ export function render({model}) {
     })
     empty.hidden = model.rows.length > 0 || !model.ready
     const row = rows.find((each) => each.id === model.chosen)
-    const now = row ? JSON.stringify([row.id, row.state, row.message, row.picture, row.mine]) : ""
-    if (now !== shown) {  // or a half-made choice and a selected text would be lost at every tile
+    const now = row ? JSON.stringify([row.id, row.name, row.notes, row.state, row.message, row.picture, row.mine]) : ""
+    const isEdited = row && detail.querySelector(`[data-of="${row.id}"] form:not([hidden])`)
+    if (now !== shown && !isEdited) {  // or a half-made choice and a selected text would be lost at every tile
       const stops = () => [...detail.querySelectorAll("a, button, pre")]
       const focused = stops().indexOf(root.getRootNode().activeElement)
       detail.replaceChildren(...(row ? [detail_of(row, model)] : []))
@@ -152,6 +184,7 @@ export function render({model}) {
     if (item && detail.parentElement !== item) item.append(detail)
   }
 
+  detail.addEventListener("closed", () => draw())  // what has changed meanwhile
   model.on(["rows", "chosen", "ready"], draw)
   draw()
   // Panel does not tell of what changes while it puts a component together.

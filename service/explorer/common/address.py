@@ -10,6 +10,7 @@ from urllib.parse import urlencode
 
 from rattle import Machine
 from rattle.curves import NAMES
+from rattle.models import AnyModel, model_of
 from rattle.populations.plan import MOST_SHARE
 
 Pair = tuple[float, float]
@@ -22,7 +23,8 @@ OVERLAYS = (*NAMES, CRISIS, LIMIT, POINTS)
 DEFAULT_OVERLAYS = (*NAMES, POINTS)
 SHARE = 0.9
 THEMES = ("light", "dark")
-LONGEST = 200
+MOST_PINS = 8
+LONGEST = 800  # characters of a value: of pins, 100 each
 POINT_STATE = "p."
 MOST_FURTHER = 3
 FURTHER = tuple(f"map{number}" for number in range(2, 2 + MOST_FURTHER))
@@ -46,6 +48,25 @@ class Entered(NamedTuple):
     def machine(self) -> Machine:
         """The machine. Raises ParameterError."""
         return Machine(**self._asdict())
+
+
+class Pin(NamedTuple):
+    """A point that is kept to be compared with others, of the impacting model unless there is a stiffness."""
+
+    delta: float
+    epsilon: float
+    beta: float
+    kappa: float | None = None
+
+    @property
+    def model(self) -> AnyModel:
+        """The model of its gear. Raises ParameterError."""
+        return model_of(self.beta, self.kappa)
+
+    @property
+    def label(self) -> str:
+        """What it is called."""
+        return f"δ {self.delta:.4g}, ε {self.epsilon:.4g}"
 
 
 @dataclass(frozen=True)
@@ -94,7 +115,8 @@ class Further:
 class View:
     """What a page shows. Limits are a rule, or (low, high); `point_state` is what the view of the point keeps, and
     `machine` is there where the point is that of a machine which was entered. share: P(quiet) of the design limit.
-    profile: of which map there is one above the diagram, None for the map that is shown.
+    profile: of which map there is one above the diagram, None for the map that is shown. pins: points that are
+    compared.
 
     No theme is that of the viewer's system.
     """
@@ -116,6 +138,7 @@ class View:
     profile_limits: Pair | None = None
     theme: str = ""
     point_state: Mapping[str, str] = field(default_factory=dict)
+    pins: tuple[Pin, ...] = ()
 
     @classmethod
     def parse(cls, query: Mapping[str, Sequence[bytes]]) -> View:
@@ -151,6 +174,7 @@ class View:
                 for name, value in list(text.items())[:50]
                 if name.startswith(POINT_STATE) and value and point
             },
+            pins=read("pins", _pins, ()),
         )
 
     def query(self) -> str:
@@ -172,10 +196,11 @@ class View:
         pairs["profile"] = self.profile.written if self.profile else ""
         pairs["profile_limits"] = _written(self.profile_limits) if self.profile_limits else ""
         pairs["theme"] = self.theme
+        pairs["pins"] = ";".join(",".join(repr(each) for each in pin if each is not None) for pin in self.pins)
         if self.point:
             pairs |= {POINT_STATE + name: str(value) for name, value in self.point_state.items()}
         said = {name: value for name, value in pairs.items() if value}
-        return "?" + urlencode(said, safe=",") if said else ""
+        return "?" + urlencode(said, safe=",;") if said else ""
 
 
 def _written(pair: Pair) -> str:
@@ -226,6 +251,16 @@ def _machine(text: str) -> Entered:
     found = Entered(inertia, drag, backlash, eccentricity, radius, rpm, drive, float(stiffness) if stiffness else None)
     found.machine  # noqa: B018 - raises ParameterError, which is a ValueError
     return found
+
+
+def _pins(text: str) -> tuple[Pin, ...]:
+    found = []
+    for each in text.split(";")[:MOST_PINS]:
+        delta, epsilon, beta, *kappa = map(float, each.split(","))
+        pin = Pin(*_point(f"{delta},{epsilon}"), beta, *kappa)
+        pin.model.gear(pin.delta, pin.epsilon)  # raises ParameterError, which is a ValueError
+        found.append(pin)
+    return tuple(dict.fromkeys(found))
 
 
 def _share(text: str) -> float:

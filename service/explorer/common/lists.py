@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import param
@@ -12,7 +12,9 @@ from service.explorer.files import asset
 
 
 class SurveyList(JSComponent):
-    """The surveys; `chosen` is the id of one of them, `on_action` is called with what is to be done to which."""
+    """The surveys; `chosen` is the id of one of them. `on_action` is called with what is to be done to which, and with
+    what a viewer has entered.
+    """
 
     rows = param.List(default=[])
     chosen = param.String(default="")
@@ -22,13 +24,13 @@ class SurveyList(JSComponent):
     _esm = asset("surveys.js")
     _stylesheets = [asset("surveys.css")]  # noqa: RUF012 - as Panel has it
 
-    def __init__(self, on_action: Callable[[str, str], None], **values: Any) -> None:
+    def __init__(self, on_action: Callable[[str, str, Mapping[str, Any]], None], **values: Any) -> None:
         super().__init__(**values)
         self._on_action = on_action
 
     def _handle_msg(self, message: Any) -> None:
         if isinstance(message, dict):
-            self._on_action(str(message.get("action")), str(message.get("survey")))
+            self._on_action(str(message.get("action")), str(message.get("survey")), message)
 
 
 class Key(JSComponent):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from service.database.tables import JobRow
+from rattle.models import Model
+from service.database.tables import JobRow, State
 from service.explorer.common.address import View
 from service.explorer.common.news import News
 from service.explorer.design.limits import DesignLimits
@@ -13,9 +15,19 @@ from service.explorer.map.colouring import Colouring, colouring
 from service.explorer.map.overlays import Crises
 from service.explorer.map.planes import Atlas, Block, Plane, Room
 from service.state import Front
-from workers import SurveyRequest
+from workers import SurveyRequest, map_quantity
+from workers.cluster.window import CLOSED_FORM
 
 EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
+
+BEFOREHAND = "exact, before the survey has come to it"
+WAITING = "exact; the survey waits for its turn"
+
+
+def in_closed_form(request: SurveyRequest, variable: str) -> bool:
+    """Whether a map of a survey is known before it is computed."""
+    found = map_quantity(variable, 0, request)
+    return request.model is Model.IMPACTING and found.group in CLOSED_FORM
 
 
 class WithoutSurvey(Protocol):
@@ -25,6 +37,9 @@ class WithoutSurvey(Protocol):
 
     def plane(self, variable: str, index: int) -> Plane:
         """A map of it. Blocks: for a thread."""
+
+    def beforehand(self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], Plane]) -> Plane:
+        """A map of a survey that is in closed form, and what is computed of it. Blocks: for a thread."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +55,13 @@ class Shared:
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[Plane, bool, Block, Colouring]:
         """The map of a survey, whether that is all there is by now, and what is drawn of it. Blocks: for a thread."""
-        plane, is_whole = self.atlas.plane(job, view.variable, view.index, view.slice)
+        key = view.variable, view.index, view.slice
+        if not State(job.state).final and in_closed_form(SurveyRequest.model_validate(job.request), view.variable):
+            plane = self.exact.beforehand(job, *key, lambda: self.atlas.plane(job, *key)[0])
+            block = plane.block(room=room)
+            note = WAITING if job.state == State.ACCEPTED else BEFOREHAND
+            return plane, True, block, replace(colouring(plane, block, view.limits, view.log), note=note)
+        plane, is_whole = self.atlas.plane(job, *key)
         block = plane.block(room=room)
         return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
 

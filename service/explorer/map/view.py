@@ -14,7 +14,7 @@ import panel as pn
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
-from service.explorer.common.address import LIMIT, Entered, Pair, Ranges, View
+from service.explorer.common.address import LIMIT, Entered, Pair, Pin, Ranges, View
 from service.explorer.common.heading import Heading
 from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
@@ -30,7 +30,7 @@ from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
 from service.explorer.map.planes import SIDE, Block, Plane, box_of, maps_of
 from service.explorer.map.readout import in_words
-from service.explorer.map.shared import Shared
+from service.explorer.map.shared import Shared, in_closed_form
 from service.explorer.point.panel import Above
 from service.explorer.point.state import marks_of, stands_for
 from workers import SurveyRequest
@@ -222,7 +222,8 @@ class MapView:
             if self._job is not None and self._job.id == job.id:  # none other was chosen meanwhile
                 what()
 
-        if job.state == State.ACCEPTED and not job.started:
+        is_known = self._whole is not None and in_closed_form(self._whole, view.variable)
+        if job.state == State.ACCEPTED and not job.started and not is_known:
             self._viewer.change(lambda: show(lambda: self._show_nothing(WAITS)))
             return True
         try:
@@ -453,6 +454,20 @@ class MapView:
     def keep(self, **values: Any) -> None:
         """Remember what another part of the page shows."""
         self._change(**values)
+
+    @property
+    def pin(self) -> Pin | None:
+        """The point that is open, to be pinned; None if none is."""
+        if self.view.point is None:
+            return None
+        _, model = stands_for(self.view.point, self.view.machine, self.machine, self.model)
+        return Pin(*self.view.point, model.beta, model.stiffness)
+
+    def go_to_pin(self, pin: Pin) -> bool:
+        """Look closer at the point of a pin; whether it is one of this plane."""
+        if pin.model == self.model:
+            self.open_point(pin.delta, pin.epsilon)
+        return pin.model == self.model
 
     def end(self) -> None:
         """Give up what is at work for a page that was closed."""

@@ -19,7 +19,7 @@ from service.explorer.common.address import Pair
 from service.explorer.common.viewer import Viewer
 from service.explorer.common.watch import on_press
 from service.explorer.page.machine_axes import MachineAxes
-from service.explorer.page.sample_fields import SampleFields
+from service.explorer.page.sample_fields import RefineFields, SampleFields
 from service.operations.estimate import Estimate, estimate
 from service.operations.limits import check_limits
 from service.operations.surveys import submit_survey
@@ -44,7 +44,7 @@ class Form:
         self.name = pn.widgets.TextInput(label="Name", max_length=200, **number)
         ways = {"damping δ, eccentricity ε": False, "a machine: rpm, µm": True}
         self.in_si = pn.widgets.Select(label="Axes", options=ways, **number)
-        self.machine, self.sample = MachineAxes(sheet), SampleFields(sheet)
+        self.machine, self.sample, self.refine = MachineAxes(sheet), SampleFields(sheet), RefineFields(sheet)
         self.beta = pn.widgets.FloatInput(label="Half-backlash β", value=0.6, step=0.05, **number)
         self.model = pn.widgets.Select(
             label="Model", options={"impacting": Model.IMPACTING, "stiff walls": Model.STIFF}, **number
@@ -94,6 +94,7 @@ class Form:
             pn.Row(self.budget, self.seed, sizing_mode="stretch_width"),
             pn.pane.HTML("<span id=quantities>Quantities</span>", margin=(6, 4, 0, 4)),
             self.quantities,
+            self.refine.panel,
             self.cost,
             self.submit,
             css_classes=["form"],
@@ -105,7 +106,7 @@ class Form:
         return [
             self.name, self.model, self.kappa, self.beta, *(widget for three in self.axes.values() for widget in three),
             self.quantities, self.count, self.v_max, self.budget, self.seed, self.in_si, *self.machine.widgets,
-            *self.sample.widgets,
+            *self.sample.widgets, *self.refine.widgets,
         ]  # fmt: skip
 
     def fill(self, request: SurveyRequest) -> None:
@@ -143,6 +144,7 @@ class Form:
         self.count.value, self.budget.value = sample.count, sample.budget
         self.v_max.value = "" if sample.v_max is None else str(sample.v_max)
         self.sample.fill(request)
+        self.refine.fill(request)
         self.seed.value = request.seed
 
     def fields(self) -> dict[str, Any]:
@@ -158,6 +160,7 @@ class Form:
                 **self.sample.box(),
             },
             **self.sample.slots(),
+            **self.refine.fields(),
             "seed": self.seed.value,
         }
 
@@ -236,7 +239,8 @@ def what_is_wrong(error: Exception) -> str:
 
 def in_words(found: Estimate) -> str:
     """A cost, and what it rests on."""
-    return f"about {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"
+    about = "at most about" if found.is_most else "about"
+    return f"{about} {lasting(found.seconds)} on {found.workers} worker{'s' * (found.workers != 1)} ({found.basis})"
 
 
 def lasting(seconds: float) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from typing import Any
 
@@ -10,9 +11,11 @@ import panel as pn
 from bokeh.document import Document
 from bokeh.events import ConnectionLost
 from bokeh.models import CustomJS
+from pydantic import ValidationError
 
 from service.database.tables import Scope, State
-from service.explorer.common.address import FURTHER, Pair, View
+from service.errors import ServiceError
+from service.explorer.common.address import FURTHER, Pair, Pin, View
 from service.explorer.common.lists import SurveyList
 from service.explorer.common.news import Standing
 from service.explorer.common.viewer import CALLER, Viewer
@@ -21,11 +24,12 @@ from service.explorer.files import asset
 from service.explorer.further.maps import FurtherMaps
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
-from service.explorer.page.form import Form
+from service.explorer.page.form import Form, what_is_wrong
 from service.explorer.page.head import SCHEME, theme_of
 from service.explorer.page.rows import row_of
+from service.explorer.pins.view import Pins
 from service.explorer.section.section import Section
-from service.operations.surveys import remove_survey, verify_survey
+from service.operations.surveys import Description, describe_survey, remove_survey, verify_survey
 from workers import SurveyRequest
 
 
@@ -75,6 +79,7 @@ class Page:
         self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
         on_press(self._new, self._toggle_form)
         self._side = pn.Column(self._new, self._notice, self._list, sizing_mode="stretch_width", margin=0)
+        self._pins = Pins(viewer, view.pins, self._show_address, self._go_to_pin)
         self._further = FurtherMaps(shared, viewer, theme, sheet, lambda: self._map)
         self._section = Section(shared, viewer, theme, sheet, self._keep, self._go_through)
         self._map = MapView(
@@ -95,7 +100,7 @@ class Page:
         }.items():
             template.add_variable(name, value)
         further = dict(zip(FURTHER, self._further.places, strict=True))
-        for name, part in {"side": self._side, **self._map.parts, **further}.items():
+        for name, part in {"side": self._side, "pins": self._pins.table, **self._map.parts, **further}.items():
             template.add_panel(name, part)
         return template
 
@@ -128,6 +133,7 @@ class Page:
         """The URL that reproduces what is shown."""
         self._show_address()
         self._follow()
+        self._pins.follow(self._map.pin)
         if self._standings:
             owns = self._viewer.caller.owns
             self._list.rows = [row_of(each, view, owns(each.job)) for each in self._standings.values()]
@@ -147,7 +153,11 @@ class Page:
 
     def _show_address(self) -> None:
         """Also when the browser has just said what its address is: then what was shown before has been lost."""
-        self._location.search = self._map.view.query()
+        self._location.search = replace(self._map.view, pins=self._pins.pins).query()
+
+    def _go_to_pin(self, pin: Pin) -> None:
+        if not self._map.go_to_pin(pin):
+            self._tell("This point is of another model, β or κ than the map: choose a survey of it.")
 
     def _toggle_form(self) -> None:
         if self._form is not None and self._form.panel in self._side:
@@ -192,19 +202,32 @@ class Page:
         request, view = SurveyRequest.model_validate(self._standings[survey_id].job.request), self._map.view
         return request.at(request.along(view.slice if survey_id == view.survey else 0))
 
-    def _act(self, action: str, survey_id: str) -> None:
+    def _act(self, action: str, survey_id: str, entered: Mapping[str, Any]) -> None:
         if action == "again" and survey_id in self._standings and self._standings[survey_id].job.is_readable:
             self._opened_form().fill(self._request(survey_id))
         elif action in ("cancel", "delete") and survey_id in self._standings:
             self._viewer.start(self._remove(action, survey_id))
         elif action == "resume" and survey_id in self._standings:
             self._viewer.start(self._resume(survey_id))
+        elif action == "describe" and survey_id in self._standings:
+            self._viewer.start(self._describe(survey_id, entered))
 
     async def _resume(self, survey_id: str) -> None:
         def resume() -> None:
             verify_survey(self._shared.front, self._viewer.require(Scope.SUBMIT), survey_id)
 
         await self._viewer.read(resume, Scope.SUBMIT)
+
+    async def _describe(self, survey_id: str, entered: Mapping[str, Any]) -> None:
+        def describe() -> None:
+            try:
+                given = Description(name=entered.get("name"), notes=entered.get("notes"))
+            except ValidationError as error:
+                raise ServiceError(what_is_wrong(error)) from error
+            caller = self._viewer.require(Scope.SUBMIT)
+            describe_survey(self._shared.front, caller, survey_id, given)
+
+        await self._viewer.read(describe, Scope.SUBMIT)
 
     async def _remove(self, action: str, survey_id: str) -> None:
         def remove() -> None:
@@ -226,6 +249,7 @@ class Page:
         self._shared.news.leave(self._on_news)
         self._map.end()
         self._further.end()
+        self._pins.end()
         self._viewer.end()
 
 

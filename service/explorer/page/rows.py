@@ -24,6 +24,8 @@ def row_of(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
     return {
         "id": job.id,
         "name": job.name or f"survey {job.id[:6]}",
+        "title": job.name,
+        "notes": job.notes,
         "size": size,
         "state": str(state),
         "progress": job.progress,

@@ -1,4 +1,4 @@
-"""The part of the form on where samples begin, and in which slot of a cell an attractor is."""
+"""Parts of the form: where samples begin, in which slot of a cell an attractor is, and which cells are computed."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from typing import Any
 import panel as pn
 
 from workers import SurveyRequest
+from workers.survey.refined.asked import AUDIT
 from workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
 
 UNSAID = ""
+REFINED = "few cells first, more where they differ"
 WHOLE = (0.0, 1.0, 0.0)  # phases from and to, and the least speed
 
 
@@ -53,3 +55,32 @@ class SampleFields:
         sample = request.initial_conditions
         self._tau_min.value, self._tau_max.value, self._v_min.value = sample.tau_min, sample.tau_max, sample.v_min
         self._slots.value, self._by.value = request.slots, request.slots_by or UNSAID
+
+
+class RefineFields:
+    """Whether cells are filled where nothing differs about them, and how many of those are computed all the same."""
+
+    def __init__(self, sheet: str) -> None:
+        style: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": (3, 4), "stylesheets": [sheet]}
+        self._chosen = pn.widgets.CheckBoxGroup(label="Cells", options=[REFINED], value=[], **style)
+        self._audit = pn.widgets.FloatInput(
+            label="Share of filled cells that is checked",
+            value=AUDIT,
+            start=0.0,
+            end=1.0,
+            step=0.01,
+            visible=False,
+            **style,
+        )
+        self._chosen.param.watch(lambda event: self._audit.param.update(visible=bool(event.new)), "value")
+        self.widgets = [self._chosen, self._audit]
+        self.panel = pn.Column(*self.widgets, sizing_mode="stretch_width", margin=0)
+
+    def fields(self) -> dict[str, Any]:
+        """Of a request."""
+        return {"refine": {"audit": self._audit.value} if self._chosen.value else None}
+
+    def fill(self, request: SurveyRequest) -> None:
+        """Take over the settings of a survey."""
+        self._chosen.value = [REFINED] if request.refine is not None else []
+        self._audit.value = request.refine.audit if request.refine is not None else AUDIT

@@ -1,14 +1,22 @@
-"""The paper's plane without any survey: its regions and period-one motions, which are closed forms."""
+"""Regions and period-one motions, which are closed forms: the paper's plane without any survey, and those of a survey
+before it is computed.
+"""
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from collections.abc import Callable, Collection
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
+from threading import Lock
 
 import numpy as np
 import xarray as xr
 
-from service.explorer.map.planes import Plane
+from service.database.tables import JobRow
+from service.errors import MissingError
+from service.explorer.map.planes import SIDE, Plane
 from workers import Axis, SurveyRequest
 from workers.pictures.planes import numbers, plane_of
 from workers.survey.levels.grid import halvings
@@ -23,6 +31,9 @@ ASKED = SurveyRequest(
     epsilon=Axis(start=0.001, stop=0.299, num=150),
     quantities=(Group.REGION, Group.ORBITS),
 )
+
+
+KEPT = 8  # maps of surveys that are not done
 
 
 class ExactPlane(Plane):
@@ -43,10 +54,58 @@ class ExactPlane(Plane):
         return _dataset(here).isel(delta=0, epsilon=0)
 
 
+class Beforehand(ExactPlane):
+    """One map of a survey that is not done, no finer than a screen. A cell that is computed already is read there."""
+
+    def __init__(
+        self, request: SurveyRequest, survey_id: str, variable: str, index: int, computed: Callable[[], Plane]
+    ) -> None:
+        cells = cells_of(_thinned(request))
+        super().__init__(cells, _dataset(cells, {variable}), variable, index)
+        self.id, self.request, self._computed = survey_id, request, computed
+        self._levels = halvings(cells.shape)
+        self.plane, self._evaluated = self.plane.copy(), replace(cells)  # and not what it was made from
+
+    def cell(self, delta: float, epsilon: float) -> xr.Dataset | None:
+        """All that the survey has of the cell at a point, or its closed forms; None outside of it."""
+        if self.at(delta, epsilon) is None:
+            return None
+        with suppress(MissingError):  # the survey waits
+            found = self._computed().cell(delta, epsilon)
+            if found is not None and found["status"]:
+                return found
+        return super().cell(delta, epsilon)
+
+
+def _thinned(request: SurveyRequest) -> SurveyRequest:
+    """The closed forms of a survey on as many cells as are drawn at once."""
+    delta, epsilon = (
+        Axis(start=axis.start, stop=axis.stop, num=min(axis.num, SIDE)) for axis in (request.delta, request.epsilon)
+    )
+    return SurveyRequest(beta=request.beta, delta=delta, epsilon=epsilon, quantities=ASKED.quantities)
+
+
 class Exact:
     """The maps, computed once for all pages, when the first of them is asked for."""
 
     request = ASKED
+
+    def __init__(self) -> None:
+        self._beforehand: OrderedDict[tuple[str, str, int, int], Plane] = OrderedDict()
+        self._lock = Lock()
+
+    def beforehand(self, job: JobRow, variable: str, index: int, number: int, computed: Callable[[], Plane]) -> Plane:
+        """See `WithoutSurvey`."""
+        key = job.id, variable, index, number
+        with self._lock:
+            if key not in self._beforehand:
+                request = SurveyRequest.model_validate(job.request)
+                slice_ = request.at(request.along(number))
+                self._beforehand[key] = Beforehand(slice_, job.id, variable, index, computed)
+            self._beforehand.move_to_end(key)
+            while len(self._beforehand) > KEPT:
+                self._beforehand.popitem(last=False)
+            return self._beforehand[key]
 
     def plane(self, variable: str, index: int) -> Plane:
         """See `WithoutSurvey`."""
@@ -61,9 +120,10 @@ class Exact:
         return _dataset(self._cells)
 
 
-def _dataset(cells: Cells) -> xr.Dataset:
-    """What is asked of cells, as an open survey has it."""
-    quantities = [each for each in held(ASKED.quantities, ASKED.model) if each.per_cell]
+def _dataset(cells: Cells, names: Collection[str] = ()) -> xr.Dataset:
+    """What is asked of cells, or some of it, as an open survey has it."""
+    every = [each for each in held(ASKED.quantities, ASKED.model) if each.per_cell]
+    quantities = [each for each in every if not names or each.name in names]
     dims = {dim for each in quantities for dim in each.dims[:-2]}
     labels = {dim: list(labels_of(dim, 1)) for dim in dims}
     done = np.ones(cells.shape, np.int8)  # the status, which alone has no group

@@ -18,6 +18,7 @@ from service.explorer.page.form import CELLS, Form
 from service.explorer.page.rows import machine_facts
 from service.settings import Settings
 from workers import SurveyRequest
+from workers.survey.refined.asked import Refine
 
 MACHINE: dict[str, Any] = {
     "inertia": 0.003, "drag": 0.05, "backlash": 100e-6, "radius": 0.05, "drive": "speed",
@@ -30,6 +31,7 @@ ASKED = SurveyRequest.model_validate(
         "initial_conditions": {"count": 9, "v_max": 5.0, "v_min": 1.5, "tau_min": 0.1, "tau_max": 0.35},
     }
 )  # fmt: skip
+REFINED = ASKED.model_copy(update={"refine": Refine(audit=0.07)})
 
 
 def with_form(data: Path, body: Callable[[Form], None]) -> None:
@@ -43,7 +45,7 @@ def with_form(data: Path, body: Callable[[Form], None]) -> None:
     asyncio.run(main())
 
 
-@pytest.mark.parametrize("request_", [IN_SI, ASKED], ids=["machine", "sample"])
+@pytest.mark.parametrize("request_", [IN_SI, ASKED, REFINED], ids=["machine", "sample", "refined"])
 def test_the_form_stands_for_the_survey_that_fills_it(request_: SurveyRequest, tmp_path: Path) -> None:
     def body(form: Form) -> None:
         form.fill(request_)

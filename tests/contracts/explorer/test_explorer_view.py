@@ -285,8 +285,40 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
         here = shown._plane.at(0.6, 0.1)
         assert here is not None
         assert here[0] == pytest.approx(2 * np.pi * 0.6, abs=0.02)  # of A: 2πδ
-        shown.choose(accepted(front, REGIONS))
+        shown.choose(accepted(front, STIFF))
         await eventually(lambda: "waits for its turn" in shown._title.html)
         assert_nothing_of_another(shown)
+
+    with_map(tmp_path, body)
+
+
+def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path) -> None:
+    """Of what is computed already all is read, and of the other cells what is known of them."""
+    asked = SurveyRequest(**BODY | {"beta": 0.5})
+
+    async def body(front: Front, shown: MapView) -> None:
+        job = accepted(front, asked)
+        shown.choose(job)
+        await eventually(lambda: cells(shown) and "waits for its turn" in shown._title.html)
+        plane = shown._plane
+        assert plane is not None
+        delta, epsilon = asked.delta.values(), asked.epsilon.values()
+        assert (plane.values == rattle.regions(delta[None], epsilon[:, None], 0.5)).all()
+        front.database.set_state(job.id, State.RUNNING)
+        compute(front, job.id, asked, slice(1))
+        shown.follow(Standing(front.database.job(job.id), None, None))
+        await eventually(lambda: "before the survey has come" in shown._title.html)
+        assert shown._plane is plane
+        first, last = (plane.cell(delta[each], epsilon[each]) for each in (0, -1))
+        assert first is not None
+        assert "attractor_kind" in first
+        assert last is not None
+        assert "attractor_kind" not in last
+        assert last["region"] == plane.values[-1, -1]
+        assert plane.cell(2.0, 0.1) is None
+        shown._controls._variable.value = "quiet_fraction"
+        await eventually(lambda: shown._plane is not plane)
+        assert shown._plane is not None
+        assert np.count_nonzero(shown._plane.status) == 6  # the cells of a tile
 
     with_map(tmp_path, body)

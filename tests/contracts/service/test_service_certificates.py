@@ -88,7 +88,7 @@ def test_its_document_says_how_far_the_proofs_are(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(manager, "is_incomplete", lambda *_: True)
     with local_client(create_app(Settings(data=tmp_path, preload=False), idle_cluster)) as client:
 
-        def prove(_: Any, __: Any, ___: Any, ____: Any, on_proved: Callable[[int, int], None]) -> None:
+        def prove(_: Any, __: Any, ___: Any, ____: Any, on_proved: Callable[[int, int], None], _____: Any) -> None:
             for done in (0, 1, 500, 1000):
                 on_proved(done, 1000)
                 shown.append(client.get(path).json())

@@ -1,5 +1,6 @@
 """A survey as a file holds the numbers of its store, whatever program reads it."""
 
+import asyncio
 import csv
 import io
 import sys
@@ -17,7 +18,8 @@ from service.database import DoneTile
 from service.database.tables import State
 from service.explorer.map.colouring import colouring
 from service.explorer.map.planes import Atlas
-from service.operations.estimate import cell_seconds, most_like
+from service.explorer.page.form import in_words
+from service.operations.estimate import cell_seconds, estimate, most_like
 from workers import SurveyRequest, compute_tile, open_survey, tiles_of
 from workers.storage.store import open_groups, write_tile
 from workers.survey.values.schema import Form
@@ -173,3 +175,7 @@ def test_a_cost_is_taken_from_the_survey_most_like(client: TestClient, running: 
     refined = SurveyRequest(**BODY | {"refine": True, "tile": {}})
     assert most_like(refined, jobs) is None  # few of its cells are computed
     assert 0 < cell_seconds(other) < 1
+    of_all, at_most = (asyncio.run(estimate(front, each)) for each in (more, refined))
+    assert (at_most.seconds, at_most.is_most, of_all.is_most) == (of_all.seconds, True, False)
+    assert "at most about" in in_words(at_most)
+    assert "if all cells were computed" in in_words(at_most)

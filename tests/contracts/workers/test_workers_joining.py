@@ -1,11 +1,11 @@
 """Which tasks of a join are done again, and which are given up, without a cluster."""
 
-import asyncio
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from distributed import KilledWorker
+from ended_tasks import ENDLESS, Client
 
 import workers.cluster.joining
 from workers import Axis, StoppedError, SurveyError, SurveyRequest
@@ -14,65 +14,12 @@ from workers.cluster.joining import ATTEMPTS, Joining
 REQUEST = SurveyRequest(delta=Axis(start=0.5, stop=0.6, num=4), epsilon=Axis(start=0.05, stop=0.1, num=2))
 
 
-class Future:
-    """A task that has ended, or does not."""
-
-    def __init__(self, key: str, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
-        self.key, self.status, self._error, self._result = key, "finished", None, None
-        try:
-            self._result = function(*arguments)
-        except Exception as error:
-            self.status, self._error = "error", error
-
-    def add_done_callback(self, function: Callable[..., None]) -> None:
-        if self._result is not ENDLESS:
-            function(self)
-
-    def result(self) -> Any:
-        if self._error:
-            raise self._error
-        return self._result
-
-    def exception(self) -> Any:
-        return self._error
-
-    def release(self) -> None:
-        pass
-
-
-ENDLESS = object()
-
-
-class Client:
-    """Enough of dask's for tasks that end as they begin."""
-
-    def __init__(self) -> None:
-        self.submitted: list[Any] = []
-
-    def nthreads(self) -> dict[str, int]:
-        return {"one": 1, "other": 2}
-
-    @property
-    def loop(self) -> "Client":
-        return self
-
-    def add_callback(self, function: Callable[..., Coroutine[Any, Any, None]], *arguments: Any) -> None:
-        asyncio.run(function(*arguments))
-
-    async def gather(self, future: Future, **_: Any) -> Any:
-        return future.result()
-
-    def submit(self, function: Callable[..., Any], *arguments: Any, key: str, **_: Any) -> Future:
-        self.submitted.append(arguments[-1])
-        return Future(key, function, arguments)
-
-
 def killed() -> KilledWorker:
     return KilledWorker("task", None, 3)
 
 
 def each(task: Callable[[Any], Any], stop: Callable[[], bool] = lambda: False) -> list[Any]:
-    joining = Joining(Client(), stop)  # type: ignore[arg-type]
+    joining = Joining(Client(3), stop)  # type: ignore[arg-type]
     found = joining.each(lambda _, __, item: task(item), REQUEST, "nowhere", [(i,) for i in range(7)])
     assert not joining.in_flight
     return found

@@ -1,13 +1,16 @@
 """Which tiles are taken from their workers, without a cluster."""
 
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import ended_tasks
 import pytest
 
 import workers.cluster.submission
-from workers import Axis, SurveyRequest, tiles_of
+from workers import Axis, SurveyRequest, TileRecord, tiles_of
+from workers.cluster import runner
 from workers.cluster.submission import Submission
 from workers.survey.tiles import Tile
 
@@ -81,3 +84,25 @@ def test_a_large_tile_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(submission, "_next_end", 0.0)
     submission.set_endless_tile_apart()
     assert [each.work.tile for each in submission.in_flight.values() if each.work.apart] == [small]
+
+
+def test_a_pause_begins_no_tile_and_gives_up_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, ended = list[int](), list[int]()
+
+    def compute(_request: Any, _path: str, tile: Any, _apart: bool) -> TileRecord:
+        begun.append(tile.index)
+        return TileRecord(tile.index, tile.n_cells, (), 0, 0.0)
+
+    monkeypatch.setattr(runner, "compute_and_write", compute)
+    monkeypatch.setattr(runner, "before_tiles", lambda *_: None)
+    client, tiles = ended_tasks.Client(2), tiles_of(REQUEST)
+
+    def run(should_pause: Any) -> None:
+        left: Any = (tile for tile in tiles if tile.index not in ended)
+        told: Any = client, lambda record: ended.append(record.index)
+        runner.run_tiles(REQUEST, tmp_path, left, *told, lambda: False, should_pause=should_pause)
+
+    run(lambda: bool(ended))
+    assert begun == ended == [0, 1]  # the second one was at work when the first ended
+    run(lambda: False)
+    assert begun == ended == [0, 1, 2, 3]

@@ -1,0 +1,1 @@
+"""Points that are kept side by side, to be compared."""

@@ -1,0 +1,107 @@
+"""What is known of a pinned point, and pinned points side by side: as a table, and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import rattle
+from rattle.models import model_at
+from rattle.orbits.period_one import in_words
+from rattle.plot.colours import name_of
+from service.explorer.common.address import Pin
+from service.explorer.point.parts import Chances, chances, lettered
+from service.explorer.point.words import number, percent
+
+HEADER = (
+    "delta", "epsilon", "beta", "kappa", "region", "quiet_limit", "starts", "attractor", "kind", "letter",
+    "m", "n_plus", "n_minus", "fraction", "fraction_low", "fraction_high", "lyapunov_1", "lyapunov_1_error",
+    "lyapunov_2", "tau", "v",
+)  # fmt: skip
+COMPUTED = "computing …"
+RATTLING = ("periodic", "chaotic")
+
+
+class Known(NamedTuple):
+    """What is known of a pinned point: the number of its region, up to which ε it may run quietly, its attractors."""
+
+    region: int
+    quiet_limit: float
+    chances: Chances
+
+
+def known(pin: Pin, count: int) -> Known:
+    """What so many initial conditions tell of a point: for a process."""
+    gear = pin.model.gear(pin.delta, pin.epsilon)
+    found = chances(gear, count)
+    if not model_at(gear).in_closed_form:
+        found = lettered(found, gear.orbits())
+    return Known(gear.region(), gear.quiet_limit, found)
+
+
+def lines_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> list[list[str]]:
+    """The lines of the table, each with its head and a cell for each pin; what is not known is being computed, or says
+    why it cannot be.
+    """
+    lines = [
+        ["Damping δ", *(number(each.delta, 6) for each in pins)],
+        ["Eccentricity ε", *(number(each.epsilon, 6) for each in pins)],
+        ["Half-backlash β", *(number(each.beta, 6) for each in pins)],
+    ]
+    if any(each.kappa is not None for each in pins):
+        lines.append(["Stiffness κ", *("–" if each.kappa is None else number(each.kappa, 6) for each in pins)])
+    of_pins = [told.get(each, COMPUTED) for each in pins]
+    lines.append(["Region", *(each if isinstance(each, str) else in_words(each.region) for each in of_pins)])
+    all_known = [each if isinstance(each, Known) else None for each in of_pins]
+    lines.append(["Quiet up to ε", *(number(each.quiet_limit) if each else "" for each in all_known)])
+    lines.append(["Largest λ₁ of rattling", *(_largest_exponent(each) if each else "" for each in all_known)])
+    names = dict.fromkeys(name for each in all_known if each for name, _ in _motions(each))
+    return lines + [[name, *(_cell(each, name) for each in all_known)] for name in names]
+
+
+def _motions(known: Known) -> list[tuple[str, rattle.Attractor]]:
+    """The attractors by their names, with the letter of those that are one of A to D."""
+    pairs = zip(known.chances.attractors, known.chances.letters, strict=True)
+    return [(f"{name_of(each)} = {letter}" if letter else name_of(each), each) for each, letter in pairs]
+
+
+def _largest_exponent(known: Known) -> str:
+    """Of the motions that rattle."""
+    rattling = (each.lyapunov[0] for each in known.chances.attractors if each.kind in RATTLING)
+    return number(max(rattling, default=math.nan))
+
+
+def _cell(known: Known | None, name: str) -> str:
+    """How likely the attractors of a name are at a point, and their largest exponents."""
+    if known is None:
+        return ""
+    return "; ".join(_share(each) for called, each in _motions(known) if called == name) or "–"
+
+
+def _share(each: rattle.Attractor) -> str:
+    low, high = each.fraction_interval
+    exponent = f", λ₁ {number(each.lyapunov[0])}" if each.kind in RATTLING else ""
+    return f"{percent(each.fraction)} ({percent(low)}–{percent(high)}){exponent}"
+
+
+def csv_of(pins: Sequence[Pin], told: Mapping[Pin, Known | str]) -> str:
+    """A line for each attractor of each pin that is known; numbers as they are, to be read back to the same bits."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(HEADER)
+    for pin in pins:
+        if not isinstance(found := told.get(pin), Known):
+            continue
+        here = *pin[:3], "" if pin.kappa is None else pin.kappa, in_words(found.region), found.quiet_limit
+        for each, letter in zip(found.chances.attractors, found.chances.letters, strict=True):
+            writer.writerow(
+                (
+                    *here, found.chances.starts, name_of(each), each.kind, letter, each.m, each.n_plus, each.n_minus,
+                    each.fraction, *each.fraction_interval, each.lyapunov[0], each.lyapunov_error, each.lyapunov[1],
+                    each.tau, each.v,
+                )
+            )  # fmt: skip
+    return text.getvalue()

@@ -1,0 +1,120 @@
+"""The points that a page has pinned: computed one after the other, shown side by side, kept by the address."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import param
+from panel.custom import JSComponent
+
+from rattle import RattleError
+from service.explorer.common.address import MOST_PINS, Pin
+from service.explorer.common.viewer import Viewer
+from service.explorer.files import asset
+from service.explorer.pins.table import Known, csv_of, known, lines_of
+from service.explorer.point.work import Work
+
+COUNT = 1024  # initial conditions of each
+FULL = f"{MOST_PINS} points are pinned, which is as many as there is room for. Take one away first."
+
+
+class PinTable(JSComponent):
+    """The table, with buttons to pin the point that is offered, to take a pin away, and to go there."""
+
+    offered = param.String(default="")
+    heads = param.List(default=[])
+    lines = param.List(default=[])
+    csv = param.String(default="")
+
+    _esm = asset("pins.js")
+    _stylesheets = [asset("pins.css")]  # noqa: RUF012 - as Panel has it
+
+    def __init__(self, on_action: Callable[[str, int], None], **values: Any) -> None:
+        super().__init__(**values)
+        self._on_action = on_action
+
+    def _handle_msg(self, message: Any) -> None:
+        if isinstance(message, Mapping) and isinstance(number := message.get("pin", 0), int):
+            self._on_action(str(message.get("action")), number)
+
+
+class Pins:
+    """The pins of a page.
+
+    Args:
+        pins: those of its address.
+        remember: told when there are others.
+        go: shows the point of a pin.
+    """
+
+    def __init__(
+        self, viewer: Viewer, pins: tuple[Pin, ...], remember: Callable[[], None], go: Callable[[Pin], None]
+    ) -> None:
+        self._viewer, self.pins, self._remember, self._go = viewer, pins, remember, go
+        self._told: dict[Pin, Known | str] = {}
+        self._work: dict[Pin, Work] = {}
+        self._open: Pin | None = None
+        self.table = PinTable(self._act, margin=0, sizing_mode="stretch_width")
+        for pin in pins:
+            self._compute(pin)
+        self._show()
+
+    def follow(self, opened: Pin | None) -> None:
+        """Offer the point that is open, if one is, to be pinned."""
+        if opened != self._open:
+            self._open = opened
+            self._show()
+
+    def end(self) -> None:
+        """Give up what is computed: the page was closed."""
+        for work in self._work.values():
+            work.stop()
+
+    def _act(self, action: str, number: int) -> None:
+        if action == "pin" and self._open is not None and self._open not in self.pins:
+            if len(self.pins) == MOST_PINS:
+                self._viewer.tell(FULL)
+                return
+            self._change((*self.pins, self._open))
+            self._compute(self._open)
+        elif 0 <= number < len(self.pins):
+            pin = self.pins[number]
+            if action == "remove":
+                self._work.pop(pin).stop()
+                self._told.pop(pin, None)
+                self._change(tuple(each for each in self.pins if each != pin))
+            elif action == "go":
+                self._go(pin)
+
+    def _change(self, pins: tuple[Pin, ...]) -> None:
+        self.pins = pins
+        self._show()
+        self._remember()
+
+    def _compute(self, pin: Pin) -> None:
+        self._work[pin] = work = Work(self._viewer.front, self._viewer.document, pin.model.name)
+        work.start(self._tell(pin, work))
+
+    async def _tell(self, pin: Pin, work: Work) -> None:
+        count = min(COUNT, self._viewer.front.settings.max_point_count)
+        told: Known | str
+        try:
+            told = await work.compute(known, pin, count, what="The attractors of a pinned point", slow=True)
+        except RattleError as error:
+            told = str(error)
+
+        def show() -> None:
+            self._told[pin] = told
+            self._show()
+
+        await work.change(show)
+
+    def _show(self) -> None:
+        is_offered = self._open is not None and self._open not in self.pins
+        self.table.param.update(
+            offered=self._open.label if self._open is not None and is_offered else "",
+            heads=[each.label for each in self.pins],
+            lines=lines_of(self.pins, self._told),
+            csv=csv_of(self.pins, self._told),
+        )

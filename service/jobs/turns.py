@@ -1,0 +1,72 @@
+"""Whose turn it is on the cluster: API keys one after the other, and of a key's surveys not only the large ones."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from service.database.surveys import Active
+
+TURN_SECONDS = 10.0
+TURN_TILES = 5  # of the longest that it had: at its end workers wait for the last one
+
+
+@dataclass
+class _Standing:
+    """Of an API key: number of its last turn, and whether the next one is for what has least left."""
+
+    last: int = 0
+    smallest: bool = True
+
+
+class Turns:
+    """The order of the surveys that wait or run. Belongs to one thread; a new process begins a new order.
+
+    Keys have turns one after the other. Of a key's surveys every other turn is for the one with the fewest cells left,
+    the others for the one that has waited for most turns: so the smallest is never behind more than two turns of its
+    key, and none waits for ever, whatever else is submitted.
+
+    Args:
+        clock: seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._count = 0  # of turns that were given
+        self._keys: dict[str | None, _Standing] = {}
+        self._waits_since: dict[str, int] = {}  # the turn before which a survey came, or that was its last
+        self._began, self._longest = 0.0, math.inf
+
+    def next(self, active: Sequence[Active]) -> Active | None:
+        """The survey whose turn comes next, of all that wait or run, in the order of their numbers."""
+        since = self._waits_since
+        self._waits_since = {each.id: since.get(each.id, self._count) for each in active}
+        if not active:
+            return None
+        owner = min(active, key=lambda each: self._key(each.owner).last).owner
+        mine = [each for each in active if each.owner == owner]
+        if self._key(owner).smallest:
+            return min(mine, key=lambda each: each.left)
+        return min(mine, key=lambda each: self._waits_since[each.id])
+
+    def begin(self, survey: Active) -> None:
+        """It has this turn."""
+        self._count += 1
+        key = self._key(survey.owner)
+        key.last, key.smallest = self._count, not key.smallest
+        self._waits_since[survey.id] = self._count
+        self._began, self._longest = self._clock(), math.inf
+
+    def advance(self, seconds: float) -> None:
+        """A part of the survey whose turn it is has ended, which took so long."""
+        self._longest = seconds if self._longest == math.inf else max(self._longest, seconds)
+
+    @property
+    def is_used_up(self) -> bool:
+        """Whether another survey may come: some of this one has been done, for long enough."""
+        return self._clock() - self._began >= max(TURN_SECONDS, TURN_TILES * self._longest)
+
+    def _key(self, owner: str | None) -> _Standing:
+        return self._keys.setdefault(owner, _Standing())

@@ -1,0 +1,63 @@
+"""What a viewer keeps: pinned points, names and notes of surveys, and a form that asks for a refined survey."""
+
+import csv
+from pathlib import Path
+
+import httpx
+from explorer_support import SURVEY, assert_accessible, open_view
+from playwright.sync_api import Page, expect
+from service_processes import get
+from waiting import HANG
+
+import rattle
+
+
+def test_points_are_pinned_compared_and_found_again(page: Page, service: str, survey_id: str, tmp_path: Path) -> None:
+    open_view(page, service, survey=survey_id, point="0.6,0.1", pins="0.9,0.01,0.6")
+    pinned = page.locator(".pinned")
+    table = pinned.get_by_role("table", name="Pinned points")
+    expect(table).to_contain_text("100 %")
+    page.get_by_role("button", name="Pin δ 0.6, ε 0.1").click()
+    quiet = table.locator("tr", has=page.get_by_role("rowheader", name="quiet", exact=True))
+    expect(quiet.get_by_role("cell")).to_have_count(2)
+    page.wait_for_url("**pins=0.9,0.01,0.6;0.6,0.1,0.6**")
+    assert_accessible(page)
+    page.reload()
+    expect(table.get_by_role("columnheader")).to_have_count(2)
+    expect(table).not_to_contain_text("computing")
+    with page.expect_download() as download:
+        pinned.get_by_role("link", name="CSV").click()
+    download.value.save_as(tmp_path / "points.csv")
+    with (tmp_path / "points.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    found = rattle.Gear(0.6, 0.1).attractors(1024)
+    assert [float(row["fraction"]) for row in rows if row["epsilon"] == "0.1"] == [each.fraction for each in found]
+    page.get_by_role("button", name="δ 0.9, ε 0.01", exact=True).click()
+    page.wait_for_url("**point=0.9,0.01**")
+    expect(page.locator(".beside")).to_contain_text("Damping δ = 0.9")
+    page.get_by_role("button", name="take δ 0.9, ε 0.01 away").click()
+    expect(table.get_by_role("columnheader")).to_have_count(1)
+
+
+def test_a_survey_gets_a_name_and_notes_and_its_settings_are_refined(page: Page, service: str) -> None:
+    asked = SURVEY | {"seed": 77, "quantities": ["region"], "name": "nameless"}
+    here = httpx.post(f"{service}/v1/surveys", json=asked, timeout=HANG).json()["links"]["self"]
+    open_view(page, service, survey=here.rpartition("/")[2])
+    row = page.locator("button.survey", has_text="nameless")
+    expect(row).to_have_attribute("data-state", "successful")
+    page.locator("[data-action=describe]").click()
+    page.get_by_label("New name").fill("of the drawing")
+    page.get_by_label("Notes").fill("agrees with Figure 7\nsee the <b>minutes</b>")
+    assert_accessible(page)
+    page.get_by_role("button", name="Save", exact=True).click()
+    expect(page.locator("button.survey", has_text="of the drawing")).to_have_attribute("aria-current", "true")
+    expect(page.locator(".notes")).to_have_text("agrees with Figure 7\nsee the <b>minutes</b>")
+    shown = get(service + here).json()
+    assert (shown["name"], shown["notes"]) == ("of the drawing", "agrees with Figure 7\nsee the <b>minutes</b>")
+    page.get_by_role("button", name="Use its settings").click()
+    page.get_by_role("checkbox", name="few cells first").check()
+    expect(page.get_by_label("Share of filled cells that is checked")).to_have_value("0.02")
+    expect(
+        page.get_by_text("if all cells were computed").or_(page.get_by_text("cells of the same kind"))
+    ).to_be_visible()
+    httpx.delete(service + here, timeout=HANG)

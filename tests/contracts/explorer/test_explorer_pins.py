@@ -1,0 +1,144 @@
+"""Points side by side: what the table and its CSV say of them, and that an address keeps them."""
+
+import asyncio
+import csv
+import io
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs
+
+import pytest
+from bokeh.document import Document
+from service_support import no_cluster
+
+import rattle
+from service.access.keys import Caller
+from service.app import create_app
+from service.errors import UnavailableError
+from service.explorer.common.address import MOST_PINS, Pin, View
+from service.explorer.common.viewer import Viewer
+from service.explorer.pins import view
+from service.explorer.pins.table import COMPUTED, Known, csv_of, known, lines_of
+from service.explorer.pins.view import Pins
+from service.settings import Settings
+
+HERE, QUIET, STIFF = Pin(0.6, 0.1, 0.6), Pin(0.9, 0.01, 0.6), Pin(1 / 3, 0.1, 0.6, 1e4)
+COUNT = 64
+
+
+@pytest.fixture(scope="module")
+def told() -> dict[Pin, Known | str]:
+    return {pin: known(pin, COUNT) for pin in (HERE, QUIET)}
+
+
+def parsed(view: View) -> View:
+    return View.parse({name: [each.encode() for each in values] for name, values in parse_qs(view.query()[1:]).items()})
+
+
+def test_an_address_keeps_the_pins_to_the_bit() -> None:
+    assert parsed(View(pins=(HERE, STIFF))).pins == (HERE, STIFF)
+    many = tuple(
+        Pin(0.1234567890123456 + each, 1.2345678901234567e-05, 0.1234567890123456, 1e7 / 3) for each in range(9)
+    )
+    assert parsed(View(pins=many)).pins == many[:MOST_PINS]
+    assert View().query() == ""
+
+
+@pytest.mark.parametrize("text", ["", "0.6", "0.6,0.1", "0,0.1,0.6", "0.6,-1,0.6", "nan,0.1,0.6", "0.6,0.1,0", "a;b"])
+def test_pins_that_cannot_be_read_are_none(text: str) -> None:
+    assert View.parse({"pins": [text.encode()]}).pins == ()
+
+
+def test_the_table_says_what_the_library_does(told: dict[Pin, Known | str]) -> None:
+    lines = {name: cells for name, *cells in lines_of((HERE, QUIET, STIFF), told)}
+    assert lines["Damping δ"] == ["0.6", "0.9", "0.333333"]
+    assert lines["Stiffness κ"] == ["–", "–", "10000"]
+    gear = rattle.Gear(0.6, 0.1)
+    assert lines["Quiet up to ε"][:2] == [f"{each.quiet_limit:.4g}" for each in (gear, rattle.Gear(0.9, 0.01))]
+    assert lines["Region"] == [f"region {rattle.REGIONS[gear.region()]}", "region I", COMPUTED]
+    assert lines["quiet"][1].startswith("100 %")
+    found = {each.kind: each for each in gear.attractors(COUNT)}
+    assert lines["quiet"][0].startswith(f"{100 * found['quiet'].fraction:.3g} %")
+    assert lines["Largest λ₁ of rattling"][1:] == ["–", ""]
+    assert lines_of((STIFF,), {STIFF: "Too many points."})[4] == ["Region", "Too many points."]
+
+
+def test_the_csv_is_read_back_to_the_same_bits(told: dict[Pin, Known | str]) -> None:
+    rows = list(csv.DictReader(io.StringIO(csv_of((HERE, QUIET, STIFF), told))))
+    expected = [
+        (pin, each) for pin, gear in ((HERE, rattle.Gear(0.6, 0.1)), (QUIET, rattle.Gear(0.9, 0.01)))
+        for each in gear.attractors(COUNT)
+    ]  # fmt: skip
+    assert len(rows) == len(expected)
+    for row, (pin, each) in zip(rows, expected, strict=True):
+        assert (float(row["delta"]), float(row["epsilon"]), float(row["beta"]), row["kappa"]) == (*pin[:3], "")
+        assert (row["kind"], int(row["m"]), float(row["fraction"])) == (each.kind, each.m, each.fraction)
+        others = {"lyapunov_1": each.lyapunov[0], "v": each.v, "fraction_low": each.fraction_interval[0]}
+        for name, value in others.items():
+            assert float(row[name]) == pytest.approx(value, rel=0, abs=0, nan_ok=True)
+
+
+def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a viewer presses; the numbers come from nowhere."""
+    stopped: list[int] = []
+    went: list[Pin] = []
+    said: list[str] = []
+
+    class Work:
+        def __init__(self, *_: Any) -> None:
+            self._task: asyncio.Task[None] | None = None
+
+        def start(self, work: Any) -> None:
+            self._task = asyncio.get_running_loop().create_task(work)
+
+        async def compute(self, _function: Any, pin: Pin, *_: Any, **__: Any) -> Known:
+            raise UnavailableError(f"{pin.delta} is busy.")
+
+        async def change(self, what: Callable[[], None]) -> None:
+            what()
+
+        def stop(self) -> None:
+            stopped.append(1)
+
+    async def main() -> None:
+        app = create_app(Settings(data=tmp_path, preload=False, explorer=False), no_cluster)
+        async with app.router.lifespan_context(app):
+            viewer = Viewer(app.state.front, Caller(), Document())
+            viewer.tell = said.append
+            await use(Pins(viewer, (HERE,), lambda: None, went.append))
+            viewer.end()
+
+    async def settled() -> None:
+        for _ in range(3):
+            await asyncio.sleep(0)
+
+    async def use(pins: Pins) -> None:
+        def press(action: str, number: int = 0) -> Awaitable[None]:
+            pins.table._handle_msg({"action": action, "pin": number})
+            return settled()
+
+        await settled()
+        assert pins.table.lines[3] == ["Region", "0.6 is busy."]
+        assert pins.table.offered == ""
+        pins.follow(QUIET)
+        assert pins.table.offered == QUIET.label
+        await press("pin")
+        assert (pins.pins, pins.table.offered) == ((HERE, QUIET), "")
+        assert pins.table.heads == [HERE.label, QUIET.label]
+        await press("pin")
+        await press("go", 1)
+        await press("go", 7)
+        assert (len(pins.pins), went) == (2, [QUIET])
+        await press("remove", 0)
+        assert (pins.pins, stopped) == ((QUIET,), [1])
+        for number in range(MOST_PINS):
+            pins.follow(Pin(0.5, number / 100, 0.6))
+            await press("pin")
+        assert len(pins.pins) == MOST_PINS
+        assert said == [view.FULL]
+        pins.end()
+        assert len(stopped) == 1 + MOST_PINS
+
+    monkeypatch.setattr(view, "Work", Work)
+    asyncio.run(main())

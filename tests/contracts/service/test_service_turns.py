@@ -1,0 +1,114 @@
+"""Fair turns between surveys: in which order they come, and that none loses anything by it."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from service_support import BODY, front_of, idle_cluster, local_client
+from waiting import wait_until
+
+from service.app import create_app
+from service.database.surveys import Active
+from service.jobs import manager, turns
+from service.jobs.turns import TURN_SECONDS, TURN_TILES, Turns
+from service.settings import Settings
+from workers import TileRecord
+
+
+def served(turns: Turns, cells: dict[str, int], owners: dict[str, str] | None = None, each: int = 3) -> Iterator[str]:
+    """The surveys that have turns, each of so many cells, until all are computed; others may be added meanwhile."""
+    while cells:
+        active = [Active(name, (owners or {}).get(name), left) for name, left in cells.items()]
+        following = turns.next(active)
+        assert following is not None
+        turns.begin(following)
+        cells[following.id] -= each
+        if cells[following.id] <= 0:
+            del cells[following.id]
+        yield following.id
+
+
+def test_a_small_survey_is_behind_no_more_than_two_turns() -> None:
+    cells = {"A": 1000, "B": 1000}
+    order = served(Turns(), cells)
+    for _ in range(7):
+        next(order)
+    cells["c"] = 3
+    assert "c" in (next(order), next(order))
+
+
+def test_no_survey_waits_for_ever_behind_small_ones() -> None:
+    """Although a new one comes with every turn."""
+    cells = {"A": 40}
+    order = served(Turns(), cells)
+    had = [next(order)]
+    for number in range(100):
+        cells[f"small {number}"] = 1
+        had.append(next(order))
+    assert "A" not in cells
+    assert had.count("A") == 14
+
+
+def test_keys_have_turns_one_after_the_other_however_many_surveys_they_have() -> None:
+    cells = {f"{owner} {number}": 30 for owner, count in (("x", 9), ("y", 1)) for number in range(count)}
+    owners = {name: name[0] for name in cells}
+    order = list(served(Turns(), cells, owners))
+    assert [name[0] for name in order[:20]] == ["x", "y"] * 10
+
+
+@pytest.mark.parametrize(("longest", "seconds"), [(0.1, TURN_SECONDS), (7.0, TURN_TILES * 7.0)])
+def test_a_turn_lasts_for_some_of_the_longest_tiles(longest: float, seconds: float) -> None:
+    now = 0.0
+    turns = Turns(lambda: now)
+    turns.begin(Active("A", None, 9))
+    now = 1e6
+    assert not turns.is_used_up  # nothing of it is done
+    turns.begin(Active("A", None, 9))
+    turns.advance(longest)
+    now += seconds - 0.01
+    assert not turns.is_used_up
+    now += 0.02
+    assert turns.is_used_up
+
+
+def test_surveys_take_turns_and_say_what_they_wait_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The long one, at work, makes room for the small one, and no tile is computed twice."""
+    computed: list[tuple[str, int]] = []
+    checked: list[str] = []
+    said: dict[str, str] = {}
+    small: list[str] = []
+
+    def compute(request: Any, _path: Any, tiles: Any, _client: Any, on_tile: Any, stop: Any, *others: Any) -> None:
+        _, should_pause = others
+        for tile in tiles:
+            if request.name == "long" and len(computed) == 1 and not small:
+                small.append(client.post("/v1/surveys", json=BODY | {"name": "small"}).headers["location"])
+                said["small"] = client.get(small[0]).json()["message"]
+            if stop() or should_pause():
+                return
+            on_tile(TileRecord(tile.index, tile.n_cells, (), 0, 0.0))
+            computed.append((request.name, tile.index))
+            if request.name == "small":
+                said["long"] = client.get(path).json()["message"]
+
+    monkeypatch.setattr(turns, "TURN_SECONDS", 0.0)
+    monkeypatch.setattr(manager, "create_store", lambda request, *_: checked.append(request.name))
+    monkeypatch.setattr(manager, "tiles_done", lambda *_: set(range(100)))
+    monkeypatch.setattr(manager, "is_incomplete", lambda *_: False)
+    monkeypatch.setattr(manager, "finish_store", lambda *_: None)
+    monkeypatch.setattr(manager, "run_tiles", compute)
+    app = create_app(Settings(data=tmp_path, explorer=False, preload=False), idle_cluster)
+    with local_client(app) as client:
+        long = BODY | {"name": "long", "epsilon": BODY["epsilon"] | {"num": 8}}
+        path = client.post("/v1/surveys", json=long).headers["location"]
+        wait_until(lambda: client.get(path).json()["state"] == "successful")
+        assert client.get(small[0]).json()["state"] == "successful"
+        front = front_of(client)
+        assert front.database.active() == []
+        assert front.manager._left == {}
+    waits = "waits for its turn: {} is computed now"
+    assert said == {"small": waits.format("long"), "long": waits.format("small")}
+    assert sorted(computed) == [("long", tile) for tile in range(8)] + [("small", tile) for tile in range(4)]
+    assert computed.index(("small", 3)) < computed.index(("long", 7))
+    assert checked == ["long", "small"]  # all chunks are read once, not at every turn
