@@ -133,12 +133,11 @@ class FurtherMap:
 
     def _offer(self, further: Further, around: Around, job: JobRow) -> Further:
         """The surveys and the maps that there are to choose from; what is shown where a survey has no such map."""
-        surveys = {
-            name + words: f"{each.id},{number}"
-            for each in around.jobs.values()
-            if each.is_readable
-            for name, number, words in _slices(each)
-        }
+        surveys: dict[str, str] = {}
+        for each in around.jobs.values():
+            for name, number, words in _slices(each) if each.is_readable else []:
+                key = f"{name}{words}"
+                surveys[f"{key} ({each.id[:6]})" if key in surveys else key] = f"{each.id},{number}"
         maps = names_of(_request(job))
         chosen = Chosen(further.variable, further.index)
         if chosen not in maps.values():

@@ -104,6 +104,7 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
         maps._add()
         assert shown.view.further == (Further(first.id, "orbit_exists"),)  # the next one that is not shown
         one = maps._maps[0]
+        assert list(one._survey.options) == ["small", "other", f"small ({stiff.id[:6]})"]
         await eventually(lambda: one._plane is not None)
         assert one.map.figure.x_range is shown.map.figure.x_range
         assert one.map.figure.y_range is shown.map.figure.y_range
