@@ -113,7 +113,7 @@ IN_PROCESS = """
     def inside(cluster):
         spec = cluster.SpecCluster
         def start(workers, **options):
-            worker = {name: workers[0]["options"][name] for name in ("host", "protocol", "security", "nthreads")}
+            worker = {name: workers[0]["options"][name] for name in ("host", "protocol", "security", "nthreads", "extensions")}
             return spec({0: {"cls": cluster.SilentWorker, "options": worker}}, **options)
         async def nothing(self, worker):
             pass
