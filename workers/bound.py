@@ -16,20 +16,17 @@ from workers.storage.added import Each, here
 from workers.storage.location import Place, place_of
 from workers.storage.root import attributes_of, tell
 from workers.storage.store import write_tile
-from workers.survey.refined.audit import AUDIT, DISAGREED, LEAF, SOURCE_LEVEL, TOLD
+from workers.survey.refined.audit import AUDIT, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL, TOLD
 from workers.survey.refined.rounds import KINDS, Counts, Round, next_round, upper_of
 from workers.survey.request import SurveyRequest
 from workers.survey.tiles import Tile, compute_tile, first_audit, tiles_of
 
-#: Of a store: the rounds that all its tiles have to go through, those after the first, as JSON.
-ROUNDS = "refined_rounds"
 COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
 
 def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
     """Whether a bound was asked for, and it is not yet known of a survey whose tiles are all there that it is met."""
-    bounded = request.refine is not None and request.refine.bound is not None
-    return bounded and TOLD[-1] not in attributes_of(place_of(where))
+    return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
 
 
 def meet_bound(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:
@@ -74,11 +71,11 @@ def take_through(request: SurveyRequest, path: str, tile: Tile) -> Counts:
 
 
 def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:
-    """What the last of its rounds found in a tile; None if its filled cells have gone through others."""
+    """What the last of its rounds found in a tile; None if its cells have gone through others."""
     source, audit, leaf = (values[name] for name in COUNTED)
     now = (leaf > 0) & (leaf // KINDS == len(tile.rounds))
     filled = source > 0
-    if (filled & ~now).any():
+    if (filled & ~now).any() or (leaf // KINDS > len(tile.rounds)).any():
         return None
     return Counts(*(_by_kind(leaf[now & of]) for of in (True, audit > 0, audit == DISAGREED, filled)))
 

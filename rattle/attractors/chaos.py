@@ -62,7 +62,7 @@ def groups_of(footprints: NDArray[np.uint64]) -> list[list[int]]:
     """Group footprints (n, GRID) that overlap, transitively, with the union of their group: lists of indices."""
     group = np.zeros(len(footprints), np.int64)
     group_numbers(footprints.copy(), group)
-    if not group.any():
+    if len(group) and not group.any():
         return [list(range(len(group)))]
     return [[int(i) for i in np.flatnonzero(group == first)] for first in np.unique(group)]
 

@@ -34,7 +34,7 @@ from numba.extending import overload
 
 log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
 
-LOCK_POLL_SECONDS, SAID_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 600.0
+LOCK_POLL_SECONDS, SAID_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 120.0
 OBJECTS = 50_000  # that are made between two collections of garbage; Python's own default is 700
 
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py"}  # of what a survey holds

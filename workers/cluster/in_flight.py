@@ -1,6 +1,7 @@
 """Tasks that are on a cluster: submitted, awaited as they end, and told apart from a cluster that is gone."""
 
 import asyncio
+import concurrent.futures
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -17,6 +18,8 @@ from workers.errors import ClusterLostError
 
 if TYPE_CHECKING:
     from tornado.ioloop import IOLoop
+
+CANCELLED = asyncio.CancelledError | concurrent.futures.CancelledError
 
 Work = TypeVar("Work")
 Result = TypeVar("Result")
@@ -81,12 +84,14 @@ class InFlight(ABC, Generic[Work, Result]):
         task = self.in_flight.get(future.key)
         if task is None:  # given up meanwhile
             return None
+        if error is None:
+            return task, result
         if future.status == "error":
             self.after_error(task, future.exception())
             return None
-        if error is not None:  # nobody else cancels: the scheduler is gone
+        if isinstance(error, CANCELLED | OSError):  # nobody else cancels: the scheduler is gone
             raise self.lost() from error
-        return task, result
+        raise error
 
     async def _bring(self, future: Future) -> None:
         """Wait for a result for as long as its worker keeps it; if that dies, dask computes it again.

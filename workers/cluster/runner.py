@@ -15,7 +15,7 @@ from uuid import uuid4
 from distributed import Client, Future, KilledWorker, get_worker
 
 from workers.certificates import Answers, Claim, certified, certify_survey, require_proofs
-from workers.cluster.cluster import end_tasks
+from workers.cluster.cluster import end_tasks, end_tasks_and_wait
 from workers.cluster.isolation import compute_tile_apart
 from workers.cluster.joining import Joining
 from workers.cluster.submission import Submission
@@ -128,8 +128,8 @@ def run_tiles(
 ) -> None:
     """Compute tiles of a created store on a cluster, until all are written or `should_stop` or `should_pause` says so.
 
-    A tile that kills its workers, or takes a quarter of an hour, is computed cell by cell in a process of its own: only
-    the cells that kill it fail, and those that take too much processor time.
+    A tile that kills its workers, or takes a quarter of an hour (a large one longer), is computed cell by cell in a
+    process of its own: only the cells that kill it fail, and those that take too much processor time.
 
     Args:
         on_tile: called in this thread, with each tile that has been written.
@@ -157,6 +157,8 @@ def run_tiles(
         submission = Submission(compute_and_write, request, str(place), client)
         try:
             _run(submission, deque(tiles), on_tile, should_stop, unwanted, should_pause)
+            if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
+                end_tasks_and_wait(client, submission.superseded)  # or they would undo what further rounds write
         finally:
             submission.cancel()
 
@@ -172,9 +174,9 @@ def _run(
     while (waiting or submission.in_flight) and not should_stop():
         if waiting and should_pause():
             waiting.clear()
+        submission.repeat_late_tiles(again=not waiting)  # before others are on their way to workers
         for _ in range(min(submission.room(), len(waiting))):
             submission.submit(waiting.popleft())
-        submission.repeat_late_tiles()
         submission.set_endless_tile_apart()
         if record := submission.next_record(POLL_SECONDS):
             on_tile(record)

@@ -1,12 +1,13 @@
 """The tiles of one run that are on the cluster: submitted, repeated where that helps, awaited and given up."""
 
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 
 from dask.typing import Key
-from distributed import Client, KilledWorker
+from distributed import Client, Future, KilledWorker
 
 from workers.cluster.cluster import end_tasks
 from workers.cluster.in_flight import InFlight, Task
@@ -16,8 +17,9 @@ from workers.survey.tiles import TileRecord
 
 #: A tile is late after this time, and after ten times the longest tile of the run: its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10
-#: A tile of so many cells may take so long on a worker, a larger one longer; a usual one takes seconds.
-TILE_CELLS, TILE_SECONDS = 4096, 900.0
+#: A tile of so many cells may take so long on a worker, a larger one longer, but so many times as long at most; a usual
+#: one takes seconds.
+TILE_CELLS, TILE_SECONDS, MOST = 4096, 900.0, 8.0
 #: Between two tiles that are ended so: a process starts again meanwhile.
 RESTART_SECONDS = 60.0
 #: A cluster may be without workers for so long: they are being restarted.
@@ -42,6 +44,8 @@ class Submission(InFlight[Attempt, TileRecord]):
         self._task, self._request, self._path = task, request, path
         self._longest = 0.0
         self._next_end = 0.0
+        #: Attempts that may still be at work at a tile of which another one came first.
+        self.superseded: list[Future] = []
 
     def room(self) -> int:
         """Return how many more tiles keep every thread busy.
@@ -54,13 +58,19 @@ class Submission(InFlight[Attempt, TileRecord]):
         """Put a tile on the cluster, apart from others in a process of its own if it kills its workers."""
         self.put(Attempt(tile, apart), self._task, self._request, self._path, tile, apart, workers=workers)
 
-    def repeat_late_tiles(self) -> None:
-        """Submit tiles that take far longer than any before to workers with nothing to do: the first result counts."""
+    def repeat_late_tiles(self, again: bool) -> None:
+        """Submit tiles that take far longer than any before to workers with nothing to do: the first result counts.
+
+        again: also those that have been repeated; they may only be slow, and others would wait for the workers.
+        """
         late_since = time.monotonic() - max(LATE_SECONDS, LATE_FACTOR * self._longest)
-        latest = {task.work.tile.index: task for task in self.in_flight.values()}.values()
-        late = [task.work for task in latest if task.began < late_since]
+        attempts = Counter(each.work.tile.index for each in self.in_flight.values())
+        latest = {each.work.tile.index: each for each in self.in_flight.values()}
+        late = [
+            each.work for index, each in latest.items() if each.began < late_since and (again or attempts[index] == 1)
+        ]
         if late:
-            idle = [address for address, keys in self._processing().items() if not keys]
+            idle = self._idle()
             for attempt, address in zip(late, idle, strict=False):
                 self.submit(attempt.tile, attempt.apart, workers=[address])
 
@@ -81,8 +91,11 @@ class Submission(InFlight[Attempt, TileRecord]):
         if (ended := self.next_ended(seconds)) is None:
             return None
         task, record = ended
+        tile = task.work.tile
         self._longest = max(self._longest, time.monotonic() - task.began)
-        self._drop(task.work.tile)
+        attempts = [each for each in self.in_flight.values() if each.work.tile.index == tile.index]
+        self.superseded += [each.future for each in attempts if each is not task]
+        self._drop(tile)
         return record
 
     def after_error(self, task: Task[Attempt], error: BaseException) -> None:
@@ -118,13 +131,16 @@ class Submission(InFlight[Attempt, TileRecord]):
             with suppress(OSError):  # the scheduler is gone: nothing to cancel
                 self._client.cancel([task.future for task in self.in_flight.values()])
 
-    def _processing(self) -> dict[str, tuple[Key, ...]]:
-        """What each worker has at work."""
+    def _idle(self) -> list[str]:
+        """The workers with nothing to do, those first that have no result which nobody got: they may be frozen."""
         try:
-            return self._client.processing()
+            processing: dict[str, tuple[Key, ...]] = self._client.processing()
+            held: dict[Key, tuple[str, ...]] = self._client.who_has([task.future for task in self.in_flight.values()])
         except OSError as error:
             raise self.lost() from error
+        holding = {address for addresses in held.values() for address in addresses}
+        return sorted((address for address, keys in processing.items() if not keys), key=holding.__contains__)
 
 
 def _limit(task: Task[Attempt]) -> float:
-    return TILE_SECONDS * max(task.work.tile.n_cells / TILE_CELLS, 1.0)
+    return TILE_SECONDS * min(max(task.work.tile.n_cells / TILE_CELLS, 1.0), MOST)

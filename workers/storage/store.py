@@ -31,12 +31,12 @@ from workers.storage.root import tell
 from workers.survey.families import FAMILY
 from workers.survey.families import GROUP as FAMILIES
 from workers.survey.levels.grid import GROUP as LEVELS
-from workers.survey.refined.audit import AUDIT, AUDITED, DISAGREED, LEAF, SOURCE_LEVEL, TOLD, told_of_audit
+from workers.survey.refined.audit import AUDIT, AUDITED, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL, TOLD, told_of_audit
 from workers.survey.request import SurveyRequest
 from workers.survey.seals import GROUP, OWN, ROOT, SLICES, TILES, checksums_of, chunk_key, files_of, sealed, tile_key
 from workers.survey.template import Template, now
 from workers.survey.tiles import Tile
-from workers.survey.values.schema import SLOT
+from workers.survey.values.schema import CELL, SLOT
 from workers.survey.version import code_version
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 Make = Callable[[AnyRequest, str | None], Template]
 COMPLETED = "date_completed"
+KEPT = COMPLETED, ROUNDS  # what tiles were made by, or that they were, when the rest of the root is made again
 _blank = lru_cache(maxsize=16)(blank)
 
 
@@ -84,8 +85,8 @@ def _template_whole(request: AnyRequest, place: Place, manifest: Manifest) -> bo
 def _mend(place: Place, template: Template) -> None:
     """Write the template over what is there, the root last."""
     root, before = json.loads(template[ROOT]), read_sealed(place, ROOT)
-    if before is not None and COMPLETED in before["attributes"]:
-        root["attributes"][COMPLETED] = before["attributes"][COMPLETED]
+    if before is not None:
+        root["attributes"] |= {name: before["attributes"][name] for name in KEPT if name in before["attributes"]}
     for key in template.keys() - {ROOT}:
         place.put(key, template[key])
     place.put(ROOT, sealed(root))
@@ -329,9 +330,13 @@ def _missing_cells(place: Place) -> int:
 
 def _refined(place: Place) -> dict[str, int | float]:
     """What the root says of a refined survey: its cells that were filled, and what their audit found."""
-    filled = sum(int(np.count_nonzero(band)) for band in bands(place, SOURCE_LEVEL))
-    found = np.sum([np.bincount(band.ravel(), minlength=DISAGREED + 1) for band in bands(place, AUDIT)], axis=0)
-    return told_of_audit(filled, int(found[AUDITED:].sum()), int(found[DISAGREED]))
+    counts: dict[int, list[int]] = {}
+    for i, (source, audit) in enumerate(zip(bands(place, SOURCE_LEVEL), bands(place, AUDIT), strict=True)):
+        found = np.bincount(audit.ravel(), minlength=DISAGREED + 1)
+        of = counts.setdefault(i if source.ndim > len(CELL) else 0, [0, 0, 0])
+        for j, more in enumerate((np.count_nonzero(source), found[AUDITED:].sum(), found[DISAGREED])):
+            of[j] += int(more)
+    return told_of_audit(list(counts.values()))
 
 
 def bands(place: Place, name: str) -> Iterator[np.ndarray]:

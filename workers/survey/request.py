@@ -257,6 +257,11 @@ class SurveyRequest(Strict):
         return stored(self.quantities, self.model, more)
 
     @property
+    def is_bounded(self) -> bool:
+        """Whether a bound of the wrong share of filled cells was asked for."""
+        return self.refine is not None and self.refine.bound is not None
+
+    @property
     def gear_model(self) -> AnyModel:
         """The model with its parameters. Raises SurveyError of a survey with a third axis: each slice has its own."""
         if isinstance(self.beta, Axis) or isinstance(self.kappa, Axis):

@@ -151,7 +151,10 @@ def _refined(request: SurveyRequest, tile: Tile) -> RefinedCells:
     whole = cells_of(request.at(tile.along))
     # those of the stiff model take minutes
     curves = crossings(whole.model, request.delta, request.epsilon) if whole.model.in_closed_form else ()
-    return refined_cells(whole, *tile.spans, Plan((first_audit(request), *tile.rounds), request.quantities, curves))
+    # A bound takes the audits of all slices together, so each has draws of its own; without, a slice is a survey.
+    seed = request.seed + (sum(tile.along) << 32) * request.is_bounded
+    plan = Plan((first_audit(request), *tile.rounds), request.quantities, curves, seed)
+    return refined_cells(whole, *tile.spans, plan)
 
 
 def first_audit(request: SurveyRequest) -> Round:

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from workers import SurveyRequest, compute_tile, is_incomplete, run_survey, tiles_of
 from workers.bound import ROUNDS
 from workers.storage.location import Directory
-from workers.survey.refined.audit import AUDITED, TOLD
+from workers.survey.refined.audit import AUDITED, TOLD, told_of_audit, upper_share
 from workers.survey.refined.rounds import CHAOTIC, KINDS, Counts, Round, first_round, next_round, upper_of
 
 #: Its first round audits too few cells for its bound; tiles of one block.
@@ -120,15 +120,37 @@ def test_wherever_it_is_killed_it_goes_on_to_the_same_bytes(tmp_path: Path, monk
     assert chunks(tmp_path / "killed") == expected
 
 
-def test_a_damaged_tile_is_taken_through_all_rounds_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("damaged", ["audit_leaf/c/1/1", "delta/c/0"])
+def test_what_is_damaged_is_taken_through_all_rounds_again(
+    damaged: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A tile, or what makes the root be written again."""
     few_audited(monkeypatch)
     with run_survey(REGIONS, out=tmp_path / "survey.zarr") as survey:
         told = survey.attrs
     expected = chunks(tmp_path / "survey.zarr")
-    (tmp_path / "survey.zarr/audit_leaf/c/1/1").write_bytes(b"damaged")
+    (tmp_path / "survey.zarr" / damaged).write_bytes(b"damaged")
     with run_survey(REGIONS, out=tmp_path / "survey.zarr") as again:
         assert again.attrs == told
     assert chunks(tmp_path / "survey.zarr") == expected
+
+
+def test_slices_that_audit_the_same_places_are_no_larger_a_sample() -> None:
+    told = told_of_audit([[900, 50, 1], [800, 40, 3], [0, 0, 0]])
+    assert (told["refined_cells_filled"], told["refined_cells_audited"]) == (1700, 90)
+    assert told["refined_wrong_share_upper"] == upper_share(3, 40)
+    assert told_of_audit([[0, 0, 0]])["refined_wrong_share_upper"] == 0.0
+
+
+def test_slices_that_are_told_together_audit_other_places() -> None:
+    """Asked for a bound; without, a slice is the survey of its plane."""
+    thirds = {**REGIONS, "beta": {"start": 0.6, "stop": 0.6 + 1e-9, "num": 2}, "tile": {}}
+    bounded, plain = (
+        [compute_tile(request, tile)[0]["audit"] for tile in tiles_of(request)[::3]]
+        for request in (SurveyRequest(**{**thirds, "refine": {"audit": 0.5, **more}}) for more in ({"bound": 0.5}, {}))
+    )
+    assert (bounded[0] != bounded[1]).mean() > 0.1
+    assert (plain[0] == plain[1]).all()
 
 
 def test_tiles_do_not_show_after_any_round() -> None:

@@ -86,6 +86,43 @@ def test_a_large_tile_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [each.work.tile for each in submission.in_flight.values() if each.work.apart] == [small]
 
 
+def test_a_late_tile_is_repeated_once_while_others_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may only be slow, and would have one worker after the other; who holds a result that nobody got comes last."""
+    asked: list[str] = []
+
+    class Four(Client):
+        def submit(self, *_: Any, key: str, workers: Any = None, **__: Any) -> Future:
+            asked.extend(workers or [])
+            return Future(key)
+
+        def processing(self) -> dict[str, list[str]]:
+            return {"holding": [], "slow": ["tile"], "idle": []}
+
+        def who_has(self, _: Any) -> dict[str, tuple[str, ...]]:
+            return {"other": ("holding",)}
+
+    submission = Submission(lambda: None, REQUEST, "nowhere", Four())  # type: ignore[arg-type, return-value]
+    submission.submit(tiles_of(REQUEST)[0])
+    submission.repeat_late_tiles(again=True)
+    assert asked == []
+    monkeypatch.setattr(workers.cluster.submission, "LATE_SECONDS", -1.0)
+    for again, expected in ((False, ["idle"]), (False, ["idle"]), (True, ["idle", "idle"])):
+        submission.repeat_late_tiles(again)
+        assert asked == expected
+
+
+def test_attempts_that_lost_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They may write a tile once more that has gone on since."""
+    submission = Submission(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
+    for _ in range(3):
+        submission.submit(tiles_of(REQUEST)[0])
+    slow, quick, late = submission.in_flight.values()
+    monkeypatch.setattr(submission, "next_ended", lambda _: (quick, "record"))
+    assert submission.next_record(0.0) == "record"
+    assert submission.superseded == [slow.future, late.future]
+    assert not submission.in_flight
+
+
 def test_a_pause_begins_no_tile_and_gives_up_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     begun, ended = list[int](), list[int]()
 

@@ -1,5 +1,7 @@
 """Which cells of a refined survey are computed though they could be filled, and what these tell of the others."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from workers.survey.refined.blocks import Blocks
@@ -11,6 +13,9 @@ SURE = 0.95
 #: Attributes of a store: numbers of cells that were filled and audited, and that disagreed; and a bound at 95 % of the
 #: share of the filled ones that are wrong.
 TOLD = "refined_cells_filled", "refined_cells_audited", "refined_cells_disagreed", "refined_wrong_share_upper"
+
+#: Of a store with a bound: the rounds that all its tiles have to go through, those after the first, as JSON.
+ROUNDS = "refined_rounds"
 
 
 def draws(blocks: Blocks, seed: int) -> np.ndarray:
@@ -24,10 +29,14 @@ def draws(blocks: Blocks, seed: int) -> np.ndarray:
     return found.ravel()
 
 
-def told_of_audit(filled: int, audited: int, disagreed: int) -> dict[str, int | float]:
-    """What a store says, by the names of TOLD. Where nothing is filled, nothing is wrong."""
-    upper = upper_share(disagreed, audited) if filled else 0.0
-    return dict(zip(TOLD, (filled, audited, disagreed, upper), strict=True))
+def told_of_audit(counts: Sequence[Sequence[int]]) -> dict[str, int | float]:
+    """What a store says, by the names of TOLD, of what each slice has filled and audited, and what disagreed there.
+
+    All slices audit the same places, so together they are no larger a sample: the bound is the largest of theirs. Where
+    nothing is filled, nothing is wrong.
+    """
+    upper = max(upper_share(disagreed, audited) if filled else 0.0 for filled, audited, disagreed in counts)
+    return dict(zip(TOLD, (*map(sum, zip(*counts, strict=True)), upper), strict=True))
 
 
 def upper_share(wrong: int, of: int, sure: float = SURE) -> float:

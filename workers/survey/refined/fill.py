@@ -97,11 +97,12 @@ class RefinedCells(Cells):
 
 
 class Plan(NamedTuple):
-    """How a tile is refined: the rounds of its audits, what is compared, and curves of the plane."""
+    """How a tile is refined: the rounds of its audits, what is compared, curves of the plane, and what draws follow."""
 
     rounds: Sequence[Round]
     quantities: tuple[Group, ...]
     crossings: Sequence[Crossings]
+    seed: int
 
 
 def refined_cells(whole: Cells, rows: slice, columns: slice, plan: Plan) -> RefinedCells:
@@ -113,7 +114,7 @@ def refined_cells(whole: Cells, rows: slice, columns: slice, plan: Plan) -> Refi
     frame = replace(whole, epsilon=whole.epsilon[blocks.frame[0]], delta=whole.delta[blocks.frame[1]])
     sampled = bool(SAMPLED.intersection(plan.quantities))
     evidence = Evidence(blocks, frame, sampled, Group.REGION in plan.quantities)
-    tree = Tree(evidence, passed(blocks, plan.crossings), draws(blocks, whole.seed), plan.rounds)
+    tree = Tree(evidence, passed(blocks, plan.crossings), draws(blocks, plan.seed), plan.rounds)
     tree.grow()
     level, wider, table = np.zeros(blocks.n_cells, np.int8), np.zeros(evidence.table.cell.size), evidence.table
     for leaves in tree.filled:
