@@ -308,10 +308,6 @@ def _share(dispatcher: Any) -> None:
     dispatcher.compile = compile_once
 
 
-def _holds_arrays(kind: Any) -> bool:
-    return isinstance(kind, numba.types.Buffer) or any(map(_holds_arrays, getattr(kind, "types", ())))
-
-
 def _borrow(dispatcher: Any) -> None:
     """Refuse to compile a function that counts no references and returns an array: its caller would give back what it
     was never given.
@@ -320,7 +316,8 @@ def _borrow(dispatcher: Any) -> None:
 
     def compile_checked(signature: Any) -> Any:
         found = compile_here(signature)
-        if _holds_arrays(dispatcher.overloads[signature].signature.return_type):
+        returned = dispatcher.targetctx.data_model_manager[dispatcher.overloads[signature].signature.return_type]
+        if returned.contains_nrt_meminfo():
             raise TypeError(f"{dispatcher.py_func.__qualname__} is inline and returns an array: make it a kernel")
         return found
 

@@ -28,6 +28,21 @@ def total(numbers: Any) -> Any:
     return sum_of_a_copy(numbers)
 
 
+@inline
+def perhaps(values: Any) -> Any:
+    return values if values[0] > 0.0 else None
+
+
+@kernel
+def is_there(values: Any) -> Any:
+    return perhaps(values) is not None
+
+
+def test_an_inline_function_that_may_return_an_array_is_refused() -> None:
+    with pytest.raises(TypeError, match="perhaps is inline and returns an array: make it a kernel"):
+        is_there(np.ones(3))
+
+
 def test_an_inline_function_that_returns_an_array_is_refused() -> None:
     with pytest.raises(TypeError, match="with_its_size is inline and returns an array: make it a kernel"):
         size_of(np.ones(3))
