@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from service.explorer.common.address import LIMITS, OVERLAYS, SHARE, THEMES, Entered, View
+from service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, SHARE, THEMES, Entered, View
 from service.explorer.design import axes
 
 numbers = st.floats(-1e3, 1e3)
@@ -52,11 +52,13 @@ def test_an_address_reproduces_its_view(view: View) -> None:
 names = (
     *("survey", "variable", "index", "slice", "limits", "log", "overlays"),
     *("delta", "epsilon", "point", "machine", "share", "theme"),
+    *("profile", "profile_limits", "pins", *FURTHER),
 )
 nonsense = st.binary(max_size=30) | st.sampled_from((b"nan,1", b"1,2", b"1e400,2", b"-1,-2", b"9" * 5000))
 
 
 @example({"p.": [b""]})
+@example({"pins": [b"0.6,0.1,0.6,1e4,5"]})
 @example({"p.tab": [b"basins"]})  # of no point
 @given(st.dictionaries(st.sampled_from(names) | st.text(max_size=5), st.lists(nonsense, max_size=2)))
 def test_no_address_is_an_error(query: dict[str, list[bytes]]) -> None:

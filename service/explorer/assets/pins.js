@@ -1,14 +1,4 @@
 // Points that are kept side by side: the table, and what can be done with it.
-function element(tag, attributes = {}, ...children) {
-  const found = document.createElement(tag)
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name.startsWith("on")) found.addEventListener(name.slice(2), value)
-    else if (value != null) found.setAttribute(name, value)
-  }
-  found.append(...children.filter((child) => child != null))
-  return found
-}
-
 export function render({model}) {
   const root = element("div", {class: "pins"})
   const send = (action, pin) => () => model.send_msg({action, pin})
@@ -39,10 +29,6 @@ export function render({model}) {
 
   model.on(["offered", "heads", "lines", "csv"], draw)
   draw()
-  // Panel does not tell of what changes while it puts a component together.
-  const late = setInterval(() => {
-    if (!root.isConnected) clearInterval(late)
-    else if (state() !== drawn) draw()
-  }, 500)
+  keep_up(root, () => state() !== drawn, draw)
   return root
 }

@@ -10,17 +10,6 @@ const ORDERS = {
 }
 const compare = (one, other) => one < other ? -1 : one > other ? 1 : 0
 
-function element(tag, attributes = {}, ...children) {
-  const found = document.createElement(tag)
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name.startsWith("on")) found.addEventListener(name.slice(2), value)
-    else if (value === true) found.setAttribute(name, "")
-    else if (value !== false && value != null) found.setAttribute(name, value)
-  }
-  found.append(...children.filter((child) => child != null))
-  return found
-}
-
 function lasting(seconds) {
   if (seconds < 90) return `${Math.max(1, Math.round(seconds))} s`
   if (seconds < 5400) return `${Math.round(seconds / 60)} min`
@@ -187,10 +176,6 @@ export function render({model}) {
   detail.addEventListener("closed", () => draw())  // what has changed meanwhile
   model.on(["rows", "chosen", "ready"], draw)
   draw()
-  // Panel does not tell of what changes while it puts a component together.
-  const late = setInterval(() => {
-    if (!root.isConnected) clearInterval(late)
-    else if (state() !== drawn) draw()
-  }, 500)
+  keep_up(root, () => state() !== drawn, draw)
   return root
 }

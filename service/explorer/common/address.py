@@ -257,6 +257,8 @@ def _pins(text: str) -> tuple[Pin, ...]:
     found = []
     for each in text.split(";")[:MOST_PINS]:
         delta, epsilon, beta, *kappa = map(float, each.split(","))
+        if len(kappa) > 1:
+            raise ValueError(text)
         pin = Pin(*_point(f"{delta},{epsilon}"), beta, *kappa)
         pin.model.gear(pin.delta, pin.epsilon)  # raises ParameterError, which is a ValueError
         found.append(pin)

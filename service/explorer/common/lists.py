@@ -21,7 +21,7 @@ class SurveyList(JSComponent):
     ready = param.Boolean(default=False)
     signed_in = param.Boolean(default=False)
 
-    _esm = asset("surveys.js")
+    _esm = asset("component.js") + asset("surveys.js")
     _stylesheets = [asset("surveys.css")]  # noqa: RUF012 - as Panel has it
 
     def __init__(self, on_action: Callable[[str, str, Mapping[str, Any]], None], **values: Any) -> None:

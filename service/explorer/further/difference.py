@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import xarray as xr
 
 from service.explorer.map.planes import Plane, cells_at
+from workers import SurveyRequest
 from workers.errors import SurveyError
 from workers.pictures.maps import SYMMETRIC, title_of
 from workers.survey.levels.grid import halvings
@@ -16,6 +19,15 @@ MOST_CELLS = 24_000_000
 SAME, OTHER = "the_same", "different"
 
 
+def require_small(request: SurveyRequest) -> None:
+    """Raises SurveyError: a survey has too many cells for a difference, which is held in memory."""
+    if (size := math.prod(request.shape)) > MOST_CELLS:
+        raise SurveyError(
+            f"A difference is of surveys of {MOST_CELLS:,} cells and fewer, not {size:,}: "
+            "save a window as a survey, or read both in Python."
+        )
+
+
 class Difference(Plane):
     """What a map has more than another one, float32; of codes, whether they differ. NaN where either has no value,
     status 0 where either is not computed or the other one does not reach.
@@ -24,13 +36,7 @@ class Difference(Plane):
     """
 
     def __init__(self, first: Plane, other: Plane) -> None:
-        """Blocks: for a thread. Raises SurveyError: they have too many cells to be held in memory."""
-        for each in (first, other):
-            if each.plane.size > MOST_CELLS:
-                raise SurveyError(
-                    f"A difference is of surveys of {MOST_CELLS:,} cells and fewer, not {each.plane.size:,}: "
-                    "save a window as a survey, or read both in Python."
-                )
+        """Blocks: for a thread. `require_small` is for before they are read."""
         self._first = first
         self.id, self.number, self.request = f"{first.id} {other.id}", first.number, first.request
         self.delta, self.epsilon, self._levels = first.delta, first.epsilon, halvings(first.request.shape)

@@ -12,6 +12,7 @@ from service.explorer.common.address import MOST_FURTHER, Further, Pair, View
 from service.explorer.common.viewer import Viewer
 from service.explorer.common.watch import on_press
 from service.explorer.further.one import Around, FurtherMap, Uses
+from service.explorer.further.surveys import surveys_of
 from service.explorer.map.planes import names_of
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
@@ -25,7 +26,8 @@ class FurtherMaps:
     def __init__(self, shared: Shared, viewer: Viewer, theme: str, sheet: str, first: Callable[[], MapView]) -> None:
         self._shared, self._viewer, self._theme, self._sheet, self._first = shared, viewer, theme, sheet, first
         self._maps: dict[int, FurtherMap] = {}
-        self._shown: tuple[Further, ...] = ()
+        self._named: tuple[tuple[str, str], ...] = ()
+        self._surveys: Mapping[str, str] = {}
         self.places = [pn.Column(sizing_mode="stretch_both", margin=0) for _ in range(MOST_FURTHER)]
         self.add = pn.widgets.Button(
             label="Map beside", css_classes=["beside-map"], stylesheets=[sheet], margin=(2, 0, 2, 8), visible=False
@@ -35,7 +37,10 @@ class FurtherMaps:
     def follow(self, view: View, jobs: Mapping[str, JobRow]) -> None:
         """Show what belongs to this view."""
         self.add.visible = bool(view.survey) and len(view.further) < MOST_FURTHER
-        around = Around(view, self._first().window, jobs)
+        named = tuple((each.id, each.name) for each in jobs.values() if each.is_readable)
+        if view.further and named != self._named:
+            self._named, self._surveys = named, surveys_of(jobs)
+        around = Around(view, self._first().window, jobs, self._surveys)
         for i, place in enumerate(self.places):
             if i < len(view.further):
                 self._made(i, place).follow(view.further[i], around)

@@ -14,11 +14,13 @@ import panel as pn
 from rattle import RattleError
 from service.database.tables import JobRow
 from service.explorer.common.address import POINTS, Chosen, Further, Pair, Ranges, View
+from service.explorer.common.drawings import Drawings, Show
 from service.explorer.common.heading import Heading
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
 from service.explorer.common.watch import Watch, on_press
-from service.explorer.further.difference import Difference
+from service.explorer.further.difference import Difference, require_small
+from service.explorer.further.surveys import name_of, request_of
 from service.explorer.map.closer import Closer
 from service.explorer.map.colouring import Colouring, Shade, colouring
 from service.explorer.map.figure import Map
@@ -31,16 +33,18 @@ from workers import SurveyRequest
 
 SHOWN = "shown"
 GONE = "This survey is no longer there."
+NO_FIRST = "The first map is of no survey: choose one."
 MINUS = "first map less this one"
 
 
 @dataclass(frozen=True)
 class Around:
-    """What the first map shows, and the surveys that there are."""
+    """What the first map shows, and the surveys that there are; surveys: as they are chosen, see `surveys_of`."""
 
     view: View
     window: Ranges
     jobs: Mapping[str, JobRow]
+    surveys: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -92,13 +96,13 @@ class FurtherMap:
             choices, self._title.pane, plot, self._key.pane, self._said.pane, sizing_mode="stretch_both", margin=0,
             css_classes=[SHOWN],
         )  # fmt: skip
-        self._further: Further | None = None
         self._plane: Plane | None = None
-        self._drawn: tuple[Any, ...] = ()
+        self._further: Further | None = None  # what it is of
+        self._around: Around | None = None
+        self._drawings = Drawings(viewer)
         self._lines: tuple[Any, ...] = ()
         self._window: Ranges | None = None
         self._colours: Colouring | None = None
-        self._task: asyncio.Task[None] | None = None
         self._over: asyncio.Task[None] | None = None
         self._reading: asyncio.Task[None] | None = None
         self._counting: asyncio.Task[None] | None = None
@@ -106,24 +110,25 @@ class FurtherMap:
     def follow(self, further: Further, around: Around) -> None:
         """Show this beside what the first map shows."""
         view, job = around.view, around.jobs.get(further.survey)
+        first = around.jobs.get(view.survey)
         if job is None or not job.is_readable:
-            self._nothing(f"<p>{GONE}</p>")
+            self._miss(GONE)
             return
-        first = around.jobs.get(view.survey) if further.minus else None
-        self._further = further = self._offer(further, around, job)
-        of_first = (view.variable, view.index, view.slice) if further.minus else ()
-        wanted = further, of_first, tuple((each.id, each.state, each.cells_done) for each in (job, first) if each)
-        if wanted != self._drawn:
-            self._drawn = wanted
-            self._stop(self._task)
-            self._task = self._viewer.start(self._draw(further, around, job, first))
-        elif self._plane is not None:
-            self._follow_window(self._plane, around)
+        self._around, further = around, self._offer(further, around, job)
+        if further.minus and (first is None or not first.is_readable):
+            self._miss(NO_FIRST)
+            return
+        of_first = (view.survey, view.variable, view.index, view.slice) if further.minus else ()
+        jobs = (job, first) if first is not None and further.minus else (job,)
+        self._drawings.want((further, of_first), jobs, partial(self._draw, further, view, *jobs))
+        if self._plane is not None:
+            self._follow_window(self._plane)
 
     def end(self) -> None:
         """Give up what is at work."""
         self._closer.stop()
-        for task in (self._task, self._over, self._reading, self._counting):
+        self._drawings.stop()
+        for task in (self._over, self._reading, self._counting):
             self._stop(task)
 
     @staticmethod
@@ -133,31 +138,28 @@ class FurtherMap:
 
     def _offer(self, further: Further, around: Around, job: JobRow) -> Further:
         """The surveys and the maps that there are to choose from; what is shown where a survey has no such map."""
-        surveys: dict[str, str] = {}
-        for each in around.jobs.values():
-            for name, number, words in _slices(each) if each.is_readable else []:
-                key = f"{name}{words}"
-                surveys[f"{key} ({each.id[:6]})" if key in surveys else key] = f"{each.id},{number}"
-        maps = names_of(_request(job))
+        request = request_of(job)
+        maps, number = names_of(request), sum(request.along(further.slice))
         chosen = Chosen(further.variable, further.index)
         if chosen not in maps.values():
             chosen = next(iter(maps.values()))
         with self._watch.paused():
-            self._survey.param.update(options=surveys, value=f"{further.survey},{further.slice}")
+            self._survey.param.update(options=dict(around.surveys), value=f"{further.survey},{number}")
             options = {words: each.written for words, each in maps.items()}
             self._variable.param.update(options=options, value=chosen.written, visible=not further.minus)
             self._minus.param.update(value=[MINUS] if further.minus else [])
-        return replace(further, variable=chosen.variable, index=chosen.index)
+        return replace(further, variable=chosen.variable, index=chosen.index, slice=number)
 
     def _on_chosen(self) -> None:
         survey, _, number = str(self._survey.value).partition(",")
         chosen = Chosen.read(str(self._variable.value))
         self._change(Further(survey, chosen.variable, chosen.index, int(number), bool(self._minus.value)))
 
-    async def _draw(self, further: Further, around: Around, job: JobRow, first: JobRow | None) -> None:
+    async def _draw(self, further: Further, view: View, job: JobRow, first: JobRow | None = None) -> Show:
         def read() -> tuple[Plane, Block, Colouring]:
-            view = around.view
-            if further.minus:
+            if first is not None:
+                for each in (first, job):
+                    require_small(request_of(each))
                 wanted = view.variable, view.index
                 other = self._shared.plane(job, *wanted, further.slice)
                 plane: Plane = Difference(self._shared.plane(first, *wanted, view.slice), other)
@@ -170,34 +172,46 @@ class FurtherMap:
             plane, block, colours = await self._viewer.read(read)
         except RattleError as error:
             said = f'<p class="notice" role="alert">{escape(str(error))}</p>'
-            self._viewer.change(lambda: self._nothing(said))
-            return
+            return partial(self._nothing, said)
 
         def show() -> None:
-            self._plane, self._colours, self._window, self._lines = plane, colours, None, ()
+            other = plane is not self._plane
+            self._plane, self._colours, self._further = plane, colours, further
             self.map.cells(block, colours)
-            self._title.show(escape(_titled(plane, colours, job, first, _request(job))))
-            self._follow_window(plane, around)
+            self._title.show(escape(_titled(plane, colours, job, first, request_of(job))))
+            if other:
+                self._window = None
+            else:
+                self._count()
+            self._follow_window(plane)
 
-        self._viewer.change(show)
+        return show
+
+    def _miss(self, why: str) -> None:
+        self._drawings.stop()
+        self._nothing(f"<p>{why}</p>")
 
     def _nothing(self, why: str) -> None:
-        self._plane, self._colours, self._drawn = None, None, ()
+        self._plane, self._colours, self._lines = None, None, ()
+        self._stop(self._over)
         self.map.no_cells()
         self.map.no_lines()
         self._closer.forget()
         self._title.instead(why)
         self._key.html = self._said.html = ""
 
-    def _follow_window(self, plane: Plane, around: Around) -> None:
-        view, window = around.view, around.window
+    def _follow_window(self, plane: Plane) -> None:
         assert self._further is not None
+        assert self._around is not None
+        view, window, model = self._around.view, self._around.window, plane.request.gear_model
         if self._window != window:
             self._window = window
             self.map.moved(window[0])
             variable = None if isinstance(plane, Difference) else self._further.variable
             self._closer.show(plane, variable, self._further.index, window if view.delta and view.epsilon else None)
-        if (lines := (view.overlays, window)) != self._lines:
+        if (lines := (model, view.overlays, window)) != self._lines:
+            if self._lines[:1] != (model,):  # those of another gear
+                self.map.no_lines()
             self._lines = lines
             self.map.choose(view.overlays)
             self._stop(self._over)
@@ -248,22 +262,6 @@ class FurtherMap:
             self._key.html = found
 
         self._viewer.change(show)
-
-
-def _request(job: JobRow) -> SurveyRequest:
-    return SurveyRequest.model_validate(job.request)
-
-
-def name_of(job: JobRow) -> str:
-    """What a survey is called."""
-    return job.name or f"survey {job.id[:6]}"
-
-
-def _slices(job: JobRow) -> list[tuple[str, int, str]]:
-    """Name, number and words of each slice of a survey, or of itself."""
-    thirds = _request(job).third_axis
-    slices = [(i, f", {name} = {value:g}") for name, axis in thirds.items() for i, value in enumerate(axis.values())]
-    return [(name_of(job), number, words) for number, words in slices or [(0, "")]]
 
 
 def _titled(plane: Plane, colours: Colouring, job: JobRow, first: JobRow | None, request: SurveyRequest) -> str:

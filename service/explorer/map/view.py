@@ -15,6 +15,7 @@ from rattle import RattleError
 from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
 from service.explorer.common.address import LIMIT, Entered, Pair, Pin, Ranges, View
+from service.explorer.common.drawings import PAUSE
 from service.explorer.common.heading import Heading
 from service.explorer.common.news import Standing
 from service.explorer.common.text import Text
@@ -37,7 +38,6 @@ from workers import SurveyRequest
 from workers.survey.machine import SurveyedMachine
 
 WAITS = "<p class=faint>This survey waits for its turn.</p>"
-PAUSE = 1.0  # between two drawings of a survey that runs
 
 
 class MapView:
@@ -457,8 +457,8 @@ class MapView:
 
     @property
     def pin(self) -> Pin | None:
-        """The point that is open, to be pinned; None if none is."""
-        if self.view.point is None:
+        """The point that is open, to be pinned; None if none is, or of what gear it is has not been read."""
+        if self.view.point is None or (self.view.survey and self._request is None):
             return None
         _, model = stands_for(self.view.point, self.view.machine, self.machine, self.model)
         return Pin(*self.view.point, model.beta, model.stiffness)

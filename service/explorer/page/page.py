@@ -133,7 +133,6 @@ class Page:
         """The URL that reproduces what is shown."""
         self._show_address()
         self._follow()
-        self._pins.follow(self._map.pin)
         if self._standings:
             owns = self._viewer.caller.owns
             self._list.rows = [row_of(each, view, owns(each.job)) for each in self._standings.values()]
@@ -144,6 +143,7 @@ class Page:
         standing = self._standings.get(view.survey)
         self._section.follow(view, standing.job if standing else None)
         self._further.follow(view, {survey_id: each.job for survey_id, each in self._standings.items()})
+        self._pins.follow(self._map.pin)
 
     def _keep(self, **values: Any) -> None:
         self._map.keep(**values)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -17,6 +19,8 @@ from service.explorer.point.work import Work
 
 COUNT = 1024  # initial conditions of each
 FULL = f"{MOST_PINS} points are pinned, which is as many as there is room for. Take one away first."
+FAILED = "This could not be computed: an error of the service, which has been logged."
+log = logging.getLogger(__name__)
 
 
 class PinTable(JSComponent):
@@ -27,7 +31,7 @@ class PinTable(JSComponent):
     lines = param.List(default=[])
     csv = param.String(default="")
 
-    _esm = asset("pins.js")
+    _esm = asset("component.js") + asset("pins.js")
     _stylesheets = [asset("pins.css")]  # noqa: RUF012 - as Panel has it
 
     def __init__(self, on_action: Callable[[str, int], None], **values: Any) -> None:
@@ -56,15 +60,15 @@ class Pins:
         self._work: dict[Pin, Work] = {}
         self._open: Pin | None = None
         self.table = PinTable(self._act, margin=0, sizing_mode="stretch_width")
-        for pin in pins:
-            self._compute(pin)
+        self._task: asyncio.Task[None] | None = None
         self._show()
 
     def follow(self, opened: Pin | None) -> None:
-        """Offer the point that is open, if one is, to be pinned."""
+        """Offer the point that is open, if one is, to be pinned; compute what is not known."""
         if opened != self._open:
             self._open = opened
             self._show()
+        self._compute()
 
     def end(self) -> None:
         """Give up what is computed: the page was closed."""
@@ -77,11 +81,12 @@ class Pins:
                 self._viewer.tell(FULL)
                 return
             self._change((*self.pins, self._open))
-            self._compute(self._open)
+            self._compute()
         elif 0 <= number < len(self.pins):
             pin = self.pins[number]
             if action == "remove":
-                self._work.pop(pin).stop()
+                if (work := self._work.pop(pin, None)) is not None:
+                    work.stop()
                 self._told.pop(pin, None)
                 self._change(tuple(each for each in self.pins if each != pin))
             elif action == "go":
@@ -92,9 +97,17 @@ class Pins:
         self._show()
         self._remember()
 
-    def _compute(self, pin: Pin) -> None:
-        self._work[pin] = work = Work(self._viewer.front, self._viewer.document, pin.model.name)
-        work.start(self._tell(pin, work))
+    def _compute(self) -> None:
+        if self._next() is not None and (self._task is None or self._task.done()):
+            self._task = self._viewer.start(self._compute_all())
+
+    def _next(self) -> Pin | None:
+        return next((each for each in self.pins if each not in self._work), None)
+
+    async def _compute_all(self) -> None:
+        while (pin := self._next()) is not None:
+            self._work[pin] = work = Work(self._viewer.front, self._viewer.document, pin.model.name)
+            await asyncio.wait([work.start(self._tell(pin, work))])  # also of one that is taken away
 
     async def _tell(self, pin: Pin, work: Work) -> None:
         count = min(COUNT, self._viewer.front.settings.max_point_count)
@@ -103,6 +116,9 @@ class Pins:
             told = await work.compute(known, pin, count, what="The attractors of a pinned point", slow=True)
         except RattleError as error:
             told = str(error)
+        except Exception:
+            log.exception("a pinned point could not be computed")
+            told = FAILED
 
         def show() -> None:
             self._told[pin] = told

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Callable
 from functools import cached_property, partial
 from html import escape
@@ -13,6 +12,7 @@ import panel as pn
 from rattle import RattleError
 from service.database.tables import JobRow
 from service.explorer.common.address import Chosen, Pair, View
+from service.explorer.common.drawings import Drawings, Show
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
 from service.explorer.common.watch import Watch
@@ -47,9 +47,8 @@ class Section:
         self._keep, self._go_through = keep, go_through
         self.above = Above()
         self._said = Text("", sheet, margin=(0, 4))
-        self._shown: tuple[Any, ...] = ()
         self._way: tuple[Any, ...] = ()
-        self._drawing: asyncio.Task[None] | None = None
+        self._drawings = Drawings(viewer)
         self._watch = Watch()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 4)}
         self._variable = pn.widgets.Select(label="Profile of", options={}, width=230, **styled)
@@ -80,24 +79,15 @@ class Section:
     def follow(self, view: View, job: JobRow | None) -> None:
         """Show what belongs to this view; job: of its survey, None without any."""
         if view.point is None or (view.survey and (job is None or not job.is_readable)):
-            self._stop()
-            self._shown = ()
+            self._drawings.stop()
             self.above.panel.visible = False
             return
-        standing = (job.id, job.state, job.cells_done) if job is not None else ()
         state = PointState.read(view.point_state, 0.0)
         place = view.point, view.machine, state.direction, state.span, state.to
-        wanted = standing, view.slice, view.variable, view.index, view.profile, view.profile_limits, place
-        if wanted != self._shown:
-            self._shown = wanted
-            self._stop()
-            self._drawing = self._viewer.start(self._draw(view, job, state))
+        wanted = view.survey, view.slice, view.variable, view.index, view.profile, view.profile_limits, place
+        self._drawings.want(wanted, [job] if job is not None else [], partial(self._draw, view, job, state))
 
-    def _stop(self) -> None:
-        if self._drawing is not None:
-            self._drawing.cancel()
-
-    async def _draw(self, view: View, job: JobRow | None, state: PointState) -> None:
+    async def _draw(self, view: View, job: JobRow | None, state: PointState) -> Show:
         assert view.point is not None
         whole = SurveyRequest.model_validate(job.request) if job is not None else self._shared.exact.request
         request = whole.at(whole.along(view.slice))
@@ -112,9 +102,7 @@ class Section:
             plane = await self._viewer.read(partial(self._shared.plane, job, chosen.variable, chosen.index, view.slice))
             found = await self._viewer.read(partial(profile_of, plane, ends))
         except RattleError as error:
-            said = str(error)
-            self._viewer.change(lambda: self._refuse(said))
-            return
+            return partial(self._refuse, str(error))
 
         def show() -> None:
             self._offer(options, chosen, ends)
@@ -127,7 +115,7 @@ class Section:
             self._said.html = f'<p class="faint">{escape(in_words(found))}</p>'
             self.above.panel.visible = True
 
-        self._viewer.change(show)
+        return show
 
     def _offer(self, options: dict[str, str], chosen: Chosen, ends: Ends) -> None:
         with self._watch.paused():

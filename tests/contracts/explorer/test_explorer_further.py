@@ -1,5 +1,7 @@
 """Maps beside the first one: of its window and cursor, of other variables and surveys, and differences."""
 
+import asyncio
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl
@@ -7,7 +9,7 @@ from urllib.parse import parse_qsl
 import numpy as np
 import pytest
 from service_support import BODY
-from test_explorer_view import done, with_map
+from test_explorer_view import accepted, done, with_map
 from waiting import eventually
 
 import rattle
@@ -15,8 +17,9 @@ from rattle.models import Stiff
 from service.database.tables import JobRow
 from service.explorer.common.address import Further, View
 from service.explorer.further import difference
-from service.explorer.further.difference import Difference
+from service.explorer.further.difference import Difference, require_small
 from service.explorer.further.maps import FurtherMaps
+from service.explorer.further.one import NO_FIRST, FurtherMap
 from service.explorer.map.colouring import colouring
 from service.explorer.map.planes import Plane
 from service.explorer.map.view import MapView
@@ -36,6 +39,10 @@ FEW = {"delta": {"start": 0.8, "stop": 0.9, "num": 2}, "epsilon": {"start": 0.05
 STIFF = SurveyRequest(
     **BODY | FEW | {"model": "stiff", "kappa": 1e4, "quantities": ["region"], "tile": {"delta": 2, "epsilon": 2}}
 )
+
+REGIONS = SurveyRequest(**BODY | FEW | {"quantities": ["region"], "tile": {"delta": 2, "epsilon": 2}})
+NARROWER = REGIONS.model_copy(update={"beta": 0.5})
+THIRD = SurveyRequest(**BODY | {"quantities": ["region"], "beta": {"start": 0.5, "stop": 0.6, "num": 2}})
 
 
 def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
@@ -80,7 +87,7 @@ def test_a_difference_is_of_each_cell_with_the_one_that_it_is_in(
         assert colours.title.startswith("difference: ")
         monkeypatch.setattr(difference, "MOST_CELLS", 23)
         with pytest.raises(SurveyError, match="23 cells and fewer, not 24: save"):
-            Difference(same, same)
+            require_small(ORBITS)
 
     with_map(tmp_path, body)
 
@@ -146,6 +153,88 @@ def test_further_maps_have_the_window_and_the_cursor_of_the_first(tmp_path: Path
         jobs.pop(other.id)
         maps.follow(shown.view, jobs)
         assert "no longer there" in one._title.html
+        maps.end()
+
+    with_map(tmp_path, body)
+
+
+def test_what_an_address_has_that_is_not_there_is_told_and_not_tried_again_and_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        first, third = accepted(front, ORBITS), accepted(front, THIRD)
+        jobs = {each.id: each for each in (first, third)}
+        maps = FurtherMaps(shown._shared, shown._viewer, "light", "", lambda: shown)
+        shown._remember = lambda view: maps.follow(view, jobs)
+        asked: list[str] = []
+        monkeypatch.setattr(difference, "MOST_CELLS", 0)
+
+        def plane(job: JobRow, *_: Any) -> Plane:
+            asked.append(job.id)
+            raise SurveyError("It has no numbers yet.")
+
+        shared = replace(shown._shared)
+        object.__setattr__(shared, "plane", plane)
+        maps._shared = shared
+        maps.follow(replace(shown.view, further=(Further(third.id, "region", 0, 9),)), jobs)
+        one = maps._maps[0]
+        assert one._survey.value == f"{third.id},1"  # the last of two slices
+        assert one._survey.value in one._survey.options.values()
+        await eventually(lambda: "no numbers" in one._title.html)
+        for _ in range(3):
+            maps.follow(replace(shown.view, further=(Further(third.id, "region", 0, 9),)), jobs)
+            await asyncio.sleep(0)
+        assert asked == [third.id]
+        surveys = maps._surveys
+        jobs[first.id].cells_done += 1
+        maps.follow(replace(shown.view, further=(Further(third.id, "region"),)), jobs)
+        assert maps._surveys is surveys  # made once
+        jobs[first.id].name = "renamed"
+        maps.follow(replace(shown.view, further=(Further(third.id, "region"),)), jobs)
+        assert list(one._survey.options) == ["renamed", "small, beta = 0.5", "small, beta = 0.6"]
+        await eventually(lambda: len(asked) == 2)
+        minus = (Further(third.id, "region", 0, 0, minus=True),)
+        maps.follow(replace(shown.view, further=minus), jobs)
+        assert NO_FIRST in one._title.html
+        maps.follow(replace(shown.view, survey=first.id, variable="region", further=minus), jobs)
+        await eventually(lambda: "0 cells and fewer" in one._title.html)
+        assert asked == [third.id] * 2  # neither was read
+        maps.end()
+
+    with_map(tmp_path, body)
+
+
+def test_lines_are_sent_once_and_taken_away_with_their_gear(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        first, other = done(front, REGIONS), done(front, NARROWER)
+        jobs = {each.id: each for each in (first, other)}
+        maps = FurtherMaps(shown._shared, shown._viewer, "light", "", lambda: shown)
+        sent: list[str] = []
+
+        async def lines(_self: FurtherMap, plane: Plane, *_: Any) -> None:
+            sent.append(plane.id)
+
+        monkeypatch.setattr(FurtherMap, "_draw_lines", lines)
+
+        async def follow(job: JobRow) -> FurtherMap:
+            further = (Further(job.id, "region"),)
+            maps.follow(replace(shown.view, survey=first.id, variable="region", further=further), jobs)
+            one = maps._maps[0]
+            await eventually(lambda: one._plane is not None and one._plane.id == job.id and sent[-1:] == [job.id])
+            return one
+
+        one = await follow(first)
+        one.map.line("SN1", [np.array([[0.5, 0.1], [0.6, 0.2]])])
+        jobs[first.id].cells_done += 1  # as if a tile had come
+        drawn: list[int] = []
+        monkeypatch.setattr(one, "_count", lambda: drawn.append(1))
+        await follow(first)
+        await eventually(lambda: drawn)
+        assert sent == [first.id]
+        line = one.map.figure.select_one({"name": "SN1"}).data_source
+        assert line.data["xs"] != []
+        await follow(other)
+        assert line.data["xs"] == []
         maps.end()
 
     with_map(tmp_path, body)

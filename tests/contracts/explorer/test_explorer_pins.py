@@ -5,23 +5,30 @@ import csv
 import io
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 from urllib.parse import parse_qs
 
 import pytest
 from bokeh.document import Document
-from service_support import no_cluster
+from service_support import BODY, no_cluster
+from test_explorer_view import accepted, with_map
 
 import rattle
 from service.access.keys import Caller
 from service.app import create_app
 from service.errors import UnavailableError
 from service.explorer.common.address import MOST_PINS, Pin, View
+from service.explorer.common.news import Standing
 from service.explorer.common.viewer import Viewer
+from service.explorer.map.view import MapView
+from service.explorer.page.page import Page
 from service.explorer.pins import view
 from service.explorer.pins.table import COMPUTED, Known, csv_of, known, lines_of
 from service.explorer.pins.view import Pins
 from service.settings import Settings
+from service.state import Front
+from workers import SurveyRequest
 
 HERE, QUIET, STIFF = Pin(0.6, 0.1, 0.6), Pin(0.9, 0.01, 0.6), Pin(1 / 3, 0.1, 0.6, 1e4)
 COUNT = 64
@@ -45,7 +52,9 @@ def test_an_address_keeps_the_pins_to_the_bit() -> None:
     assert View().query() == ""
 
 
-@pytest.mark.parametrize("text", ["", "0.6", "0.6,0.1", "0,0.1,0.6", "0.6,-1,0.6", "nan,0.1,0.6", "0.6,0.1,0", "a;b"])
+@pytest.mark.parametrize(
+    "text", ["", "0.6", "0.6,0.1", "0,0.1,0.6", "0.6,-1,0.6", "nan,0.1,0.6", "0.6,0.1,0", "a;b", "0.6,0.1,0.6,1e4,5"]
+)
 def test_pins_that_cannot_be_read_are_none(text: str) -> None:
     assert View.parse({"pins": [text.encode()]}).pins == ()
 
@@ -82,6 +91,7 @@ def test_the_csv_is_read_back_to_the_same_bits(told: dict[Pin, Known | str]) -> 
 def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What a viewer presses; the numbers come from nowhere."""
     stopped: list[int] = []
+    at_work: list[Pin] = []
     went: list[Pin] = []
     said: list[str] = []
 
@@ -89,10 +99,17 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         def __init__(self, *_: Any) -> None:
             self._task: asyncio.Task[None] | None = None
 
-        def start(self, work: Any) -> None:
+        def start(self, work: Any) -> asyncio.Task[None]:
             self._task = asyncio.get_running_loop().create_task(work)
+            return self._task
 
         async def compute(self, _function: Any, pin: Pin, *_: Any, **__: Any) -> Known:
+            at_work.append(pin)
+            await asyncio.sleep(0)
+            assert at_work.pop() == pin
+            assert not at_work  # one after the other
+            if pin == QUIET:
+                raise ZeroDivisionError
             raise UnavailableError(f"{pin.delta} is busy.")
 
         async def change(self, what: Callable[[], None]) -> None:
@@ -106,11 +123,17 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         async with app.router.lifespan_context(app):
             viewer = Viewer(app.state.front, Caller(), Document())
             viewer.tell = said.append
+            await several(Pins(viewer, (HERE, STIFF), lambda: None, went.append))
             await use(Pins(viewer, (HERE,), lambda: None, went.append))
             viewer.end()
 
+    async def several(pins: Pins) -> None:
+        pins.follow(None)
+        await settled()
+        assert pins.table.lines[4] == ["Region", "0.6 is busy.", f"{STIFF.delta} is busy."]
+
     async def settled() -> None:
-        for _ in range(3):
+        for _ in range(20):
             await asyncio.sleep(0)
 
     async def use(pins: Pins) -> None:
@@ -119,6 +142,9 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
             return settled()
 
         await settled()
+        assert pins.table.lines[3] == ["Region", COMPUTED]  # a page that nobody tells anything computes nothing
+        pins.follow(None)
+        await settled()
         assert pins.table.lines[3] == ["Region", "0.6 is busy."]
         assert pins.table.offered == ""
         pins.follow(QUIET)
@@ -126,6 +152,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         await press("pin")
         assert (pins.pins, pins.table.offered) == ((HERE, QUIET), "")
         assert pins.table.heads == [HERE.label, QUIET.label]
+        assert pins.table.lines[3] == ["Region", "0.6 is busy.", view.FAILED]
         await press("pin")
         await press("go", 1)
         await press("go", 7)
@@ -142,3 +169,22 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(view, "Work", Work)
     asyncio.run(main())
+
+
+def test_the_point_that_a_page_is_opened_with_is_offered_once_its_gear_is_known(tmp_path: Path) -> None:
+    other = SurveyRequest(**BODY | {"beta": 0.5, "quantities": ["region"]})
+    offered: list[Pin | None] = []
+    told: Any = SimpleNamespace(follow=lambda *_: None)
+
+    async def body(front: Front, shown: MapView) -> None:
+        job = accepted(front, other)
+        shown.view = View(survey=job.id, point=(0.6, 0.1))
+        page = object.__new__(Page)
+        page._map, page._standings, page._section, page._further = shown, {}, told, told
+        page._pins = cast(Pins, SimpleNamespace(follow=offered.append))
+        page._follow()
+        shown.follow(Standing(job, None, None))
+        page._follow()  # as news does
+        assert offered == [None, Pin(0.6, 0.1, 0.5)]
+
+    with_map(tmp_path, body)

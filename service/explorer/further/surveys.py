@@ -1,0 +1,35 @@
+"""The surveys that there are, as they are called and chosen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from service.database.tables import JobRow
+from workers import SurveyRequest
+
+
+def request_of(job: JobRow) -> SurveyRequest:
+    """What was asked for, of a survey that is readable."""
+    return SurveyRequest.model_validate(job.request)
+
+
+def surveys_of(jobs: Mapping[str, JobRow]) -> dict[str, str]:
+    """The surveys that can be chosen, a slice each, by their names in words."""
+    surveys: dict[str, str] = {}
+    for each in jobs.values():
+        for name, number, words in _slices(each) if each.is_readable else []:
+            key = f"{name}{words}"
+            surveys[f"{key} ({each.id[:6]})" if key in surveys else key] = f"{each.id},{number}"
+    return surveys
+
+
+def name_of(job: JobRow) -> str:
+    """What a survey is called."""
+    return job.name or f"survey {job.id[:6]}"
+
+
+def _slices(job: JobRow) -> list[tuple[str, int, str]]:
+    """Name, number and words of each slice of a survey, or of itself."""
+    thirds = request_of(job).third_axis
+    slices = [(i, f", {name} = {value:g}") for name, axis in thirds.items() for i, value in enumerate(axis.values())]
+    return [(name_of(job), number, words) for number, words in slices or [(0, "")]]

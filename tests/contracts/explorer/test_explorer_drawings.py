@@ -1,0 +1,116 @@
+"""Drawings of a part of a page: one at a time, the newest of what is wanted, none that nobody wants any more."""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from waiting import HANG, eventually
+
+from service.database.tables import JobRow, State
+from service.explorer.common import drawings
+from service.explorer.common.drawings import Drawings, Show
+
+
+class Slow:
+    """Drawings that last until they are let go, at most one at a time."""
+
+    def __init__(self) -> None:
+        viewer: Any = SimpleNamespace(
+            start=lambda work: asyncio.get_running_loop().create_task(work), change=lambda what: what()
+        )
+        self.drawings = Drawings(viewer)
+        self.begun: list[tuple[str, int]] = []
+        self.shown: list[tuple[str, int]] = []
+        self.go_on = asyncio.Event()
+        self.at_work = 0
+
+    async def want(self, what: str, done: int, state: State = State.SUCCESSFUL) -> None:
+        async def draw() -> Show:
+            self.begun.append((what, done))
+            self.at_work += 1
+            assert self.at_work == 1
+            await self.go_on.wait()
+            self.at_work -= 1
+            if what == "wrong":
+                raise ValueError(what)
+            return lambda: self.shown.append((what, done))
+
+        self.drawings.want(what, [JobRow(id="a", state=state, cells_done=done)], draw)
+        await settled()
+
+    async def end(self) -> None:
+        self.go_on.set()
+        await settled()
+
+
+async def settled() -> None:
+    for _ in range(10):
+        await asyncio.sleep(0)
+
+
+def in_loop(body: Callable[[Slow], Awaitable[None]]) -> None:
+    async def main() -> None:
+        await body(Slow())
+
+    asyncio.run(main())
+
+
+def test_what_is_wanted_meanwhile_is_drawn_next_and_only_the_newest() -> None:
+    async def body(slow: Slow) -> None:
+        for done in (1, 2, 3):
+            await slow.want("region", done)
+        assert slow.begun == [("region", 1)]
+        await slow.end()
+        assert slow.shown == slow.begun == [("region", 1), ("region", 3)]  # of fewer cells, it is the same map
+        await slow.want("region", 3)
+        assert len(slow.begun) == 2
+
+    in_loop(body)
+
+
+def test_what_is_no_longer_wanted_is_not_shown() -> None:
+    async def body(slow: Slow) -> None:
+        await slow.want("region", 1)
+        await slow.want("orbits", 1)
+        await slow.end()
+        assert slow.shown == [("orbits", 1)]
+        slow.go_on.clear()
+        await slow.want("region", 1)
+        slow.drawings.stop()
+        await slow.end()
+        assert slow.shown == [("orbits", 1)]
+        slow.at_work = 0
+        await slow.want("orbits", 1)
+        assert slow.shown == [("orbits", 1)] * 2
+
+    in_loop(body)
+
+
+def test_what_fails_is_not_tried_again_until_there_is_more() -> None:
+    async def body(slow: Slow) -> None:
+        slow.go_on.set()
+        for done in (1, 1, 2):
+            await slow.want("wrong", done)
+        assert slow.begun == [("wrong", 1), ("wrong", 2)]
+        await slow.want("region", 2)
+        assert slow.shown == [("region", 2)]
+
+    in_loop(body)
+
+
+def test_a_survey_that_runs_is_drawn_once_in_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def body(slow: Slow) -> None:
+        slow.go_on.set()
+        monkeypatch.setattr(drawings, "PAUSE", HANG)
+        await slow.want("region", 1, State.RUNNING)
+        await slow.want("region", 2, State.RUNNING)
+        assert slow.shown == [("region", 1)]
+        slow.drawings.stop()
+        monkeypatch.setattr(drawings, "PAUSE", 0.0)
+        await slow.want("region", 2, State.RUNNING)
+        await slow.want("region", 3, State.RUNNING)
+        await eventually(lambda: slow.shown[1:] == [("region", 2), ("region", 3)])
+
+    in_loop(body)
