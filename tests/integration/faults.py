@@ -113,7 +113,8 @@ IN_PROCESS = """
     def inside(cluster):
         spec = cluster.SpecCluster
         def start(workers, **options):
-            worker = {name: workers[0]["options"][name] for name in ("host", "protocol", "security", "nthreads", "extensions")}
+            names = "host", "protocol", "security", "nthreads", "extensions"
+            worker = {name: workers[0]["options"][name] for name in names}
             return spec({0: {"cls": cluster.SilentWorker, "options": worker}}, **options)
         async def nothing(self, worker):
             pass
