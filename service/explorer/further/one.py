@@ -256,7 +256,7 @@ def _request(job: JobRow) -> SurveyRequest:
 
 def name_of(job: JobRow) -> str:
     """What a survey is called."""
-    return job.name or f"survey {job.id[:6]}"
+    return job.called
 
 
 def _slices(job: JobRow) -> list[tuple[str, int, str]]:
