@@ -76,7 +76,10 @@ def _compute(
 ) -> None:
     import workers as survey
     from service.commands.progress import reporter
+    from workers.bound import has_bound
     from workers.kinds import place_of_cell
+    from workers.storage.root import attributes_of
+    from workers.survey.refined.audit import TOLD
 
     todo = sum(tile.n_cells for tile in missing)
     done = before = request.n_cells - todo
@@ -100,6 +103,8 @@ def _compute(
         seconds = time.monotonic() - began
         if not should_stop() and survey.is_incomplete(request, out):
             _complete(request, out, client, should_stop)
+    if has_bound(request):  # what its tiles filled, further rounds have computed in part
+        filled = 0 if before else attributes_of(survey.place_of(out)).get(TOLD[0], 0)
     if missing:
         some = f", {filled} of them filled" if filled else ""
         typer.echo(f"{done - before} {what} in {seconds:.1f} s{some}: {(done - before) / seconds:.1f} {what}/s")
@@ -124,9 +129,10 @@ def _complete(request: AnyRequest, out: str, client: Client | None, should_stop:
 def _what_follows(request: SurveyRequest) -> Iterator[str]:
     """What is done with a survey whose tiles are all there."""
     from workers import Group
+    from workers.bound import has_bound
     from workers.survey.levels.grid import levels_of
 
-    if request.refine and request.refine.bound:
+    if has_bound(request):
         yield "Auditing filled cells until the bound is met"
     if Group.FAMILIES in request.quantities:
         yield "Joining the attractors to families"
