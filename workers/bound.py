@@ -13,7 +13,6 @@ import numpy as np
 import zarr
 
 from workers.errors import reading, storage_error
-from workers.kinds import AnyRequest
 from workers.storage.added import Each, here
 from workers.storage.location import Place, place_of
 from workers.storage.root import attributes_of, tell
@@ -28,7 +27,7 @@ ROUNDS = "refined_rounds"
 COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 
 
-def has_bound(request: AnyRequest) -> bool:
+def has_bound(request: object) -> bool:
     """Whether a bound was asked for."""
     return isinstance(request, SurveyRequest) and request.refine is not None and request.refine.bound is not None
 
