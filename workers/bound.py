@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import reduce
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -29,8 +30,21 @@ def lacks_bound(request: SurveyRequest, where: str | Path | Place) -> bool:
     return request.is_bounded and TOLD[-1] not in attributes_of(place_of(where))
 
 
-def meet_bound(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:
+def meet_bound(
+    request: SurveyRequest,
+    where: str | Path | Place,
+    each: Each = here,
+    at_once: int = 1,
+    should_pause: Callable[[], bool] = lambda: False,
+) -> bool:
     """Take a survey whose tiles are all there through rounds of audits until its bound is met, and tell what it is.
+
+    Args:
+        each: does the tasks.
+        at_once: tiles that it is given at a time to be computed.
+        should_pause: asked after each time: whether the rest is left for another call.
+
+    Returns whether the bound is met; False after a pause.
 
     The caller holds the store, whose attractors are not yet joined. What a tile holds follows from the request and the
     rounds, and these from what all tiles have: neither tiles nor workers nor where a run was interrupted show.
@@ -45,7 +59,14 @@ def meet_bound(request: SurveyRequest, where: str | Path | Place, each: Each = h
     later = tuple(Round(*asked) for asked in json.loads(attributes_of(place).get(ROUNDS, "[]")))
     while True:
         tiles = [(replace(tile, rounds=later),) for tile in tiles_of(request)]
-        counts = reduce(_sum, each(take_through, request, str(place), tiles))
+        # All of them: in parts, a turn might end before it comes to a tile that is to be computed.
+        found = each(found_in, request, str(place), tiles)
+        waiting = iter([tile for tile, counts in zip(tiles, found, strict=True) if counts is None])
+        while part := list(islice(waiting, at_once)):
+            found += each(take_through, request, str(place), part)
+            if should_pause():
+                return False
+        counts = reduce(_sum, (one for one in found if one is not None))
         more = next_round(request.refine.bound, (first_audit(request), *later), counts)
         if more is None:
             break
@@ -53,19 +74,24 @@ def meet_bound(request: SurveyRequest, where: str | Path | Place, each: Each = h
         _tell(place, {ROUNDS: json.dumps(later)})
     told = (int(x.sum()) for x in (counts.filled, counts.audited, counts.disagreed))
     _tell(place, dict(zip(TOLD, (*told, upper_of(counts, len(later))), strict=True)))
+    return True
 
 
-def take_through(request: SurveyRequest, path: str, tile: Tile) -> Counts:
-    """Compute and write a tile as it is after the rounds that it names, unless it has gone through them. Returns what
-    the last one found. May be done twice.
-    """
+def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
+    """What the last of its rounds found in a tile; None if it has not gone through them."""
     place = place_of(path)
     with reading(f"the audit of {place}"):
         stored = {name: np.asarray(zarr.open_array(place.zarr(), path=name, mode="r")[tile.at]) for name in COUNTED}
-    if (counts := _counts(tile, stored)) is None:
-        values, _ = compute_tile(request, tile)
-        write_tile(request, path, tile, values)
-        counts = _counts(tile, values)
+    return _counts(tile, stored)
+
+
+def take_through(request: SurveyRequest, path: str, tile: Tile) -> Counts:
+    """Compute and write a tile as it is after the rounds that it names. Returns what the last one found. May be done
+    twice.
+    """
+    values, _ = compute_tile(request, tile)
+    write_tile(request, path, tile, values)
+    counts = _counts(tile, values)
     assert counts is not None, "what is filled has gone through all rounds"
     return counts
 

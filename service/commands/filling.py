@@ -77,6 +77,8 @@ def _compute(
     import workers as survey
     from service.commands.progress import reporter
     from workers.kinds import place_of_cell
+    from workers.storage.root import attributes_of
+    from workers.survey.refined.audit import TOLD
 
     todo = sum(tile.n_cells for tile in missing)
     done = before = request.n_cells - todo
@@ -100,6 +102,9 @@ def _compute(
         seconds = time.monotonic() - began
         if not should_stop() and survey.is_incomplete(request, out):
             _complete(request, out, client, should_stop)
+    if isinstance(request, survey.SurveyRequest) and request.is_bounded:
+        # What its tiles filled, further rounds have computed in part.
+        filled = 0 if before else attributes_of(survey.place_of(out)).get(TOLD[0], 0)
     if missing:
         some = f", {filled} of them filled" if filled else ""
         typer.echo(f"{done - before} {what} in {seconds:.1f} s{some}: {(done - before) / seconds:.1f} {what}/s")
@@ -126,7 +131,7 @@ def _what_follows(request: SurveyRequest) -> Iterator[str]:
     from workers import Group
     from workers.survey.levels.grid import levels_of
 
-    if request.refine and request.refine.bound:
+    if request.is_bounded:
         yield "Auditing filled cells until the bound is met"
     if Group.FAMILIES in request.quantities:
         yield "Joining the attractors to families"

@@ -345,7 +345,7 @@ def _require_room(session: Session, owner: str | None, n_cells: int, max_jobs: i
 
 
 def _waits_for(job: JobRow) -> str:
-    return f"{WAITS_FOR_TURN}{job.name or f'survey {job.id[:6]}'} is computed now"
+    return f"{WAITS_FOR_TURN}{job.called} is computed now"
 
 
 def _storable(value: str) -> str:

@@ -89,6 +89,11 @@ class JobRow(Table):
         return isinstance(self.request, dict)
 
     @property
+    def called(self) -> str:
+        """Its name; without one, the beginning of its id."""
+        return self.name or f"survey {self.id[:6]}"
+
+    @property
     def shown(self) -> tuple[State, str]:
         """State and message for whoever asks: nothing can be done with what cannot be read."""
         return (State(self.state), self.message) if self.is_readable else (State.FAILED, UNREADABLE)

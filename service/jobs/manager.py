@@ -150,9 +150,10 @@ class JobManager:
             raise ConflictError(
                 f"Survey {survey_id} was computed by another version, and only that one can verify it. Submit it anew."
             )
-        self._left.pop(survey_id, None)  # all of it is looked at
         with self._lock:  # not between a deletion's look at the state and its removal of the store
             job = self._database.reopen(survey_id, owner, max_jobs)
+            if self._current == survey_id:  # the run that was dismissed is at its end, and is not this one
+                self._dismissed.set()
         self.wake()
         return job
 
@@ -265,7 +266,7 @@ class JobManager:
         path = self._directory.store(survey_id)
         left = self._left.pop(survey_id, None)
         has_message = bool(job.message)  # perhaps that it waits, since before a restart
-        if left is None:
+        if left is None or job.state == State.ACCEPTED:  # of one that is verified, all is looked at
             left, has_lost = self._prepared(job, request, path, client)
             has_message |= has_lost
 
@@ -286,18 +287,27 @@ class JobManager:
             is_paused = is_paused or self._is_turn_over(survey_id)
             return is_paused
 
+        def is_over_after_part() -> bool:
+            self._turns.advance(0.0)  # workers have waited for the last of the part already
+            return is_over()
+
         tiles = list(left.values())
         run_tiles(request, path, tiles, client, on_tile, self._interrupted, self._dismissed.is_set, is_over)
         if self._interrupted():
             return
         if not is_paused and is_incomplete(request, path):
-            complete_on(client, request, path, self._interrupted, self._telling(survey_id), is_over)
-        if is_paused and (left or is_incomplete(request, path)):
-            self._left[survey_id] = left
-            self._database.set_state(survey_id, State.RUNNING)  # without what it says of certificates
-        else:
+            complete_on(client, request, path, self._interrupted, self._telling(survey_id), is_over_after_part)
+        goes_on = is_paused and (left or is_incomplete(request, path))
+        if not goes_on:
             finish_store(path)
-            self._database.set_state(survey_id, State.SUCCESSFUL)
+        with self._lock:  # not between a dismissal and a verification, which begins anew
+            if self._dismissed.is_set():
+                return
+            if goes_on:
+                self._left[survey_id] = left
+                self._database.set_state(survey_id, State.RUNNING)  # without what it says of certificates
+            else:
+                self._database.set_state(survey_id, State.SUCCESSFUL)
 
     def _prepared(
         self, job: JobRow, request: AnyRequest, path: Path | Bucket, client: Client
@@ -334,7 +344,6 @@ class JobManager:
 
         def tell(done: int, number: int) -> None:
             nonlocal shown
-            self._turns.advance(0.0)
             percent = 100 * done // max(number, 1)
             if percent > shown:
                 shown = percent

@@ -26,7 +26,8 @@ class Turns:
 
     Keys have turns one after the other. Of a key's surveys every other turn is for the one with the fewest cells left,
     the others for the one that has waited for most turns: so the smallest is never behind more than two turns of its
-    key, and none waits for ever, whatever else is submitted.
+    key, and none waits for ever, whatever else is submitted. One without cells left counts as the largest: how long its
+    bound or its certificates still take, cells do not tell.
 
     Args:
         clock: seconds.
@@ -48,7 +49,7 @@ class Turns:
         owner = min(active, key=lambda each: self._key(each.owner).last).owner
         mine = [each for each in active if each.owner == owner]
         if self._key(owner).smallest:
-            return min(mine, key=lambda each: each.left)
+            return min(mine, key=lambda each: each.left or math.inf)
         return min(mine, key=lambda each: self._waits_since[each.id])
 
     def begin(self, survey: Active) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import unicodedata
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
@@ -17,10 +18,11 @@ from workers import AnyRequest, PopulationRequest
 from workers.survey.axes import Name, Strict
 
 MOST_NOTES = 10_000  # characters
+UNPRINTABLE = {"Cc", "Cn", "Co", "Cs"}  # categories: controls, unassigned, of private use, surrogates
 
 
 def _legible(text: str) -> str:
-    if not all(line.replace("\t", "").isprintable() for line in text.splitlines()):
+    if any(unicodedata.category(each) in UNPRINTABLE for each in text if each not in "\t\n\r"):
         raise ValueError("the notes hold characters that cannot be printed: remove them")
     return text
 

@@ -257,12 +257,17 @@ PROTECTIONS = (
         "key=hashlib.blake2b(key.encode()).digest()",
         'key=b""',
     ),
-    _one(
+    Protection(
         "published last",
         f"{SERVICE}::test_killed_at_every_instant",
-        "service/jobs/manager.py",
-        "            finish_store(path)\n            self._database.set_state(survey_id, State.SUCCESSFUL)\n",
-        "            self._database.set_state(survey_id, State.SUCCESSFUL)\n            finish_store(path)\n",
+        (
+            Edit("service/jobs/manager.py", "            finish_store(path)\n", "            pass\n"),
+            Edit(
+                "service/jobs/manager.py",
+                "survey_id, State.SUCCESSFUL)\n",
+                "survey_id, State.SUCCESSFUL)\n                finish_store(path)\n",
+            ),
+        ),
     ),
     _one(
         "a run says that the disk is full",

@@ -20,7 +20,7 @@ from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
 from service.explorer.common.watch import Watch, on_press
 from service.explorer.further.difference import Difference, require_small
-from service.explorer.further.surveys import name_of, request_of
+from service.explorer.further.surveys import request_of
 from service.explorer.map.closer import Closer
 from service.explorer.map.colouring import Colouring, Shade, colouring
 from service.explorer.map.figure import Map
@@ -271,7 +271,7 @@ def _titled(plane: Plane, colours: Colouring, job: JobRow, first: JobRow | None,
     if not plane.is_same_grid:
         size = " × ".join(str(axis.num) for axis in (request.delta, request.epsilon))
         cells = f"each cell of the first with the nearest of {size}, which has other ones"
-    return f"{name_of(first)} less {name_of(job)}, {cells}: {colours.title}"
+    return f"{first.called} less {job.called}, {cells}: {colours.title}"
 
 
 def key_of(shades: tuple[Shade, ...]) -> str:

@@ -23,13 +23,8 @@ def surveys_of(jobs: Mapping[str, JobRow]) -> dict[str, str]:
     return surveys
 
 
-def name_of(job: JobRow) -> str:
-    """What a survey is called."""
-    return job.name or f"survey {job.id[:6]}"
-
-
 def _slices(job: JobRow) -> list[tuple[str, int, str]]:
     """Name, number and words of each slice of a survey, or of itself."""
     thirds = request_of(job).third_axis
     slices = [(i, f", {name} = {value:g}") for name, axis in thirds.items() for i, value in enumerate(axis.values())]
-    return [(name_of(job), number, words) for number, words in slices or [(0, "")]]
+    return [(job.called, number, words) for number, words in slices or [(0, "")]]

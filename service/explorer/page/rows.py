@@ -23,7 +23,7 @@ def row_of(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
     chosen = job.id == view.survey and job.is_readable
     return {
         "id": job.id,
-        "name": job.name or f"survey {job.id[:6]}",
+        "name": job.called,
         "title": job.name,
         "notes": job.notes,
         "size": size,

@@ -15,6 +15,7 @@ from service.cli import app
 from service.client import Client
 from service.commands.drawing import require_writable
 from service.errors import ServiceError
+from workers.bound import ROUNDS
 
 NAME = "[/x] [red]hi"
 
@@ -48,21 +49,27 @@ def test_a_survey_is_joined_where_it_asks_for_families(tmp_path: Path) -> None:
     assert zarr.open_consolidated(store)["families/cells"][0] == 16  # quiet motion
 
 
-def test_a_refined_survey_says_what_was_filled_and_how_far_it_can_be_trusted(tmp_path: Path) -> None:
+def test_a_refined_survey_says_what_was_filled_and_how_far_it_can_be_trusted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After further rounds, which the first audit makes needed."""
+    monkeypatch.setattr("workers.survey.refined.rounds.SPARE", 0.1)
     store = tmp_path / "survey.zarr"
     asked = ["run", "--delta", "0.4:1:64", "--epsilon", "0.005:0.3:64", "--quantity", "region", "--out", str(store)]
     for option in ("--audit", "--bound"):
         refused = CliRunner().invoke(app, [*asked, option, "0.1"])
         assert refused.exit_code == 2
         assert "--refine" in refused.output
-    done = CliRunner().invoke(app, [*asked, "--refine", "--audit", "0.1", "--bound", "0.05"])
+    done = CliRunner().invoke(app, [*asked, "--refine", "--audit", "0.001", "--bound", "0.03"])
     assert done.exit_code == 0, done.output
     filled = int((zarr.open_array(store, path="source_level")[:] > 0).sum())
     assert f"{filled} of them filled" in done.output
     assert f"4096 cells, 0 failed; {4096 - filled} computed, {filled} filled: of " in done.output
     told = zarr.open_group(store, mode="r").attrs
     assert f"{told['refined_cells_audited']} audited ones {told['refined_cells_disagreed']} disagreed" in done.output
-    assert told["refined_wrong_share_upper"] <= told["refined_bound_asked"] == 0.05
+    assert told["refined_wrong_share_upper"] <= told["refined_bound_asked"] == 0.03
+    assert 0 < filled < int((zarr.open_array(store, path="audit_leaf")[:] > 0).sum())
+    assert ROUNDS in told
 
 
 #: Fails, with SIGABRT, in a process whose C library is taken down in an orderly way, as a compiler at work does.

@@ -16,7 +16,11 @@ from service.explorer.common.address import View
 from service.explorer.common.news import Standing
 from service.explorer.page.rows import row_of
 
-NOTES = "Regions agree with Figure 7.\nδ below 0.5 is still to be looked at."
+NOTES = (
+    "Regions agree with Figure 7.\n\tδ below 0.5\u00a0is still to be looked at, from 1\u202f000 cells.\n"
+    "\u9818\u57df\u3000\u5468\u671f \U0001f468\u200d\U0001f52c"
+)
+UNPRINTABLE = "\x00\x0b\x0c\x1c\x1d\x1e\x7f\x85\ue000\uffff"
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +62,8 @@ def test_only_the_key_that_submitted_a_survey_names_it(client: TestClient) -> No
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ({"name": "a\nb"}, "cannot be printed"), ({"notes": "\x00"}, "cannot be printed"),
+        ({"name": "a\nb"}, "cannot be printed"),
+        *(({"notes": f"a{each}b"}, "cannot be printed") for each in UNPRINTABLE),
         ({"name": "x" * 201}, "200"), ({"notes": "x" * 10_001}, "10000"), ({"state": "failed"}, "state"),
     ],
 )  # fmt: skip

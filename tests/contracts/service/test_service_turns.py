@@ -57,6 +57,25 @@ def test_keys_have_turns_one_after_the_other_however_many_surveys_they_have() ->
     assert [name[0] for name in order[:20]] == ["x", "y"] * 10
 
 
+def test_one_without_cells_left_counts_as_the_largest() -> None:
+    """Its attractors are proved for hours."""
+    cells = {"proved": 0, "A": 1000, "B": 2000}
+    order = [each for _, each in zip(range(12), _kept(Turns(), cells), strict=False)]
+    assert order.count("A") == 6
+    assert order.count("proved") == order.count("B") == 3
+    cells["c"] = 3
+    following = _kept(Turns(), cells)
+    assert "c" in (next(following), next(following))
+    assert next(_kept(Turns(), {"proved": 0})) == "proved"
+
+
+def _kept(turns: Turns, cells: dict[str, int]) -> Iterator[str]:
+    """The surveys that have turns, of which none gets further."""
+    while following := turns.next([Active(name, None, left) for name, left in cells.items()]):
+        turns.begin(following)
+        yield following.id
+
+
 @pytest.mark.parametrize(("longest", "seconds"), [(0.1, TURN_SECONDS), (7.0, TURN_TILES * 7.0)])
 def test_a_turn_lasts_for_some_of_the_longest_tiles(longest: float, seconds: float) -> None:
     now = 0.0
@@ -112,3 +131,49 @@ def test_surveys_take_turns_and_say_what_they_wait_for(tmp_path: Path, monkeypat
     assert sorted(computed) == [("long", tile) for tile in range(8)] + [("small", tile) for tile in range(4)]
     assert computed.index(("small", 3)) < computed.index(("long", 7))
     assert checked == ["long", "small"]  # all chunks are read once, not at every turn
+
+
+def test_what_follows_from_tiles_makes_room_too_and_what_is_verified_is_looked_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a part of it; one that is refused to be verified because it runs goes on with what it has."""
+    done: list[str] = []
+    checked: list[str] = []
+    refused: list[int] = []
+    turn = iter(range(3))
+
+    def run_tiles(request: Any, _path: Any, tiles: Any, _client: Any, on_tile: Any, *_: Any) -> None:
+        for tile in tiles:
+            on_tile(TileRecord(tile.index, tile.n_cells, (), 0, 0.0))
+        if request.name == "small":
+            refused.append(client.post(f"{path}/verify").status_code)
+
+    def complete(_client: Any, request: Any, _path: Any, _stop: Any, _on_proved: Any, should_pause: Any) -> None:
+        number = next(turn)
+        if number == 0:
+            small.append(client.post("/v1/surveys", json=BODY | {"name": "small"}).headers["location"])
+            assert should_pause() or should_pause()  # it had waited for as many turns as the small one
+            return
+        if number == 1:
+            client.delete(path)
+            assert client.post(f"{path}/verify").status_code == 202
+            return
+        done.append(request.name)
+
+    small: list[str] = []
+    monkeypatch.setattr(turns, "TURN_SECONDS", 0.0)
+    monkeypatch.setattr(manager, "create_store", lambda request, *_: checked.append(request.name))
+    monkeypatch.setattr(manager, "tiles_done", lambda *_: set(range(100)))
+    monkeypatch.setattr(manager, "is_incomplete", lambda request, _: request.name == "bounded" and not done)
+    monkeypatch.setattr(manager, "finish_store", lambda *_: None)
+    monkeypatch.setattr(manager, "run_tiles", run_tiles)
+    monkeypatch.setattr(manager, "complete_on", complete)
+    app = create_app(Settings(data=tmp_path, explorer=False, preload=False), idle_cluster)
+    with local_client(app) as client:
+        bounded = BODY | {"name": "bounded", "epsilon": BODY["epsilon"] | {"num": 8}}
+        path = client.post("/v1/surveys", json=bounded).headers["location"]
+        wait_until(lambda: client.get(path).json()["state"] in ("successful", "failed"))
+        assert client.get(path).json()["message"] == ""
+        assert client.get(small[0]).json()["state"] == "successful"
+    assert checked == ["bounded", "small", "bounded"]  # the second time because it was verified
+    assert refused == [409]

@@ -10,8 +10,8 @@ import pytest
 import zarr
 from pydantic import ValidationError
 
-from workers import SurveyRequest, compute_tile, is_incomplete, run_survey, tiles_of
-from workers.bound import ROUNDS
+from workers import SurveyRequest, complete, compute_tile, is_incomplete, place_of, run_survey, tiles_of
+from workers.bound import ROUNDS, lacks_bound
 from workers.storage.location import Directory
 from workers.survey.refined.audit import AUDITED, TOLD, told_of_audit, upper_share
 from workers.survey.refined.rounds import CHAOTIC, KINDS, Counts, Round, first_round, next_round, upper_of
@@ -118,6 +118,29 @@ def test_wherever_it_is_killed_it_goes_on_to_the_same_bytes(tmp_path: Path, monk
             left[0] = 13 + starts  # enough for a tile and what was begun
     assert starts > 2
     assert chunks(tmp_path / "killed") == expected
+
+
+def test_after_each_pause_it_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four tiles a turn, of which every one gets further; what follows the bound waits for it."""
+    few_audited(monkeypatch)
+    request, store = SurveyRequest(**REGIONS), tmp_path / "paused"
+    with run_survey(REGIONS, out=tmp_path / "whole") as whole:
+        told, rounds = dict(whole.attrs), len(json.loads(whole.attrs[ROUNDS]))
+    with monkeypatch.context() as patched:
+        patched.setattr("workers.run.complete", lambda *_: None)
+        run_survey(REGIONS, out=store).close()
+    monkeypatch.setattr("workers.completion.lacks_families", lambda *_: followed.append(lacks_bound(request, store)))
+    followed: list[bool] = []
+    turns = 0
+    while lacks_bound(request, store):
+        assert turns <= rounds * request.n_tiles
+        with place_of(store).writing():
+            complete(request, store, at_once=4, should_pause=lambda: True)
+        turns += 1
+    assert turns > rounds
+    assert followed == [False]
+    assert chunks(store) == chunks(tmp_path / "whole")
+    assert {name: zarr.open_group(store, mode="r").attrs[name] for name in TOLD} == {name: told[name] for name in TOLD}
 
 
 @pytest.mark.parametrize("damaged", ["audit_leaf/c/1/1", "delta/c/0"])
