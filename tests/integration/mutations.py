@@ -167,8 +167,8 @@ PROTECTIONS = (
         (
             Edit(
                 "workers/cluster/in_flight.py",
-                "            raise self.lost() from error\n        return task, result",
-                "            return None\n        return task, result",
+                "            raise self.lost() from error\n        raise error",
+                "            return None\n        raise error",
             ),
             Edit(
                 "workers/cluster/in_flight.py",
