@@ -149,7 +149,7 @@ def test_a_lying_content_length_does_not_help(client: TestClient) -> None:
     ("method", "path", "allowed"),
     [
         ("DELETE", "/v1/surveys", {"GET", "HEAD", "POST"}),
-        ("PUT", "/v1/surveys/x", {"GET", "HEAD", "DELETE"}),
+        ("PUT", "/v1/surveys/x", {"GET", "HEAD", "PATCH", "DELETE"}),
         ("POST", "/v1/surveys/x/store/zarr.json", {"GET", "HEAD"}),
         ("POST", "/v1/health", {"GET", "HEAD"}),
     ],
