@@ -1,10 +1,12 @@
 """What the tests of this folder share."""
 
 from collections.abc import Iterator
+from functools import cache
 
 import pytest
 from waiting import HANG
 
+import workers.storage.store
 from service.database import engine, transactions
 
 
@@ -14,4 +16,12 @@ def _databases_are_waited_for() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for module in (engine, transactions):
             patch.setattr(module, "BUSY_SECONDS", int(HANG))
+        yield
+
+
+@pytest.fixture(scope="module")
+def templates_once() -> Iterator[None]:
+    """Of the stores of one request the template is made once: it takes longer than its few cells."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workers.storage.store, "template_of", cache(workers.storage.store.template_of))
         yield

@@ -3,6 +3,7 @@
 import json
 import signal
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -93,14 +94,8 @@ def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]
     with client_of(port) as client:
         for instant in either(TELLING, tuple(INSTANTS)):
             faults.inject(IN_PROCESS, INSTANTS[instant])
-            process = start("serve", "--port", str(port), "--data", str(data), settings=faults.environment)
-            try:
-                if job is None:
-                    job = wait_until(lambda: try_to_submit(client, REQUEST))
-                assert process.wait(timeout=HANG) == -signal.SIGKILL, instant
-            finally:
-                process.kill()
-                process.wait()
+            with killing_itself(port, data, faults, instant):
+                job = job or wait_until(lambda: try_to_submit(client, REQUEST))
             executed[instant] = faults.executions().total()
         faults.inject(IN_PROCESS)
         with server(data, port, settings=faults.environment):
@@ -127,14 +122,8 @@ def test_a_refined_survey_of_a_service_that_is_killed(tmp_path: Path, monkeypatc
     with client_of(port) as client:
         for count in (4, 8):
             faults.inject(IN_PROCESS, FEW_AUDITED, STATUS_HALF_WRITTEN.format(count))
-            process = start("serve", "--port", str(port), "--data", str(data), settings=faults.environment)
-            try:
-                if job is None:
-                    job = wait_until(lambda: try_to_submit(client, BOUNDED))
-                assert process.wait(timeout=HANG) == -signal.SIGKILL, count
-            finally:
-                process.kill()
-                process.wait()
+            with killing_itself(port, data, faults, count):
+                job = job or wait_until(lambda: try_to_submit(client, BOUNDED))
         faults.inject(IN_PROCESS, FEW_AUDITED)
         with server(data, port, settings=faults.environment):
             job.wait()
@@ -144,6 +133,18 @@ def test_a_refined_survey_of_a_service_that_is_killed(tmp_path: Path, monkeypatc
     other = run_survey(BOUNDED, tile={"delta": 96, "epsilon": 64})
     with open_survey(tmp_path / "here.zarr") as here:
         xr.testing.assert_identical(here.drop_attrs(), other.drop_attrs())
+
+
+@contextmanager
+def killing_itself(port: int, data: Path, faults: Faults, when: object) -> Iterator[None]:
+    """A service, and that it has killed itself at the end."""
+    process = start("serve", "--port", str(port), "--data", str(data), settings=faults.environment)
+    try:
+        yield
+        assert process.wait(timeout=HANG) == -signal.SIGKILL, when
+    finally:
+        process.kill()
+        process.wait()
 
 
 def try_to_submit(client: Client, request: SurveyRequest) -> Any:

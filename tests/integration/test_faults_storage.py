@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
+from depth import deep
 from faults import REQUEST, Faults
 from service_processes import assert_bit_identical, client_of, finish, free_port, server
 from waiting import wait_until
@@ -101,6 +102,7 @@ def test_a_service_waits_for_a_full_disk(disk: Path, tmp_path: Path, expected: d
     assert faults.executions().total() <= N_TILES + 2 * faults.notes("try").total()  # it does not go on against a wall
 
 
+@deep
 def test_a_service_waits_for_its_data_directory(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
     """A disk that is unmounted in the middle of a survey, which is not computed into what is in its place."""
     faults, port, data, away = Faults(tmp_path), free_port(), tmp_path / "data", tmp_path / "away"

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from depth import deep
 from distributed import Client
 from faults import BOUNDED, FEW_AUDITED, REQUEST, SPARE, Faults
 from service_processes import assert_bit_identical, serial_run, written_in
@@ -206,6 +207,7 @@ def test_workers_killed_at_random(faults: Faults, client: Client, store: Path, e
     wait_until(lambda: replaced(client, *killed))
 
 
+@deep
 def test_a_refined_survey_has_the_same_bytes_whatever_is_killed(
     faults: Faults, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -282,6 +284,7 @@ def test_curves_whose_processes_are_killed_are_traced_again(faults: Faults, clie
     assert faults.notes("curves").total() == 3
 
 
+@deep
 def test_curves_that_kill_their_processes_fail_the_survey(
     faults: Faults, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:

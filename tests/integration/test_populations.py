@@ -41,6 +41,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@deep
 def test_a_command_that_was_killed_goes_on(whole: Path, tmp_path: Path) -> None:
     out = tmp_path / "population.zarr"
     first = start("tolerance", *OPTIONS, "--workers", "1", "--out", str(out))

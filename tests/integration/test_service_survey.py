@@ -115,6 +115,7 @@ def test_a_picture_is_there_while_a_survey_runs_and_the_next_one_runs_after_its_
     assert gone.value.status == 404
 
 
+@deep
 @pytest.mark.skipif(bool(server_of_tests.missing()), reason=server_of_tests.missing())
 def test_a_survey_outlives_a_crash_of_its_database_server(
     client: Client, faults: Faults, postgres: Postgres, expected: dict[str, np.ndarray]
@@ -180,6 +181,7 @@ def test_a_survey_outlives_the_kill_of_its_server_and_a_row_that_is_lost(
     assert faults.executions() == once | {1: 2, MIDDLE: 2}  # the lost row's, and the one at work
 
 
+@deep
 def test_an_interrupted_run_is_resumed_by_the_same_command(tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
     faults, out = Faults(tmp_path), tmp_path / "survey.zarr"
     command = ["run", *OPTIONS, "--workers", "1", "--out", str(out)]

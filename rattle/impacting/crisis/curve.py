@@ -111,10 +111,10 @@ def _down(start: Crisis, to: float, resolution: float, end: float) -> tuple[list
     return known, "as asked"
 
 
-def _up(start: Crisis, end: float) -> tuple[list[Crisis], str]:
-    """Contacts from start towards COD22, and why they stop."""
+def _up(start: Crisis, top: float, end: float) -> tuple[list[Crisis], str]:
+    """Contacts from start towards COD22, to the first beyond δ = top, and why they stop."""
     known, last = [start], CLOSEST * start.epsilon
-    while known[-1].gap > last:
+    while known[-1].gap > last and known[-1].delta <= top:
         gap = max(known[-1].gap * RATIO, 0.999 * last)
         try:
             known.append(in_gap(known, gap, end))
@@ -160,11 +160,9 @@ def crisis_curve(
     falling, low_end = _down(start, bottom, resolution, end)
     rising, high_end = [start], "as asked"
     if top > start.delta:
-        rising, high_end = _up(start, end)
-        if high is not None:
-            inside = [i for i, point in enumerate(rising) if point.delta > top]
-            if inside:
-                rising, high_end = rising[: inside[0]], "as asked"
-                rising.append(in_delta(rising, top))
+        rising, high_end = _up(start, top, end)
+        if rising[-1].delta > top:
+            rising, high_end = rising[:-1], "as asked"
+            rising.append(in_delta(rising, top))
     points = [*falling[:0:-1], *rising]
     return CrisisCurve(beta, tuple(points), tuple(_changes(points)), low_end, high_end)

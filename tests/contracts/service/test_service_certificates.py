@@ -18,6 +18,8 @@ from service.jobs import manager
 from service.settings import Settings
 from workers import SurveyRequest, complete, finish_store
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 ASKED = BODY | {"quantities": ["attractors"], "certify": True}
 
 

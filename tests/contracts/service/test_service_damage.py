@@ -24,6 +24,8 @@ from workers import Bucket, SurveyRequest, complete, compute_tile, create_store,
 from workers.storage.store import write_tile
 from workers.survey.levels import grid
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 REQUEST = SurveyRequest(**BODY)
 TILE = tiles_of(REQUEST)[1]  # the first row, the second column
 

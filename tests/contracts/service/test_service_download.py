@@ -24,6 +24,8 @@ from workers import SurveyRequest, compute_tile, open_survey, tiles_of
 from workers.storage.store import open_groups, write_tile
 from workers.survey.values.schema import Form
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 REQUEST = SurveyRequest(**BODY)
 
 

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from depth import deep
 from dying import die
 from service_support import assert_problem, front_end, front_of, idle_cluster, local_client
 from waiting import HANG, wait_until
@@ -56,7 +57,7 @@ def test_a_request_that_waits_too_long_for_kernels_says_so(tmp_path: Path, path:
 
 def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: list[Kernels]) -> None:
     """A request waits for kernels, and computes for as long as the limit says from when they are there."""
-    app = create_app(Settings(data=tmp_path, max_point_seconds=HANG), idle_cluster)
+    app = create_app(Settings(data=tmp_path, max_points=1, max_point_seconds=HANG), idle_cluster)
     with local_client(app) as client, ThreadPoolExecutor() as threads:
         asked = [threads.submit(client.get, path) for path in POINTS]
         wait_until(lambda: compiling and compiling[0]._waiting == len(POINTS))
@@ -196,7 +197,7 @@ print("needed:", needed)
 """
 
 
-@pytest.mark.parametrize("model", list(Model))
+@pytest.mark.parametrize("model", [Model.IMPACTING, pytest.param(Model.STIFF, marks=deep)])
 def test_what_is_made_ready_is_all_that_a_point_or_a_survey_needs(model: Model) -> None:
     """Elsewhere in the plane nothing further is compiled, nor loaded."""
     command = [sys.executable, "-c", EVERYTHING, model]

@@ -19,6 +19,8 @@ from workers.answers import population_in, population_of
 from workers.kinds import compute_tile
 from workers.storage.store import write_tile
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 POPULATION: dict[str, Any] = {
     "name": "small",
     "gear": {

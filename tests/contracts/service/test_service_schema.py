@@ -66,11 +66,13 @@ use_after_free.enabled = false
 
 [phases.stateful]
 # One after the other along the links: from a survey to its points, from where curves meet to basins and attractors.
-generation.max-examples = {either(40, 400)}
+generation.max-examples = {either(25, 400)}
 max-steps = 10
 """
-#: One request for every limit of every parameter of these: six thousand.
-LONG = ["populations", "estimate", "limits", "reached", "attractors", "intensity", "basins.png"]
+#: One request for every limit of every parameter of these: six thousand. A notebook has the parameters of orbits, and
+#: an SVG those of a PNG.
+LONG = ["populations", "estimate", "limits", "reached", "attractors", "intensity", "basins.png", "notebook"]
+LONG += ["surveys/{survey_id}/map.svg"]
 QUICK = f"""
 [[operations]]
 include-path = {[f"/v1/{name}" for name in LONG]}

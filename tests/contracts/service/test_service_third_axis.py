@@ -18,6 +18,8 @@ from service.operations.chunks import is_owed
 from service.operations.estimate import _few_cells, most_like
 from workers import Axis, SurveyRequest, create_store, examine
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 BETA = {"start": 0.4, "stop": 0.6, "num": 3}
 THIRD = BODY | {"beta": BETA, "quantities": ["region"]}
 REQUEST = SurveyRequest(**THIRD)

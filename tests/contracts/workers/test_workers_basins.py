@@ -13,6 +13,8 @@ from workers.cluster.runner import compute_and_write
 from workers.pictures import maps
 from workers.pictures.maps import map_picture
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 NAMES = ("basin_entropy", "boundary_basin_entropy", "boundary_distance", "boundary_distance_phase", "crisis_side")
 # quiet alone, another basin, chaos, past its crisis, so near the quiet limit that nothing can be told, no quiet motion
 REQUEST = SurveyRequest(

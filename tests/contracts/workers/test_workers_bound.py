@@ -16,6 +16,8 @@ from workers.storage.location import Directory
 from workers.survey.refined.audit import AUDITED, TOLD, told_of_audit, upper_share
 from workers.survey.refined.rounds import CHAOTIC, KINDS, Counts, Round, first_round, next_round, upper_of
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 #: Its first round audits too few cells for its bound; tiles of one block.
 REGIONS: dict[str, Any] = {
     "delta": (0.4, 1.0, 96),

@@ -28,6 +28,8 @@ from workers import certificates as certified
 from workers.certificates import CERTIFICATES, REFUSED, certify_survey
 from workers.errors import SurveyError
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 BODY = {
     "delta": {"start": 0.55, "stop": 0.65, "num": 3},
     "epsilon": {"start": 0.06, "stop": 0.09, "num": 3},

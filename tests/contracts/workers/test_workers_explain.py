@@ -12,10 +12,12 @@ import rattle
 from rattle import curves
 from service.cli import app
 from workers import Axis, SurveyError, SurveyRequest, create_store, join_survey, open_survey, tiles_of
-from workers.boundaries.explain import explain
+from workers.boundaries.explain import Explanation, explain
 from workers.boundaries.labels import PERIODIC
 from workers.boundaries.pairs import Grid, crossed
 from workers.cluster.runner import compute_and_write
+
+pytestmark = pytest.mark.usefixtures("templates_once")
 
 COLUMNS, ROWS = either((8, 9), (11, 13))
 
@@ -86,9 +88,14 @@ def test_crossings_are_those_of_a_closed_form() -> None:
     assert found.any()
 
 
-def test_what_changes_between_attractors(store: Path) -> None:
+@pytest.fixture(scope="module")
+def explained(store: Path) -> Explanation:
     with open_survey(store) as dataset:
-        found = explain(dataset)
+        return explain(dataset)
+
+
+def test_what_changes_between_attractors(explained: Explanation) -> None:
+    found = explained
     assert found.region_explained[found.pairs.region].all()
     differ, explained = found.pairs.attractors, found.attractors_explained
     assert differ.sum() > 0.2 * COLUMNS * ROWS
@@ -121,10 +128,16 @@ def joined(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_what_samples_missed_is_told_by_families(joined: Path) -> None:
-    """Of each such pair the motion that one cell lacks is there, and stable, when followed from the other."""
+@pytest.fixture(scope="module")
+def sampled(joined: Path) -> Explanation:
     with open_survey(joined) as dataset, open_survey(joined, "families") as families:
-        found, without, grid = explain(dataset, 0, families), explain(dataset, 0), Grid(dataset)
+        return explain(dataset, 0, families)
+
+
+def test_what_samples_missed_is_told_by_families(joined: Path, sampled: Explanation) -> None:
+    """Of each such pair the motion that one cell lacks is there, and stable, when followed from the other."""
+    with open_survey(joined) as dataset:
+        found, without, grid = sampled, explain(dataset, 0), Grid(dataset)
     assert not without.sampling.any()
     assert found.sampling.sum() > 3
     assert not (found.sampling & found.attractors_explained).any()
@@ -145,14 +158,30 @@ def test_what_samples_missed_is_told_by_families(joined: Path) -> None:
     assert followed > 3
 
 
-def test_the_command_tells_what_samples_missed(joined: Path) -> None:
+def printing(monkeypatch: pytest.MonkeyPatch, found: Explanation, most_curves: int, families: bool) -> None:
+    """Let the command ask for this explanation, which is there."""
+
+    def known(_: xr.Dataset, curves: int, group: xr.Dataset | None) -> Explanation:
+        assert (curves, group is not None) == (most_curves, families)
+        return found
+
+    monkeypatch.setattr("workers.boundaries.explain.explain", known)
+
+
+def test_the_command_tells_what_samples_missed(
+    joined: Path, sampled: Explanation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    printing(monkeypatch, sampled, 0, families=True)
     result = CliRunner().invoke(app, ["explain", str(joined), "--curves", "0"])
     assert result.exit_code == 0, result.output
     assert "whose attractors differ by the sample alone" in result.output
     assert "whose attractors differ otherwise, explained" in result.output
 
 
-def test_the_command_prints_shares_and_the_rest(store: Path) -> None:
+def test_the_command_prints_shares_and_the_rest(
+    store: Path, explained: Explanation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    printing(monkeypatch, explained, 3, families=False)
     result = CliRunner().invoke(app, ["explain", str(store), "--curves", "3", "--rows", "4"])
     assert result.exit_code == 0, result.output
     assert "whose regions differ, explained" in result.output

@@ -39,6 +39,9 @@ REQUEST = SurveyRequest(
 EVERYTHING = REQUEST.model_copy(update={"quantities": tuple(Group)})
 Pair = tuple[float, float]
 MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
+USUAL = {*MAPS[::6], "attractor_n_minus"}  # codes, phases, shares, exponents, numbers, and one that is whole
+
+pytestmark = pytest.mark.usefixtures("templates_once")
 
 
 def survey(path: Path, request: SurveyRequest = REQUEST, tiles: slice = slice(None)) -> xr.Dataset:
@@ -66,7 +69,7 @@ def lines(axes: Axes) -> dict[str, np.ndarray]:
     return {str(line.get_label()): line.get_xydata() for line in axes.get_lines() if len(line.get_xdata()) > 1}
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=deep if n % 3 else ()) for n, name in enumerate(MAPS)])
+@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name in USUAL else deep) for name in MAPS])
 def test_every_map_of_a_running_survey_is_drawn(partial: xr.Dataset, name: str) -> None:
     picture = pixels(map_picture(partial, name))
     grey = np.all(np.isclose(picture[..., :3], 0.78, atol=0.005), axis=-1)

@@ -44,7 +44,7 @@ TILES = ({"delta": 4, "epsilon": 3}, {"delta": 7, "epsilon": 9})
 SHAPES: tuple[Pair, ...] = ((9, 13), (16, 8), (1, 31), (5, 5))
 STEPS: list[Pair] = [(2, 2), (2, 2), (1, 2)]
 
-pytestmark = pytest.mark.usefixtures("small_levels")
+pytestmark = pytest.mark.usefixtures("small_levels", "templates_once")
 
 
 def survey(tile: dict[str, int] = TILES[0], **fields: Any) -> SurveyRequest:

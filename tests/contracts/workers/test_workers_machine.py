@@ -14,6 +14,8 @@ from workers import Axis, SurveyRequest, Window, create_store, finish_store, til
 from workers.cluster.runner import compute_and_write
 from workers.storage.export import csv_lines, write_netcdf
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 GEARS = {"inertia": 0.003, "drag": 0.05, "backlash": 100e-6, "radius": 0.05}
 SPANS = {
     "rpm": {"start": 1500.0, "stop": 6000.0, "num": 3},

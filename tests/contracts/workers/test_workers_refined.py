@@ -29,6 +29,8 @@ from workers.survey.refined.blocks import Blocks
 from workers.survey.refined.evidence import differ
 from workers.survey.refined.shares import _parts
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 #: Quiet, periodic and chaotic cells, on both sides of SN1 and of the quiet limit; blocks are cut at two ends.
 AXES: dict[str, Any] = {"delta": (0.55, 0.75, 70), "epsilon": (0.02, 0.12, 45)}
 SAMPLED: dict[str, Any] = {

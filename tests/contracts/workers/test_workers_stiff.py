@@ -27,6 +27,8 @@ from workers.errors import SurveyError
 from workers.pictures.figure import survey_figure
 from workers.survey.values.schema import OPTIONAL
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 KAPPA = 1e4
 FIELDS = {
     "model": "stiff",

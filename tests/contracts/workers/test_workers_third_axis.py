@@ -1,5 +1,6 @@
 """Surveys with a third axis: each slice is, bit for bit, the survey of its plane, wherever a survey is taken."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,8 @@ FIELDS: dict[str, Any] = {
 }
 BETAS = (0.6, 0.7, 2)
 REQUEST = SurveyRequest(**FIELDS, beta=BETAS)
+
+pytestmark = pytest.mark.usefixtures("templates_once")
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +130,7 @@ def test_tiles_of_any_shape_and_order_make_the_same_store(store: Path, tmp_path:
 def test_what_is_damaged_is_found_in_its_slice_and_repaired(store: Path, tmp_path: Path) -> None:
     copy = tmp_path / "s.zarr"
     with open_survey(store) as expected:
-        run_survey(REQUEST, out=copy)
+        shutil.copytree(store, copy)
         whole = (copy / "attractor_phase/c/1/0/0/1").read_bytes()
         (copy / "attractor_phase/c/1/0/0/1").write_bytes(
             (copy / "attractor_phase/c/0/0/0/1").read_bytes()

@@ -78,9 +78,9 @@ def _mapped(states):
 @pytest.mark.parametrize(
     ("regime", "count", "near"),
     [
-        (flights.PLANE, either(40_000, 700_000), 0.25),
-        (flights.WIDE, either(60_000, 300_000), 0.25),
-        (flights.ARCS, either(60_000, 300_000), 0.5),
+        (flights.PLANE, either(20_000, 700_000), 0.25),
+        (flights.WIDE, either(30_000, 300_000), 0.25),
+        (flights.ARCS, either(30_000, 300_000), 0.5),
     ],
     ids=["plane", "wide", "arcs"],
 )

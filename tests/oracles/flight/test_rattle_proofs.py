@@ -39,8 +39,8 @@ RNG_SEED = 2009
 @pytest.mark.parametrize(
     ("regime", "count", "march_every", "proved_share"),
     [
-        (flights.PLANE, either(300_000, 10_000_000), 10, (0.45, 0.75)),
-        (flights.WIDE, either(150_000, 2_000_000), 10, (0.3, 0.65)),
+        (flights.PLANE, either(100_000, 10_000_000), 10, (0.45, 0.75)),
+        (flights.WIDE, either(60_000, 2_000_000), 10, (0.3, 0.65)),
     ],
     ids=["plane", "wide"],
 )
@@ -95,7 +95,7 @@ def test_the_search_finds_a_minimum_at_huge_damping(flight):
 @pytest.mark.parametrize("regime", [flights.PLANE, flights.WIDE])
 def test_flights_backwards_in_time_retrace(regime):
     """The search with δ, 4π, τ and w reversed, from the arrival of a flight, comes back to its departure."""
-    lost, worst = _retraced(either(50_000, 200_000), 3, regime)
+    lost, worst = _retraced(either(20_000, 200_000), 3, regime)
     print(f"not retraced {lost}, worst time against its condition {worst:.1e}")
     assert lost == 0
     assert worst < 1e-12

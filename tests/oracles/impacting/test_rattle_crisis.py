@@ -104,6 +104,14 @@ def test_the_curve_is_followed_through_the_change_of_contact():
     assert fresh.epsilon == pytest.approx(curve.epsilon[0], abs=1e-10)
 
 
+def test_without_an_end_it_is_followed_to_so_far_from_cod22(monkeypatch):
+    monkeypatch.setattr("rattle.impacting.crisis.curve.CLOSEST", 1e-2)
+    found = crisis_curve(low=0.762, resolution=0.006)
+    assert found.points[0].epsilon == pytest.approx(CRISIS, abs=1e-13)
+    assert found.points[-1].gap == pytest.approx(0.999e-2 * CRISIS, rel=1e-9)
+    assert "into COD22" in found.high_end
+
+
 def test_chaos_ends_at_another_backlash():
     """Half-backlash 0.45, for which nothing was tuned: no orbit leaves below the crisis, and all do above."""
     found = boundary_crisis(0.518, beta=0.45)
