@@ -21,17 +21,20 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import httpx
 import psutil
 from explorer_times import FLAGS, PLACE, wait_until
-from playwright.sync_api import Browser, BrowserContext, Page, TimeoutError, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Locator, Page, TimeoutError, sync_playwright
 from server import server
 
 VISIT = 25  # actions of a page, after which another one is opened, by somebody without a memory
 PAUSE_MS, PATIENCE_MS = 100, 30_000
+GONE_MS = 3000  # for what may not be there any more
 PLANE = {"delta": {"start": 0.4, "stop": 1.0}, "epsilon": {"start": 0.005, "stop": 0.3}}
 SURVEYS: tuple[dict[str, Any], ...] = (
     {"name": "all", "num": 40, "quantities": ["region", "orbits", "attractors", "lyapunov", "intensity"]},
@@ -64,8 +67,12 @@ def submitted(url: str) -> list[str]:
         answer = httpx.post(f"{url}/v1/surveys", json=body, timeout=60).raise_for_status().json()
         links.append((str(answer["id"]), url + answer["links"]["self"]))
     for _, link in links:
-        wait_until(lambda link=link: httpx.get(link, timeout=60).json()["state"] == "successful")  # type: ignore[misc]
+        wait_until(partial(_is_done, link))
     return [survey_id for survey_id, _ in links]
+
+
+def _is_done(link: str) -> bool:
+    return bool(httpx.get(link, timeout=60).json()["state"] == "successful")
 
 
 class Visitor:
@@ -116,12 +123,16 @@ class Visitor:
     def variable(self) -> None:
         choice = self._page.get_by_label("Map", exact=True)
         options = choice.locator("option").evaluate_all("(all) => all.map((each) => each.value)")
-        choice.select_option(self._chance.choice(options))
+        self._select(choice, value=self._chance.choice(options))
 
     def limits(self) -> None:
-        choice = self._page.get_by_label("Colours span")
+        choice, index = self._page.get_by_label("Colours span"), self._chance.randrange(3)
         if choice.is_visible() and choice.is_enabled():
-            choice.select_option(index=self._chance.randrange(3))
+            self._select(choice, index=index)
+
+    def _select(self, choice: Locator, **what: Any) -> None:
+        with suppress(TimeoutError):  # another map has just taken it away
+            choice.select_option(**what, timeout=GONE_MS)
 
     def survey(self) -> None:
         chosen = self._chance.choice(self._surveys)
@@ -152,7 +163,7 @@ class Visitor:
     def point(self) -> None:
         self._page.mouse.click(*self._place())
         try:
-            self._page.locator(".beside", has_text="Damping δ = ").wait_for(timeout=3000)
+            self._page.locator(".beside", has_text="Damping δ = ").wait_for(timeout=GONE_MS)
         except TimeoutError:  # outside of the map
             return
         self._page.wait_for_timeout(10 * PAUSE_MS)

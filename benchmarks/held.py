@@ -21,4 +21,4 @@ def note(path: Path) -> None:
         if (took := time.perf_counter() - began) > LEAST:
             lines.write(json.dumps([time.thread_time() - at_work, took, repr(handle)[:300]]) + "\n")
 
-    asyncio.Handle._run = timed  # type: ignore[method-assign]
+    asyncio.Handle._run = timed  # type: ignore[method-assign]  # measured from outside

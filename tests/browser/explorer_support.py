@@ -27,7 +27,7 @@ SURVEY: dict[str, Any] = {
     "name": "small",
     "delta": {"start": 0.42, "stop": 0.98, "num": 29},
     "epsilon": {"start": 0.01, "stop": 0.29, "num": 29},
-    "quantities": ["region", "orbits", "attractors", "lyapunov"],
+    "quantities": ["region", "orbits", "attractors", "lyapunov", "families"],
     "initial_conditions": {"count": 4},
 }
 PATIENCE_MS = 1000 * HANG
@@ -80,7 +80,7 @@ def of_map(page: Page, expression: str) -> Any:
 def visible_lines(page: Page) -> set[str]:
     """Names of the lines that the map shows."""
     names = of_map(page, "renderers.filter((each) => each.visible && each.name).map((each) => each.name)")
-    return {name for name in names if not name.startswith(("cells", "fine", "names"))}
+    return {name for name in names if not name.startswith(("cells", "fine", "names", "pins", "veil"))}
 
 
 def place_of(page: Page, delta: float, epsilon: float) -> tuple[float, float]:

@@ -7,6 +7,7 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import numpy as np
 import xarray as xr
+from depth import deep
 from explorer_support import (
     SURVEY,
     assert_accessible,
@@ -121,6 +122,7 @@ def test_zooming_shows_more_than_the_survey_has(page: Page, service: str) -> Non
     assert_fine_regions(page)
 
 
+@deep
 def test_a_window_of_1e9_at_cod22_is_right(page: Page, service: str, survey_id: str) -> None:
     (point,) = (each for each in codimension_two(0.6) if each.name == "COD22")
     delta, epsilon = ((value - 5e-10, value + 5e-10) for value in (point.delta, point.epsilon))
@@ -205,6 +207,7 @@ def test_nonsense_in_the_address_is_left_out(page: Page, service: str) -> None:
     expect(page.get_by_label("Map", exact=True)).to_have_value("region")
 
 
+@deep
 def test_a_survey_is_downloaded(page: Page, service: str, survey_id: str, tmp_path: Path) -> None:
     body = SURVEY | {"quantities": ["region"]}
     other = httpx.post(f"{service}/v1/surveys", json=body, timeout=HANG).json()["links"][

@@ -6,6 +6,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
+from depth import deep
 from explorer_support import CELLS, assert_accessible, click_cell, open_view, wait_for
 from playwright.sync_api import Page, expect
 
@@ -56,6 +57,7 @@ def test_a_click_shows_the_point(page: Page, service: str) -> None:
     assert_accessible(page)
 
 
+@deep
 def test_a_motion_is_chosen_in_the_basins_and_its_address_shows_it_again(page: Page, service: str) -> None:
     open_view(page, service, point="0.6,0.1", theme="dark")
     beside(page, f"{CELLS} × {CELLS} cells")
@@ -78,6 +80,7 @@ def test_a_motion_is_chosen_in_the_basins_and_its_address_shows_it_again(page: P
     np.testing.assert_array_equal(phi, expected.phi)
 
 
+@deep
 def test_the_diagram_turns_and_the_point_is_closed(page: Page, service: str) -> None:
     open_view(page, service, point="0.6,0.1")
     beside(page, "against the eccentricity ε")

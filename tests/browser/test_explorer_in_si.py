@@ -2,6 +2,7 @@
 
 import httpx
 import pytest
+from depth import deep
 from explorer_support import of_map, open_view, wait_for, wait_for_map
 from playwright.sync_api import Page, expect
 from service_processes import get
@@ -18,6 +19,7 @@ def field(page: Page, label: str, value: str) -> None:
     page.get_by_label(label, exact=True).press("Enter")
 
 
+@deep
 def test_a_survey_of_a_machine_is_submitted_and_has_its_speeds_beside_it(page: Page, service: str) -> None:
     open_view(page, service)
     page.get_by_role("button", name="New survey").click()

@@ -32,10 +32,10 @@ def test_points_are_pinned_compared_and_found_again(page: Page, service: str, su
         rows = list(csv.DictReader(file))
     found = rattle.Gear(0.6, 0.1).attractors(1024)
     assert [float(row["fraction"]) for row in rows if row["epsilon"] == "0.1"] == [each.fraction for each in found]
-    page.get_by_role("button", name="δ 0.9, ε 0.01", exact=True).click()
+    page.get_by_role("button", name="1: δ 0.9, ε 0.01", exact=True).click()
     page.wait_for_url("**point=0.9,0.01**")
     expect(page.locator(".beside")).to_contain_text("Damping δ = 0.9")
-    page.get_by_role("button", name="take δ 0.9, ε 0.01 away").click()
+    page.get_by_role("button", name="take 1: δ 0.9, ε 0.01 away").click()
     expect(table.get_by_role("columnheader")).to_have_count(1)
 
 

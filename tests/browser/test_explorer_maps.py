@@ -1,6 +1,6 @@
 """What belongs to a map, beside it: the profile above a diagram, further maps."""
 
-from explorer_support import assert_accessible, open_view, place_of, point_at, wait_for
+from explorer_support import assert_accessible, open_view, place_of, point_at, wait_for, wait_for_map
 from playwright.sync_api import Page, expect
 
 #: Left and right of the frames of the profile and of the diagram on the screen, and what they span.
@@ -29,6 +29,7 @@ OVERLAPS = """() => {
     return boxes.filter(([box, height], i) => boxes.slice(i + 1).some(([other]) =>
         across(box, other) && other.top >= box.top && other.top < box.top + height - 1)).length
 }"""
+PINNED = "renderers.find((each) => each.name === 'pins').data_source.data"
 WINDOWS = """() => new Set(["map", "further2", "further3"].map((name) => {
     const figure = Bokeh.documents.map((each) => each.get_model_by_name(name)).find((each) => each)
     return [figure.x_range.start, figure.x_range.end, figure.y_range.start, figure.y_range.end].join()
@@ -52,6 +53,20 @@ def test_a_profile_has_the_axis_of_the_diagram_and_further_maps_the_window_of_th
     page.get_by_label("way to ε").fill("0.15")
     page.get_by_label("way to ε").press("Enter")
     page.wait_for_url("**p.to=0.8,0.15**")
+    page.get_by_role("button", name="Pin δ 0.6, ε 0.1").click()
+    wait_for_map(page, f"{PINNED}.name.join() === '1'")
+    page.get_by_role("button", name="take 1: δ 0.6, ε 0.1 away").click()
+    wait_for_map(page, f"{PINNED}.name.length === 0")
+    page.get_by_label("Map", exact=True).select_option("largest family")
+    family = page.get_by_label("Family", exact=True)
+    family.select_option(family.locator("option", has_text=" = C").first.text_content())
+    expect(page.locator(".keys")).to_contain_text("of all samples go to it")
+    wait_for_map(page, "renderers.some((each) => each.name === 'veil' && each.data_source.data.image.length)")
+    page.get_by_role("button", name="Its diagram along δ").click()
+    page.wait_for_url("**p.direction=delta**")
+    assert_accessible(page)
+    family.select_option("all of them")
+    page.get_by_label("Map", exact=True).select_option("region")
     page.get_by_role("button", name="Close the point").click()
     page.get_by_role("button", name="Map beside").click()
     page.get_by_label("Map 2", exact=True).select_option("attractor fraction, 0")

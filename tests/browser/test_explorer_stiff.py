@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from depth import deep
 from explorer_support import click_cell, of_map, open_view, point_at
 from playwright.sync_api import Page, expect
 from service_processes import get
@@ -23,6 +24,7 @@ def sn1_at(page: Page, delta: float) -> float:
     return float(np.interp(delta, np.array(x)[order], np.array(y)[order])) if len(x) == len(y) > 0 else np.nan
 
 
+@deep
 def test_a_stiff_survey_is_submitted_shown_and_clicked(page: Page, service: str) -> None:
     open_view(page, service)
     page.get_by_role("button", name="New survey").click()

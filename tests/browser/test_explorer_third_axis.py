@@ -3,6 +3,7 @@
 import httpx
 import numpy as np
 import xarray as xr
+from depth import deep
 from explorer_support import SURVEY, of_map, open_view
 from playwright.sync_api import Page, expect
 from service_processes import get
@@ -21,6 +22,7 @@ def shown(page: Page) -> np.ndarray:
     return np.array(images[0])
 
 
+@deep
 def test_a_slider_chooses_the_slice(page: Page, service: str) -> None:
     here = httpx.post(f"{service}/v1/surveys", json=BODY, timeout=HANG).json()["links"]["self"]
     wait_until(lambda: get(service + here).json()["state"] == "successful")

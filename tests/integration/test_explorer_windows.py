@@ -13,6 +13,7 @@ import httpx
 import numpy as np
 import pytest
 import xarray as xr
+from depth import deep
 from distributed import Client
 from faults import Faults
 from intruders import certificates
@@ -256,6 +257,7 @@ def test_what_cannot_be_computed(tmp_path: Path, cluster: Client) -> None:
     run(tmp_path, cluster, body)
 
 
+@deep
 def test_a_cluster_that_is_lost_is_told_and_found_again(tmp_path: Path, gate: Path) -> None:
     """The scheduler goes away under a window, with no survey that would notice; the next window has a new one."""
     opened: list[Client] = []

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 #: Who asked for the page that is being built; set by the route.
 CALLER: ContextVar[Caller | None] = ContextVar("caller", default=None)
 
+#: Of a page at a time, with those whose work nobody waits for any more.
+THREADS = 8
+
 Result = TypeVar("Result")
 log = logging.getLogger(__name__)
 
@@ -33,6 +36,7 @@ class Viewer:
         self.front, self.document = front, document
         self._caller = caller
         self._tasks: set[asyncio.Task[Any]] = set()
+        self._threads = asyncio.Semaphore(THREADS)
         self.tell: Callable[[str], None] = log.warning  # the page replaces it by something that can be seen
         self.ended = False
 
@@ -70,13 +74,25 @@ class Viewer:
         return self._caller is not None and self._caller.may(Scope.SUBMIT)
 
     async def read(self, work: Callable[[], Result], scope: Scope = Scope.READ) -> Result:
-        """What `work` returns, from a thread, if the caller may."""
+        """What `work` returns, from a thread, if the caller may.
+
+        A thread cannot be given up: it has its place until it ends. What is given up while it waits for one never
+        begins.
+        """
 
         def run() -> Result:
             self.require(scope)
             return work()
 
-        return await run_in_threadpool(run)
+        await self._threads.acquire()
+        thread = asyncio.ensure_future(run_in_threadpool(run))
+        thread.add_done_callback(self._leave)
+        return await asyncio.shield(thread)
+
+    def _leave(self, thread: asyncio.Future[Any]) -> None:
+        self._threads.release()
+        if not thread.cancelled():
+            thread.exception()  # nobody asks for that of work that was given up
 
     def start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         """Run this beside the page until the page is closed; what it may not or cannot do is told on the page."""
