@@ -190,7 +190,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     draw_basins(axes, basins, palette)
     notes, drawn = [], {}
     for name in MANIFOLDS:
-        line, why = manifold_line(gear, orbits.get(name), name)
+        line, why = manifold_line(gear, orbits.get(name), name, arclength=ARCLENGTH)
         if why:
             notes.append(why)
         if len(line):

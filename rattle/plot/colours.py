@@ -6,6 +6,7 @@ so many types that two would look alike, as at weak damping, the later one gets 
 """
 
 import colorsys
+from collections import Counter
 from functools import cache
 from itertools import product
 
@@ -95,23 +96,42 @@ def colour(motion: Motion) -> str:
 class Palette:
     """Colours of the motions of one picture: each has its own, unless that looks like the one of a motion that came
     before it, or of quiet, chaotic or undecided; then it has the spare one that is farthest from all of them.
+
+    alike: distance in CIELAB below which two are not told apart; types with a colour of their own keep it all the same.
     """
 
-    def __init__(self) -> None:
-        self._taken: dict[str | Label, str] = {}
+    def __init__(self, alike: float = ALIKE) -> None:
+        self._alike = alike
+        self._taken: dict[str | Label | tuple[str | Label, int], str] = {}
         self._taken.update(KIND_COLOURS)
+        self._times: Counter[str | Label] = Counter()
 
     def colour(self, motion: Motion) -> str:
         """The colour (#rrggbb) of a type of motion here. Raises ParameterError."""
         label = _label(motion)
         if label not in self._taken:
-            taken = np.array([_lab(each) for each in self._taken.values()])
             own = colour(motion)
-            if np.hypot.reduce(taken - _lab(own), axis=1).min() < ALIKE:
-                away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare()]
-                own = _spare()[int(np.argmax(away))][0]
-            self._taken[label] = own
+            taken = np.array([_lab(each) for each in self._taken.values()])
+            least = ALIKE if label in NAMED else self._alike
+            near = np.hypot.reduce(taken - _lab(own), axis=1).min() < least
+            self._taken[label] = self._farthest() if near else own
         return self._taken[label]
+
+    def another(self, motion: Motion) -> str:
+        """The colour (#rrggbb) of one more motion of a type, of which there are several here: the first has that of the
+        type, each other one a spare one. Raises ParameterError.
+        """
+        label = _label(motion)
+        self._times[label] += 1
+        if self._times[label] == 1:
+            return self.colour(motion)
+        return self._taken.setdefault((label, self._times[label]), self._farthest())
+
+    def _farthest(self) -> str:
+        """The spare colour that is farthest from all that are taken."""
+        taken = np.array([_lab(each) for each in self._taken.values()])
+        away = [float(np.hypot.reduce(taken - each, axis=1).min()) for _, each in _spare()]
+        return _spare()[int(np.argmax(away))][0]
 
 
 @cache

@@ -19,16 +19,15 @@ from service.state import Front, FrontState
 from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
 from service.web.problems import declared
 from workers import QUANTITIES, Bucket, open_survey
-from workers.pictures.look import LINES, Form, Look, Pair, Span
+from workers.pictures.look import LARGEST, LINES, SHARE, Form, Look, Pair, Span
 from workers.storage.store import has_added
 from workers.survey.levels.grid import GROUP as LEVELS
 from workers.survey.request import MAX_SLICES
-from workers.survey.slices import slice_of
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
 PNG, SVG = "image/png", "image/svg+xml"
-MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
+MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.per_cell), LARGEST, SHARE]
 NARROWEST = 1e-10  # of what is farthest from 0 in a window: below, no tick can be told from the next
 FARTHEST = 1e100  # of what a window or the colours reach to
 LONGEST_LINES = 200
@@ -85,7 +84,7 @@ def _range(name: str, low: float | None, high: float | None, ends: tuple[str, st
 
 Asked = Annotated[Look, Depends(look_of_query)]
 Variable = Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})]
-Index = Annotated[int, Query(ge=0, le=64, description="which orbit, or slot of attractors")]
+Index = Annotated[int, Query(ge=0, le=64, description="which orbit, slot of attractors, or family")]
 SliceNumber = Annotated[
     int | None, Query(alias="slice", ge=0, lt=MAX_SLICES, description="of a survey with a third axis, from 0")
 ]
@@ -169,9 +168,11 @@ def _caption(job: JobRow, address: str) -> str:
 
 
 def _draw(place: Path | Bucket, variable: str, index: int, slice_number: int | None, look: Look, form: Form) -> bytes:
+    from workers.pictures.largest import open_maps
     from workers.pictures.levels import groups_of
     from workers.pictures.maps import map_picture  # matplotlib: a second for who asks first, not for every start
 
-    with open_survey(place) as dataset:
-        levels = groups_of(partial(open_survey, place), slice_number, has_added(place, LEVELS))
-        return map_picture(slice_of(dataset, slice_number), variable, index, levels, look, form)
+    opened = partial(open_survey, place)
+    with open_maps(opened, variable, slice_number) as dataset:
+        levels = groups_of(opened, slice_number, has_added(place, LEVELS))
+        return map_picture(dataset, variable, index, levels, look, form)

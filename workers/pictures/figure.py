@@ -1,5 +1,7 @@
 """The picture of a survey: its regions with the curves that bound them, where quiet survives, how chaotic it gets."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
@@ -54,14 +56,22 @@ def _name_regions(axes: Axes, dataset: xr.Dataset) -> None:
 
 def region_places(region: np.ndarray, delta: np.ndarray, epsilon: np.ndarray) -> dict[str, tuple[float, float]]:
     """Return the names of the regions of a map (epsilon, delta), each with the (δ, ε) where it is widest."""
+    widest = widest_of(region, range(1, len(REGIONS)))
+    return {REGIONS[code]: (float(delta[j]), float(epsilon[i])) for code, (i, j, _) in widest.items()}
+
+
+def widest_of(codes: np.ndarray, asked: Iterable[int]) -> dict[int, tuple[int, int, float]]:
+    """Return for each of these codes that occurs (m, n) the row and column where it is widest, and how many cells it is
+    from there to another one.
+    """
     from scipy.ndimage import distance_transform_edt  # a fifth of a second to load, in every worker
 
     places = {}
-    for label, name in enumerate(REGIONS):
-        inside = region == label
-        if label and inside.any():
-            # A margin of cells outside keeps the number off the frame.
+    for code in asked:
+        inside = codes == code
+        if inside.any():
+            # A margin of cells outside keeps the name off the frame.
             depth = distance_transform_edt(np.pad(inside, 1))[1:-1, 1:-1]
             i, j = np.unravel_index(np.argmax(depth), depth.shape)
-            places[name] = float(delta[j]), float(epsilon[i])
+            places[code] = int(i), int(j), float(depth[i, j])
     return places

@@ -19,6 +19,7 @@ from workers.survey.slices import slice_of
 from workers.survey.values.evaluate import FAILED
 from workers.survey.values.schema import CELL, is_phase
 
+BAND = 1 << 22  # cells that are made smaller at a time
 RARE = 2.0  # an extreme is rare where the mean is more than so many times closer to the other one
 
 NEAR = 1  # cells of a picture on each side in which a code is rarer than another one
@@ -64,15 +65,28 @@ def part_for(levels: Sequence[Level], first: Pair, end: Pair, room: Pair) -> Par
 def of_cells(plane: xr.DataArray, values: np.ndarray, status: np.ndarray, level: Level) -> Seen:
     """What is seen of cells of a map (m, n), as `numbers` has them, that begin where a cell of the level does."""
     steps = [_step(level.cells, number) for number in range(max(level.cells).bit_length() - 1)]
-    *_, states = reduce.codes(status, status > 0, steps, FAILED + 1)
+    states = _codes(status, status > 0, steps, FAILED + 1, level.cells[0])
     known = (status > 0) & (status != FAILED)
     if count := _number_of_codes(plane):
-        *_, found = reduce.codes(np.nan_to_num(values).astype(np.int8), known, steps, count)
+        found = _codes(values, known, steps, count, level.cells[0])
         everything = slice(None)
         sizes = (_sizes(size, cells, everything) for size, cells in zip(values.shape, level.cells, strict=True))
         return _coded(found, states, *sizes)
     *_, statistics = (reduce.phases if is_phase(str(plane.name)) else reduce.numbers)(values, known, steps)
     return _numbered(plane, statistics, states)
+
+
+def _codes(values: np.ndarray, known: np.ndarray, steps: Sequence[Pair], number: int, rows: int) -> reduce.Codes:
+    """As `reduce.codes` makes the last of all its levels, whose cells have so many rows: a band after the other, for it
+    takes hundreds of bytes a cell.
+    """
+    together = max(1, BAND // (rows * values.shape[1])) * rows
+    parts = []
+    for begin in range(0, values.shape[0], together):
+        band = slice(begin, begin + together)
+        *_, last = reduce.codes(np.nan_to_num(values[band]).astype(np.int8), known[band], steps, number)
+        parts.append(last)
+    return reduce.Codes(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def of_level(plane: xr.DataArray, stored: xr.Dataset, index: int, level: Level, at: tuple[slice, slice]) -> Seen:

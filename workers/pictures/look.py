@@ -19,6 +19,10 @@ Form = Literal["png", "svg"]
 
 ROBUST = (2.0, 98.0)  # percentiles
 POINTS = "points"
+#: Maps that follow from what a store has of families: the largest one of each cell, among all or among those that
+#: rattle, and the share of one.
+LARGEST, SHARE = "largest_family", "family_fraction"
+AMONG, WHICH = "among", ("all", "rattling")
 LINES = (*NAMES, POINTS)
 
 

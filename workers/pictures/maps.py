@@ -16,8 +16,9 @@ from rattle.orbits.period_one import PAPER_REGIONS
 from rattle.plot.colours import REGION_COLOURS
 from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
+from workers.pictures.largest import FLAG_COLOURS
 from workers.pictures.levels import OpenGroup, overview
-from workers.pictures.look import POINTS, USUAL, Form, Look
+from workers.pictures.look import LARGEST, POINTS, USUAL, Form, Look
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
 from workers.pictures.planes import numbers, plane_of, with_periodic
 from workers.survey.slices import value_along
@@ -189,17 +190,24 @@ def _extend(norm: Normalize, values: np.ndarray) -> str:
 
 
 def _is_listed(plane: xr.DataArray, code: int, values: np.ndarray) -> bool:
-    """Whether a key has a code: of the regions beside the paper's, those that are there."""
-    return plane.name != "region" or code <= len(PAPER_REGIONS) or bool((values == code).any())
+    """Whether a key has a code: of families, and of the regions beside the paper's, those that are there."""
+    always = code <= len(PAPER_REGIONS) if plane.name == "region" else plane.name != LARGEST
+    return always or bool((values == code).any())
+
+
+def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
+    """Return the colour of each code of a map whose values are codes."""
+    own = str(plane.attrs.get(FLAG_COLOURS, "")).split()
+    return own or (REGION_COLOURS if plane.name == "region" else CODE_COLOURS)
 
 
 def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:
     """Return colour map, norm, ticks and tick labels that suit a variable."""
     if "flag_meanings" in plane.attrs:
         meanings = plane.attrs["flag_meanings"].replace("not_computed", "none").split()
-        colours = REGION_COLOURS if plane.name == "region" else CODE_COLOURS
+        colours = colours_of_codes(plane)
         first = 0 if (values == 0).any() else 1
-        codes = [code for code in range(first, len(meanings)) if _is_listed(plane, code, values)]
+        codes = [code for code in range(first, len(meanings)) if _is_listed(plane, code, values)] or [first]
         cmap = ListedColormap([colours[code] for code in codes])
         between = [(low + high) / 2 for low, high in pairwise(codes)]
         norm = BoundaryNorm([codes[0] - 0.5, *between, codes[-1] + 0.5], cmap.N)

@@ -27,7 +27,7 @@ from workers.storage.integrity import (
     whole_tile,
 )
 from workers.storage.location import Place, place_of
-from workers.storage.root import tell
+from workers.storage.root import attributes_of, tell
 from workers.survey.families import FAMILY
 from workers.survey.families import GROUP as FAMILIES
 from workers.survey.levels.grid import GROUP as LEVELS
@@ -240,15 +240,10 @@ def finish_store(where: str | Path | Place) -> None:
             raise SurveyError(f"{place} lacks {missing} cells: run the survey again to resume it")
         try:
             place.sweep()
-            if (root := read_sealed(place, ROOT)) is None:
-                raise SurveyError(f"{ROOT} of {place} is damaged: run the survey again to repair it")
-            known = root["attributes"]
-            told = {COMPLETED: known.get(COMPLETED) or now()}
+            told = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}
             if AUDIT in manifest.chunks and LEAF not in manifest.chunks:  # otherwise its rounds have told
                 told |= _refined(place)
-            if told != {name: known.get(name) for name in told}:
-                root["attributes"] = known | told
-                place.put(ROOT, sealed(root))
+            tell(place, told)
         except OSError as error:
             raise storage_error(f"{place} cannot be finished", error) from error
 

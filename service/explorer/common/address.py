@@ -69,6 +69,11 @@ class Pin(NamedTuple):
         return f"δ {self.delta:.4g}, ε {self.epsilon:.4g}"
 
 
+def numbered(pins: Sequence[Pin], model: AnyModel) -> dict[str, Pair]:
+    """The points of those pins that are of this model, by their numbers, from 1."""
+    return {str(i): (pin.delta, pin.epsilon) for i, pin in enumerate(pins, start=1) if pin.model == model}
+
+
 @dataclass(frozen=True)
 class Chosen:
     """One of the maps of a survey."""
@@ -116,7 +121,7 @@ class View:
     """What a page shows. Limits are a rule, or (low, high); `point_state` is what the view of the point keeps, and
     `machine` is there where the point is that of a machine which was entered. share: P(quiet) of the design limit.
     profile: of which map there is one above the diagram, None for the map that is shown. pins: points that are
-    compared.
+    compared. family: the number of the one whose cells are shown, the others dimmed.
 
     No theme is that of the viewer's system.
     """
@@ -125,6 +130,7 @@ class View:
     variable: str = ""
     index: int = 0
     slice: int = 0
+    family: int | None = None
     limits: Limits | Pair = "auto"
     log: bool = False
     overlays: tuple[str, ...] = DEFAULT_OVERLAYS
@@ -157,6 +163,7 @@ class View:
             variable=read("variable", _word, ""),
             index=read("index", _index, 0),
             slice=read("slice", _index, 0),
+            family=read("family", _family, None),
             limits=read("limits", _limits, "auto"),
             log=text.get("log") == "1",
             overlays=read("overlays", _overlays, DEFAULT_OVERLAYS),
@@ -182,6 +189,7 @@ class View:
         pairs: dict[str, str] = {"survey": self.survey, "variable": self.variable}
         pairs["index"] = str(self.index) if self.index else ""
         pairs["slice"] = str(self.slice) if self.slice else ""
+        pairs["family"] = "" if self.family is None else str(self.family)
         if self.limits != "auto":
             pairs["limits"] = self.limits if isinstance(self.limits, str) else _written(self.limits)
         pairs["log"] = "1" if self.log else ""
@@ -215,6 +223,13 @@ def _word(text: str) -> str:
 
 def _index(text: str) -> int:
     return min(max(int(text), 0), 64)
+
+
+def _family(text: str) -> int:
+    number = int(text)
+    if not 0 <= number < 2**31:
+        raise ValueError(text)
+    return number
 
 
 def _pair(text: str) -> Pair:

@@ -16,6 +16,7 @@ from service.explorer.files import asset
 
 BAR_WIDTH, BAR_PADDING = 12, 6  # pixels
 CLEAR = "#00000000"
+VEIL = "c4"  # how much of what is below is covered: a byte
 OWN_STYLES = {CRISIS: ("#00695c", (8.0, 3.0)), LIMIT: ("#b8860b", ())}
 ELLIPSE = "#d40078"
 BAND_NAME = "limit_band"
@@ -64,6 +65,12 @@ def image(source: ColumnDataSource, mapper: Any, **named: Any) -> Any:
 def clear_mapper() -> Any:
     """A mapper from numbers to colours, the first of which is none."""
     return LinearColorMapper(palette=[CLEAR], low=0, high=1, nan_color=CLEAR)
+
+
+def veil(source: ColumnDataSource, paper: str) -> Any:
+    """Covers with the colour of the paper, not wholly, what is 1 of an image."""
+    mapper = LinearColorMapper(palette=[CLEAR, paper + VEIL], low=-0.5, high=1.5, nan_color=CLEAR)
+    return image(source, mapper, name="veil")
 
 
 def scales(values: ColumnDataSource, fine: ColumnDataSource, **bar: Any) -> dict[bool, Scale]:
@@ -150,6 +157,16 @@ def cross(source: ColumnDataSource) -> list[Any]:
 def ring(source: ColumnDataSource) -> list[Any]:
     """A ring with a white edge."""
     return _edged(source, "circle", (17, "white", 5), (17, "black", 2))
+
+
+def pins(source: ColumnDataSource) -> list[Any]:
+    """Numbers in discs."""
+    disc = Scatter(x="x", y="y", marker="circle", size=20, fill_color="white", line_color="black", line_width=1.5)
+    number = Text(
+        x="x", y="y", text="name", text_align="center", text_baseline="middle", text_font_size="12px",
+        text_font_style="bold", text_color="black",
+    )  # fmt: skip
+    return [_rendered(source, disc, name="pins"), _rendered(source, number, name="names of pins")]
 
 
 def _edged(source: ColumnDataSource, marker: str, *strokes: tuple[int, str, int]) -> list[Any]:

@@ -10,6 +10,7 @@ import xarray as xr
 from service.explorer.map.planes import Plane, cells_at
 from workers import SurveyRequest
 from workers.errors import SurveyError
+from workers.pictures.look import LARGEST
 from workers.pictures.maps import SYMMETRIC, title_of
 from workers.survey.levels.grid import halvings
 from workers.survey.values.evaluate import FAILED
@@ -36,7 +37,9 @@ class Difference(Plane):
     """
 
     def __init__(self, first: Plane, other: Plane) -> None:
-        """Blocks: for a thread. `require_small` is for before they are read."""
+        """Blocks: for a thread. `require_small` is for before they are read. Raises SurveyError: they have families."""
+        if first.plane.name == LARGEST:
+            raise SurveyError("The families of two surveys have numbers of their own: choose another map.")
         self._first = first
         self.id, self.number, self.request = f"{first.id} {other.id}", first.number, first.request
         self.delta, self.epsilon, self._levels = first.delta, first.epsilon, halvings(first.request.shape)

@@ -13,7 +13,7 @@ import panel as pn
 
 from rattle import RattleError
 from service.database.tables import JobRow
-from service.explorer.common.address import POINTS, Chosen, Further, Pair, Ranges, View
+from service.explorer.common.address import POINTS, Chosen, Further, Pair, Ranges, View, numbered
 from service.explorer.common.drawings import Drawings, Show
 from service.explorer.common.heading import Heading
 from service.explorer.common.text import Text
@@ -196,6 +196,7 @@ class FurtherMap:
         self._stop(self._over)
         self.map.no_cells()
         self.map.no_lines()
+        self.map.pins({})
         self._closer.forget()
         self._title.instead(why)
         self._key.html = self._said.html = ""
@@ -209,6 +210,7 @@ class FurtherMap:
             self.map.moved(window[0])
             variable = None if isinstance(plane, Difference) else self._further.variable
             self._closer.show(plane, variable, self._further.index, window if view.delta and view.epsilon else None)
+        self.map.pins(numbered(view.pins, model))
         if (lines := (model, view.overlays, window)) != self._lines:
             if self._lines[:1] != (model,):  # those of another gear
                 self.map.no_lines()

@@ -13,6 +13,7 @@ from service.explorer.map.colouring import values_shown, window_shown
 from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
 from service.explorer.map.planes import Block, Plane, Room
+from workers.pictures.look import LARGEST
 from workers.survey.values.schema import OF_PERIODIC
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
@@ -60,7 +61,7 @@ class Closer:
             self.seen = partial(plane.block, window, pixels)
         self._on_seen()
         is_coarser = coarser(plane, window, pixels)
-        if is_coarser and (variable is None or variable in OF_PERIODIC):
+        if is_coarser and (variable is None or variable in (LARGEST, *OF_PERIODIC)):
             self._say(SURVEY_ONLY)
         elif is_coarser and variable is not None:
             self._zoom.start(plane, variable, index, window, pixels)

@@ -10,11 +10,14 @@ from matplotlib.colors import to_hex
 
 from service.explorer.common.address import Limits, Pair, Ranges
 from service.explorer.map.planes import Block, Plane, Room
-from workers.pictures.figure import region_places
-from workers.pictures.look import limits_of, positive
-from workers.pictures.maps import WITHOUT_VALUE, ZERO, scale_of, title_of, valueless_layers
+from workers.pictures.figure import region_places, widest_of
+from workers.pictures.largest import OTHERS
+from workers.pictures.look import LARGEST, limits_of, positive
+from workers.pictures.maps import WITHOUT_VALUE, ZERO, colours_of_codes, scale_of, title_of, valueless_layers
 
 SHADES = 256
+#: Families have a name on the map where they are so wide, and no other name is so near: shares of the map.
+WIDE, TALL, LONG = 0.02, 0.05, 0.24
 
 
 @dataclass(frozen=True)
@@ -99,15 +102,18 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> C
     reason_colours = tuple(to_hex(colour) for _, colour in layers.values())
     shades = tuple(Shade(each.label, to_hex(each.colour), each.share) for each in shades)
     if codes is not None and labels:
-        colours = [to_hex(cmap(norm(code))) for code in range(int(codes[0]), int(codes[-1]) + 1)]
+        every = range(int(codes[0]), int(codes[-1]) + 1)
+        colours = [to_hex(cmap(norm(code))) for code in every]
+        if variable == LARGEST:  # a window may have families that are not seen of the whole survey
+            colours = list(colours_of_codes(plane.plane))
+            every = range(len(colours))
         named = tuple(
-            Shade(label, colours[int(code - codes[0])], _share(block, int(code), shown, computed))
+            Shade(label, colours[every.index(int(code))], _share(block, int(code), shown, computed))
             for code, label in zip(codes, labels, strict=True)
         )
-        low, high = codes[0] - 0.5, codes[-1] + 0.5
         return Colouring(
-            title_of(plane.plane), colours, low, high, False, True, named + shades, reasons, reason_colours,
-            names=region_places(values, block.delta, block.epsilon) if variable == "region" else {},
+            title_of(plane.plane), colours, every[0] - 0.5, every[-1] + 0.5, False, True, named + shades, reasons,
+            reason_colours, names=_names(variable, block, dict(zip(codes, labels, strict=True))),
         )  # fmt: skip
     low, high, note = limits_of(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
     if log:
@@ -124,6 +130,34 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> C
     return Colouring(
         title_of(plane.plane), palette, low, high, log, False, shades, reasons, reason_colours, note, beyond=beyond
     )  # fmt: skip
+
+
+def _names(variable: str, block: Block, labels: Mapping[float, str]) -> dict[str, Pair]:
+    """What is written on a map, and where: the names of regions, and of families on their largest pieces."""
+    if variable == "region":
+        return region_places(block.values, block.delta, block.epsilon)
+    if variable != LARGEST:
+        return {}
+    rows, columns = block.values.shape
+    least = max(WIDE * min(rows, columns), 1.5)
+    large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
+    named = {int(code): _short(labels[code]) for code in large}
+    places: dict[str, Pair] = {}
+    taken: list[Pair] = []
+    for code, (i, j, wide) in sorted(widest_of(block.values, named).items(), key=lambda each: -each[1][2]):
+        inside = int(np.clip(j, LONG / 2 * columns, (1 - LONG / 2) * columns - 1))  # where no letter is cut off
+        at = i / rows, inside / columns
+        is_free = all(abs(at[0] - y) > TALL or abs(at[1] - x) > LONG for y, x in taken)
+        if wide >= least and is_free and block.values[i, inside] == code:
+            taken.append(at)
+            places[named[code]] = float(block.delta[inside]), float(block.epsilon[i])
+    return places
+
+
+def _short(label: str) -> str:
+    """The number of a family, with the letter of its motion if it has one: "6: P(1,1,1) = D" is "6: D"."""
+    number, is_numbered, name = label.partition(": ")
+    return f"{number}: {name.split(' = ')[-1]}" if is_numbered else label
 
 
 def _beyond(values: np.ndarray, low: float, high: float) -> Pair:

@@ -37,7 +37,7 @@ class Controls:
     def __init__(self, sheet: str, log: bool, uses: Uses) -> None:
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self._variable = pn.widgets.Select(label="Map", options=[], width=205, **styled)
-        self._index = pn.widgets.Select(label="Which", options=[], width=90, visible=False, **styled)
+        self._index = pn.widgets.Select(label="Which", options=[], width=110, visible=False, **styled)
         self._slice = pn.widgets.IntSlider(
             label="",
             start=0,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -69,6 +69,7 @@ class Map:
         self._in_si = axes.InSI(plot)
         self._dress(theme)
         self._values, self._fine, self._reasons = (glyphs.source_of(glyphs.IMAGE) for _ in range(3))
+        self._others = glyphs.source_of(glyphs.IMAGE)
         self._why_mapper = glyphs.clear_mapper()
         self._why = glyphs.image(self._reasons, self._why_mapper)
         self._scales = glyphs.scales(self._values, self._fine, **_ink_of_bar(theme))
@@ -80,13 +81,14 @@ class Map:
         self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))
         self._cursor, self._ellipse = (glyphs.source_of(("x", "y")) for _ in range(2))
         self._sure = glyphs.source_of(glyphs.BAND)
-        self._names = glyphs.source_of(("x", "y", "name"))
+        self._names, self._pinned = glyphs.source_of(("x", "y", "name")), glyphs.source_of(("x", "y", "name"))
         self._marks, self._band = glyphs.points(self._points), glyphs.band(self._sure)
         images = (each for scale in self._scales.values() for each in (scale.cells, scale.fine))
         lines = (each for _, pair in self._lines.values() for each in pair)
         plot.renderers = [
             self._why,
             *images,
+            glyphs.veil(self._others, INK[theme][1]),
             self._band,
             *lines,
             *glyphs.outline(self._ellipse),
@@ -94,6 +96,7 @@ class Map:
             *self._marks,
             *glyphs.cross(self._cross),
             *glyphs.ring(self._cursor),
+            *glyphs.pins(self._pinned),
         ]
         for scale in self._scales.values():
             plot.add_layout(scale.bar, "right")
@@ -213,6 +216,14 @@ class Map:
         shown = np.where(values > 0, values, np.float32(np.nan)) if self._log else values
         self._fine.data = {"image": [shown], **image_at(box)}
 
+    def veil(self, others: np.ndarray, box: Ranges) -> None:
+        """Dim these cells (epsilon, delta) of what is in a box."""
+        self._others.data = {"image": [others.astype(np.uint8)], **image_at(box)}
+
+    def no_veil(self) -> None:
+        """Dim nothing."""
+        glyphs.empty(self._others)
+
     def no_frame(self) -> None:
         self._frame = None
         self._show_frame()
@@ -278,6 +289,16 @@ class Map:
     def cross(self, point: Pair | None) -> None:
         """Mark the point that was clicked."""
         _put(self._cross, point)
+
+    def pins(self, points: Mapping[str, Pair]) -> None:
+        """Mark the points that are pinned, each with its number."""
+        found = {
+            "x": [x for x, _ in points.values()],
+            "y": [y for _, y in points.values()],
+            "name": list(points),
+        }
+        if found != self._pinned.data:
+            self._pinned.data = found
 
     def ellipse(self, points: np.ndarray | None) -> None:
         """Draw the tolerances about the point that was clicked: a line (k, 2) of (δ, ε)."""

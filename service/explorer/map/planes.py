@@ -7,6 +7,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,13 +19,16 @@ from service.explorer.common.address import Chosen, Pair, Ranges
 from service.state import Front
 from workers import SurveyRequest, open_survey
 from workers.errors import reading
+from workers.pictures.largest import open_maps
 from workers.pictures.levels import Part, Seen, of_cells, of_level, part_for
+from workers.pictures.look import LARGEST, SHARE, WHICH
 from workers.pictures.planes import numbers, plane_of, with_periodic
 from workers.storage.store import has_added
 from workers.survey.levels.grid import GROUP, centres, halvings, levels_of
+from workers.survey.levels.reduce import pooled
 from workers.survey.slices import slice_of
 from workers.survey.tiles import tiles_at
-from workers.survey.values.schema import CELL
+from workers.survey.values.schema import CELL, Group
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # maps, and cells of them all, which take 5 bytes each
 ENLARGED = 200  # points along an axis of an enlarged window
@@ -70,7 +74,7 @@ class Plane:
         self._front = front
         request = SurveyRequest.model_validate(job.request)
         self._place, self._along = place, request.along(number)
-        self._dataset = slice_of(open_survey(place), *self._along)
+        self._dataset = open_maps(partial(open_survey, place), variable, *self._along)
         self.plane, self._index = plane_of(self._dataset, variable, index), index
         self.request = request.at(self._along)
         self._levels = halvings(self.request.shape)
@@ -123,13 +127,17 @@ class Plane:
         """Whether there are more cells than this room, of pixels along (delta, epsilon), is for."""
         return self.delta.size > room[0] or self.epsilon.size > room[1]
 
-    def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE)) -> Block:
-        """The cells in a window, or all, as they are drawn where there are so many pixels along (delta, epsilon)."""
+    def block(self, window: Ranges | None = None, room: Room = (SIDE, SIDE), *, anywhere: bool = False) -> Block:
+        """The cells in a window, or all, as they are drawn where there are so many pixels along (delta, epsilon).
+
+        anywhere: of cells that are drawn as one the largest value, instead of the mean or what is rare; of a plane that
+        is kept.
+        """
         (j, end_j), (i, end_i) = (
             _within(axis, span) for axis, span in zip((self.delta, self.epsilon), window or self.box, strict=True)
         )
         part = part_for(self._levels, (i, j), (end_i, end_j), room[::-1])
-        seen, (rows, columns) = self._seen(part), part.at
+        seen, (rows, columns) = self._largest(part) if anywhere else self._seen(part), part.at
         across, along = (part.level.cells if part.level else (1, 1))[::-1]
         delta, epsilon = centres(self.delta, across)[columns], centres(self.epsilon, along)[rows]
         box = _covered(self.delta, across, columns), _covered(self.epsilon, along, rows)
@@ -138,10 +146,13 @@ class Plane:
     def _seen(self, part: Part) -> Seen:
         if part.level is None:
             return Seen(*self._cells(*part.at))
-        rows, columns = (
-            slice(span.start * cells, span.stop * cells) for span, cells in zip(part.at, part.level.cells, strict=True)
-        )
-        return of_cells(self.plane, *self._cells(rows, columns), part.level)
+        return of_cells(self.plane, *self._cells(*_cells_of(part)), part.level)
+
+    def _largest(self, part: Part) -> Seen:
+        if part.level is None:
+            return Seen(*self._cells(*part.at))
+        values, status = self._cells(*_cells_of(part))
+        return Seen(pooled(values, part.level.cells, np.fmax, np.nan), pooled(status, part.level.cells, np.maximum))
 
     def _cells(self, rows: slice, columns: slice) -> tuple[np.ndarray, np.ndarray]:
         """Values and status of some cells."""
@@ -180,7 +191,11 @@ class Plane:
         j, i = (_nearest(axis, value) for axis, value in ((self.delta, delta), (self.epsilon, epsilon)))
         if j is None or i is None:
             return None
-        names = [name for name, values in self._dataset.data_vars.items() if values.dims[-2:] == CELL]
+        names = [
+            name
+            for name, values in self._dataset.data_vars.items()
+            if values.dims[-2:] == CELL and name not in (LARGEST, SHARE)  # which follow from the others
+        ]
         return self._dataset[names].isel(epsilon=i, delta=j).load()
 
 
@@ -213,6 +228,13 @@ class LeveledPlane(Plane):
         with reading(f"the map of {self.plane.name}"):
             cells = numbers(with_periodic(self._dataset, self.plane[rows, columns], self._index))
             return cells.astype(np.float32), np.asarray(self._dataset["status"][rows, columns])
+
+
+def _cells_of(part: Part) -> tuple[slice, slice]:
+    """Rows and columns of the survey's cells in a part of a level."""
+    spans = zip(part.at, part.level.cells if part.level else (1, 1), strict=True)
+    rows, columns = (slice(span.start * cells, span.stop * cells) for span, cells in spans)
+    return rows, columns
 
 
 def _within(axis: np.ndarray, span: Pair) -> tuple[int, int]:
@@ -273,15 +295,17 @@ class Atlas:
             if plane is not None:
                 self._planes.move_to_end(key)
         if plane is None:
-            plane = self._new(job)(self._front, job, variable, index, number)
+            plane = self._new(job, variable)(self._front, job, variable, index, number)
             with self._lock:
                 plane = self._planes.setdefault(key, plane)
                 while len(self._planes) > 1 and (len(self._planes) > KEPT or self._cells > KEPT_CELLS):
                     self._planes.popitem(last=False)
         return plane, plane.update(job)
 
-    def _new(self, job: JobRow) -> type[Plane]:
-        """How the maps of a survey are read."""
+    def _new(self, job: JobRow, variable: str) -> type[Plane]:
+        """How a map of a survey is read."""
+        if variable in (LARGEST, SHARE):  # which levels have not
+            return Plane
         is_large = levels_of(SurveyRequest.model_validate(job.request).shape)
         ended = is_large and job.state == State.SUCCESSFUL
         return LeveledPlane if ended and has_added(self._front.directory.store(job.id), GROUP) else Plane
@@ -301,11 +325,12 @@ def maps_of(request: SurveyRequest) -> dict[str, Any]:
     """The variables of a survey that are maps, in the order of the store; each with the names of its several maps."""
     from workers.survey.values.quantities import held, labels_of
 
+    joined = {LARGEST: WHICH} if Group.FAMILIES in request.quantities else {}
     return {
         quantity.name: labels_of(quantity.dims[0], request.n_slots) if len(quantity.dims) > 2 else ()
         for quantity in held(request.quantities, request.model)
         if quantity.per_cell
-    }
+    } | joined
 
 
 def names_of(request: SurveyRequest) -> dict[str, Chosen]:

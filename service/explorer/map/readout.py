@@ -18,6 +18,7 @@ from service.explorer.design.fields import NUMBERS, in_unit
 from service.explorer.map.planes import Block, Plane
 from workers import QUANTITIES
 from workers.pictures.maps import WITHOUT_VALUE, title_of
+from workers.survey.families import FAMILY
 from workers.survey.machine import SurveyedMachine
 from workers.survey.values.evaluate import FAILED, KINDS, STATUS
 from workers.survey.values.schema import CELL
@@ -110,7 +111,7 @@ def _scalars(cell: xr.Dataset) -> Iterator[Row]:
 
 def _attractors(cell: xr.Dataset) -> str:
     head = ["attractor", "share"]
-    exponents = "attractor_lyapunov" in cell
+    exponents, families = "attractor_lyapunov" in cell, FAMILY in cell
     rows = []
     for slot in range(cell.sizes["attractor"]):
         one = cell.isel(attractor=slot)
@@ -119,10 +120,12 @@ def _attractors(cell: xr.Dataset) -> str:
             continue
         label = (int(one["attractor_m"]), int(one["attractor_n_plus"]), int(one["attractor_n_minus"]))
         row = [name_of(label) if kind == "periodic" else kind, f"{float(one['attractor_fraction']):.1%}"]
+        if families:
+            row.append(str(int(one[FAMILY])) if int(one[FAMILY]) >= 0 else "–")
         if exponents:
             row += [_number(float(value)) for value in one["attractor_lyapunov"]]
         rows.append(row)
-    return _grid(head + (["λ₁", "λ₂"] if exponents else []), rows)
+    return _grid(head + (["family"] if families else []) + (["λ₁", "λ₂"] if exponents else []), rows)
 
 
 def _orbits(cell: xr.Dataset) -> str:

@@ -17,6 +17,7 @@ from service.explorer.map.planes import Atlas, Block, Plane, Room
 from service.state import Front
 from workers import SurveyRequest, map_quantity
 from workers.cluster.window import CLOSED_FORM
+from workers.pictures.look import LARGEST
 
 EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
 
@@ -26,6 +27,8 @@ WAITING = "exact; the survey waits for its turn"
 
 def in_closed_form(request: SurveyRequest, variable: str) -> bool:
     """Whether a map of a survey is known before it is computed."""
+    if variable == LARGEST:
+        return False
     found = map_quantity(variable, 0, request)
     return request.model is Model.IMPACTING and found.group in CLOSED_FORM
 

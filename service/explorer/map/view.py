@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from html import escape
@@ -14,7 +14,7 @@ import panel as pn
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
-from service.explorer.common.address import LIMIT, Entered, Pair, Pin, Ranges, View
+from service.explorer.common.address import LIMIT, Entered, Pair, Pin, Ranges, View, numbered
 from service.explorer.common.drawings import PAUSE
 from service.explorer.common.heading import Heading
 from service.explorer.common.news import Standing
@@ -37,6 +37,8 @@ from service.explorer.point.state import marks_of, stands_for
 from workers import SurveyRequest
 from workers.survey.machine import SurveyedMachine
 
+#: What does not stay when another survey is chosen.
+OF_A_SURVEY = {"delta": None, "epsilon": None, "point": None, "machine": None, "slice": 0, "family": None}
 WAITS = "<p class=faint>This survey waits for its turn.</p>"
 
 
@@ -124,8 +126,7 @@ class MapView:
         """Show another survey; the window and the point stay only with the one they were chosen on."""
         if self.view.survey != job.id:
             other = bool(self.view.survey)
-            kept = {"delta": None, "epsilon": None, "point": None, "machine": None, "slice": 0} if other else {}
-            self._change(survey=job.id, **kept)
+            self._change(survey=job.id, **(OF_A_SURVEY if other else {}))
             if other:
                 self._beside.close()
                 self._mark()
@@ -291,6 +292,7 @@ class MapView:
     def _on_slice(self) -> None:
         if self._whole is not None:
             self._cut(self._whole, self._controls.slice)
+        self._change(family=None)  # each slice has its own
         self._plane = None  # lines, and what is open of a point, are of another model
         self._lines.clear()
         self._draw_anew()
@@ -418,6 +420,10 @@ class MapView:
         """Look closer at a point."""
         self._open(delta, epsilon, None)
 
+    def open_with(self, at: Pair, state: Mapping[str, str]) -> None:
+        """Look closer at a point, whose view begins like this."""
+        self._open(*at, None, state)
+
     def through(self, delta: float, epsilon: float) -> None:
         """Follow what happens on the way from the point that is open to this one."""
         if not self._beside.go_through((delta, epsilon)):
@@ -462,6 +468,10 @@ class MapView:
             return None
         _, model = stands_for(self.view.point, self.view.machine, self.machine, self.model)
         return Pin(*self.view.point, model.beta, model.stiffness)
+
+    def mark_pins(self, pins: Sequence[Pin]) -> None:
+        """Mark those that are of this plane."""
+        self.map.pins(numbered(pins, self.model))
 
     def go_to_pin(self, pin: Pin) -> bool:
         """Look closer at the point of a pin; whether it is one of this plane."""

@@ -20,6 +20,7 @@ from service.explorer.common.lists import SurveyList
 from service.explorer.common.news import Standing
 from service.explorer.common.viewer import CALLER, Viewer
 from service.explorer.common.watch import on_press
+from service.explorer.families.view import Families
 from service.explorer.files import asset
 from service.explorer.further.maps import FurtherMaps
 from service.explorer.map.shared import Shared
@@ -79,13 +80,15 @@ class Page:
         self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
         on_press(self._new, self._toggle_form)
         self._side = pn.Column(self._new, self._notice, self._list, sizing_mode="stretch_width", margin=0)
-        self._pins = Pins(viewer, view.pins, self._show_address, self._go_to_pin)
+        self._pins = Pins(viewer, view.pins, self._on_pins, self._go_to_pin)
         self._further = FurtherMaps(shared, viewer, theme, sheet, lambda: self._map)
         self._section = Section(shared, viewer, theme, sheet, self._keep, self._go_through)
+        self._families = Families(shared, viewer, sheet, lambda: self._map)
         self._map = MapView(
             shared, viewer, view, theme, sheet, self._remember, self._save_window, self._section.above,
             self._further.point_at,
         )  # fmt: skip
+        self._map.offer(self._families.which)
         self._map.offer(self._further.add)
         self._list.param.watch(lambda event: self._choose(event.new), "chosen")
         self.template = self._laid_out(theme)
@@ -100,7 +103,8 @@ class Page:
         }.items():
             template.add_variable(name, value)
         further = dict(zip(FURTHER, self._further.places, strict=True))
-        for name, part in {"side": self._side, "pins": self._pins.table, **self._map.parts, **further}.items():
+        own = {"side": self._side, "pins": self._pins.table, "families": self._families.panel}
+        for name, part in {**own, **self._map.parts, **further}.items():
             template.add_panel(name, part)
         return template
 
@@ -141,8 +145,12 @@ class Page:
         """What belongs to the map is of the same survey."""
         view = self._map.view
         standing = self._standings.get(view.survey)
-        self._section.follow(view, standing.job if standing else None)
-        self._further.follow(view, {survey_id: each.job for survey_id, each in self._standings.items()})
+        job = standing.job if standing else None
+        self._section.follow(view, job)
+        self._families.follow(view, job)
+        self._viewer.change(lambda: self._map.mark_pins(self._pins.pins))
+        jobs = {survey_id: each.job for survey_id, each in self._standings.items()}
+        self._further.follow(replace(view, pins=self._pins.pins), jobs)
         self._pins.follow(self._map.pin)
 
     def _keep(self, **values: Any) -> None:
@@ -154,6 +162,10 @@ class Page:
     def _show_address(self) -> None:
         """Also when the browser has just said what its address is: then what was shown before has been lost."""
         self._location.search = replace(self._map.view, pins=self._pins.pins).query()
+
+    def _on_pins(self) -> None:
+        self._show_address()
+        self._viewer.change(self._follow)  # the table tells of it without the document's lock
 
     def _go_to_pin(self, pin: Pin) -> None:
         if not self._map.go_to_pin(pin):
@@ -249,6 +261,7 @@ class Page:
         self._shared.news.leave(self._on_news)
         self._map.end()
         self._further.end()
+        self._families.end()
         self._pins.end()
         self._viewer.end()
 

@@ -10,8 +10,11 @@ from service.explorer.common.address import View
 from service.explorer.common.news import Standing
 from service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
 from workers import SurveyRequest
-from workers.pictures.look import LINES
+from workers.pictures.look import LARGEST, LINES
+from workers.survey.families import FAMILY
 from workers.survey.values.schema import FIXED
+
+STORED = {LARGEST: FAMILY}  # what a map is read from that is no variable of the store
 
 
 def row_of(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
@@ -35,7 +38,7 @@ def row_of(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
         "left": standing.left,
         "mine": owned,
         "facts": [*facts, submitted],
-        "variable": view.variable if chosen else "",
+        "variable": STORED.get(view.variable, view.variable) if chosen else "",
         "picture": picture_query(job.request, view) if chosen else "",
         "slice": [next(_thirds(job.request), ""), view.slice] if chosen else ["", 0],
     }

@@ -130,7 +130,7 @@ class Pins:
         is_offered = self._open is not None and self._open not in self.pins
         self.table.param.update(
             offered=self._open.label if self._open is not None and is_offered else "",
-            heads=[each.label for each in self.pins],
+            heads=[f"{i}: {each.label}" for i, each in enumerate(self.pins, start=1)],
             lines=lines_of(self.pins, self._told),
             csv=csv_of(self.pins, self._told),
         )

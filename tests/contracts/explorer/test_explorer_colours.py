@@ -1,12 +1,15 @@
 """Colours that mean something else are told apart, by people without green cones too."""
 
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
+import xarray as xr
 
+from rattle import KINDS
 from rattle.plot.colours import REGION_COLOURS
 from rattle.plot.plane import STYLES
+from workers.pictures.largest import colours_of
 
 #: Deuteranopia on linear RGB: Machado, Oliveira and Fernandes, IEEE Trans. Vis. Comput. Graph. 15 (2009), severity 1.
 WITHOUT_GREEN = np.array(
@@ -19,11 +22,11 @@ TO_XYZ = np.array(
 WHITE = TO_XYZ.sum(axis=1)
 
 
-def lab_of(colour: str) -> np.ndarray:
-    """CIELAB of a colour as deuteranopes see it."""
+def lab_of(colour: str, as_seen: np.ndarray = WITHOUT_GREEN) -> np.ndarray:
+    """CIELAB of a colour as deuteranopes see it, or as others do: `as_seen` is what they see of linear RGB."""
     coded = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
     linear = np.where(coded <= 0.04045, coded / 12.92, ((coded + 0.055) / 1.055) ** 2.4)
-    x = TO_XYZ @ np.clip(WITHOUT_GREEN @ linear, 0, 1) / WHITE
+    x = TO_XYZ @ np.clip(as_seen @ linear, 0, 1) / WHITE
     f = np.where(x > 216 / 24389, np.cbrt(x), (24389 / 27 * x + 16) / 116)
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
@@ -60,6 +63,19 @@ def test_the_difference_is_that_of_its_paper(
     one: tuple[float, ...], other: tuple[float, ...], published: float
 ) -> None:
     assert difference(np.array(one), np.array(other)) == pytest.approx(published, abs=5e-5)
+
+
+def test_families_that_follow_one_another_are_told_apart() -> None:
+    labels = [(1, 1, 0), (1, 2, 0), (1, 3, 0), (3, 3, 2), (1, 1, 1), (1, 4, 0), (1, 1, 1), (2, 4, 0), (2, 2, 1)]
+    labels += [(1, 5, 0), (2, 3, 1), (2, 2, 2), (2, 3, 1), (2, 3, 2), (4, 4, 3), (4, 4, 2), (4, 4, 2), (2, 2, 0)]
+    labels += [(1, 5, 0), (1, 5, 0), (2, 3, 2), (8, 8, 4), (4, 4, 2)]
+    periodic = KINDS.index("periodic")
+    rows = [(KINDS.index("quiet"), 0, 0, 0), (KINDS.index("chaotic"), 0, 0, 0), *((periodic, *each) for each in labels)]
+    columns = zip(("kind", "m", "n_plus", "n_minus"), zip(*rows, strict=True), strict=True)
+    colours = colours_of(xr.Dataset({name: ("family", list(values)) for name, values in columns}))
+    seen = [lab_of(each, as_seen=np.eye(3)) for each in colours]
+    assert min(difference(*pair) for pair in pairwise(seen)) > 12
+    assert min(difference(*pair) for pair in combinations(seen, 2)) > 7
 
 
 def test_regions_and_lines_are_told_apart_without_green() -> None:

@@ -1,6 +1,9 @@
-"""Drawings of a part of a page: one at a time, the newest of what is wanted, none that nobody wants any more."""
+"""Drawings of a part of a page: one at a time, the newest of what is wanted, none that nobody wants any more; and the
+threads of a page, which are few however much is given up.
+"""
 
 import asyncio
+import threading
 from collections.abc import Awaitable, Callable
 from types import SimpleNamespace
 from typing import Any
@@ -11,6 +14,7 @@ from waiting import HANG, eventually
 from service.database.tables import JobRow, State
 from service.explorer.common import drawings
 from service.explorer.common.drawings import Drawings, Show
+from service.explorer.common.viewer import THREADS, Viewer
 
 
 class Slow:
@@ -114,3 +118,37 @@ def test_a_survey_that_runs_is_drawn_once_in_a_while(monkeypatch: pytest.MonkeyP
         await eventually(lambda: slow.shown[1:] == [("region", 2), ("region", 3)])
 
     in_loop(body)
+
+
+def test_threads_whose_work_was_given_up_keep_their_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines of windows that a viewer had left were traced in fifty threads, and the service answered nobody."""
+    monkeypatch.setattr(Viewer, "require", lambda *_: None)
+    begun, go_on = list[int](), threading.Event()
+
+    async def main() -> None:
+        unused: Any = None
+        viewer = Viewer(unused, None, unused)
+
+        async def trace(number: int) -> None:
+            def work() -> int:
+                begun.append(number)
+                assert go_on.wait(HANG)
+                if number == 0:
+                    raise ValueError("nobody asks")
+                return number
+
+            assert await viewer.read(work) == number
+
+        left = [viewer.start(trace(number)) for number in range(3 * THREADS)]
+        await eventually(lambda: len(begun) == THREADS)
+        for each in left:
+            each.cancel()
+        asked = viewer.start(trace(-1))
+        await settled()
+        assert sorted(begun) == list(range(THREADS))
+        go_on.set()
+        await asyncio.wait_for(asked, HANG)
+        assert sorted(begun) == [-1, *range(THREADS)]  # those that waited have never begun
+        assert all(each.cancelled() for each in left)
+
+    asyncio.run(main())

@@ -27,6 +27,8 @@ from service.state import Front
 from workers import SurveyRequest
 from workers.errors import SurveyError
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 ORBITS = SurveyRequest(**BODY | {"quantities": ["region", "orbits"]})
 COARSER = SurveyRequest(
     **BODY | {

@@ -28,6 +28,8 @@ from workers import SurveyRequest, complete, is_incomplete, open_survey
 from workers.pictures.levels import groups_of, overview
 from workers.survey.levels import grid
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 REQUEST = SurveyRequest(
     **BODY | {
         "delta": {"start": 0.42, "stop": 0.98, "num": 29},

@@ -151,7 +151,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
         assert pins.table.offered == QUIET.label
         await press("pin")
         assert (pins.pins, pins.table.offered) == ((HERE, QUIET), "")
-        assert pins.table.heads == [HERE.label, QUIET.label]
+        assert pins.table.heads == [f"1: {HERE.label}", f"2: {QUIET.label}"]
         assert pins.table.lines[3] == ["Region", "0.6 is busy.", view.FAILED]
         await press("pin")
         await press("go", 1)
@@ -180,11 +180,13 @@ def test_the_point_that_a_page_is_opened_with_is_offered_once_its_gear_is_known(
         job = accepted(front, other)
         shown.view = View(survey=job.id, point=(0.6, 0.1))
         page = object.__new__(Page)
-        page._map, page._standings, page._section, page._further = shown, {}, told, told
-        page._pins = cast(Pins, SimpleNamespace(follow=offered.append))
+        page._map, page._standings, page._viewer = shown, {}, shown._viewer
+        page._section = page._further = page._families = told
+        page._pins = cast(Pins, SimpleNamespace(follow=offered.append, pins=(QUIET, Pin(0.6, 0.1, 0.5))))
         page._follow()
         shown.follow(Standing(job, None, None))
         page._follow()  # as news does
         assert offered == [None, Pin(0.6, 0.1, 0.5)]
+        assert shown.map._pinned.data["name"] == ["2"]  # that of its gear
 
     with_map(tmp_path, body)

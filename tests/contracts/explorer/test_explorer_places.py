@@ -19,6 +19,8 @@ from service.explorer.point.state import PointState
 from service.operations import diagrams
 from service.state import Front
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 
 def test_the_places_are_where_the_mathematics_has_them() -> None:
     found = {point.name: (point.delta, point.epsilon) for point in rattle.curves.codimension_two(0.6)}

@@ -257,9 +257,9 @@ def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) 
 COARSER = either(6, 1)  # basins
 
 
-def with_front(data: Path, body: Callable[[Front], Awaitable[None]]) -> None:
+def with_front(data: Path, body: Callable[[Front], Awaitable[None]], **settings: Any) -> None:
     async def main() -> None:
-        app = create_app(Settings(data=data, max_point_seconds=HANG), no_cluster)
+        app = create_app(Settings(data=data, max_point_seconds=HANG, explorer=False, **settings), no_cluster)
         async with app.router.lifespan_context(app):
             await body(app.state.front)
 
@@ -343,7 +343,7 @@ def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch
         for each in (view, again):
             each.stop()
 
-    with_front(tmp_path, body)
+    with_front(tmp_path, body, max_points=either(1, 2))
 
 
 def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

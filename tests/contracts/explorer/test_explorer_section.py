@@ -21,6 +21,8 @@ from service.explorer.section.section import NO_WAY, Section
 from service.state import Front
 from workers import SurveyRequest
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 
 @pytest.fixture(scope="module")
 def exact() -> Exact:

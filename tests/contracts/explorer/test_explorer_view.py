@@ -33,6 +33,8 @@ from service.settings import Settings
 from service.state import Front
 from workers import Frame, SurveyRequest, open_survey
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 REGIONS = SurveyRequest(**BODY | {"quantities": ["region"]})
 STIFF = SurveyRequest(
     **BODY | {

@@ -23,6 +23,8 @@ from workers.pictures.look import Look
 from workers.pictures.maps import draw_map
 from workers.pictures.overlay import draw_curves
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 ASKED = {
     "delta": {"start": 0.5, "stop": 0.8, "num": 7},
     "epsilon": {"start": 0.02, "stop": 0.2, "num": 10},

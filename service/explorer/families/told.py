@@ -1,0 +1,174 @@
+"""What a survey tells of its families: which there are, and of one its shares, where it reaches, and where it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from rattle.models import AnyModel
+from service.explorer.common.address import Pair
+from service.explorer.map.planes import Plane
+from service.explorer.point.words import number, percent
+from workers import Bucket, SurveyRequest, open_survey
+from workers.errors import SurveyError, reading
+from workers.pictures.largest import names_of, open_maps
+from workers.pictures.look import LARGEST
+from workers.survey.families import GROUP
+from workers.survey.slices import group_in
+from workers.survey.values.evaluate import FAILED
+
+MOST_LISTED = 100  # the first of them, by falling number of cells
+NOT_ALONE = "Where two of its attractors are in one cell, one becomes the other on a way through other cells."
+
+
+@dataclass(frozen=True)
+class Extent:
+    """The longest row or column of cells of a family without a gap: its middle, and how far it reaches either way."""
+
+    direction: str
+    middle: Pair
+    either_way: float
+
+    @property
+    def state(self) -> dict[str, str]:
+        """What the view of the point in its middle keeps, to show the diagram along it."""
+        return {"direction": self.direction, "span": f"{self.either_way:.12g}"}
+
+
+@dataclass(frozen=True)
+class Family:
+    """What is known of one. of_plane, of_samples: shares of the cells, and of the samples of all cells. borders: pairs
+    of neighbouring cells of which one has it, by the curves that pass between them.
+    """
+
+    name: str
+    row: Mapping[str, float]
+    of_plane: float
+    of_samples: float
+    borders: Mapping[str, int]
+    extents: tuple[Extent, ...]
+
+
+class Stored(NamedTuple):
+    """A survey, or its slice, and the table of its families."""
+
+    survey: xr.Dataset
+    table: xr.Dataset
+
+
+def stored(place: Path | Bucket, request: SurveyRequest, number: int) -> Stored:
+    """What a store has of families, of this slice if there is a third axis. Blocks: for a thread.
+
+    Raises SurveyError: they are not there yet.
+    """
+    opened, along = partial(open_survey, place), request.along(number)
+    return Stored(open_maps(opened, LARGEST, *along), opened(group_in(along[0] if along else None, GROUP)))
+
+
+def require_family(found: Stored, which: int) -> None:
+    """Raises SurveyError: there is no family of this number."""
+    if which >= (size := found.table.sizes["family"]):
+        raise SurveyError(
+            f"There are families 0 to {size - 1} in this survey, and no {which}: leave it out of the address."
+        )
+
+
+def listed(found: Stored) -> list[str]:
+    """What the first families are called. Blocks: for a thread."""
+    with reading("the families"):
+        return names_of(*found, MOST_LISTED)
+
+
+def family_of(found: Stored, plane: Plane, which: int) -> Family:
+    """What is known of a family that there is; plane: the map of its share. Blocks: for a thread."""
+    with reading("the families"):
+        names = names_of(*found, which + 1)
+        here = found.table.isel(family=which)
+        row = {str(name): float(here[name]) for name in here.data_vars if not here[name].dims}
+        curves = [str(each) for each in here["curve"].values]
+        borders = dict(zip(curves, (int(each) for each in here["edges_on"].values), strict=True))
+    share, status = plane.whole()
+    done = (status > 0) & (status != FAILED)
+    extents = (_extent(share > 0, plane, "delta"), _extent(share > 0, plane, "epsilon"))
+    return Family(
+        names[which],
+        row,
+        row["cells"] / max(int((status > 0).sum()), 1),
+        float(share[done].mean(dtype=float)) if done.any() else 0.0,
+        {curve: count for curve, count in borders.items() if count},
+        tuple(each for each in extents if each is not None),
+    )
+
+
+def longest(there: np.ndarray) -> tuple[int, int, int]:
+    """The longest run of True in a row of (m, n): its row, its first column and the one after its last; the first one
+    of several, and an empty one if there is none.
+    """
+    run = np.zeros(there.shape[0], np.int64)
+    best = 0, 0, 0
+    for column, beside in enumerate(there.T):
+        run = np.where(beside, run + 1, 0)
+        row = int(run.argmax())
+        if run[row] > best[2] - best[1]:
+            best = row, column + 1 - int(run[row]), column + 1
+    return best
+
+
+def _extent(there: np.ndarray, plane: Plane, direction: str) -> Extent | None:
+    along, across = (plane.delta, plane.epsilon) if direction == "delta" else (plane.epsilon, plane.delta)
+    line, first, end = longest(there if direction == "delta" else there.T)
+    if end == first:
+        return None
+    step = float(along[-1] - along[0]) / max(along.size - 1, 1)
+    middle = float(along[first] + along[end - 1]) / 2
+    beside = float(across[line])
+    return Extent(
+        direction,
+        (middle, beside) if direction == "delta" else (beside, middle),
+        (end - first) / 2 * step + step,  # a cell more, where it begins and ends
+    )
+
+
+def in_words(found: Family, model: AnyModel) -> str:
+    """HTML of what is known of a family."""
+    row = found.row
+    if not row["cells"]:
+        return f"<p><strong>{escape(found.name)}</strong> is in none of the cells.</p>"
+    said = [
+        f"<strong>{escape(found.name)}</strong> is in {row['cells']:,.0f} cells, {percent(found.of_plane)} of the "
+        f"plane; {percent(found.of_samples)} of all samples go to it.",
+        f"It reaches from δ {number(row['delta_low'])} to {number(row['delta_high'])} and from ε "
+        f"{number(row['epsilon_low'])} to {number(row['epsilon_high'])}.",
+    ]
+    if row["largest_fraction"] > 0:
+        at = f"δ {number(row['delta_at'])}, ε {number(row['epsilon_at'])}"
+        said.append(f"Its share is largest, {percent(row['largest_fraction'])}, at {at}.")
+    if row["unsampled"]:
+        said.append(f"In {row['unsampled']:,.0f} of its cells no sample goes to it.")
+    said += [*_borders(found, model), *([NOT_ALONE] if row["monodromy"] else [])]
+    return f"<p>{' '.join(said)}</p>"
+
+
+def _borders(found: Family, model: AnyModel) -> list[str]:
+    """Where it is born, and where it ends."""
+    edges = int(found.row["edges"])
+    if not edges:
+        return ["No other cell is beside its cells."]
+    parts = [
+        f"{escape(curve)} ({percent(count / edges)})"
+        for curve, count in sorted(found.borders.items(), key=lambda each: -each[1])
+        if curve in model.curve_names
+    ]
+    if not parts:
+        return ["At its border it is born or ends at curves of longer motions, in chaos, or where samples missed it."]
+    return [
+        f"At its border it is born or ends on {', '.join(parts)}; elsewhere on curves of longer motions, in chaos, or "
+        "where samples missed it."
+    ]

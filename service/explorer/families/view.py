@@ -1,0 +1,173 @@
+"""The family that a viewer has chosen: what is known of it below the map, and its cells on it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from html import escape
+from typing import Any, NamedTuple
+
+import numpy as np
+import panel as pn
+
+from rattle import RattleError
+from service.database.tables import JobRow
+from service.errors import MissingError
+from service.explorer.common.address import Ranges, View
+from service.explorer.common.drawings import Drawings, Show
+from service.explorer.common.text import Text
+from service.explorer.common.viewer import Viewer
+from service.explorer.common.watch import Watch, on_press
+from service.explorer.families.told import Extent, Family, family_of, in_words, listed, require_family, stored
+from service.explorer.map.planes import Block, Plane
+from service.explorer.map.shared import Shared
+from service.explorer.map.view import MapView
+from workers import Group, SurveyError, SurveyRequest
+from workers.pictures.look import SHARE
+
+NOBODY = "all of them"
+NO_NUMBERS = "The families of this survey are known when it is computed."
+ALONG = {"delta": "Its diagram along δ", "epsilon": "Its diagram along ε"}
+
+
+class Known(NamedTuple):
+    """What is read of a survey, whatever its window: names of its families, and of the one that is chosen all that is
+    told, with its share in every cell; why: there is none of this number.
+    """
+
+    names: list[str]
+    family: Family | None = None
+    plane: Plane | None = None
+    why: str = ""
+
+
+class Families:
+    """`which` chooses one, of a survey that has families, and `panel` tells of it; `first` gives the map."""
+
+    def __init__(self, shared: Shared, viewer: Viewer, sheet: str, first: Callable[[], MapView]) -> None:
+        self._shared, self._viewer, self._first = shared, viewer, first
+        styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
+        self.which = pn.widgets.Select(
+            label="Family", options={NOBODY: ""}, width=165, visible=False, **styled | {"margin": (2, 0, 2, 8)}
+        )
+        self._watch = Watch()
+        self._watch.on(self.which, self._on_chosen)
+        self._along = {name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in ALONG.items()}
+        for name, button in self._along.items():
+            on_press(button, partial(self._go_along, name))
+        self._said = Text("", sheet)
+        self.panel = pn.Column(
+            self._said.pane, pn.FlexBox(*self._along.values(), margin=0), sizing_mode="stretch_width", margin=0,
+            visible=False,
+        )  # fmt: skip
+        self._extents: dict[str, Extent] = {}
+        self._drawings = Drawings(viewer)
+        self._of: tuple[str, int, int | None] = ("", 0, None)  # survey, slice, family
+        self._known: tuple[tuple[Any, ...], Known] | None = None
+
+    def follow(self, view: View, job: JobRow | None) -> None:
+        """Show what belongs to this view; job: of its survey, None without any."""
+        if job is None or not job.is_readable or not _has_families(job):
+            self._drawings.stop()
+            self._forget()
+            self.which.visible = self.panel.visible = False
+            return
+        if self._of != (of := (view.survey, view.slice, view.family)):  # what is there now is of others
+            if self._of[:2] != of[:2]:
+                self._offer({}, None)
+            self._of = of
+            self._forget()
+        canvas = self._first().map
+        window = self._first().window if view.delta and view.epsilon else None
+        wanted = view.survey, view.slice, view.family, window, canvas.pixels if window else ()
+        self._drawings.want(wanted, [job], partial(self._draw, view, job, window))
+
+    def end(self) -> None:
+        """The page was closed."""
+        self._drawings.stop()
+
+    async def _draw(self, view: View, job: JobRow, window: Ranges | None) -> Show:
+        canvas = self._first().map
+        is_too_close, pixels = canvas.is_too_close, canvas.pixels
+
+        key = (*self._of, job.id, job.state, job.cells_done)
+        before = self._known[1] if self._known is not None and self._known[0] == key else None
+
+        def read() -> tuple[Known, Block | None]:
+            known = before or self._read(view, job)
+            if known.plane is None:
+                return known, None
+            if window and is_too_close:
+                return known, known.plane.enlarged(window)
+            return known, known.plane.block(window, pixels, anywhere=True)
+
+        try:
+            known, seen = await self._viewer.read(read)
+        except RattleError as error:
+            return partial(self._refuse, str(error))
+        self._known = key, known
+        return partial(self._show, view.family, known, seen)
+
+    def _read(self, view: View, job: JobRow) -> Known:
+        place = self._shared.front.directory.store(job.id)
+        if not place.exists():
+            raise MissingError(NO_NUMBERS)
+        found = stored(place, SurveyRequest.model_validate(job.request), view.slice)
+        names = listed(found)
+        if view.family is None:
+            return Known(names)
+        try:
+            require_family(found, view.family)
+        except SurveyError as error:
+            return Known(names, why=str(error))
+        plane = self._shared.plane(job, SHARE, view.family, view.slice)
+        return Known(names, family_of(found, plane, view.family), plane)
+
+    def _show(self, number: int | None, known: Known, seen: Block | None) -> None:
+        options = {name: str(i) for i, name in enumerate(known.names)}
+        self.panel.visible = True
+        if known.family is None or seen is None:
+            self._offer(options, None)
+            self._forget()
+            self._say(known.why)
+            return
+        self._offer(options | {known.family.name: str(number)}, number)  # also one that is not among the first
+        first = self._first()
+        first.map.veil(np.isnan(seen.values) | (seen.values <= 0), seen.box)
+        self._extents = {each.direction: each for each in known.family.extents}
+        for name, button in self._along.items():
+            button.visible = name in self._extents
+        self._said.html = in_words(known.family, first.model)
+
+    def _offer(self, options: dict[str, str], number: int | None) -> None:
+        value = "" if number is None else str(number)
+        with self._watch.paused():
+            self.which.param.update(options={NOBODY: ""} | options, value=value, visible=True)
+
+    def _refuse(self, why: str) -> None:
+        self._forget()
+        self.which.visible, self.panel.visible = False, True
+        self._say(why)
+
+    def _say(self, why: str) -> None:
+        self._said.html = f'<p class="faint" role="status">{escape(why)}</p>' if why else ""
+
+    def _forget(self) -> None:
+        self._extents = {}
+        self._said.html = ""
+        for button in self._along.values():
+            button.visible = False
+        self._first().map.no_veil()
+
+    def _on_chosen(self) -> None:
+        chosen = str(self.which.value)
+        self._first().keep(family=int(chosen) if chosen else None)
+
+    def _go_along(self, direction: str) -> None:
+        extent = self._extents.get(direction)
+        if extent is not None:
+            self._first().open_with(extent.middle, extent.state)
+
+
+def _has_families(job: JobRow) -> bool:
+    return Group.FAMILIES in SurveyRequest.model_validate(job.request).quantities

@@ -1,0 +1,170 @@
+"""Families on the map: the largest one of each cell, one that is chosen, and points that are pinned."""
+
+from collections.abc import Awaitable, Callable
+from dataclasses import replace
+from pathlib import Path
+from urllib.parse import parse_qs
+
+import numpy as np
+import pytest
+from service_support import BODY
+from test_explorer_view import accepted, compute, done, with_map
+from waiting import eventually
+
+from service.database.tables import JobRow, State
+from service.explorer.common.address import Pin, View
+from service.explorer.families.told import longest
+from service.explorer.families.view import Families
+from service.explorer.further.difference import Difference
+from service.explorer.map.colouring import colouring
+from service.explorer.map.view import MapView
+from service.explorer.page.rows import picture_query
+from service.state import Front
+from workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
+from workers.pictures.look import LARGEST, SHARE
+
+REQUEST = SurveyRequest(
+    **BODY | {
+        "delta": {"start": 0.405, "stop": 0.5, "num": 12},
+        "epsilon": {"start": 0.09, "stop": 0.14, "num": 10},
+        "quantities": ["region", "attractors", "lyapunov", "families"],
+        "tile": {"delta": 12, "epsilon": 10},
+    }
+)  # fmt: skip
+
+
+WITHOUT = REQUEST.model_copy(update={"quantities": (Group.REGION,)})
+
+
+def joined(front: Front) -> JobRow:
+    """A survey that is done, and whose families are joined."""
+    survey_id = accepted(front, REQUEST).id
+    compute(front, survey_id, REQUEST)
+    complete(REQUEST, front.directory.store(survey_id))
+    front.database.set_state(survey_id, State.SUCCESSFUL)
+    return front.database.job(survey_id)
+
+
+def with_families(data: Path, body: Callable[[Front, MapView, Families], Awaitable[None]]) -> None:
+    """Do this with a map and its families, as a page has them."""
+
+    async def both(front: Front, shown: MapView) -> None:
+        families = Families(shown._shared, shown._viewer, "", lambda: shown)
+        await body(front, shown, families)
+        families.end()
+
+    with_map(data, both)
+
+
+def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView, families: Families) -> None:
+        job = joined(front)
+        shown._remember = lambda view: families.follow(view, job)
+        shown.choose(job)
+        await eventually(lambda: len(families.which.options) > 1)  # it is there before its names are
+        assert not families._said.html
+        shown._controls._variable.value = LARGEST
+        await eventually(lambda: shown._title.html.count("(among all)"))
+        assert list(shown._controls._index.options) == ["all", "rattling"]
+        shades = shown._lines.key.shades
+        assert sum(each["share"] for each in shades) == pytest.approx(1.0)
+        assert all(each["share"] > 0 for each in shades)  # and no others are listed
+        assert "quiet" in shown.map._names.data["name"]
+        names = [name for name in families.which.options if name.endswith(" = C")]
+        families.which.value = families.which.options[names[0]]
+        number = int(families.which.value)
+        assert shown.view.family == number
+        await eventually(lambda: families._said.html)
+        store = front.directory.store(job.id)
+        one = open_family(store, number)
+        mask = shown.map._others.data["image"][0]
+        np.testing.assert_array_equal(mask == 0, one.fraction.fillna(0.0) > 0)
+        plane = shown._shared.plane(job, SHARE, number, 0)
+        some = plane.block(room=(3, 5), anywhere=True)  # cells that are drawn as one have what any of them has
+        of = one.fraction.fillna(0.0).coarsen(epsilon=4, delta=4, boundary="pad").max()
+        np.testing.assert_array_equal(some.values, of.values.astype(np.float32))
+        share = float(one.fraction.fillna(0.0).mean())
+        cells = one.attrs["cells"]
+        assert (
+            f"is in {cells} cells, {100 * cells / 120:.3g} % of the plane; {100 * share:.3g} %" in families._said.html
+        )
+        table = open_survey(store, "families").sel(curve="SN1").isel(family=number)
+        if table.edges_on:
+            assert f"SN1 ({100 * int(table.edges_on) / int(table.edges):.3g} %)" in families._said.html
+        opened: list[tuple[float, float]] = []
+        shown._open = lambda *at: opened.append(at)  # type: ignore[method-assign, assignment]
+        families._go_along("delta")
+        ((delta, epsilon, _, state),) = opened
+        there = one.fraction.fillna(0.0).sel(epsilon=epsilon) > 0
+        run = there.delta.values[np.abs(there.delta.values - delta) <= float(state["span"])]
+        assert there.sel(delta=run[1:-1]).all()
+        assert state["direction"] == "delta"
+        shown.moved((0.42, 0.45), (0.1, 0.12))
+        await eventually(lambda: shown.map._others.data["x"] != [] and shown.map._others.data["dw"][0] < 0.05)
+        told = {name: [each.encode() for each in values] for name, values in parse_qs(shown.view.query()[1:]).items()}
+        assert View.parse(told).family == number
+        assert f"variable={LARGEST}" in picture_query(job.request, shown.view)
+        families.which.value = ""
+        await eventually(lambda: not families._said.html)
+        assert shown.map._others.data["image"] == []
+        shown.keep(family=10**6)
+        await eventually(lambda: "There are families 0 to" in families._said.html)
+        assert (families.which.visible, families.which.value) == (True, "")  # for who has a wrong address
+        shown.keep(family=number)
+        await eventually(lambda: shown.map._others.data["image"] != [])
+        families.follow(replace(shown.view, survey="another"), job)  # nothing of the one before, while it is read
+        assert shown.map._others.data["image"] == []
+        assert len(families.which.options) == 1
+        assert not families._said.html
+
+    with_families(tmp_path, body)
+
+
+def test_what_has_no_families_yet_says_so(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView, families: Families) -> None:
+        running, without = done(front, REQUEST), done(front, WITHOUT)
+        shown.choose(running)
+        families.follow(replace(shown.view, family=3), running)
+        await eventually(lambda: "are not joined yet" in families._said.html)
+        assert families.panel.visible
+        assert not families.which.visible
+        shown._controls._variable.value = LARGEST
+        await eventually(lambda: "are not joined yet" in shown._title.html)
+        shown.choose(without)
+        families.follow(shown.view, without)
+        assert not families.panel.visible
+        assert LARGEST not in shown._maps
+
+    with_families(tmp_path, body)
+
+
+def test_families_of_two_surveys_are_not_compared(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView, _: Families) -> None:
+        plane = shown._shared.plane(joined(front), LARGEST, 0, 0)
+        with pytest.raises(SurveyError, match="numbers of their own"):
+            Difference(plane, plane)
+        window = plane.block(((0.42, 0.43), (0.1, 0.11)))
+        whole, part = (colouring(plane, each, "auto", False) for each in (plane.block(), window))
+        assert (part.palette, part.low, part.high) == (whole.palette, whole.low, whole.high)  # in every window
+
+    with_families(tmp_path, body)
+
+
+def test_pins_are_marked_with_their_numbers_on_maps_of_their_gear(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        shown.choose(done(front, WITHOUT))
+        await eventually(lambda: shown._plane is not None)
+        pins = Pin(0.42, 0.1, 0.6), Pin(0.5, 0.1, 0.5), Pin(0.45, 0.12, 0.6)
+        shown.mark_pins(pins)
+        assert shown.map._pinned.data == {"x": [0.42, 0.45], "y": [0.1, 0.12], "name": ["1", "3"]}
+        shown.mark_pins(pins[1:])
+        assert shown.map._pinned.data["name"] == ["2"]
+
+    with_map(tmp_path, body)
+
+
+def test_the_longest_run_is_found_in_any_row() -> None:
+    there = np.array([[1, 1, 0, 1, 1, 0], [0, 1, 1, 1, 0, 0], [1, 0, 0, 1, 1, 1]], bool)
+    assert longest(there) == (1, 1, 4)
+    assert longest(there[:, ::-1]) in {(1, 2, 5), (2, 0, 3)}
+    assert longest(np.zeros((2, 3), bool)) == (0, 0, 0)

@@ -1,0 +1,171 @@
+"""The families of a survey as maps: the largest one of each cell, as codes with names and colours, and the share of
+one. They follow from what the store holds, when they are read, a band of rows after the other.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from xarray.backends import BackendArray
+from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
+
+from rattle import KINDS
+from rattle.attractors.table import CHAOTIC, PERIODIC
+from rattle.plot.colours import KIND_COLOURS, Palette, name_of
+from workers.errors import SurveyError, reading
+from workers.pictures.look import AMONG, LARGEST, SHARE, WHICH
+from workers.survey.families import FAMILY, GROUP
+from workers.survey.slices import group_in, slice_of, surveyed_model
+from workers.survey.values.schema import CELL, SLOT, Group
+
+OTHERS = 31  # the last code: as many as a level tells apart, the first of which is none
+FLAG_COLOURS = "flag_colours"  # attribute of a map: the colour of each code
+NONE_COLOUR = "#f4efe3"
+APART = 40.0  # distance in CIELAB from every colour before, as far as there is room: families are many side by side
+MOST_CELLS = 24_000_000
+BAND = 1 << 22  # numbers of all slots that are read at a time
+NOT_JOINED = "The families of this survey are not joined yet: they are there when all of its tiles are computed."
+LETTERS = {(1, 1, 0): "C", (1, 1, 1): "D"}  # of the impacting gear, whose A and B attract nothing
+
+
+def open_maps(
+    opened: Callable[[str | None], xr.Dataset], variable: str, number: int | None = None, limit: int = MOST_CELLS
+) -> xr.Dataset:
+    """An open survey, or this slice of it; with its families as maps if one of them is what is asked for.
+
+    opened: opens the survey, or a group of it.
+
+    Raises SurveyError: no slice is meant; there are no families, or too many cells.
+    """
+    survey = slice_of(opened(None), number)
+    if variable not in (LARGEST, SHARE):
+        return survey
+    if FAMILY not in survey:
+        if Group.FAMILIES in json.loads(survey.attrs["request"])["quantities"]:
+            raise SurveyError(NOT_JOINED)
+        raise SurveyError(f"this survey has no families: compute one with --quantity {Group.FAMILIES}")
+    if (cells := math.prod(survey.sizes[axis] for axis in CELL)) > limit:
+        raise SurveyError(f"families are drawn of surveys of {limit:,} cells and fewer, not {cells:,}: save a window")
+    return with_families(survey, opened(group_in(number, GROUP)))
+
+
+def with_families(survey: xr.Dataset, table: xr.Dataset) -> xr.Dataset:
+    """A survey, or a slice of it, with two more variables: LARGEST (among, epsilon, delta) and SHARE (family, …)."""
+    with reading("the families"):
+        names, colours = names_of(survey, table), colours_of(table)
+    if len(names) > OTHERS - 1:
+        names, colours = [*names[: OTHERS - 1], "others"], [*colours[: OTHERS - 1], KIND_COLOURS["undecided"]]
+    meanings = [each.replace(" ", "_") for each in ("none", *names)]
+    described = {
+        "long_name": "family with the largest share of the samples",
+        "units": "1",
+        "flag_values": list(range(len(meanings))),
+        "flag_meanings": " ".join(meanings),
+        FLAG_COLOURS: " ".join((NONE_COLOUR, *colours)),
+    }
+    of_one = {"long_name": "share of the samples", "units": "1"}
+    arrays = {LARGEST: _Codes(survey), SHARE: _Shares(survey, table.sizes["family"])}
+    lazy = {name: LazilyIndexedArray(array) for name, array in arrays.items()}
+    added = {
+        LARGEST: xr.Variable((AMONG, *CELL), lazy[LARGEST], described),
+        SHARE: xr.Variable(("family", *CELL), lazy[SHARE], of_one),
+    }
+    return survey.assign(added).assign_coords({AMONG: list(WHICH), "family": np.arange(table.sizes["family"])})
+
+
+def names_of(survey: xr.Dataset, table: xr.Dataset, most: int = OTHERS) -> list[str]:
+    """What the first families are called: by number and label, of the impacting gear with the letter of C and D."""
+    of = {name: np.asarray(table[name][:most]).tolist() for name in ("kind", "m", "n_plus", "n_minus")}
+    letters = LETTERS if surveyed_model(survey).in_closed_form else {}
+    found = []
+    for number, (kind, *label) in enumerate(zip(*of.values(), strict=True)):
+        motion = (label[0], label[1], label[2])
+        name = name_of(motion) if kind == PERIODIC else {CHAOTIC: "chaos"}.get(kind, KINDS[kind])
+        letter = f" = {letters[motion]}" if kind == PERIODIC and motion in letters else ""
+        found.append(f"{number}: {name}{letter}" if number else name)
+    return found
+
+
+def colours_of(table: xr.Dataset) -> list[str]:
+    """The colours of the first families: those of their motions, and of a motion's second family another one."""
+    palette, found = Palette(APART), []
+    rows = (np.asarray(table[name][: OTHERS - 1]).tolist() for name in ("kind", "m", "n_plus", "n_minus"))
+    for kind, *label in zip(*rows, strict=True):
+        found.append(palette.another((label[0], label[1], label[2]) if kind == PERIODIC else KINDS[kind]))
+    return found
+
+
+def largest(family: np.ndarray, share: np.ndarray, first: int = 0) -> np.ndarray:
+    """The family, `first` or a later one, with the largest share of the samples of each cell; −1: none has any.
+
+    family, share: (slots, …), family −1 where a slot has none. Slots of one family are added; of equal shares the lower
+    number wins.
+    """
+    share = np.where(family >= first, np.nan_to_num(share), 0.0)
+    best, most = np.full(family.shape[1:], -1, np.int32), np.zeros(family.shape[1:])
+    for slot in family:
+        total = np.where(family == slot, share, 0.0).sum(axis=0)
+        better = (total > most) | ((total == most) & (total > 0) & (slot < best))
+        best[better], most[better] = slot[better], total[better]
+    return best
+
+
+class _OfFamilies(BackendArray):
+    """What is computed of the slots of a survey when it is read; index: along the first dimension."""
+
+    def __init__(self, survey: xr.Dataset, length: int, dtype: type) -> None:
+        self._family, self._fraction = survey[FAMILY], survey["attractor_fraction"]
+        self.shape = (length, *(survey.sizes[axis] for axis in CELL))
+        self.dtype = np.dtype(dtype)
+
+    def __getitem__(self, key: ExplicitIndexer) -> Any:
+        return explicit_indexing_adapter(key, self.shape, IndexingSupport.BASIC, self._read)
+
+    def _read(self, key: tuple[Any, ...]) -> np.ndarray:
+        asked = [np.arange(size)[part] for size, part in zip(self.shape, key, strict=True)]
+        index, rows, columns = (np.atleast_1d(each) for each in asked)
+        found = np.empty((index.size, rows.size, columns.size), self.dtype)
+        together = max(1, BAND // max(self._family.sizes[SLOT] * columns.size, 1))
+        for begin in range(0, rows.size, together):
+            at = slice(begin, begin + together)
+            found[:, at] = self._of(index, rows[at], columns)
+        return found.reshape([size for each in asked for size in np.shape(each)])
+
+    def _of(self, index: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        """Of rows and columns, some of each."""
+        spans = dict(zip(CELL, ((each.min(), each.max() + 1) for each in (rows, columns)), strict=True))
+        window = {axis: slice(int(low), int(high)) for axis, (low, high) in spans.items()}
+        cells = np.ix_(rows - rows.min(), columns - columns.min())
+        family, share = (
+            np.asarray(each.isel(window).transpose(SLOT, *CELL))[:, *cells] for each in (self._family, self._fraction)
+        )
+        return np.stack([self._values(int(i), family, share) for i in index])
+
+    def _values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
+        raise NotImplementedError
+
+
+class _Codes(_OfFamilies):
+    """LARGEST: 0 without a family, else 1 more than its number, OTHERS at most."""
+
+    def __init__(self, survey: xr.Dataset) -> None:
+        super().__init__(survey, len(WHICH), np.int8)
+
+    def _values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
+        return np.minimum(largest(family, share, first=index) + 1, OTHERS).astype(np.int8)
+
+
+class _Shares(_OfFamilies):
+    """SHARE: of one family, 0 where none of the samples goes to it."""
+
+    def __init__(self, survey: xr.Dataset, families: int) -> None:
+        super().__init__(survey, families, np.float32)
+
+    def _values(self, index: int, family: np.ndarray, share: np.ndarray) -> np.ndarray:
+        found: np.ndarray = np.where(family == index, np.nan_to_num(share), 0.0).sum(axis=0).astype(np.float32)
+        return found
