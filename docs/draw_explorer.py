@@ -16,6 +16,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ import httpx
 from explorer_actions import DRAWN, IDLE, POLL_MS
 from explorer_times import FLAGS, PLACE
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, Request, sync_playwright
 from server import server
 
 PAGE, IMAGES = Path(__file__).parent / "explorer.md", Path(__file__).parent / "images"
@@ -34,7 +35,7 @@ WIDE, LAPTOP, PHONE = SCREENS = ((1920, 1080), (1280, 800), (390, 844))
 PHONES = 4  # screens of a telephone, of a page that is higher
 GAP = 16
 PATIENCE_MS, STEADY_MS, POLL_SECONDS = 300_000, 1500, 1.0
-LARGEST = 150_000  # bytes of a picture
+LARGEST = 250_000  # bytes of a picture
 
 #: Whether of the lines that are switched on some are drawn.
 LINES = """() => {
@@ -44,7 +45,7 @@ LINES = """() => {
 PLANE: dict[str, Any] = {
     "delta": {"start": 0.403, "stop": 0.997, "num": 100}, "epsilon": {"start": 0.002, "stop": 0.298, "num": 75},
     "initial_conditions": {"count": 16},
-    "quantities": ["region", "orbits", "attractors"],
+    "quantities": ["region", "orbits", "attractors", "lyapunov", "families"],
 }  # fmt: skip
 FIGURE_7, STIFF, GAPS, MACHINE = "plane of Figure 7", "teeth that give way", "three gaps", "a pair of gears"
 #: Submitted in this order: the last one is the first in the list.
@@ -139,6 +140,16 @@ VIEWS: dict[str, View] = {
         ("of the gears pass",),
     ),
     "keys": View("The map by the keyboard", {"survey": FIGURE_7}, by_keyboard, ("Cell at δ",)),
+    "families": View(
+        "The largest families, and one of them",
+        {"survey": FIGURE_7, "variable": "largest_family", "family": "2"},
+        until=("of the plane",),
+    ),
+    "beside": View(
+        "Two maps, and points that are compared",
+        {"survey": FIGURE_7, "variable": "attractor_kind", "pins": "0.6,0.1,0.6;0.8,0.2,0.6"},
+        press("Map beside"),
+    ),
     "slices": View("A slice of a survey with a third axis", {"survey": GAPS, "slice": "2"}),
     "stiff": View("Teeth that give way", {"survey": STIFF, "variable": "attractor_kind"}),
 }
@@ -159,6 +170,10 @@ def submitted(url: str) -> dict[str, str]:
         return there
 
 
+def _note(asked: list[str], sent: Request) -> None:
+    asked.append(sent.url)
+
+
 def taken(browser: Browser, url: str, view: View, surveys: Mapping[str, str]) -> dict[tuple[str, int], Image.Image]:
     """A view by theme and width of the screen; of a telephone the screens of the whole page one after the other."""
     found = {}
@@ -167,7 +182,7 @@ def taken(browser: Browser, url: str, view: View, surveys: Mapping[str, str]) ->
         context.set_default_timeout(PATIENCE_MS)
         page = context.new_page()
         asked: list[str] = []
-        page.on("request", lambda sent, asked=asked: asked.append(sent.url))  # type: ignore[misc]
+        page.on("request", partial(_note, asked))
         survey = {"survey": surveys[view.query["survey"]]} if "survey" in view.query else {}
         page.goto(f"{url}/?{httpx.QueryParams({**view.query, **survey, 'theme': theme})}")
         page.wait_for_function(DRAWN, polling=POLL_MS)
