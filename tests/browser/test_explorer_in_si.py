@@ -63,6 +63,7 @@ def test_a_machine_that_is_entered_is_heard_and_has_a_yield(page: Page, service:
     page.wait_for_url("**p.tolerance=**")
 
 
+@deep
 def test_the_design_limit_is_drawn_when_it_is_asked_for(page: Page, service: str) -> None:
     open_view(page, service, share="0.8", overlays="none")
     page.get_by_role("checkbox", name="design limit").check()

@@ -4,6 +4,7 @@ import csv
 from pathlib import Path
 
 import httpx
+from depth import deep
 from explorer_support import SURVEY, assert_accessible, open_view
 from playwright.sync_api import Page, expect
 from service_processes import get
@@ -12,6 +13,7 @@ from waiting import HANG
 import rattle
 
 
+@deep
 def test_points_are_pinned_compared_and_found_again(page: Page, service: str, survey_id: str, tmp_path: Path) -> None:
     open_view(page, service, survey=survey_id, point="0.6,0.1", pins="0.9,0.01,0.6")
     pinned = page.locator(".pinned")

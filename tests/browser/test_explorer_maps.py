@@ -1,5 +1,6 @@
 """What belongs to a map, beside it: the profile above a diagram, further maps."""
 
+from depth import deep
 from explorer_support import assert_accessible, open_view, place_of, point_at, wait_for, wait_for_map
 from playwright.sync_api import Page, expect
 
@@ -36,6 +37,7 @@ WINDOWS = """() => new Set(["map", "further2", "further3"].map((name) => {
 })).size"""
 
 
+@deep
 def test_a_profile_has_the_axis_of_the_diagram_and_further_maps_the_window_of_the_first(
     page: Page, service: str
 ) -> None:

@@ -28,6 +28,7 @@ ENVIRONMENT = {
     "PYTHONUNBUFFERED": "1",
     "RATTLE_EXPLORER": "false",  # tests in a browser ask for it; the others start sooner
     "RATTLE_PRELOAD": "false",
+    "RATTLE_WORKERS": "1",  # where several must be, the test says so
 }
 NO_SETTINGS: Mapping[str, str] = {}
 

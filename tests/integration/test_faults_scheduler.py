@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from depth import deep
 from faults import REQUEST, Faults
 from service_processes import ROOT, assert_bit_identical, client_of, free_port, serial_run, server
 from waiting import wait_until
@@ -29,6 +30,7 @@ def dask(faults: Faults, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
         process.wait()
 
 
+@deep
 def test_killed_and_started_again(tmp_path: Path) -> None:
     faults, port, scheduler_port = Faults(tmp_path), free_port(), free_port()
     faults.hold(MIDDLE)

@@ -57,7 +57,7 @@ def settings(request: pytest.FixtureRequest, faults: Faults) -> dict[str, str]:
 @pytest.fixture(scope="module")
 def client(data: Path, settings: dict[str, str]) -> Iterator[Client]:
     port = free_port()
-    with server(data, port, settings=settings), client_of(port) as client:
+    with server(data, port, "--workers", "2", settings=settings), client_of(port) as client:
         yield client
 
 
