@@ -69,8 +69,8 @@ class Families:
         """Show what belongs to this view; job: of its survey, None without any."""
         if job is None or not job.is_readable or not _has_families(job):
             self._drawings.stop()
-            self._forget()
-            self.which.visible = self.panel.visible = False
+            self._hide()
+            self.panel.visible = False
             return
         if self._of != (of := (view.survey, view.slice, view.family)):  # what is there now is of others
             if self._of[:2] != of[:2]:
@@ -90,7 +90,7 @@ class Families:
         canvas = self._first().map
         is_too_close, pixels = canvas.is_too_close, canvas.pixels
 
-        key = (*self._of, job.id, job.state, job.cells_done)
+        key = view.slice, view.family, job.id, job.state, job.cells_done
         before = self._known[1] if self._known is not None and self._known[0] == key else None
 
         def read() -> tuple[Known, Block | None]:
@@ -145,9 +145,13 @@ class Families:
             self.which.param.update(options={NOBODY: ""} | options, value=value, visible=True)
 
     def _refuse(self, why: str) -> None:
-        self._forget()
-        self.which.visible, self.panel.visible = False, True
+        self._hide()
+        self.panel.visible = True
         self._say(why)
+
+    def _hide(self) -> None:
+        self._forget()
+        self.which.visible = False
 
     def _say(self, why: str) -> None:
         self._said.html = f'<p class="faint" role="status">{escape(why)}</p>' if why else ""
