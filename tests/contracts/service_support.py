@@ -1,10 +1,14 @@
 """A front end without a cluster, for tests of what it answers: accepted surveys stay accepted."""
 
-from collections.abc import Iterator
+import pickle
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import pytest
+from anyio import to_process, to_thread
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from waiting import HANG
@@ -14,6 +18,7 @@ from service.app import create_app
 from service.database import DoneTile
 from service.database.tables import Scope
 from service.errors import UnavailableError
+from service.operations import turns
 from service.settings import Settings
 from service.state import Front
 from workers import SurveyRequest, compute_tile, create_store, tiles_of
@@ -49,13 +54,36 @@ def idle_cluster() -> Iterator[Any]:
     yield IdleClient()
 
 
+async def run_here(compute: Callable[..., Any], *arguments: Any, limiter: Any, **_: Any) -> Any:
+    """Instead of `anyio.to_process.run_sync`: in a thread, with all that would be sent to a process and back."""
+
+    def work() -> bytes:
+        called, given = pickle.loads(sent)
+        return pickle.dumps(called(*given))
+
+    sent = pickle.dumps((compute, arguments))
+    return pickle.loads(await to_thread.run_sync(work, limiter=limiter))
+
+
 @contextmanager
-def front_end(data: Path, **settings: Any) -> Iterator[TestClient]:
+def points_in(process: Any) -> Iterator[None]:
+    """What computes points meanwhile: `anyio.to_process`, or `IN_A_THREAD`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(turns, "to_process", process)
+        yield
+
+
+#: Where it is not tested that a point has a process of its own: to start one takes longer than most points.
+IN_A_THREAD = SimpleNamespace(run_sync=run_here)
+
+
+@contextmanager
+def front_end(data: Path, *, points: Any = to_process, **settings: Any) -> Iterator[TestClient]:
     """A client of an application with these settings, without a cluster; points may take as long as they like, and
     processes for them start when they are asked for.
     """
     limits = {"max_point_seconds": HANG, "preload": False} | settings
-    with local_client(create_app(Settings(data=data, **limits), no_cluster)) as client:
+    with points_in(points), local_client(create_app(Settings(data=data, **limits), no_cluster)) as client:
         yield client
 
 

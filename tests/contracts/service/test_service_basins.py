@@ -8,7 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
-from service_support import assert_problem, front_end
+from service_support import IN_A_THREAD, assert_problem, front_end
 
 import rattle
 from rattle.plot.colours import colour
@@ -17,7 +17,9 @@ from rattle.stiff import StiffGear
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    with front_end(tmp_path_factory.mktemp("data"), max_basin_resolution=60, max_point_count=4) as client:
+    with front_end(
+        tmp_path_factory.mktemp("data"), points=IN_A_THREAD, max_basin_resolution=60, max_point_count=4
+    ) as client:
         yield client
 
 

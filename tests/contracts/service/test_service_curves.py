@@ -8,8 +8,9 @@ from threading import Event
 from typing import Any
 
 import pytest
+from depth import deep
 from fastapi.testclient import TestClient
-from service_support import assert_problem, front_end, front_of
+from service_support import IN_A_THREAD, assert_problem, front_end, front_of
 from typer.testing import CliRunner
 from waiting import HANG
 
@@ -24,7 +25,7 @@ WINDOW = "delta_min=0.45&delta_max=0.85&epsilon_min=0.05&epsilon_max=0.25"
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    with front_end(tmp_path_factory.mktemp("data")) as client:
+    with front_end(tmp_path_factory.mktemp("data"), points=IN_A_THREAD) as client:
         yield client
 
 
@@ -39,7 +40,7 @@ def get(client: TestClient, query: str) -> dict[str, Any]:
     return document
 
 
-@pytest.mark.parametrize("beta", [0.6, 0.5])
+@pytest.mark.parametrize("beta", [0.6, pytest.param(0.5, marks=deep)])
 def test_the_answer_is_what_the_library_traces(client: TestClient, beta: float) -> None:
     document = get(client, f"beta={beta}&{WINDOW}")
     assert document["beta"] == beta
@@ -72,7 +73,14 @@ def test_the_defaults_are_the_papers(client: TestClient) -> None:
 
 
 @pytest.mark.parametrize(
-    "query", ["beta=1e-3", "beta=1e3", "beta=1e300", "delta_min=1e-300&delta_max=1", "delta_max=1e6&epsilon_max=1e6"]
+    "query",
+    [
+        "beta=1e-3",
+        pytest.param("beta=1e3", marks=deep),
+        "beta=1e300",
+        pytest.param("delta_min=1e-300&delta_max=1", marks=deep),  # smaller ones are in test_service_extremes.py
+        "delta_max=1e6&epsilon_max=1e6",
+    ],
 )
 def test_extreme_parameters_are_answered(client: TestClient, query: str) -> None:
     for curve in get(client, query)["curves"]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import obstore
 import pytest
+from depth import either
 from fastapi.testclient import TestClient
 from s3_server import BUCKET, s3_server
 from service_support import BODY, assert_problem, compute, front_end, front_of, idle_cluster, local_client
@@ -157,7 +158,7 @@ def test_a_damaged_chunk_is_no_error_of_the_service(tmp_path: Path) -> None:
 @pytest.mark.parametrize("axis", ["delta", "epsilon"])
 def test_axes_to_the_end_of_double_precision_are_drawn_or_refused(tmp_path: Path, axis: str) -> None:
     with front_end(tmp_path) as client:
-        for stop, status in ((1e299, 200), (1e308, 422), (1.7e308, 422)):
+        for stop, status in either(((1e299, 200), (1e308, 422)), ((1e299, 200), (1e308, 422), (1.7e308, 422))):
             fields = BODY | {"quantities": ["region"], axis: {"start": 0.5, "stop": stop, "num": BODY[axis]["num"]}}
             survey_id = client.post("/v1/surveys", json=fields).json()["id"]
             create_store(SurveyRequest(**fields), front_of(client).directory.store(survey_id))
@@ -185,11 +186,12 @@ def damages(url: str) -> list[str]:
 
 
 def test_a_damaged_request_is_shown_as_failed_and_can_be_deleted(tmp_path: Path, database_url: str) -> None:
+    states = (State.ACCEPTED, State.RUNNING, State.SUCCESSFUL)
     with front_end(tmp_path, database_url=database_url, max_jobs=100) as client:
         database = front_of(client).database
         whole = client.post("/v1/surveys", json=BODY).json()["id"]
-        for by in damages(database_url):
-            for state in (State.ACCEPTED, State.RUNNING, State.SUCCESSFUL):
+        for number, by in enumerate(damages(database_url)):
+            for state in either(states[number % 3 :][:1], states):
                 survey_id = client.post("/v1/surveys?force=true", json=BODY).json()["id"]
                 database.set_state(survey_id, state)
                 damage(database, survey_id, by)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from depth import either
 from fastapi.testclient import TestClient
-from service_support import assert_problem, front_end
+from service_support import IN_A_THREAD, assert_problem, front_end
 
 ORDINARY = {"delta": "0.6", "epsilon": "0.1", "beta": "0.6"}
 EXTREMES = [
@@ -18,7 +18,7 @@ EXTREMES = [
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    with front_end(tmp_path_factory.mktemp("data")) as client:
+    with front_end(tmp_path_factory.mktemp("data"), points=IN_A_THREAD) as client:
         yield client
 
 
@@ -26,6 +26,7 @@ def refuse(constant: str) -> None:
     raise AssertionError(f"{constant} is no JSON")
 
 
+@pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")  # of the library; it goes on
 @pytest.mark.parametrize("extreme", EXTREMES, ids=str)
 def test_a_point_is_answered(client: TestClient, extreme: dict[str, str]) -> None:
     for route, sample in (("orbits", {}), ("attractors", {"count": 1}), ("basins.png", {"resolution": 2})):

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from depth import deep
 from dying import die
-from service_support import assert_problem, front_end, front_of, idle_cluster, local_client
+from service_support import IN_A_THREAD, assert_problem, front_end, front_of, idle_cluster, local_client, points_in
 from waiting import HANG, wait_until
 
 from rattle.models import Model
@@ -58,7 +58,7 @@ def test_a_request_that_waits_too_long_for_kernels_says_so(tmp_path: Path, path:
 def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: list[Kernels]) -> None:
     """A request waits for kernels, and computes for as long as the limit says from when they are there."""
     app = create_app(Settings(data=tmp_path, max_points=1, max_point_seconds=HANG), idle_cluster)
-    with local_client(app) as client, ThreadPoolExecutor() as threads:
+    with points_in(IN_A_THREAD), local_client(app) as client, ThreadPoolExecutor() as threads:
         asked = [threads.submit(client.get, path) for path in POINTS]
         wait_until(lambda: compiling and compiling[0]._waiting == len(POINTS))
         health, ready = client.get("/v1/health").json(), client.get("/v1/ready")
@@ -71,7 +71,8 @@ def test_seconds_of_a_limit_count_computing_only(tmp_path: Path, compiling: list
 
 
 def test_only_so_many_wait_for_kernels(tmp_path: Path, compiling: list[Kernels]) -> None:
-    with front_end(tmp_path, max_points_waiting=1, max_point_seconds=HANG) as client, ThreadPoolExecutor() as threads:
+    limits = {"max_points_waiting": 1, "max_point_seconds": HANG}
+    with front_end(tmp_path, points=IN_A_THREAD, **limits) as client, ThreadPoolExecutor() as threads:
         first = threads.submit(client.get, POINTS[0])
         wait_until(lambda: compiling and compiling[0]._waiting)
         second = client.get(POINTS[1])
@@ -90,7 +91,11 @@ def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path) -> None:
         assert any(model is Model.STIFF for model, _ in kernels._ready)
 
 
-def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, note: Path) -> None:
+def test_ready_says_when_surveys_and_points_can_be_computed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, note: Path
+) -> None:
+    """What the work of each part compiles is tested below."""
+    monkeypatch.setattr("service.compilation.WORK", dict.fromkeys(Part, repr))
     with local_client(create_app(Settings(data=tmp_path), idle_cluster)) as client:
         client.portal.call(front_of(client).kernels.begin)
         assert not note.exists()
@@ -126,7 +131,7 @@ def test_what_another_process_has_compiled_is_not_waited_for(
     tmp_path: Path, compiling: list[Kernels], note: Path
 ) -> None:
     note.touch()
-    with front_end(tmp_path, max_point_seconds=HANG) as client:
+    with front_end(tmp_path, points=IN_A_THREAD, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
         assert not compiling
         front_of(client).kernels._ready.clear()

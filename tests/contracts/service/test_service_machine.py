@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_support import assert_problem, front_end
+from service_support import IN_A_THREAD, assert_problem, front_end
 
 import rattle
 
@@ -16,7 +16,7 @@ PLAIN = {"delta": 0.6, "epsilon": 0.1}
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    with front_end(tmp_path_factory.mktemp("machine")) as client:
+    with front_end(tmp_path_factory.mktemp("machine"), points=IN_A_THREAD) as client:
         yield client
 
 

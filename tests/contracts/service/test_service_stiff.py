@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 from fastapi.testclient import TestClient
-from service_support import BODY, assert_problem, front_end
+from service_support import BODY, IN_A_THREAD, assert_problem, front_end
 
 from rattle import stiff
 
@@ -13,7 +13,7 @@ POINT = "delta=0.6&epsilon=0.075&beta=0.6"
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    with front_end(tmp_path_factory.mktemp("stiff")) as client:
+    with front_end(tmp_path_factory.mktemp("stiff"), points=IN_A_THREAD) as client:
         yield client
 
 
