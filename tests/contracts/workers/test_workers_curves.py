@@ -141,7 +141,7 @@ MOST_EVALUATIONS = 5000  # of a curve's equations: REQUEST needs 3100
 
 
 #: Of each of these another goes further, or is asked for below.
-MILDER = {"huge", "nearly undamped", "large backlash"}
+MILDER = {"huge", "nearly undamped"}
 
 
 @pytest.mark.parametrize(
