@@ -1,13 +1,18 @@
 """What the tests of this folder share."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
+from typing import Any
 
 import pytest
+import zarr
 from waiting import HANG
+from zarr.storage import MemoryStore
 
 import workers.storage.store
+import workers.survey.template
 from service.database import engine, transactions
+from workers import SurveyRequest
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -19,9 +24,27 @@ def _databases_are_waited_for() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session")
+def curves_once() -> Callable[[zarr.Group, SurveyRequest], None]:
+    """Writes the curves of a template, which are those of any other request for the same window, and the same bytes."""
+    write, written = workers.survey.template._write_curves, dict[Any, dict[str, Any]]()
+
+    def curves(root: zarr.Group, request: SurveyRequest) -> None:
+        assert isinstance(root.store, MemoryStore)
+        key, kept = (root.path, request.gear_model, request.delta, request.epsilon), root.store._store_dict
+        if key not in written:
+            before = set(kept)
+            write(root, request)
+            written[key] = {name: content for name, content in kept.items() if name not in before}
+        kept.update(written[key])
+
+    return curves
+
+
 @pytest.fixture(scope="module")
-def templates_once() -> Iterator[None]:
+def templates_once(curves_once: Callable[[zarr.Group, SurveyRequest], None]) -> Iterator[None]:
     """Of the stores of one request the template is made once: it takes longer than its few cells."""
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workers.survey.template, "_write_curves", curves_once)
         patch.setattr(workers.storage.store, "template_of", cache(workers.storage.store.template_of))
         yield

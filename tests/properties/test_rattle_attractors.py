@@ -11,7 +11,7 @@ from rattle.attractors import chaos, samples
 from rattle.impacting.attractors import classifier, settle
 from rattle.numerics.sampling import initial_conditions, sobol
 
-GEARS = either(50, 120)
+GEARS = either(30, 120)
 
 
 def random_gears(count, seed):
@@ -103,7 +103,7 @@ def test_attractors_are_deterministic_and_seeds_agree_within_sampling_error():
 
 def test_equal_labels_at_different_places_stay_apart():
     """Coexisting orbits of one label are separate attractors, and no attractor is listed twice."""
-    for gear in random_gears(either(20, 40), 77):
+    for gear in random_gears(either(12, 40), 77):
         seen = [(a.kind, a.m, a.n_plus, a.n_minus, round(a.v, 6)) for a in gear.attractors(count=16)]
         periodic = [s for s in seen if s[0] == "periodic"]
         assert len(set(periodic)) == len(periodic)

@@ -73,13 +73,13 @@ def test_the_grid_has_every_kind_of_motion(whole: xr.Dataset) -> None:
 
 
 @pytest.mark.parametrize(
-    ("delta", "epsilon"), [(2, 3), (5, 4), *(pytest.param(*shape, marks=deep) for shape in ((1, 1), (6, 1)))]
+    ("delta", "epsilon"), [(5, 4), *(pytest.param(*shape, marks=deep) for shape in ((2, 3), (1, 1), (6, 1)))]
 )
 def test_tile_shape_does_not_show(tmp_path: Path, whole: xr.Dataset, delta: int, epsilon: int) -> None:
     assert_bits(run(survey(delta, epsilon), tmp_path / "survey.zarr"), whole)
 
 
-@settings(max_examples=either(2, 3))
+@settings(max_examples=either(1, 3))
 @given(order=st.permutations(range(9)))
 def test_order_does_not_show(tmp_path_factory: pytest.TempPathFactory, whole: xr.Dataset, order: list[int]) -> None:
     assert_bits(run(survey(2, 2), tmp_path_factory.mktemp("order") / "survey.zarr", order), whole)

@@ -23,6 +23,8 @@ from service.state import Front
 from workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
 from workers.pictures.look import LARGEST, SHARE
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 REQUEST = SurveyRequest(
     **BODY | {
         "delta": {"start": 0.405, "stop": 0.5, "num": 12},

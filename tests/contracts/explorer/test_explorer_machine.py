@@ -18,6 +18,8 @@ from service.explorer.map.view import MapView
 from service.state import Front
 from workers import SurveyRequest
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 NUMBERS: dict[str, Any] = {"inertia": 0.003, "drag": 0.05, "backlash": 100e-6, "radius": 0.05}
 MACHINE = SurveyRequest.model_validate(
     {

@@ -139,7 +139,8 @@ def test_a_view_where_real_gears_are_has_their_scales() -> None:
         assert np.nanmax(steps[:, 1]) < 0.05 + 1e-9, line.name
     low, high = diagrams.diagram_span(gear, "epsilon")
     assert high - low < gear.epsilon
-    assert parts.margin(gear).v_max == highest
+    more = rattle.Gear(0.03, 0.005, 0.03)  # more damping: a margin of weak damping takes a while
+    assert parts.margin(more).v_max == parts.highest_speed(more.delta, more.epsilon, more.beta) < 7
     assert PointState.read({"tau": "0.3", "v": "0.02"}, highest).start == (0.3, 0.02)
     assert PointState.read({"tau": "0.3", "v": "4"}, highest).start is None
 
@@ -191,7 +192,7 @@ def test_impacts_of_a_periodic_motion_are_those_of_its_period() -> None:
 
 @pytest.mark.parametrize("direction", ["epsilon", "delta"])
 def test_a_diagram_through_the_point(direction: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(diagrams, "STEPS", either(40, diagrams.STEPS))
+    monkeypatch.setattr(diagrams, "STEPS", either(20, diagrams.STEPS))
     found = parts.diagram(rattle.Gear(0.6, 0.1), direction)
     assert 0 < found.x.size <= 2 * parts.MOST_POINTS
     assert {each.stable for each in found.strokes} == {True, False}
@@ -299,12 +300,16 @@ def with_process(compute: Callable[..., Any], *arguments: Any) -> tuple[int, Any
 
 def test_all_parts_fill_in_and_follow_what_is_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     computed: dict[str, set[int]] = {}
+    known: dict[str, Any] = {}  # by what is asked: the second view needs most of it again
 
     async def in_turn_and_noted(front: Front, *work: Any, **words: Any) -> Any:
+        if (asked := repr(work)) in known:
+            return known[asked]
         if work[0] is parts.basins:
             work = (*work[:2], work[2] // COARSER, work[3])
         process, found = await in_turn(front, with_process, *work, **words)
         computed.setdefault(words["what"], set()).add(process)
+        known[asked] = found
         return found
 
     async def body(front: Front) -> None:
@@ -357,7 +362,7 @@ def test_a_part_that_fails_says_so_and_leaves_the_others(tmp_path: Path, monkeyp
             return refusing(arguments[0]) if slow and what == "The margin" else coarse(work, arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
-        monkeypatch.setattr(diagrams, "STEPS", 10)
+        monkeypatch.setattr(diagrams, "STEPS", 4)
         await eventually(lambda: is_complete(view, 40))
         assert "too long" in view.panel.safe.html
         assert "<b>" not in view.panel.safe.html
@@ -402,7 +407,7 @@ def test_a_point_of_the_stiff_model(tmp_path: Path, monkeypatch: pytest.MonkeyPa
             return coarse(work, arguments)
 
         monkeypatch.setattr(view._work, "compute", compute)
-        monkeypatch.setattr(diagrams, "STEPS", 10)
+        monkeypatch.setattr(diagrams, "STEPS", 4)
         assert "stiffness κ = 10000" in view.panel.where.html
         texts = (view.panel.under_motion, view.panel.under_diagram, view.panel.orbits)
         await eventually(lambda: asked.count("The basins") == 3 and not any("computing" in each.html for each in texts))

@@ -227,7 +227,7 @@ def test_a_large_survey_is_drawn_for_the_pixels_that_a_browser_has(
     with_map(tmp_path, body)
 
 
-THIRD = SurveyRequest(**BODY | {"quantities": ["region"], "beta": {"start": 0.4, "stop": 0.6, "num": 3}})
+THIRD = SurveyRequest(**BODY | {"quantities": ["region"], "beta": {"start": 0.5, "stop": 0.6, "num": 2}})
 
 
 def test_a_slider_chooses_the_slice_of_a_third_axis(tmp_path: Path) -> None:
@@ -236,15 +236,15 @@ def test_a_slider_chooses_the_slice_of_a_third_axis(tmp_path: Path) -> None:
         shown.choose(job)
         await eventually(lambda: cells(shown))
         slider = shown._controls._slice
-        assert (slider.visible, slider.end, slider.value, slider.label) == (True, 2, 1, "β = 0.5")  # as in the address
-        assert shown.model == Impacting(0.5)
+        assert (slider.visible, slider.end, slider.value, slider.label) == (True, 1, 1, "β = 0.6")  # as in the address
+        assert shown.model == Impacting(0.6)
         with open_survey(front.directory.store(job.id)) as survey:
-            assert (survey.region.values[0] != survey.region.values[2]).any()
-            for number, beta in ((2, 0.6), (0, 0.4)):
+            assert (survey.region.values[0] != survey.region.values[1]).any()
+            for number, beta in ((0, 0.5), (1, 0.6)):
                 slider.value = number
                 await eventually(lambda: shown._plane is not None and shown._drawn)
                 assert (shown.view.slice, shown.model, slider.label) == (number, Impacting(beta), f"β = {beta}")
-                assert ("slice=2" in shown.view.query()) == (number == 2)
+                assert ("slice=1" in shown.view.query()) == (number == 1)
                 assert shown._plane is not None
                 assert shown._plane.request.gear_model == Impacting(beta)
                 assert (shown._plane.values == survey.region.values[number]).all()
@@ -259,9 +259,9 @@ def test_a_slider_chooses_the_slice_of_a_third_axis(tmp_path: Path) -> None:
 def test_the_list_tells_of_a_third_axis(tmp_path: Path) -> None:
     async def body(front: Front, _shown: MapView) -> None:
         job = accepted(front, THIRD)
-        row = row_of(Standing(job, None, None), View(survey=job.id, variable="region", slice=2), True)
-        assert (row["size"], row["slice"]) == ("6 × 4 × 3", ["beta", 2])
-        assert ["β", "0.4 … 0.6, 3 values"] in row["facts"]
+        row = row_of(Standing(job, None, None), View(survey=job.id, variable="region", slice=1), True)
+        assert (row["size"], row["slice"]) == ("6 × 4 × 2", ["beta", 1])
+        assert ["β", "0.5 … 0.6, 2 values"] in row["facts"]
 
     with_map(tmp_path, body)
 

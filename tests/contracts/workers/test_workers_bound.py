@@ -1,6 +1,7 @@
 """A bound of the wrong share that is asked for: it is met, it holds, and neither tiles nor interruptions show."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import pytest
 import zarr
 from pydantic import ValidationError
 
-from workers import SurveyRequest, complete, compute_tile, is_incomplete, place_of, run_survey, tiles_of
+from workers import SurveyRequest, complete, compute_tile, is_incomplete, open_survey, place_of, run_survey, tiles_of
 from workers.bound import ROUNDS, lacks_bound
 from workers.storage.location import Directory
 from workers.survey.refined.audit import AUDITED, TOLD, told_of_audit, upper_share
@@ -34,6 +35,16 @@ SAMPLED = SurveyRequest(
 
 def few_audited(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("workers.survey.refined.rounds.SPARE", 0.1)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A survey that has met its bound."""
+    path = tmp_path_factory.mktemp("bound") / "survey.zarr"
+    with pytest.MonkeyPatch.context() as patch:
+        few_audited(patch)
+        run_survey(REGIONS, out=path).close()
+    return path
 
 
 def chunks(store: Path) -> dict[str, bytes]:
@@ -74,9 +85,8 @@ def test_the_bound_holds_whatever_is_wrong() -> None:
     assert missed <= 0.05 * filling + 3 * np.sqrt(0.05 * filling)
 
 
-def test_rounds_go_on_until_the_bound_is_met(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    few_audited(monkeypatch)
-    with run_survey(REGIONS, out=tmp_path / "survey.zarr") as survey:
+def test_rounds_go_on_until_the_bound_is_met(whole: Path) -> None:
+    with open_survey(whole) as survey:
         told, rounds = survey.attrs, [None, *json.loads(survey.attrs[ROUNDS])]
         source, audit, leaf = (survey[name].values for name in ("source_level", "audit", "audit_leaf"))
     assert len(rounds) > 1
@@ -122,12 +132,14 @@ def test_wherever_it_is_killed_it_goes_on_to_the_same_bytes(tmp_path: Path, monk
     assert chunks(tmp_path / "killed") == expected
 
 
-def test_after_each_pause_it_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_after_each_pause_it_goes_on_to_the_same_bytes(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Four tiles a turn, of which every one gets further; what follows the bound waits for it."""
     few_audited(monkeypatch)
     request, store = SurveyRequest(**REGIONS), tmp_path / "paused"
-    with run_survey(REGIONS, out=tmp_path / "whole") as whole:
-        told, rounds = dict(whole.attrs), len(json.loads(whole.attrs[ROUNDS]))
+    with open_survey(whole) as survey:
+        told, rounds = dict(survey.attrs), len(json.loads(survey.attrs[ROUNDS]))
     with monkeypatch.context() as patched:
         patched.setattr("workers.run.complete", lambda *_: None)
         run_survey(REGIONS, out=store).close()
@@ -141,19 +153,20 @@ def test_after_each_pause_it_goes_on_to_the_same_bytes(tmp_path: Path, monkeypat
         turns += 1
     assert turns > rounds
     assert followed == [False]
-    assert chunks(store) == chunks(tmp_path / "whole")
+    assert chunks(store) == chunks(whole)
     assert {name: zarr.open_group(store, mode="r").attrs[name] for name in TOLD} == {name: told[name] for name in TOLD}
 
 
 @pytest.mark.parametrize("damaged", ["audit_leaf/c/1/1", "delta/c/0"])
 def test_what_is_damaged_is_taken_through_all_rounds_again(
-    damaged: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    damaged: str, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A tile, or what makes the root be written again."""
     few_audited(monkeypatch)
-    with run_survey(REGIONS, out=tmp_path / "survey.zarr") as survey:
+    with open_survey(whole) as survey:
         told = survey.attrs
-    expected = chunks(tmp_path / "survey.zarr")
+    expected = chunks(whole)
+    shutil.copytree(whole, tmp_path / "survey.zarr")
     (tmp_path / "survey.zarr" / damaged).write_bytes(b"damaged")
     with run_survey(REGIONS, out=tmp_path / "survey.zarr") as again:
         assert again.attrs == told

@@ -107,7 +107,7 @@ def test_they_are_those_of_the_library(whole: Path) -> None:
     assert all({"long_name", "units"} <= set(values.attrs) for values in families.variables.values())
 
 
-@pytest.mark.parametrize("tile", TILES[1:])
+@pytest.mark.parametrize("tile", [TILES[1], pytest.param(TILES[2], marks=deep)])
 def test_tiles_do_not_show(whole: Path, tmp_path: Path, tile: tuple[int, int]) -> None:
     assert_same(finished(survey(*tile), tmp_path / "survey.zarr"), whole)
 

@@ -143,7 +143,10 @@ AXES = {"full": ((0.4, 1.0), (0.005, 0.3)), "Figure 8": ((0.74, 0.78), (0.092, 0
 
 
 @pytest.mark.parametrize("beta", [0.6, pytest.param(0.45, marks=deep)])
-@pytest.mark.parametrize(("delta", "epsilon"), AXES.values(), ids=AXES)
+@pytest.mark.parametrize(
+    ("delta", "epsilon"),
+    [pytest.param(*axes, id=name, marks=deep if name == "corner" else ()) for name, axes in AXES.items()],
+)
 def test_labels_do_not_overlap(tmp_path: Path, delta: Pair, epsilon: Pair, beta: float) -> None:
     axes = {
         "delta": Axis(start=delta[0], stop=delta[1], num=9),

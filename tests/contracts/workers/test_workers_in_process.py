@@ -28,6 +28,8 @@ from workers import (
     tiles_of,
 )
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 FIELDS: dict[str, Any] = {
     "delta": {"start": 0.45, "stop": 0.9, "num": 4},
     "epsilon": {"start": 0.02, "stop": 0.25, "num": 4},
@@ -44,8 +46,8 @@ def never() -> bool:
 
 def test_a_small_survey_starts_no_other_process_and_holds_the_same_bits(tmp_path: Path) -> None:
     out = tmp_path / "survey.zarr"
-    ran = finish("run", *OPTIONS, "--out", str(out))
-    assert ran.returncode == 0, ran.stderr
+    ran = CliRunner().invoke(app, ["run", *OPTIONS, "--out", str(out)])
+    assert ran.exit_code == 0, ran.stderr
     assert "16 cells, 0 failed" in ran.stdout
     assert "Starting" not in ran.stderr
     with xr.open_zarr(out) as survey:
@@ -111,8 +113,35 @@ def test_a_tile_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         run_tiles_here(REQUEST, tmp_path / "survey.zarr", tiles_of(REQUEST), lambda _: None, never)
 
 
-def test_a_signal_ends_a_short_survey_which_the_same_command_resumes(tmp_path: Path) -> None:
-    """The signal comes while kernels are compiled, since the cache is empty."""
+def test_a_signal_ends_a_short_survey_which_the_same_command_resumes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes while the second tile is computed, which ends long after the command."""
+    out, release = tmp_path / "survey.zarr", threading.Event()
+    compute = workers.in_process.compute_tile
+
+    def signalled(request: SurveyRequest, tile: Any) -> Any:
+        if tile.index == 1:
+            os.kill(os.getpid(), signal.SIGTERM)
+            assert release.wait(HANG)
+        return compute(request, tile)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(workers.in_process, "compute_tile", signalled)
+        stopped = CliRunner().invoke(app, ["run", *OPTIONS, "--out", str(out)])
+        release.set()
+        wait_until(lambda: not any(thread.name == "tiles" for thread in threading.enumerate()))
+    assert stopped.exit_code == 130, stopped.output
+    assert "same command resumes it" in stopped.stderr
+    assert tiles_done(REQUEST, out) == {0}
+    assert CliRunner().invoke(app, ["run", *OPTIONS, "--out", str(out)]).exit_code == 0
+    with xr.open_zarr(out) as survey:
+        assert_bit_identical(survey, serial_run(REQUEST))
+
+
+@deep
+def test_a_signal_ends_a_short_survey_whose_kernels_are_compiled(tmp_path: Path) -> None:
+    """They are, since the cache is empty. (test_service_commands has a command that ends while its thread compiles.)"""
     out, cache = tmp_path / "survey.zarr", tmp_path / "cache"
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     run = start("run", *OPTIONS, "--out", str(out), settings={"RATTLE_CACHE_DIR": str(cache)}, **pipes)
@@ -123,7 +152,7 @@ def test_a_signal_ends_a_short_survey_which_the_same_command_resumes(tmp_path: P
     _, said = run.communicate(timeout=HANG)
     assert run.returncode == 130, said
     assert "same command resumes it" in said
-    assert finish("run", *OPTIONS, "--out", str(out)).returncode == 0
+    assert CliRunner().invoke(app, ["run", *OPTIONS, "--out", str(out)]).exit_code == 0
     with xr.open_zarr(out) as survey:
         assert np.array_equal(survey.region.values, serial_run(REQUEST)["region"])
 

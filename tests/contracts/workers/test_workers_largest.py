@@ -14,6 +14,8 @@ from workers.pictures.largest import OTHERS, colours_of, names_of, open_maps
 from workers.pictures.look import LARGEST, SHARE, Look
 from workers.pictures.maps import map_picture
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 REQUEST = SurveyRequest(
     delta=Axis(start=0.405, stop=0.5, num=12),
     epsilon=Axis(start=0.09, stop=0.14, num=10),

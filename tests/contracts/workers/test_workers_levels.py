@@ -60,6 +60,7 @@ def survey(tile: dict[str, int] = TILES[0], **fields: Any) -> SurveyRequest:
 JOINED = survey(
     quantities=("region", "orbits", "attractors", "lyapunov", "families"),
     initial_conditions={"count": 8},
+    slots=3,
     beta={"start": 0.6, "stop": 0.7, "num": 2},
     delta={"start": 0.5, "stop": 0.7, "num": 7},
     epsilon={"start": 0.05, "stop": 0.2, "num": 5},

@@ -247,7 +247,7 @@ def test_slices_and_machines_are_refined_as_planes(tmp_path: Path) -> None:
         "initial_conditions": {"count": 1},
         "refine": True,
     }
-    axes: dict[str, Any] = {"delta": (0.5, 0.8, 36), "epsilon": (0.02, 0.1, 20)}
+    axes: dict[str, Any] = {"delta": (0.5, 0.8, 36), "epsilon": (0.02, 0.1, 10)}
     whole = SurveyRequest(**axes, **fields, beta=(0.5, 0.6, 2))
     run_survey(whole, out=tmp_path / "third").close()
     with open_survey(tmp_path / "third") as third:

@@ -163,6 +163,7 @@ def test_attributes_tell_where_it_comes_from(empty: xr.Dataset, request_: Survey
     assert {"Conventions", "code_version", "date_created", "source"} <= set(attributes)
 
 
+@pytest.mark.usefixtures("templates_once")
 @pytest.mark.parametrize("group", Group)
 def test_only_what_is_asked_for_is_stored(tmp_path: Path, request_: SurveyRequest, group: Group) -> None:
     path = tmp_path / "survey.zarr"

@@ -10,6 +10,8 @@ import gear_rattle
 import workers.run
 from workers import SurveyError, SurveyRequest, run_survey
 
+pytestmark = pytest.mark.usefixtures("templates_once")
+
 AXES: dict[str, Any] = {"delta": (0.45, 0.9, 4), "epsilon": (0.02, 0.25, 4)}
 SMALL: dict[str, Any] = {"initial_conditions": {"count": 8}, "tile": {"delta": 2, "epsilon": 2}}
 REQUEST = SurveyRequest(**AXES, **SMALL)

@@ -29,14 +29,14 @@ from workers.survey.values.schema import OPTIONAL
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
-KAPPA = 1e4
+KAPPA, COUNT = 1e4, 8
 FIELDS = {
     "model": "stiff",
     "kappa": KAPPA,
     # regions I, II, IV and V, and above the quiet limit
     "delta": Axis(start=0.55, stop=0.65, num=2),
     "epsilon": Axis(start=0.05, stop=0.21, num=5),
-    "initial_conditions": {"count": 16},
+    "initial_conditions": {"count": COUNT},
 }
 REQUEST = SurveyRequest.model_validate(FIELDS)
 
@@ -71,7 +71,7 @@ def test_a_cell_is_what_the_library_says(survey: xr.Dataset) -> None:
                 if name in orbits:
                     assert float(one.orbit_velocity) == pytest.approx(orbits[name].v, abs=1e-9)
                     assert complex(one.orbit_multiplier[0]) == pytest.approx(orbits[name].multipliers[0], rel=1e-6)
-            found = gear.attractors(16)
+            found = gear.attractors(COUNT)
             assert int(cell.n_attractors) == len(found)
             for slot, each in enumerate(found):
                 one = cell.isel(attractor=slot)

@@ -186,7 +186,8 @@ def test_tables_and_files_have_all_slices(store: Path, planes: list[Path], tmp_p
             head, *rows = "".join(csv_lines(whole, form)).splitlines()
             assert [head, *rows] == [head, *(row for part in parts for row in "".join(part).splitlines()[1:])]
         assert np.unique(np.concatenate([band["beta"] for band in tables(whole)])).tolist() == [0.6, 0.7]
-        with write_netcdf(whole, open_groups(store)) as file:
+        groups = {name: group for name, group in open_groups(store).items() if name.endswith("SN1")}
+        with write_netcdf(whole, groups) as file:
             (tmp_path / "s.nc").write_bytes(file.read())
         with xr.open_dataset(tmp_path / "s.nc", engine="h5netcdf") as found:
             assert (found["region"].values == whole["region"].values).all()

@@ -197,8 +197,8 @@ def test_hysteresis():
     between = [step for step in only_back if 0.0871 < found.epsilon[step] < 0.0875]
     assert len(between) >= 3
     assert set(between) <= on((3, 3, 2), True)
+    orbit = next(a for a in rattle.Gear(0.6, 0.0865).attractors(512) if a.m == 3)
     for step in between:  # as an experiment would have it: the motion stays when ε is raised to there from below
-        orbit = next(a for a in rattle.Gear(0.6, 0.0865).attractors(512) if a.m == 3)
         tau, v = orbit.tau, orbit.v
         for epsilon in np.linspace(0.0865, found.epsilon[step], 20):
             tau, v, *_ = rattle.Gear(0.6, epsilon).iterate(tau, v, 3000)

@@ -1,5 +1,7 @@
 """The boundary crisis by the manifold condition, against the model's number, simulation and transient lifetimes."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from depth import deep, either
@@ -15,6 +17,12 @@ from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.saddles import local_manifold
 
 CRISIS = 0.0974223469577094  # at δ = 0.762, to the last digit by a bisection of its own, below
+
+
+@cache
+def corner():
+    """The crisis at 0.762."""
+    return boundary_crisis(0.762)
 
 
 def corner_leaves(delta, epsilon):
@@ -40,7 +48,7 @@ def corner_leaves(delta, epsilon):
 
 
 def test_the_corner_at_0762():
-    found = boundary_crisis(0.762)
+    found = corner()
     assert found.epsilon == pytest.approx(0.0974223487, abs=1e-8)
     assert found.epsilon == pytest.approx(CRISIS, abs=1e-13)
     assert found.contact == "corner"
@@ -133,7 +141,7 @@ def test_chaos_ends_at_another_backlash():
 def test_it_passes_beside_cod22():
     """At COD22's damping the crisis is 4e-5 above SN1; it does not close on SN1 there, but goes on to larger δ."""
     end = next(point for point in codimension_two() if point.name == "COD22").delta
-    points = [boundary_crisis(0.762)]
+    points = [corner()]
     while points[-1].gap > 3.5e-5:
         points.append(in_gap(points, 0.75 * points[-1].gap, end))
     delta, gap = (np.array(x) for x in zip(*((point.delta, point.gap) for point in points), strict=True))

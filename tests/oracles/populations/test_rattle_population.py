@@ -126,7 +126,7 @@ def test_gears_pass_whose_margin_is_large_enough() -> None:
 
 def test_a_margin_of_a_machine_is_a_speed_in_metres_a_second() -> None:
     plan = of(GIVEN, gears=2, count=1, pairs=0, margin=1e-3, judged=2)
-    points = plan.tolerances.points(plan.values(np.arange(2)))
+    points = plan.tolerances.points(plan.values(np.arange(1)))
     assert points.units is not None
     plain = of(GIVEN, gears=2, count=1, pairs=0, margin=float(1e-3 / points.units.velocity), judged=2)
     assert np.array_equal(judged(plan, points), judged(plain, points._replace(units=None)))

@@ -14,7 +14,7 @@ from rattle.proof.check import Refused, check
 @pytest.mark.parametrize("stiff", [False, True], ids=["impacting", "stiff"])
 def test_false_claims_are_refused_by_finder_and_checker(kind, stiff):
     given = false_claims.claims(kind, 27, stiff)
-    for _ in range(either(5 if stiff else 24, 300)):
+    for _ in range(either(4 if stiff else 12, 300)):
         finder, checker = false_claims.answers(next(given))
         assert finder
         assert checker
