@@ -61,7 +61,8 @@ class Classifier(ABC):
         """Take cells as the kernels do, initial conditions of shape (n_cells, count), and the most impacts of one."""
         n_cells, self.count = tau.shape
         self.cells, self.budget = cells, budget
-        self.longer = np.maximum(1.0, WATCH / (PERIODS * cells.delta))  # than where damping is strong
+        with np.errstate(over="ignore"):  # of a subnormal δ
+            self.longer = np.maximum(1.0, WATCH / (PERIODS * cells.delta))  # than where damping is strong
         cell = np.repeat(np.arange(n_cells), self.count)
         self.samples = begun(cell, tau.ravel(), v.ravel(), self.most(FIRST, cell))
         self.orbits, self.balls = _empty_tables(n_cells)

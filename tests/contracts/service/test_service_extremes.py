@@ -26,7 +26,6 @@ def refuse(constant: str) -> None:
     raise AssertionError(f"{constant} is no JSON")
 
 
-@pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")  # of the library; it goes on
 @pytest.mark.parametrize("extreme", EXTREMES, ids=str)
 def test_a_point_is_answered(client: TestClient, extreme: dict[str, str]) -> None:
     for route, sample in (("orbits", {}), ("attractors", {"count": 1}), ("basins.png", {"resolution": 2})):
