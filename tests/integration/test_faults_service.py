@@ -183,7 +183,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def service(data: Path, faults: Faults) -> Iterator[tuple[Client, int]]:
     port = free_port()
-    with server(data, port, settings=faults.environment) as process, client_of(port) as client:
+    with server(data, port, "--workers", "2", settings=faults.environment) as process, client_of(port) as client:
         yield client, process.pid
 
 

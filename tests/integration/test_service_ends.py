@@ -149,7 +149,8 @@ def test_a_service_that_starts_ends_by_itself_and_leaves_nothing(tmp_path: Path,
     faults.inject(NO_DEADLINE, WAIT_FOR_SIGNAL, STAGES[stage])
     settings = faults.environment | {"TMPDIR": str(tmp_path)}
     with log.open("w") as stderr:
-        process = start("serve", "--port", "0", "--data", str(tmp_path / "data"), settings=settings, stderr=stderr)
+        arguments = ("--port", "0", "--data", str(tmp_path / "data"), "--workers", "2")
+        process = start("serve", *arguments, settings=settings, stderr=stderr)
         try:
             wait_until(lambda: faults.notes(stage) or process.poll() is not None)
             found = set() if stage in EARLY else wait_until(lambda: of_all_workers(process.pid))
