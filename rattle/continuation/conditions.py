@@ -37,9 +37,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Pr
     if kind is Kind.GRAZING:
         if impact is None:
             raise RattleError("a graze needs the number of the impact that grazes")
-        return Problem(
-            lambda x: np.append(itinerary.residual(x), itinerary.graze(x, impact)[..., None], -1), scale=scale_at
-        )
+        return Problem(lambda x: itinerary.with_graze(x, impact), scale=scale_at)
     multiplier = MULTIPLIER[kind]
     borders: list[Array] = []
 
@@ -49,7 +47,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Pr
         borders[:] = side * left[:, -1], right[-1]
 
     def equations(x: NDArray) -> NDArray:
-        singular = bordered(itinerary.jacobian(x, multiplier), *borders)
-        return np.append(itinerary.residual(x), singular[..., None], -1)
+        residual, jacobian = itinerary.with_jacobian(x, multiplier)
+        return np.append(residual, bordered(jacobian, *borders)[..., None], -1)
 
     return Problem(equations, prepare, scale_at)

@@ -35,8 +35,11 @@ class Equations(Protocol):
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
         """J(λ) = ∂R/∂unknowns (…, n, n), where what is a period later is λ times as large."""
 
-    def graze(self, x: NDArray, impact: int) -> NDArray:
-        """What is zero (…,) where impact number `impact` is a graze."""
+    def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
+        """R and J(λ), from the same flights."""
+
+    def with_graze(self, x: NDArray, impact: int) -> NDArray:
+        """R (…, n + 1), and after it what is zero where impact number `impact` is a graze."""
 
     def begun_at(self, first: int) -> Self:
         """The itinerary of the same motion, begun at impact number `first`."""

@@ -68,11 +68,17 @@ class Itinerary:
 
     def residual(self, x: NDArray) -> NDArray:
         """R (…, n): zero where every impact is elastic."""
-        flights = self.flights(x)
+        return self._residual(self.flights(x))
+
+    def _residual(self, flights: Flights) -> NDArray:
         return flights.w0 + flights.w1[..., self.before]
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
         """J(λ) = ∂R/∂t (…, n, n) with t_n' = λ t₀'."""
+        return self.with_jacobian(x, multiplier)[1]
+
+    def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
+        """R and J(λ), from the same flights."""
         flights, n = self.flights(x), self.n
         before = flights.decay * flights.pull * flights.w0  # ∂w₁/∂t₀
         after = -flights.pull * flights.w1  # ∂w₀/∂t₁
@@ -83,11 +89,12 @@ class Itinerary:
         matrix[..., rows, rows] = flights.w0_t0 + flights.w1_t1[..., self.before]
         matrix[..., rows, self.after] += after * wrap
         matrix[..., self.after, rows] += before / wrap
-        return matrix
+        return self._residual(flights), matrix
 
-    def graze(self, x: NDArray, impact: int) -> NDArray:
-        """The velocity (…,) with which an impact is reached."""
-        return self.flights(x).w1[..., impact - 1]
+    def with_graze(self, x: NDArray, impact: int) -> NDArray:
+        """R (…, n + 1), and after it the velocity with which an impact is reached."""
+        flights = self.flights(x)
+        return np.append(self._residual(flights), flights.w1[..., impact - 1, None], -1)
 
     def monodromy(self, x: Array) -> Array:
         """The product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs); infinite at a

@@ -134,7 +134,9 @@ class StiffItinerary:
 
     def residual_at(self, x: NDArray, p: NDArray) -> NDArray:
         """R (…, 2c): depths over σ, then velocities, at another p (…, 1) than the own one."""
-        flights, contacts = self.solved(x, p)
+        return self._residual(x, *self.solved(x, p))
+
+    def _residual(self, x: NDArray, flights: Flights, contacts: Contacts) -> NDArray:
         depths = contacts.x / x[..., self.contacts : self.n]
         return np.concatenate([depths, contacts.v - self.signs * flights.w0], axis=-1)
 
@@ -144,6 +146,10 @@ class StiffItinerary:
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
         """J(λ) = ∂R/∂(times, σ) (…, 2c, 2c), where what is a period later is λ times as large."""
+        return self.with_jacobian(x, multiplier)[1]
+
+    def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
+        """R and J(λ), from the same flights and contacts."""
         p, c = self.softness, self.contacts
         flights, contacts = self.solved(x, np.array([p]))
         duration = x[..., c : self.n]
@@ -168,11 +174,11 @@ class StiffItinerary:
             matrix[..., c + i, i] -= sign * flights.w0_t0[..., i]
             matrix[..., c + i, c + i] -= sign * p * flights.w0_t0[..., i]
             matrix[..., c + i, after] -= sign * to_end[..., i] * later
-        return matrix
+        return self._residual(x, flights, contacts), matrix
 
-    def graze(self, x: NDArray, impact: int) -> NDArray:
-        """The duration σ (…,) of a contact."""
-        return x[..., self.contacts + impact]
+    def with_graze(self, x: NDArray, impact: int) -> NDArray:
+        """R (…, 2c + 1), and after it the duration σ of a contact."""
+        return np.append(self.residual(x), x[..., self.contacts + impact, None], -1)
 
     def doubled(self) -> "StiffItinerary":
         """The itinerary twice over."""
