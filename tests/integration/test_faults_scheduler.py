@@ -1,15 +1,26 @@
-"""A scheduler that is killed and started again, under a service that goes on by itself."""
+"""A scheduler that is lost, or killed and started again, under a service that goes on by itself."""
 
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
+import pytest
 from depth import deep
 from faults import REQUEST, Faults
 from service_processes import ROOT, assert_bit_identical, client_of, free_port, serial_run, server
+from service_support import IdleClient, local_client
 from waiting import wait_until
+
+from service.app import create_app
+from service.jobs import manager
+from service.settings import Settings
+from workers import ClusterLostError, open_survey
+from workers.cluster.runner import compute_and_write
+from workers.kinds import template_of
 
 MIDDLE = 5  # tiles that are done while the others are held
 
@@ -28,6 +39,43 @@ def dask(faults: Faults, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
     finally:
         process.kill()
         process.wait()
+
+
+class Cluster(IdleClient):
+    """Enough of a dask client for surveys whose tiles are computed here, until its scheduler is lost."""
+
+    @contextmanager
+    def opened(self) -> Iterator[Any]:
+        self.status = "running"
+        yield self
+
+
+@pytest.mark.parametrize("error", [ClusterLostError("the dask scheduler is gone"), KeyError("what dask looks up then")])
+def test_another_cluster_goes_on_where_one_was_lost(
+    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cluster, computed = Cluster(), Counter[int]()
+
+    def run_tiles(request: Any, path: Path, tiles: Any, client: Any, on_tile: Any, *_: Any) -> None:
+        for tile in tiles:
+            computed[tile.index] += 1
+            if len(computed) > MIDDLE and computed.total() == len(computed):
+                client.status = "closed"
+                raise error
+            on_tile(compute_and_write(request, str(path), tile))
+
+    monkeypatch.setattr(manager, "run_tiles", run_tiles)
+    monkeypatch.setattr(manager, "template_on", lambda _, request, created, __: template_of(request, created))
+    monkeypatch.setattr(manager, "FIRST_PAUSE", 0.01)
+    app = create_app(Settings(data=tmp_path, explorer=False, preload=False), cluster.opened)
+    with local_client(app) as client:
+        survey = client.post("/v1/surveys", json=REQUEST.model_dump(mode="json")).json()["links"]["self"]
+        wait_until(lambda: client.get(survey).json()["state"] in ("successful", "failed"))
+        document = client.get(survey).json()
+        assert (document["state"], document["tiles_done"]) == ("successful", REQUEST.n_tiles), document["message"]
+        assert client.get("/v1/health").json()["cluster"] == "ready"
+    assert_bit_identical(open_survey(tmp_path / "surveys" / f"{document['id']}.zarr"), serial_run(REQUEST))
+    assert computed == Counter([*range(REQUEST.n_tiles), MIDDLE])  # nothing twice but the tile that was at work
 
 
 @deep
