@@ -25,6 +25,7 @@ from service.jobs.directory import DataDirectory
 from service.jobs.manager import JobManager
 from service.kernels import Kernels
 from service.observability.metrics import Metrics
+from service.places import Places
 from service.settings import Settings
 from workers import Bucket
 
@@ -61,9 +62,9 @@ class Front:
         return CapacityLimiter(self.settings.max_windows)
 
     @cached_property
-    def slow_points(self) -> CapacityLimiter:
+    def slow_points(self) -> Places:
         """Slow parts of the views of points, of all pages: a process is left for what is quick."""
-        return CapacityLimiter(max(1, self.settings.max_points - 1))
+        return Places(max(1, self.settings.max_points - 1))
 
     @contextmanager
     def interruptible(self) -> Iterator[None]:

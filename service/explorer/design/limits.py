@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import AsyncIterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,17 +49,19 @@ class DesignLimits:
             self._known.pop(next(iter(self._known)))
         for value in coarse_first(delta):
             if value not in known:
-                async with self._front.slow_points:
-                    known[value] = await in_turn(
-                        self._front,
-                        limit_at,
-                        *(model, value, share),
-                        needs=(model.name, Part.ATTRACTORS),
-                        what="The design limit",
-                        advice="Use the command rattle limit.",
-                    )
+                known[value] = await self._front.slow_points.in_background(partial(self._find, model, value, share))
                 yield _sorted(known)
         yield _sorted(known)
+
+    async def _find(self, model: AnyModel, delta: float, share: float) -> Limit:
+        return await in_turn(
+            self._front,
+            limit_at,
+            *(model, delta, share),
+            needs=(model.name, Part.ATTRACTORS),
+            what="The design limit",
+            advice="Use the command rattle limit.",
+        )
 
 
 def coarse_first(delta: Pair) -> list[float]:

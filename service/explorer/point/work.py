@@ -101,7 +101,7 @@ class Work:
         """
         part = Part.ATTRACTORS if compute is parts.chances else Part.POINT
         await self.kernels(part)
-        async with self._front.slow_points if slow else nullcontext():
+        async with self._front.slow_points.one() if slow else nullcontext():
             self._require()
             found = await in_turn(
                 self._front,

@@ -1,0 +1,56 @@
+"""Places for what takes long: those who wait for it come first, and what nobody waits for gives way."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import TypeVar
+
+from anyio import CancelScope, CapacityLimiter, Event
+
+Result = TypeVar("Result")
+
+
+class Places:
+    """Computations that may be at work at once."""
+
+    def __init__(self, number: int) -> None:
+        self._limiter = CapacityLimiter(number)
+        self._giving_way: list[CancelScope] = []  # of what is in the background, the newest last
+        self._waiting = 0
+        self._nobody_waits = Event()
+        self._nobody_waits.set()
+
+    @asynccontextmanager
+    async def one(self) -> AsyncIterator[None]:
+        """A place for what somebody waits for. It takes that of something in the background, if there is no other."""
+        self._waiting += 1
+        if self._waiting == 1:
+            self._nobody_waits = Event()
+        try:
+            if self._limiter.available_tokens < 1 and self._giving_way:
+                self._giving_way.pop().cancel()
+            await self._limiter.acquire_on_behalf_of(place := object())
+        finally:
+            self._waiting -= 1
+            if not self._waiting:
+                self._nobody_waits.set()
+        try:
+            yield
+        finally:
+            self._limiter.release_on_behalf_of(place)
+
+    async def in_background(self, compute: Callable[[], Awaitable[Result]]) -> Result:
+        """What this returns. It begins anew, later, whenever it gives way."""
+        while True:
+            await self._nobody_waits.wait()
+            async with self._limiter:
+                if self._waiting:
+                    continue
+                with CancelScope() as scope:
+                    self._giving_way.append(scope)
+                    try:
+                        return await compute()
+                    finally:
+                        if scope in self._giving_way:
+                            self._giving_way.remove(scope)

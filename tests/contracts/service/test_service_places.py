@@ -1,0 +1,84 @@
+"""Who waits comes first, and what nobody waits for gives its place to them and begins anew."""
+
+import asyncio
+from collections.abc import Callable, Coroutine
+
+from anyio import Event, sleep_forever
+from waiting import HANG
+
+from service.places import Places
+
+
+def run(body: Callable[[], Coroutine[None, None, None]]) -> None:
+    asyncio.run(asyncio.wait_for(body(), HANG))
+
+
+def test_the_background_gives_way_and_begins_anew() -> None:
+    async def body() -> None:
+        places, entered = Places(1), Event()
+        begun: list[None] = []
+
+        async def background() -> str:
+            begun.append(None)
+            entered.set()
+            if len(begun) == 1:
+                await sleep_forever()
+            return "found"
+
+        first = asyncio.create_task(places.in_background(background))
+        await entered.wait()
+        async with places.one():  # else it would wait for ever
+            second = asyncio.create_task(places.in_background(background))
+            await asyncio.sleep(0)
+            assert len(begun) == 1
+        assert await asyncio.gather(first, second) == ["found", "found"]
+        assert len(begun) == 3
+
+    run(body)
+
+
+def test_those_who_wait_come_before_the_background_however_late() -> None:
+    async def body() -> None:
+        places = Places(1)
+        order: list[str] = []
+
+        async def one(name: str) -> None:
+            async with places.one():
+                order.append(name)
+                await asyncio.sleep(0)
+
+        async def background() -> None:
+            order.append("background")
+
+        async with places.one():
+            later = asyncio.create_task(places.in_background(background))
+            await asyncio.sleep(0)
+            others = [asyncio.create_task(one(name)) for name in "abc"]
+            await asyncio.sleep(0)
+        await asyncio.gather(later, *others)
+        assert order == ["a", "b", "c", "background"]
+
+    run(body)
+
+
+def test_who_is_given_up_while_waiting_holds_nothing_back() -> None:
+    async def body() -> None:
+        places = Places(1)
+
+        async def one() -> None:
+            async with places.one():
+                raise AssertionError
+
+        async def background() -> int:
+            return 7
+
+        async with places.one():
+            waiting = asyncio.create_task(one())
+            await asyncio.sleep(0)
+            waiting.cancel()
+            await asyncio.wait([waiting])
+        assert await places.in_background(background) == 7
+        async with places.one():
+            pass
+
+    run(body)
