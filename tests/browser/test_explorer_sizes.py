@@ -40,6 +40,7 @@ def test_a_view_is_printed_whole_with_its_key(page: Page, service: str, width: i
     page.set_viewport_size({"width": width, "height": 1000})
     open_view(page, service)
     expect(page.get_by_text("COD20–23")).to_be_visible()
+    page.wait_for_url("**survey=**")  # the one that was chosen
     sheet = page.pdf(format="A4", margin=dict.fromkeys(("top", "bottom", "left", "right"), "12mm"))
     assert len(re.findall(rb"/Type /Page\b", sheet)) == 1
     page.emulate_media(media="print")

@@ -106,7 +106,8 @@ def test_the_types_of_a_picture_are_told_apart() -> None:
     for cell in range(cells):
         rows = np.flatnonzero((found.cell == cell) & (found.kind == 2))
         types = {(int(found.m[i]), int(found.n_plus[i]), int(found.n_minus[i])) for i in rows}
-        shades = np.array([to_rgb(colour(each)) for each in (*sorted(types), "quiet", "chaotic", "undecided")])
+        palette = Palette()
+        shades = np.array([to_rgb(palette.colour(each)) for each in (*sorted(types), "quiet", "chaotic", "undecided")])
         apart = np.hypot.reduce(shades[:, None] - shades, axis=2)
         assert apart[~np.eye(len(shades), dtype=bool)].min() > 0.15, types
         several += len(types) > 1

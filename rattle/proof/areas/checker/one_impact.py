@@ -2,7 +2,7 @@
 
 from .intervals import IV, ONE, PI, ZERO, Box, Interval, Jet, less, middle, require
 
-SHORTEST, PLACES = 2.0**-13, 32  # a part of a flight; of a search, on either side
+SHORTEST, PLACES = 2.0**-18, 32  # a part of a flight; of a search, on either side
 
 
 def sine_of(d: Jet) -> Jet:
