@@ -60,10 +60,18 @@ def survey_id(service: str) -> str:
 
 
 @pytest.fixture(autouse=True)
-def _nothing_stays_held(held: Faults) -> Iterator[None]:
-    """A test that fails while it holds tiles stops no other one."""
+def _nothing_is_left(request: pytest.FixtureRequest, held: Faults) -> Iterator[None]:
+    """What a test holds or submits, one that fails too, is there for no other one."""
+    here = f"{request.getfixturevalue('service')}/v1/surveys" if "service" in request.fixturenames else ""
+    before = _ids(here)
     yield
     held.release()
+    for each in _ids(here) - before:  # one that runs is dismissed first
+        wait_until(lambda one=f"{here}/{each}": httpx.delete(one, timeout=HANG).status_code in (204, 404))
+
+
+def _ids(surveys: str) -> set[str]:
+    return {each["id"] for each in get(surveys).json()["surveys"]} if surveys else set()
 
 
 @pytest.fixture

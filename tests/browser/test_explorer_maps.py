@@ -88,4 +88,4 @@ def test_a_profile_has_the_axis_of_the_diagram_and_further_maps_the_window_of_th
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("() => document.documentElement.scrollWidth") <= width
         wait_for(page, "() => Bokeh.documents.every((each) => each.is_idle)")
-        assert page.evaluate(OVERLAPS) == 0
+        wait_for(page, f"() => ({OVERLAPS})() === 0")
