@@ -17,7 +17,7 @@ class Watch:
 
     def __init__(self) -> None:
         self._is_paused = False
-        self._newest: dict[Any, object] = {}
+        self._newest: dict[Any, Any] = {}
 
     def on(self, widget: Any, used: Callable[[], None]) -> None:
         """Have somebody called when a viewer has given a widget another value."""
