@@ -17,11 +17,12 @@ from threading import Event, Thread
 from typing import Any
 
 import dask
-from distributed import Client, Future, Nanny, Scheduler, Security, SpecCluster, Worker, WorkerPlugin, comm
+from distributed import Client, Future, Nanny, Security, SpecCluster, Worker, WorkerPlugin, comm
 from distributed.scheduler import DEFAULT_EXTENSIONS
 from distributed.utils import silence_logging_cmgr
 
 import rattle
+from workers.cluster.parts import SilentScheduler, SilentWorker
 from workers.errors import ClusterLostError, SurveyError
 
 MEMORY_LIMIT = 2 * 2**30
@@ -30,8 +31,8 @@ CONNECT_SECONDS = 10
 ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-#: A worker that is silent for so long is taken for frozen, ended and replaced, by dask within twice this time and 4 s.
-#: Kernels let the heart beat twice a second; dask's own default is 5 minutes.
+#: A worker that is silent for so long and gets nothing done, or uses so much processor time without a word, is frozen:
+#: dask ends and replaces it within three times this time and 4 s. Kernels let the heart beat twice a second.
 SILENT_SECONDS = 15
 #: A tile that has killed two workers goes to a process of its own. It need not be guilty: the cells are tried there.
 ALLOWED_DEATHS = 1
@@ -41,11 +42,14 @@ GIVE_UP_SECONDS = 0.1  # between two questions whether a cluster shall still sta
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
 ROUNDS = 5  # in which no worker is at a task that was given up: what was sent to one before has arrived
 #: Of what dask notes for those who look into a cluster, which here is nobody: else the last 1000 messages of every
-#: connection are kept, with what is in them, two hours of each processor's load, and all that was ever submitted.
+#: connection are kept, with what is in them, two hours of each processor's load, and all that was ever submitted. To
+#: look at the load twice and at the clock fifty times a second took a seventh of a processor for two workers at rest.
 LAST = 10
 NOTES = {
     "distributed.admin.low-level-log-length": LAST,
     "distributed.admin.system-monitor.log-length": LAST,
+    "distributed.admin.system-monitor.interval": "60s",
+    "distributed.admin.tick.interval": "1s",
     "distributed.diagnostics.computations.max-history": LAST,
     "distributed.worker.profile.enabled": False,
 }
@@ -80,21 +84,6 @@ class Nice(WorkerPlugin):
     def setup(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
         """Lower the priority of this process."""
         os.setpriority(os.PRIO_PROCESS, 0, self._nice)
-
-
-class NoPages:
-    """A part of a cluster without dask's HTTP server, whose pages nobody reads and every local account could."""
-
-    def start_http_server(self, *_: Any, **__: Any) -> None:
-        """Open no port."""
-
-
-class SilentScheduler(NoPages, Scheduler):
-    """A scheduler that listens for certificates of its cluster only."""
-
-
-class SilentWorker(NoPages, Worker):
-    """A worker that listens for certificates of its cluster only."""
 
 
 @contextmanager
