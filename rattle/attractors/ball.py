@@ -153,9 +153,7 @@ def centres_of(grown, orbits, cells):
                     n += 1
                 if i // every * every + every < n_plus:  # else it was the last
                     _status, tau, v, _time, _below = step(tau, v, point)
-    return Centres(
-        whole[0], whole[1], whole[2], whole[3], real[0], real[1], real[2], real[3], real[4], real[5]
-    )
+    return Centres(whole[0], whole[1], whole[2], whole[3], real[0], real[1], real[2], real[3], real[4], real[5])
 
 
 @kernel

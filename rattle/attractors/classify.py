@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_balls
 from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers
+from rattle.attractors.leaks import standing
 from rattle.attractors.recurrence import mark_footprints, resolve
-from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples
+from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples, doubled, empty_tables
 from rattle.attractors.sets import Sets
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
@@ -34,7 +35,6 @@ MOST_MEASURED = 20_000  # impacts of a witness that never gets through its perio
 WITNESSES = 12  # per cell: if one in 3000 periods leaves a chaotic set, 98 % of the cells show it
 TRACED = 1000  # impacts of a footprint without gaps
 LONGER = 4  # witnesses that seem to be on different attractors are watched this many times as long
-LEAKS_MISSED = 3.0  # a set that loses samples is left by none for so long with probability e^(−3)
 EXTENSIONS = 3  # an unclear exponent is measured again over twice the impacts, this many times
 ROOM = 8  # orbits per cell to begin with; doubled where a cell has more
 
@@ -67,7 +67,7 @@ class Classifier(ABC):
             self.longer = np.maximum(1.0, WATCH / (PERIODS * cells.delta))  # than where damping is strong
         cell = np.repeat(np.arange(n_cells), self.count)
         self.samples = begun(cell, tau.ravel(), v.ravel(), self.most(FIRST, cell))
-        self.orbits, self.balls = _empty_tables(n_cells)
+        self.orbits, self.balls = empty_tables(n_cells, ROOM, BALLS_PER_ORBIT)
         self.grown = np.zeros(n_cells, np.int64)  # orbits whose balls are known
         self.chaos: dict[int, list[Chaos]] = {}
         self.stage = np.zeros(n_cells, np.int64)
@@ -108,10 +108,9 @@ class Classifier(ABC):
         self.settle(index[:, ~pilot].ravel(), self.samples, early=True)
         pending = np.arange(len(index))
         while pending.size:
-            pending = pending[(self.status[pending] == LEFT).any(axis=1)]
-            doubtful = (self.stage[pending] == 0) & (self.status[pending] != LEFT).any(axis=1) | self.unclear[pending]
-            first = FIRST * self.longer[pending]
-            leaks = doubtful | leaking(self.status[pending], self.impacts[pending], first)
+            left, leaks = standing(pending, self.status, self.impacts, FIRST * self.longer)
+            pending, left, leaks = (x[left > 0] for x in (pending, left, leaks))
+            leaks |= (self.stage[pending] == 0) & (left < self.count) | self.unclear[pending]
             decided = np.zeros(pending.size, np.bool_)
             decided[~leaks] = self.judge(pending[~leaks])
             few = (self.status[pending] == LEFT).sum(axis=1) <= self.count // FEW
@@ -178,8 +177,8 @@ class Classifier(ABC):
     def make_room(self, most: int) -> None:
         """Have room for so many orbits in each cell, as often doubled as it takes."""
         while self.orbits.m.shape[1] < most:
-            self.orbits = Orbits(self.orbits.n, *_doubled(self.orbits[1:]))
-            self.balls = Balls(self.balls.n, *_doubled(self.balls[1:]))
+            self.orbits = Orbits(self.orbits.n, *doubled(self.orbits[1:]))
+            self.balls = Balls(self.balls.n, *doubled(self.balls[1:]))
 
     def extend(self, cells: NDArray[np.int64]) -> None:
         """Follow what is left in these cells for longer."""
@@ -198,8 +197,9 @@ class Classifier(ABC):
         decided = chosen.all_of(chaotic)
         told_nothing = chosen.all_of(self.samples.status[chosen.which] == LEFT)
         self.unclear[cells[~decided]] = told_nothing[~decided]
-        every = np.repeat(decided, chosen.size)
-        seen = Seen(seen.sums[every], seen.prints[every])
+        if not decided.all():
+            every = np.repeat(decided, chosen.size)
+            seen = Seen(seen.sums[every], seen.prints[every])
         decided[decided] = self.declare_chaos(cells[decided], chosen.only(decided), seen)
         weak = decided & (self.cells.delta[cells] < WEAK)
         decided[weak] = self.outlast(cells[weak])
@@ -257,7 +257,10 @@ class Classifier(ABC):
             part, before = nothing_seen(todo.size), samples.time[now]
             self.watch(now, np.full(todo.size, float(MEASURED * 2**extension)), PERIODS * longer, part)
             self.resolve(now[samples.status[now] == RECURRENT], samples)
-            seen.sums[todo], seen.prints[todo] = part
+            if todo.size == which.size:
+                seen = part
+            else:
+                seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == LEFT, samples.time[now] - before
             chattering = (time < 0.5 * PERIODS * longer) & self.has_quiet[samples.cell[now]]  # may be about to rest
             stopped = chattering | (time < PERIODS * longer) & (room < most)  # by the budget
@@ -341,31 +344,6 @@ def begun(
     return Samples(cell, tau, v, impacts, limits, status, orbit, gap, pause, np.zeros(cell.size))
 
 
-def leaking(status: NDArray[np.int64], impacts: NDArray[np.int64], first: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether what is left in cells (n,) may still settle, from status and impacts (n, count): others settled later
-    than to begin with, within the first impacts (n,), and what is left has not outlasted them by enough since.
-
-    Were it the same leaking set, LEAKS_MISSED more would have left it by now, at the rate until the last one did.
-    """
-    settled = status != LEFT
-    leaked = settled & (impacts > first[:, None])
-    last = np.where(leaked, impacts, 0).max(axis=1, initial=0)[:, None]
-    since = np.where(settled, 0, np.maximum(impacts - last, 0)).sum(axis=1)
-    before = np.minimum(impacts, last).sum(axis=1)
-    return np.asarray(leaked.any(axis=1) & (leaked.sum(axis=1) * since < LEAKS_MISSED * before))
-
-
 def nothing_seen(count: int) -> Seen:
     """Room for what is seen of so many samples."""
     return Seen(np.zeros((count, BATCHES, 3)), np.zeros((count, GRID), np.uint64))
-
-
-def _doubled(columns: tuple[NDArray[Any], ...]) -> list[NDArray[Any]]:
-    return [np.concatenate([x, np.zeros_like(x)], axis=1) for x in columns]
-
-
-def _empty_tables(n_cells: int) -> tuple[Orbits, Balls]:
-    room, balls = (n_cells, ROOM), (n_cells, ROOM * BALLS_PER_ORBIT)
-    labels = (np.zeros(room, np.int64) for _ in range(3))
-    orbits = Orbits(np.zeros(n_cells, np.int64), *labels, *(np.zeros(room) for _ in range(4)))
-    return orbits, Balls(np.zeros(n_cells, np.int64), np.zeros(balls, np.int64), *(np.zeros(balls) for _ in range(5)))

@@ -132,9 +132,7 @@ def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
     for cell in range(n.size):
         for j in range(n[cell]):
             first, second = log_multipliers(trace[cell, j], -cells.delta[cell])
-            remember(
-                1, n_plus[cell, j], n_minus[cell, j], tau[cell, j], v[cell, j], first, second, cell, orbits
-            )
+            remember(1, n_plus[cell, j], n_minus[cell, j], tau[cell, j], v[cell, j], first, second, cell, orbits)
 
 
 @kernel
