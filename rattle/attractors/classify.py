@@ -168,10 +168,11 @@ class Classifier(ABC):
 
     def grow_balls(self) -> None:
         """Grow balls of capture around points of the orbits that have none yet."""
+        if (self.orbits.n == self.grown).all():
+            return
         centres = centres_of(self.grown, self.orbits, self.cells)
-        if centres.radius.size:
-            self.enlarge(centres)
-            enter_balls(centres, self.balls)
+        self.enlarge(centres)
+        enter_balls(centres, self.balls)
         self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:

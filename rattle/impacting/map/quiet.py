@@ -21,7 +21,7 @@ from rattle.numerics.compile import kernel
 
 Array = NDArray[np.float64]
 
-PHASES, ABREAST = 2048, 16  # so many at a time: a maximum of one number has no vector instruction that waits for none
+PHASES, ABREAST = 2048, 16  # phases; so many have a maximum of their own, as vector instructions want it
 COSINES, SINES = np.cos(2 * np.pi * np.arange(PHASES) / PHASES), np.sin(2 * np.pi * np.arange(PHASES) / PHASES)
 LARGEST_ETA = 0.5
 KICK, DECAY_RATE = 10.0, 1.9
