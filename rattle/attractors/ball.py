@@ -8,15 +8,37 @@ what this assumes between the directions that are looked at, and how it is teste
 """
 
 import math
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit
-from rattle.numerics.compile import kernel
-from rattle.orbits.return_map import power_map
+from rattle.numerics.compile import inline, kernel
+from rattle.orbits.return_map import point_of, power_map, step
 
 LARGEST, SMALLEST = 0.25, 1e-5  # radii in phase that are tried, halving
 SPEED_WEIGHT = 1.0 / 16.0  # (Δτ)² + (Δv)²/16: phases are of order 1, speeds of order 4 units
 DIRECTIONS = 8
+COSINES, SINES = (np.array([f(math.pi * i / DIRECTIONS) for i in range(2 * DIRECTIONS)]) for f in (math.cos, math.sin))
+BALLS_PER_ORBIT = 4
+
+
+class Centres(NamedTuple):
+    """Points (k,) of orbits around which balls are grown: cell, number of the orbit in it, impacts on Σ⁺ and on Σ⁻ in a
+    period; state; norm; and the radius, the largest at first and 0 where there is none.
+    """
+
+    cell: Any
+    orbit: Any
+    n_plus: Any
+    n_minus: Any
+    tau: Any
+    v: Any
+    m00: Any
+    m01: Any
+    m11: Any
+    radius: Any
 
 
 @kernel
@@ -39,14 +61,9 @@ def contracting_norm(a, b, c, d, q):
     return True, m00 / whole, m01 / whole, m11 / whole
 
 
-@kernel
-def contracts(tau, v, k, n_minus, m00, m01, m11, point):
-    """True if Π^k at this state has as many Σ⁻ impacts as the orbit and a tangent that contracts in the norm M."""
-    if not v > 0.0:
-        return False
-    status, _t, _v, _time, below, a, b, c, d, _ln = power_map(tau - math.floor(tau), v, k, point)
-    if status != OK or below != n_minus:
-        return False
+@inline
+def shrinks(a, b, c, d, m00, m01, m11):
+    """True if [[a, b], [c, d]] contracts in the norm M."""
     n00 = a * (m00 * a + m01 * c) + c * (m01 * a + m11 * c)
     n01 = a * (m00 * b + m01 * d) + c * (m01 * b + m11 * d)
     n11 = b * (m00 * b + m01 * d) + d * (m01 * b + m11 * d)
@@ -56,28 +73,98 @@ def contracts(tau, v, k, n_minus, m00, m01, m11, point):
     return trace < 2.0 and trace < 1.0 + determinant  # both eigenvalues of M⁻¹ DᵀMD below 1
 
 
+@inline
+def placed(centres, i, direction, radius):
+    """The state in this direction from centre i: on the ellipse zᵀMz = size², by the Cholesky factor of M, where size
+    is the radius or, in every other direction, half of it.
+    """
+    m00, m01, m11 = centres.m00[i], centres.m01[i], centres.m11[i]
+    size = radius if direction % 2 == 0 else 0.5 * radius
+    y = size * SINES[direction] / math.sqrt(m11 - m01 * m01 / m00)
+    x = size * COSINES[direction] / math.sqrt(m00) - m01 * y / m00
+    tau = centres.tau[i] + x
+    return tau - math.floor(tau), centres.v[i] + y
+
+
 @kernel
-def ball(tau, v, k, n_minus, point):
-    """The quadratic form whose value below 1 means capture by the fixed point (τ, v) of Π^k: (found, c00, c01, c11)."""
-    status, _t, _v, _time, _below, a, b, c, d, _ln = power_map(tau, v, k, point)
-    unit = speed_unit(point.delta, point.epsilon, point.beta)
-    found, m00, m01, m11 = contracting_norm(a, b, c, d, SPEED_WEIGHT / (unit * unit))
-    if status != OK or not (found and m00 > 0.0 and m00 * m11 > m01 * m01):
-        return False, 0.0, 0.0, 0.0
-    radius = LARGEST
-    while radius > SMALLEST:
-        good = True
-        for i in range(2 * DIRECTIONS):
-            angle = math.pi * i / DIRECTIONS
-            size = radius if i % 2 == 0 else 0.5 * radius
-            # (x, y) on the ellipse zᵀMz = size², by the Cholesky factor of M
-            y = size * math.sin(angle) / math.sqrt(m11 - m01 * m01 / m00)
-            x = size * math.cos(angle) / math.sqrt(m00) - m01 * y / m00
-            if not contracts(tau + x, v + y, k, n_minus, m00, m01, m11, point):
-                good = False
-                break
-        if good:
-            scale = 4.0 / (radius * radius)
-            return True, scale * m00, scale * m01, scale * m11
-        radius *= 0.5
-    return False, 0.0, 0.0, 0.0
+def contracts(tau, v, i, centres, point):
+    """True if Π^k at this state has as many Σ⁻ impacts as the orbit of centre i and a tangent that contracts in its
+    norm.
+    """
+    if not v > 0.0:
+        return False
+    status, _t, _v, _time, below, a, b, c, d, _ln = power_map(tau, v, centres.n_plus[i], point)
+    same = status == OK and below == centres.n_minus[i]
+    return same and shrinks(a, b, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
+
+
+@kernel
+def enlarge_one_by_one(centres, cells):
+    """Find the radii, one flight at a time: of models whose flights have no lanes."""
+    for i in range(centres.radius.size):
+        point = point_of(centres.cell[i], cells)
+        direction = 0
+        while centres.radius[i] > 0.0 and direction < 2 * DIRECTIONS:
+            tau, v = placed(centres, i, direction, centres.radius[i])
+            direction += 1
+            if not contracts(tau, v, i, centres, point):
+                centres.radius[i], direction = halved(centres.radius[i]), 0
+
+
+@inline
+def halved(radius):
+    """The next radius to try, 0 if there is none."""
+    return 0.5 * radius if 0.5 * radius > SMALLEST else 0.0
+
+
+@inline
+def between(n_plus):
+    """Impacts from one centre of an orbit to the next."""
+    return (n_plus + BALLS_PER_ORBIT - 1) // BALLS_PER_ORBIT
+
+
+@kernel
+def centres_of(grown, orbits, cells):
+    """The `Centres` of the orbits of every cell from number grown[cell] on, with the largest radius; 0 where Π^k does
+    not contract.
+    """
+    n = 0
+    for cell in range(grown.size):
+        for j in range(grown[cell], orbits.n[cell]):
+            every = between(orbits.n_plus[cell, j])
+            n += (orbits.n_plus[cell, j] + every - 1) // every
+    whole, real = np.empty((4, n), np.int64), np.empty((6, n))
+    n = 0
+    for cell in range(grown.size):
+        for j in range(grown[cell], orbits.n[cell]):
+            point = point_of(cell, cells)
+            n_plus, tau, v = orbits.n_plus[cell, j], orbits.tau[cell, j], orbits.v[cell, j]
+            every = between(n_plus)
+            unit = speed_unit(point.delta, point.epsilon, point.beta)
+            for i in range(n_plus):
+                if i % every == 0:
+                    status, _t, _v, _time, _below, a, b, c, d, _ln = power_map(tau, v, n_plus, point)
+                    found, m00, m01, m11 = contracting_norm(a, b, c, d, SPEED_WEIGHT / (unit * unit))
+                    found = status == OK and found and m00 > 0.0 and m00 * m11 > m01 * m01
+                    whole[0, n], whole[1, n], whole[2, n], whole[3, n] = cell, j, n_plus, orbits.n_minus[cell, j]
+                    real[0, n], real[1, n] = tau, v
+                    real[2, n], real[3, n], real[4, n] = m00, m01, m11
+                    real[5, n] = LARGEST if found else 0.0
+                    n += 1
+                if i // every * every + every < n_plus:  # else it was the last
+                    _status, tau, v, _time, _below = step(tau, v, point)
+    return Centres(whole[0], whole[1], whole[2], whole[3], real[0], real[1], real[2], real[3], real[4], real[5])
+
+
+@kernel
+def enter_balls(centres, balls):
+    """Enter the balls of these centres into those that their cells know, which have room for them."""
+    for i in range(centres.radius.size):
+        radius = centres.radius[i]
+        if radius > 0.0:
+            cell, scale = centres.cell[i], 4.0 / (radius * radius)
+            p = balls.n[cell]
+            balls.orbit[cell, p], balls.tau[cell, p], balls.v[cell, p] = centres.orbit[i], centres.tau[i], centres.v[i]
+            balls.c00[cell, p], balls.c01[cell, p] = scale * centres.m00[i], scale * centres.m01[i]
+            balls.c11[cell, p] = scale * centres.m11[i]
+            balls.n[cell] = p + 1

@@ -7,6 +7,7 @@ diagonal entry is the determinant over the first, so λ₂ needs no second vecto
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,57 +15,58 @@ from numpy.typing import NDArray
 from rattle.numerics.compile import inline, kernel
 
 SAME_FOOTPRINT = 0.2  # two trajectories that share this much of the smaller footprint are on one attractor
+Array = NDArray[np.float64]
 BATCHES = 32
 LEAST_GROWTH = 8.0
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
+PAIRS, FOURS, EIGHTS, SUM = (np.uint64(int(x * 8, 16)) for x in ("55", "33", "0f", "01"))
+ONE, TWO, FOUR, TOP = (np.uint64(x) for x in (1, 2, 4, 56))
 
 
 @inline
 def boxes_in(bits):
-    """The number of ones."""
-    n = 0
-    while bits:
-        bits &= bits - np.uint64(1)
-        n += 1
-    return n
+    """The number of ones, in sums over ever more bits: no branches, which a loop over rows would wait for."""
+    bits = bits - ((bits >> ONE) & PAIRS)
+    bits = (bits & FOURS) + ((bits >> TWO) & FOURS)
+    return np.int64((((bits + (bits >> FOUR)) & EIGHTS) * SUM) >> TOP)
+
+
+@inline
+def same_attractor(boxes, i, j):
+    """True if two footprints share SAME_FOOTPRINT of the smaller one."""
+    in_i, in_j, shared = 0, 0, 0
+    for k in range(boxes.shape[1]):
+        in_i += boxes_in(boxes[i, k])
+        in_j += boxes_in(boxes[j, k])
+        shared += boxes_in(boxes[i, k] & boxes[j, k])
+    return shared > SAME_FOOTPRINT * min(in_i, in_j)
 
 
 @kernel
-def group_numbers(boxes, group):
-    """Write to group the number of each footprint's group, that of its first member; boxes (n, GRID) is worked in.
+def group_numbers(boxes, size, group):
+    """Write to group (k,) the number of each footprint's group, that of its first member among the footprints of its
+    cell, which has `size` of the boxes (k, GRID), worked in.
 
     Groups that share SAME_FOOTPRINT of the smaller union are joined, until none do; different attractors are disjoint.
     """
-    n, rows = boxes.shape
-    for i in range(n):
-        group[i] = i
-    joined = True
-    while joined:
-        joined = False
-        for i in range(n):
-            for j in range(i):
-                if group[i] != i or group[j] != j:
-                    continue
-                in_i, in_j, shared = 0, 0, 0
-                for k in range(rows):
-                    in_i += boxes_in(boxes[i, k])
-                    in_j += boxes_in(boxes[j, k])
-                    shared += boxes_in(boxes[i, k] & boxes[j, k])
-                if shared > SAME_FOOTPRINT * min(in_i, in_j):
-                    for k in range(rows):
+    begin = 0
+    for cell in range(size.size):
+        end = begin + size[cell]
+        for i in range(begin, end):
+            group[i] = i - begin
+        joined = True
+        while joined:
+            joined = False
+            for i in range(begin, end):
+                for j in range(begin, i):
+                    if group[i] != i - begin or group[j] != j - begin or not same_attractor(boxes, i, j):
+                        continue
+                    for k in range(boxes.shape[1]):
                         boxes[j, k] |= boxes[i, k]
-                    for k in range(i, n):
-                        group[k] = j if group[k] == i else group[k]
+                    for k in range(i, end):
+                        group[k] = j - begin if group[k] == i - begin else group[k]
                     joined = True
-
-
-def groups_of(footprints: NDArray[np.uint64]) -> list[list[int]]:
-    """Group footprints (n, GRID) that overlap, transitively, with the union of their group: lists of indices."""
-    group = np.zeros(len(footprints), np.int64)
-    group_numbers(footprints.copy(), group)
-    if len(group) and not group.any():
-        return [list(range(len(group)))]
-    return [[int(i) for i in np.flatnonzero(group == first)] for first in np.unique(group)]
+        begin = end
 
 
 @kernel
@@ -103,7 +105,28 @@ def is_chaotic(sums):
     return first > error and later > LEAST_GROWTH
 
 
-def pooled(sums: np.ndarray) -> tuple[float, float, float]:
-    """(λ₁, λ₂, 95 % half-width) of several trajectories on one attractor: sums (trajectories, batches, 3)."""
-    first, second, error = exponents(np.ascontiguousarray(sums.reshape(-1, 3)))
-    return float(first), float(second), float(error)
+@kernel
+def are_chaotic(sums):
+    """Whether each of several trajectories is, (k,), from sums (k, BATCHES, 3)."""
+    found = np.empty(sums.shape[0], np.bool_)
+    for k in range(found.size):
+        found[k] = is_chaotic(sums[k])
+    return found
+
+
+@kernel
+def exponents_of(sums, size):
+    """(λ₁, λ₂, 95 % half-width of λ₁) of rows in sets of so many each, (3, n)."""
+    found, begin = np.empty((3, size.size)), 0
+    for i in range(size.size):
+        found[0, i], found[1, i], found[2, i] = exponents(sums[begin : begin + size[i]])
+        begin += size[i]
+    return found
+
+
+def pooled(sums: Sequence[Array]) -> Array:
+    """(λ₁, λ₂, 95 % half-width) of several attractors, (3, n), of each from several trajectories on it: sums
+    (trajectories, BATCHES, 3).
+    """
+    rows = np.concatenate([each.reshape(-1, 3) for each in sums])
+    return np.asarray(exponents_of(rows, np.array([each.size // 3 for each in sums])), np.float64)

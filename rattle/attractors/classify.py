@@ -14,9 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.chaos import BATCHES, groups_of, is_chaotic
-from rattle.attractors.recurrence import BALLS_PER_ORBIT, mark_footprints, resolve
-from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples
+from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_balls
+from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers
+from rattle.attractors.leaks import standing
+from rattle.attractors.recurrence import mark_footprints, resolve
+from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples, doubled, empty_tables
+from rattle.attractors.sets import Sets
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
 FIRST, SECOND = 64, 512  # impacts that every sample may make before its cell is judged, and judged again
@@ -32,7 +35,6 @@ MOST_MEASURED = 20_000  # impacts of a witness that never gets through its perio
 WITNESSES = 12  # per cell: if one in 3000 periods leaves a chaotic set, 98 % of the cells show it
 TRACED = 1000  # impacts of a footprint without gaps
 LONGER = 4  # witnesses that seem to be on different attractors are watched this many times as long
-LEAKS_MISSED = 3.0  # a set that loses samples is left by none for so long with probability e^(−3)
 EXTENSIONS = 3  # an unclear exponent is measured again over twice the impacts, this many times
 ROOM = 8  # orbits per cell to begin with; doubled where a cell has more
 
@@ -65,7 +67,8 @@ class Classifier(ABC):
             self.longer = np.maximum(1.0, WATCH / (PERIODS * cells.delta))  # than where damping is strong
         cell = np.repeat(np.arange(n_cells), self.count)
         self.samples = begun(cell, tau.ravel(), v.ravel(), self.most(FIRST, cell))
-        self.orbits, self.balls = _empty_tables(n_cells)
+        self.orbits, self.balls = empty_tables(n_cells, ROOM, BALLS_PER_ORBIT)
+        self.grown = np.zeros(n_cells, np.int64)  # orbits whose balls are known
         self.chaos: dict[int, list[Chaos]] = {}
         self.stage = np.zeros(n_cells, np.int64)
         self.unclear = np.zeros(n_cells, np.bool_)  # witnesses told nothing: measuring again would not either
@@ -79,6 +82,10 @@ class Classifier(ABC):
     @abstractmethod
     def enter_known_orbits(self) -> None:
         """Enter into the tables what is known of the cells beforehand."""
+
+    @abstractmethod
+    def enlarge(self, centres: Centres) -> None:
+        """Find the radii of these balls of capture, in place."""
 
     @abstractmethod
     def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:
@@ -101,10 +108,9 @@ class Classifier(ABC):
         self.settle(index[:, ~pilot].ravel(), self.samples, early=True)
         pending = np.arange(len(index))
         while pending.size:
-            pending = pending[(self.status[pending] == LEFT).any(axis=1)]
-            doubtful = (self.stage[pending] == 0) & (self.status[pending] != LEFT).any(axis=1) | self.unclear[pending]
-            first = FIRST * self.longer[pending]
-            leaks = doubtful | leaking(self.status[pending], self.impacts[pending], first)
+            left, leaks = standing(pending, self.status, self.impacts, FIRST * self.longer)
+            pending, left, leaks = (x[left > 0] for x in (pending, left, leaks))
+            leaks |= (self.stage[pending] == 0) & (left < self.count) | self.unclear[pending]
             decided = np.zeros(pending.size, np.bool_)
             decided[~leaks] = self.judge(pending[~leaks])
             few = (self.status[pending] == LEFT).sum(axis=1) <= self.count // FEW
@@ -137,9 +143,11 @@ class Classifier(ABC):
         """Impacts of the samples so far, (n_cells, count)."""
         return np.asarray(self.samples.impacts.reshape(-1, self.count))
 
-    def left_in(self, cell: int) -> NDArray[np.int64]:
-        """The samples of a cell that have not ended."""
-        return cell * self.count + np.flatnonzero(self.status[cell] == LEFT)
+    def left_in(self, cells: NDArray[np.int64]) -> Sets:
+        """The samples of these cells that have not ended."""
+        left = self.status[cells] == LEFT
+        row, column = np.nonzero(left)
+        return Sets(cells[row] * self.count + column, left.sum(axis=1))
 
     def settle(self, which: NDArray[np.int64], samples: Samples, early: bool = False) -> None:
         """Follow these samples to their limits; those that recur find an orbit of their cell, or go on."""
@@ -150,22 +158,33 @@ class Classifier(ABC):
             which = which[(samples.status[which] == LEFT) & (samples.impacts[which] < samples.limit[which])]
 
     def resolve(self, which: NDArray[np.int64], samples: Samples) -> None:
-        """Find the orbits of recurrent samples, with more room for them where a cell needs it."""
+        """Find the orbits of recurrent samples and their balls, with more room for them where a cell needs it."""
         while which.size:
-            which = which[resolve(which, self.cells, samples, self.orbits, self.balls) :]
-            if which.size:
-                self.make_room(2 * self.orbits.m.shape[1])
+            which = resolve(which, self.cells, samples, self.orbits, self.balls, self.grown)
+            self.grow_balls()
+            room = self.orbits.m.shape[1]
+            if which.size and (self.orbits.n[samples.cell[which]] == room).any():
+                self.make_room(2 * room)
+
+    def grow_balls(self) -> None:
+        """Grow balls of capture around points of the orbits that have none yet."""
+        if (self.orbits.n == self.grown).all():
+            return
+        centres = centres_of(self.grown, self.orbits, self.cells)
+        self.enlarge(centres)
+        enter_balls(centres, self.balls)
+        self.grown[:] = self.orbits.n
 
     def make_room(self, most: int) -> None:
         """Have room for so many orbits in each cell, as often doubled as it takes."""
         while self.orbits.m.shape[1] < most:
-            self.orbits = Orbits(self.orbits.n, *_doubled(self.orbits[1:]))
-            self.balls = Balls(self.balls.n, *_doubled(self.balls[1:]))
+            self.orbits = Orbits(self.orbits.n, *doubled(self.orbits[1:]))
+            self.balls = Balls(self.balls.n, *doubled(self.balls[1:]))
 
     def extend(self, cells: NDArray[np.int64]) -> None:
         """Follow what is left in these cells for longer."""
         self.stage[cells] += 1
-        which = np.concatenate([np.zeros(0, np.int64), *(self.left_in(cell) for cell in cells)])
+        which = self.left_in(cells).which
         cell = self.samples.cell[which]
         self.samples.limit[which] = self.most(impacts_until(self.stage[cell]), cell)
         self.settle(which[self.samples.impacts[which] < self.samples.limit[which]], self.samples)
@@ -174,16 +193,15 @@ class Classifier(ABC):
         """Measure witnesses in these cells; decided are those where all of them are chaotic and none has ended."""
         if not cells.size:
             return np.zeros(0, np.bool_)
-        chosen = [evenly(self.left_in(int(cell)), WITNESSES) for cell in cells]
-        seen, chaotic = self.measure(np.concatenate(chosen))
-        ends = np.cumsum([each.size for each in chosen])
-        decided = np.zeros(cells.size, np.bool_)
-        for i, cell in enumerate(cells):
-            span = slice(ends[i] - chosen[i].size, ends[i])
-            if chaotic[span].all():
-                decided[i] = self.declare_chaos(int(cell), chosen[i], Seen(seen.sums[span], seen.prints[span]))
-            else:
-                self.unclear[cell] = (self.samples.status[chosen[i]] == LEFT).all()
+        chosen = self.left_in(cells).evenly(WITNESSES)
+        seen, chaotic = self.measure(chosen.which)
+        decided = chosen.all_of(chaotic)
+        told_nothing = chosen.all_of(self.samples.status[chosen.which] == LEFT)
+        self.unclear[cells[~decided]] = told_nothing[~decided]
+        if not decided.all():
+            every = np.repeat(decided, chosen.size)
+            seen = Seen(seen.sums[every], seen.prints[every])
+        decided[decided] = self.declare_chaos(cells[decided], chosen.only(decided), seen)
         weak = decided & (self.cells.delta[cells] < WEAK)
         decided[weak] = self.outlast(cells[weak])
         return decided
@@ -193,15 +211,15 @@ class Classifier(ABC):
         samples and of so many states near them that there are CROWDS. Where damping is weak, sets that lose samples
         slowly are as frequent as those that lose none, and twelve witnesses do not tell them apart.
         """
-        lasted, samples = np.zeros(cells.size, np.bool_), self.samples
-        left = [self.left_in(int(cell)) for cell in cells]
-        which = np.concatenate([np.zeros(0, np.int64), *left])
-        samples.limit[which] = np.repeat([samples.impacts[each].max() for each in left], [each.size for each in left])
+        if not cells.size:
+            return np.zeros(0, np.bool_)
+        left, samples = self.left_in(cells), self.samples
+        which = left.which
+        samples.limit[which] = np.repeat(left.largest(samples.impacts), left.size)
         self.settle(which[samples.impacts[which] < samples.limit[which]], samples)
-        stayed = np.array([(samples.status[each] == LEFT).all() for each in left], np.bool_)
+        lasted = left.all_of(samples.status[which] == LEFT)
         for first, last in pairwise((0, *CROWDS)):
-            stayed[stayed] = self.crowd_lasts(cells[stayed], first, last)
-        lasted[stayed] = True
+            lasted[lasted] = self.crowd_lasts(cells[lasted], first, last)
         for cell, all_left in zip(cells, lasted, strict=True):
             found = self.chaos.pop(int(cell))
             if all_left:
@@ -212,12 +230,14 @@ class Classifier(ABC):
         """Whether states beside what is left in these cells, those of so many of a crowd, go on too, each for as many
         impacts as any sample: in chaos they soon have nothing in common.
         """
-        each = np.arange(first, last)
-        left = [self.left_in(int(cell)) for cell in cells]
-        which = np.concatenate([np.zeros(0, np.int64), *(here[each % here.size] for here in left)])
-        beside = np.concatenate([np.zeros(0), *(each // here.size for here in left)])
-        cell, fresh, samples = self.samples.cell[which], beside > 0, self.samples
-        most = np.repeat([samples.impacts[here].max() for here in left], each.size)
+        if not cells.size:
+            return np.zeros(0, np.bool_)
+        left, samples = self.left_in(cells), self.samples
+        each, size = np.arange(first, last), left.size[:, None]
+        which = left.which[left.starts[:, None] + each % size].ravel()
+        beside = (each // size).ravel().astype(np.float64)
+        cell, fresh = samples.cell[which], beside > 0
+        most = np.repeat(left.largest(samples.impacts), each.size)
         v = samples.v[which] * (1.0 + BESIDE * beside)
         gone = np.zeros(which.size, np.bool_)
         gone[fresh] = self.settled(cell[fresh], samples.tau[which][fresh], v[fresh], most[fresh]) != LEFT
@@ -238,35 +258,73 @@ class Classifier(ABC):
             part, before = nothing_seen(todo.size), samples.time[now]
             self.watch(now, np.full(todo.size, float(MEASURED * 2**extension)), PERIODS * longer, part)
             self.resolve(now[samples.status[now] == RECURRENT], samples)
-            seen.sums[todo], seen.prints[todo] = part
+            if todo.size == which.size:
+                seen = part
+            else:
+                seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == LEFT, samples.time[now] - before
             chattering = (time < 0.5 * PERIODS * longer) & self.has_quiet[samples.cell[now]]  # may be about to rest
             stopped = chattering | (time < PERIODS * longer) & (room < most)  # by the budget
-            chaotic[todo] = left & ~stopped & np.array([is_chaotic(each) for each in part.sums])
+            chaotic[todo] = left & ~stopped & are_chaotic(part.sums)
             todo = todo[left & ~chaotic[todo] & ~stopped & (samples.impacts[now] < self.budget)]
         return seen, chaotic
 
-    def declare_chaos(self, cell: int, which: NDArray[np.int64], seen: Seen) -> bool:
-        """All that is left in the cell is on the chaotic attractor of the witnesses. If these seem to be on several,
-        they are measured for longer, and at last all that is left. False if some of those then end elsewhere.
+    def declare_chaos(self, cells: NDArray[np.int64], witnesses: Sets, seen: Seen) -> NDArray[np.bool_]:
+        """All that is left in each of these cells is on the chaotic attractor of its witnesses. If these seem to be on
+        several, they are measured for longer, and at last all that is left. False where some of those then end
+        elsewhere.
         """
-        sums, prints = seen
-        if len(groups_of(prints)) > 1:
-            mark_footprints(which, TRACED, self.cells, self.samples, prints)
-        if len(groups_of(prints)) > 1:
-            (sums, more), chaotic = self.measure(which, LONGER)
-            prints |= more
-            if not chaotic.all():
-                return False
-        if len(groups_of(prints)) == 1:
-            self.chaos[cell] = [Chaos(self.left_in(cell), sums, self.watched(which))]
-            return True
-        which = self.left_in(cell)
-        (sums, prints), chaotic = self.measure(which, LONGER)
-        if chaotic.all():
-            mark_footprints(which, TRACED, self.cells, self.samples, prints)
-            self.chaos[cell] = [Chaos(which[i], sums[i], self.watched(which[i])) for i in groups_of(prints)]
-        return bool(chaotic.all())
+        if not cells.size:
+            return np.zeros(0, np.bool_)
+        declared = np.ones(cells.size, np.bool_)
+        several = self.are_several(witnesses, seen.prints)
+        if several.any():
+            some, each = witnesses.only(several), np.repeat(several, witnesses.size)
+            seen.prints[each] = self.traced(some.which, seen.prints[each])
+            several[several] = self.are_several(some, seen.prints[each])
+        if several.any():
+            some, each = witnesses.only(several), np.repeat(several, witnesses.size)
+            more, chaotic = self.measure(some.which, LONGER)
+            seen.sums[each] = more.sums
+            seen.prints[each] |= more.prints
+            declared[several] = some.all_of(chaotic)
+            several[several] = self.are_several(some, seen.prints[each])
+        single = declared & ~several
+        left, one = self.left_in(cells[single]).each(), witnesses.only(single)
+        sums = np.split(seen.sums, witnesses.starts[1:])
+        watched = one.smallest(self.samples.time).tolist()
+        for cell, all_left, i, least in zip(cells[single].tolist(), left, np.flatnonzero(single), watched, strict=True):
+            self.chaos[cell] = [Chaos(all_left, sums[i], least)]
+        declared[several & declared] = self.declare_several(cells[several & declared])
+        return declared
+
+    def declare_several(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """What is left in each of these cells is on several chaotic attractors, unless some of it ends elsewhere."""
+        if not cells.size:
+            return np.zeros(0, np.bool_)
+        left = self.left_in(cells)
+        (sums, prints), chaotic = self.measure(left.which, LONGER)
+        declared = left.all_of(chaotic)
+        left, every = left.only(declared), np.repeat(declared, left.size)
+        sums, prints = sums[every], self.traced(left.which, prints[every])
+        number = np.zeros(left.which.size, np.int64)
+        group_numbers(prints, left.size, number)
+        for cell, start, size in zip(cells[declared], left.starts, left.size, strict=True):
+            span = np.arange(start, start + size)
+            groups = [span[number[span] == i] for i in np.unique(number[span])]
+            self.chaos[int(cell)] = [Chaos(left.which[i], sums[i], self.watched(left.which[i])) for i in groups]
+        return declared
+
+    def are_several(self, sets: Sets, prints: NDArray[np.uint64]) -> NDArray[np.bool_]:
+        """Whether the footprints (k, GRID) of a cell's samples are in several groups, of every cell."""
+        number = np.zeros(sets.which.size, np.int64)
+        group_numbers(prints.copy(), sets.size, number)
+        return ~sets.all_of(number == 0)
+
+    def traced(self, which: NDArray[np.int64], prints: NDArray[np.uint64]) -> NDArray[np.uint64]:
+        """These footprints with those of a further stretch of the samples (k,)."""
+        mark_footprints(which, TRACED, self.cells, self.samples, prints)
+        return prints
 
     def watched(self, which: NDArray[np.int64]) -> float:
         """Forcing periods for which all of these samples were followed."""
@@ -287,37 +345,6 @@ def begun(
     return Samples(cell, tau, v, impacts, limits, status, orbit, gap, pause, np.zeros(cell.size))
 
 
-def leaking(status: NDArray[np.int64], impacts: NDArray[np.int64], first: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether what is left in cells (n,) may still settle, from status and impacts (n, count): others settled later
-    than to begin with, within the first impacts (n,), and what is left has not outlasted them by enough since.
-
-    Were it the same leaking set, LEAKS_MISSED more would have left it by now, at the rate until the last one did.
-    """
-    settled = status != LEFT
-    leaked = settled & (impacts > first[:, None])
-    last = np.where(leaked, impacts, 0).max(axis=1, initial=0)[:, None]
-    since = np.where(settled, 0, np.maximum(impacts - last, 0)).sum(axis=1)
-    before = np.minimum(impacts, last).sum(axis=1)
-    return np.asarray(leaked.any(axis=1) & (leaked.sum(axis=1) * since < LEAKS_MISSED * before))
-
-
-def evenly(which: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """At most so many of these, evenly among them."""
-    n = min(most, which.size)
-    return which[np.arange(n) * which.size // n]
-
-
 def nothing_seen(count: int) -> Seen:
     """Room for what is seen of so many samples."""
     return Seen(np.zeros((count, BATCHES, 3)), np.zeros((count, GRID), np.uint64))
-
-
-def _doubled(columns: tuple[NDArray[Any], ...]) -> list[NDArray[Any]]:
-    return [np.concatenate([x, np.zeros_like(x)], axis=1) for x in columns]
-
-
-def _empty_tables(n_cells: int) -> tuple[Orbits, Balls]:
-    room, balls = (n_cells, ROOM), (n_cells, ROOM * BALLS_PER_ORBIT)
-    labels = (np.zeros(room, np.int64) for _ in range(3))
-    orbits = Orbits(np.zeros(n_cells, np.int64), *labels, *(np.zeros(room) for _ in range(4)))
-    return orbits, Balls(np.zeros(n_cells, np.int64), np.zeros(balls, np.int64), *(np.zeros(balls) for _ in range(5)))

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from rattle.attractors.ball import ball
 from rattle.attractors.samples import LEFT, ORBIT, capturing_orbit, mark, top_speed
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit, wrapped
@@ -16,7 +15,6 @@ ARRIVED = 1e-9  # ... or be here already
 CANDIDATE = 1e-5  # the first return this close gives the period to try
 LONGEST_PERIOD = 4096  # impacts; longer recurrences are left to go on
 SAME_POINT = 1e-6  # two orbits of one label closer than this are one
-BALLS_PER_ORBIT = 4
 
 
 @inline
@@ -98,28 +96,14 @@ def known(m, n_plus, n_minus, tau, v, cell, orbits, point):
     return -1
 
 
-@kernel
-def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits, balls, point):
-    """Add an orbit to those that the cell knows, with balls around some of its points; its index, or −1 if there is no
-    room.
-    """
+@inline
+def remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits):
+    """Add an orbit to those that the cell knows, which have room for it; its index."""
     j = orbits.n[cell]
-    if j == orbits.m.shape[1] or balls.n[cell] + BALLS_PER_ORBIT > balls.tau.shape[1]:
-        return -1
     orbits.m[cell, j], orbits.n_plus[cell, j], orbits.n_minus[cell, j] = m, n_plus, n_minus
     orbits.tau[cell, j], orbits.v[cell, j] = tau, v
     orbits.first[cell, j], orbits.second[cell, j] = first, second
     orbits.n[cell] = j + 1
-    every = (n_plus + BALLS_PER_ORBIT - 1) // BALLS_PER_ORBIT
-    for i in range(n_plus):
-        if i % every == 0:
-            found, c00, c01, c11 = ball(tau, v, n_plus, n_minus, point)
-            if found:
-                p = balls.n[cell]
-                balls.orbit[cell, p], balls.tau[cell, p], balls.v[cell, p] = j, tau, v
-                balls.c00[cell, p], balls.c01[cell, p], balls.c11[cell, p] = c00, c01, c11
-                balls.n[cell] = p + 1
-        _status, tau, v, _time, _below = step(tau, v, point)
     return j
 
 
@@ -141,38 +125,30 @@ def mark_footprints(which, impacts, cells, samples, footprints):
 
 
 @kernel
-def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits, balls):
+def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
     """Enter stable orbits of period one, so many (n_cells,) of arrays (n_cells, room), into those that the cells know,
     which have room for them.
     """
     for cell in range(n.size):
-        point = point_of(cell, cells)
         for j in range(n[cell]):
-            first, second = log_multipliers(trace[cell, j], -point.delta)
-            remember(
-                1,
-                n_plus[cell, j],
-                n_minus[cell, j],
-                tau[cell, j],
-                v[cell, j],
-                first,
-                second,
-                cell,
-                orbits,
-                balls,
-                point,
-            )
+            first, second = log_multipliers(trace[cell, j], -cells.delta[cell])
+            remember(1, n_plus[cell, j], n_minus[cell, j], tau[cell, j], v[cell, j], first, second, cell, orbits)
 
 
 @kernel
-def resolve(which, cells, samples, orbits, balls):
+def resolve(which, cells, samples, orbits, balls, grown):
     """Find the orbits that recurrent samples go to: ORBIT, or LEFT if there is none, to go on with a pause.
 
-    Returns how many were resolved before a cell had no more room for orbits; all, if there always was.
+    Returns those that wait, in their order: what of a cell comes after an orbit without balls, as those from number
+    grown[cell] on are, or while the cell has no room for one more.
     """
-    for j in range(which.size):
-        k = which[j]
+    waiting, n = np.empty(which.size, np.int64), 0
+    for k in which:
         cell = samples.cell[k]
+        if orbits.n[cell] > grown[cell] or orbits.n[cell] == orbits.m.shape[1]:
+            waiting[n] = k
+            n += 1
+            continue
         orbit = capturing_orbit(samples.tau[k], samples.v[k], cell, balls)
         if orbit < 0:
             gap = samples.gap[k]
@@ -184,10 +160,8 @@ def resolve(which, cells, samples, orbits, balls):
             if found:
                 orbit = known(m, n_plus, n_minus, tau, v, cell, orbits, point)
                 if orbit < 0:
-                    orbit = remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits, balls, point)
-                    if orbit < 0:
-                        return j
+                    orbit = remember(m, n_plus, n_minus, tau, v, first, second, cell, orbits)
             samples.pause[k] = 2 * samples.impacts[k] + 2 * gap  # what only seems to recur is tried a few times
         samples.status[k] = ORBIT if orbit >= 0 else LEFT
         samples.orbit[k] = orbit
-    return which.size
+    return waiting[:n]

@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rattle.flight.law import DRIFT, TWO_PI, wrapped
 from rattle.numerics.compile import inline
@@ -57,6 +58,19 @@ class Balls(NamedTuple):
     c00: Any
     c01: Any
     c11: Any
+
+
+def empty_tables(n_cells: int, room: int, balls_per_orbit: int) -> tuple[Orbits, Balls]:
+    """What cells know at first, with room for so many orbits of each."""
+    shape, balls = (n_cells, room), (n_cells, room * balls_per_orbit)
+    labels = (np.zeros(shape, np.int64) for _ in range(3))
+    orbits = Orbits(np.zeros(n_cells, np.int64), *labels, *(np.zeros(shape) for _ in range(4)))
+    return orbits, Balls(np.zeros(n_cells, np.int64), np.zeros(balls, np.int64), *(np.zeros(balls) for _ in range(5)))
+
+
+def doubled(columns: tuple[NDArray[Any], ...]) -> list[NDArray[Any]]:
+    """These arrays (n_cells, room) with twice the room."""
+    return [np.concatenate([x, np.zeros_like(x)], axis=1) for x in columns]
 
 
 @inline

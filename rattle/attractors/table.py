@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.chaos import pooled
 from rattle.attractors.classify import BUDGET, Classifier
+from rattle.attractors.rows import CHAOTIC, PERIODIC, QUIET, UNDECIDED, rows_of
 from rattle.attractors.samples import LEFT, ORBIT
 from rattle.attractors.samples import QUIET as SETTLED_QUIET
 from rattle.attractors.speeds import SpeedLimit, sampled_speeds
@@ -20,7 +21,6 @@ from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.numerics.states import box_of
 
 KINDS = ("none", "quiet", "periodic", "chaotic", "undecided")
-QUIET, PERIODIC, CHAOTIC, UNDECIDED = range(1, 5)
 MOST_SAMPLES = 1 << 20
 WHOLE = (0.0, 1.0, 0.0)  # all phases, and speeds from 0 on
 LARGEST_BUDGET = 1_000_000_000
@@ -117,10 +117,12 @@ def _kinds(classifier: Classifier) -> tuple[NDArray[np.int64], NDArray[np.int64]
     kind = np.full(status.size, UNDECIDED)
     kind[status == SETTLED_QUIET], kind[status == ORBIT] = QUIET, PERIODIC
     which = np.where(status == ORBIT, classifier.samples.orbit, 0)
-    for chaos in classifier.chaos.values():
-        for i, each in enumerate(chaos):
-            on = each.samples[status[each.samples] == LEFT]
-            kind[on], which[on] = CHAOTIC, i
+    chaotic = [(i, each.samples) for chaos in classifier.chaos.values() for i, each in enumerate(chaos)]
+    if chaotic:
+        number, samples = zip(*chaotic, strict=True)
+        on, of = np.concatenate(samples), np.repeat(number, [each.size for each in samples])
+        left = status[on] == LEFT
+        kind[on[left]], which[on[left]] = CHAOTIC, of[left]
     return kind, which
 
 
@@ -130,21 +132,10 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors,
     """
     kind, which = _kinds(classifier)
     samples, orbits = classifier.samples, classifier.orbits
-    cell = samples.cell
-    if missed:
-        of, orbit = np.nonzero(np.arange(orbits.m.shape[1]) < orbits.n[:, None])
-        cell, kind, which = np.append(cell, of), np.append(kind, np.full(of.size, PERIODIC)), np.append(which, orbit)
-    width = int(which.max(initial=0)) + 1
-    key = (cell * len(KINDS) + kind) * width + which
-    _, one, row = np.unique(key, return_index=True, return_inverse=True)
-    row = row[: samples.cell.size]
-    cell, kind, which = cell[one], kind[one], which[one]
-    number = np.bincount(row, minlength=one.size)
-    impacts = np.bincount(row, weights=samples.impacts, minlength=one.size).astype(np.int64)
-    watched = np.full(one.size, np.inf)
-    np.minimum.at(watched, row, samples.time)
+    row, known = np.empty(kind.size, np.int64), orbits.n if missed else np.zeros_like(orbits.n)
+    rows = rows_of(kind, which, samples.impacts, samples.time, known, row)
+    cell, kind, which, one, number, impacts, watched = rows
     watched[(kind != CHAOTIC) & (kind != UNDECIDED)] = np.nan
-    one = np.minimum(one, samples.cell.size - 1)  # the state of a row without samples is its orbit's
     periodic = kind == PERIODIC
 
     def of_orbit(values: NDArray[np.float64], otherwise: ArrayLike) -> NDArray[np.float64]:
@@ -153,15 +144,18 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors,
 
     first, second = of_orbit(orbits.first, np.nan), of_orbit(orbits.second, np.nan)
     error = np.where(periodic, 0.0, np.nan)
-    for i in np.flatnonzero(kind == CHAOTIC):
-        chaos = classifier.chaos[int(cell[i])][which[i]]
-        first[i], second[i], error[i] = pooled(chaos.sums)
-        watched[i] = chaos.watched
+    chaotic = np.flatnonzero(kind == CHAOTIC)
+    if chaotic.size:
+        found = [classifier.chaos[c][i] for c, i in zip(cell[chaotic].tolist(), which[chaotic].tolist(), strict=True)]
+        first[chaotic], second[chaotic], error[chaotic] = pooled([each.sums for each in found])
+        watched[chaotic] = [each.watched for each in found]
     m, n_plus, n_minus = (of_orbit(x, 0).astype(np.int64) for x in (orbits.m, orbits.n_plus, orbits.n_minus))
     tau, v = of_orbit(orbits.tau, samples.tau[one]), of_orbit(orbits.v, samples.v[one])
     order = np.lexsort((tau, v, n_minus, n_plus, m, kind, -number, cell))
     columns = cell, kind, m, n_plus, n_minus, number, tau, v, first, second, error, impacts, watched
-    return Attractors._make(x[order] for x in columns), np.argsort(order)[row.ravel()]
+    place = np.empty_like(order)
+    place[order] = np.arange(order.size)
+    return Attractors._make(x[order] for x in columns), place[row]
 
 
 def of_samples(

@@ -86,10 +86,13 @@ def initial_conditions(
     Sobol points, shifted modulo 1 by an amount that depends on the seed and the cell's parameters alone. So a cell's
     sample depends on nothing but the request and the cell, and cells have independent sampling errors.
     """
-    points = (sobol(count) + _shifts(seed, delta, epsilon, beta)[:, None, :]) % 1.0
+    shifts, points = _shifts(seed, delta, epsilon, beta), sobol(count)
+    x, y = (points[:, i] + shifts[:, i, None] for i in range(2))
+    x -= x >= 1.0  # modulo 1, exactly: both are below 1
+    y -= y >= 1.0
     speeds = np.broadcast_to(np.asarray(v_max, np.float64), delta.shape)[:, None]
-    phases = np.minimum(tau[0] + (tau[1] - tau[0]) * points[..., 0], LAST_PHASE)
-    return phases, np.maximum(v_min + (speeds - v_min) * points[..., 1], np.spacing(speeds))
+    phases = np.minimum(tau[0] + (tau[1] - tau[0]) * x, LAST_PHASE)
+    return phases, np.maximum(v_min + (speeds - v_min) * y, np.spacing(speeds))
 
 
 def wilson_interval(

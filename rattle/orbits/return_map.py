@@ -89,12 +89,13 @@ def log_multipliers(trace, log_det):
 @kernel
 def shortest_return(tau, v, k, point):
     """The smallest divisor of k after which the orbit closes."""
-    unit = speed_unit(point.delta, point.epsilon, point.beta)
+    t, speed, unit = tau, v, speed_unit(point.delta, point.epsilon, point.beta)
     for d in range(1, k // 2 + 1):
-        if k % d == 0:
-            status, t1, v1, _time, _below, _a, _b, _c, _d, _ln = power_map(tau, v, d, point)
-            if status == OK and abs(wrapped(t1 - tau)) < SAME and abs(v1 - v) < SAME * unit:
-                return d
+        status, t, speed, _time, _below = step(t, speed, point)
+        if status != OK:
+            break
+        if k % d == 0 and abs(wrapped(t - tau)) < SAME and abs(speed - v) < SAME * unit:
+            return d
     return k
 
 

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors.ball import Centres
 from rattle.attractors.classify import BUDGET, ROOM, Classifier, Seen
 from rattle.attractors.recurrence import remember_period_one
 from rattle.attractors.samples import Samples
 from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractor, Attractors, listed, of_samples
 from rattle.errors import parameters
+from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
 from rattle.impacting.map.iterate import working_block
 from rattle.impacting.map.quiet import capture_invariants
@@ -41,7 +43,12 @@ class ImpactingClassifier(Classifier):
         if most > ROOM:
             found = stable_cells(delta, epsilon, beta, most)
             self.make_room(most)
-        remember_period_one(*found, self.cells, self.orbits, self.balls)
+        remember_period_one(*found, self.cells, self.orbits)
+        self.grow_balls()
+
+    def enlarge(self, centres: Centres) -> None:
+        """Find the radii of these balls of capture, in lanes."""
+        enlarge(self._block, centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:
         """Follow these samples to their ends or limits."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rattle.attractors.ball import Centres, enlarge_one_by_one
 from rattle.attractors.classify import BUDGET, Classifier, Seen
 from rattle.attractors.samples import Samples
 from rattle.attractors.speeds import SpeedLimit
@@ -24,6 +25,10 @@ class StiffClassifier(Classifier):
 
     def enter_known_orbits(self) -> None:
         """No motion is known beforehand."""
+
+    def enlarge(self, centres: Centres) -> None:
+        """Find the radii of these balls of capture."""
+        enlarge_one_by_one(centres, self.cells)
 
     def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:  # noqa: ARG002
         """Follow these samples to their ends or limits: every return is looked at, early or not."""

@@ -1,0 +1,154 @@
+"""Balls of capture grown in lanes, a group of lanes for each ball (compiled).
+
+The radius is the largest of those tried at which no direction fails. Larger ones mostly fail in many directions: a
+group first tries four directions at four radii, and then all at the largest where these hold.
+"""
+
+import math
+
+import numpy as np
+
+from rattle.attractors.ball import DIRECTIONS, LARGEST, SMALLEST, placed, shrinks
+from rattle.flight.lanes.block import GROUP, GROUPS, LANES, SMOOTH, empty, ended, load, roughest
+from rattle.flight.lanes.stages import advance_plain
+from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, Flight, decay64, versines
+from rattle.flight.tangent import flight_tangent
+from rattle.numerics.compile import inline, kernel
+
+ALL = 2 * DIRECTIONS  # as many as a group has lanes
+FEW = 4  # directions at first, in quarter turns, and radii
+RADII = int(math.log2(LARGEST / SMALLEST)) + 1  # that are tried, halving
+
+#: Of a lane: the departure of its flight, its length times δ's loss, the matrix of its flights so far.
+WORK = np.dtype([(name, np.float64, (LANES,)) for name in ("w", "sin0", "cos0", "lost", "a", "b", "c", "d")])
+
+
+@inline
+def direction_of(lane, few):
+    """The direction and the radius, as a number of halvings, that a lane of a group tries."""
+    return (lane % FEW * (ALL // FEW), lane // FEW) if few else (lane, 0)
+
+
+@inline
+def take(b, group, i, centres, cells):
+    """Give the lanes of a group the parameters of centre i."""
+    first, cell = group * GROUP, centres.cell[i]
+    load(b, first, 0.0, 1.0, cells.delta[cell], cells.epsilon[cell], cells.beta[cell], -1.0)
+    for field in range(len(b.carried)):
+        for lane in range(first + 1, first + GROUP):
+            b.carried[field, lane] = b.carried[field, first]
+    for field in range(len(b.carried_)):
+        for lane in range(first + 1, first + GROUP):
+            b.carried_[field, lane] = b.carried_[field, first]
+
+
+@inline
+def depart(b, work, group, i, level, few, centres):
+    """Put the states around centre i that are tried next on the lanes of a group."""
+    for j in range(GROUP):
+        lane = group * GROUP + j
+        direction, halvings = direction_of(j, few)
+        tau, v = placed(centres, i, direction, math.ldexp(LARGEST, -level - halvings))
+        versine, b.sin0[lane], _defect = versines(tau)
+        b.tau[lane], b.w[lane], b.wall[lane], b.cos0[lane] = tau, -v, 1.0, 1.0 - versine
+        b.n_plus[lane], b.n_minus[lane], b.stuck[lane] = 0.0, 0.0, 0.0
+        b.limit[lane] = centres.n_plus[i] if v > 0.0 else -1.0
+        work.a[lane], work.b[lane], work.c[lane], work.d[lane] = 1.0, 0.0, 0.0, 1.0
+
+
+@inline
+def fly(b, work, groups, force, paths):
+    """One flight of every lane, and its tangent."""
+    for i in range(GROUP * groups):
+        work.w[i], work.sin0[i], work.cos0[i], b.time[i] = b.w[i], b.sin0[i], b.cos0[i], 0.0
+    advance_plain(b, groups, 1, force, paths)
+    for i in range(GROUP * groups):
+        x = b.delta[i] * b.time[i]
+        work.lost[i] = x * (1.0 - x * decay64(min(x, LONGEST_DECAY)))
+    for i in range(GROUP * groups):
+        if b.delta[i] * b.time[i] > LONGEST_DECAY:
+            work.lost[i] = -math.expm1(-b.delta[i] * b.time[i])
+    for i in range(GROUP * groups):
+        sin0, delta, epsilon, w = work.sin0[i], b.delta[i], b.epsilon[i], work.w[i]
+        flight = Flight(w, DRIFT - TWO_PI * epsilon * sin0 - w, sin0, work.cos0[i], delta, epsilon)
+        k00, k01, k10, k11 = flight_tangent(-b.w[i], work.lost[i], b.sin0[i], b.cos0[i], flight)
+        flew, a0, b0, c0, d0 = b.time[i] > 0.0, work.a[i], work.b[i], work.c[i], work.d[i]
+        work.a[i] = k00 * a0 + k01 * c0 if flew else a0
+        work.b[i] = k00 * b0 + k01 * d0 if flew else b0
+        work.c[i] = k10 * a0 + k11 * c0 if flew else c0
+        work.d[i] = k10 * b0 + k11 * d0 if flew else d0
+
+
+@inline
+def under_way(b, group, most):
+    """Whether a lane of the group has impacts to make, and has met Σ⁻ no more often than the orbit does."""
+    left = False
+    for lane in range(group * GROUP, (group + 1) * GROUP):
+        if b.n_minus[lane] > most:
+            b.limit[lane] = -1.0
+        left |= not ended(b, lane)
+    return left
+
+
+@inline
+def holds(b, work, lane, i, centres):
+    """Whether the state on a lane came back as `contracts` asks."""
+    arrived = b.n_plus[lane] == centres.n_plus[i] and b.n_minus[lane] == centres.n_minus[i]
+    a, b_, c, d = work.a[lane], -work.b[lane], -work.c[lane], work.d[lane]  # in (τ, v), with v = −w at both ends
+    return arrived and shrinks(a, b_, c, d, centres.m00[i], centres.m01[i], centres.m11[i])
+
+
+@inline
+def largest_held(b, work, group, i, level, few, centres):
+    """The largest radius tried at which no direction failed, the next one if there is none."""
+    radii = FEW if few else 1
+    for halvings in range(radii):
+        good = True
+        for j in range(GROUP):
+            if direction_of(j, few)[1] == halvings:
+                good = good and holds(b, work, group * GROUP + j, i, centres)
+        if good:
+            return level + halvings
+    return level + radii
+
+
+@kernel
+def grow(memory, work, centres, cells, paths):
+    """Find the radius of every ball, 0 where there is none."""
+    b, n, fresh, force = memory[0], centres.radius.size, 0, SMOOTH
+    of, level, few = np.full(GROUPS, -1), np.zeros(GROUPS, np.int64), np.zeros(GROUPS, np.bool_)
+    empty(b)
+    while True:
+        groups, begun = 0, False
+        for group in range(GROUPS):
+            i = of[group]
+            if i >= 0:
+                if under_way(b, group, centres.n_minus[i]):
+                    groups = group + 1
+                    continue
+                tried = level[group]
+                level[group] = largest_held(b, work, group, i, tried, few[group], centres)
+                if not few[group] and level[group] == tried:
+                    centres.radius[i], of[group] = math.ldexp(LARGEST, -tried), -1
+                elif level[group] >= RADII:
+                    centres.radius[i], of[group] = 0.0, -1
+                else:
+                    few[group] = not few[group] or level[group] == tried + FEW
+            while of[group] < 0 and fresh < n:
+                if centres.radius[fresh] > 0.0:
+                    of[group], level[group], few[group] = fresh, 0, True
+                    take(b, group, fresh, centres, cells)
+                fresh += 1
+            if of[group] >= 0:
+                depart(b, work, group, of[group], level[group], few[group], centres)
+                groups, begun = group + 1, True
+        if groups == 0:
+            break
+        if begun:
+            force = roughest(b, groups)
+        fly(b, work, groups, force, paths)
+
+
+def enlarge(memory, centres, cells):
+    """See `Classifier.enlarge`."""
+    grow(memory, np.zeros(1, WORK)[0], centres, cells, np.zeros(2, np.int64))
