@@ -42,11 +42,8 @@ SURVEYS: tuple[dict[str, Any], ...] = (
     {"name": "slices", "num": 24, "quantities": ["region"], "beta": {"start": 0.4, "stop": 0.8, "num": 3}},
     {"name": "stiff", "num": 16, "quantities": ["region", "attractors"], "model": "stiff", "kappa": 2e4},
 )
-LONG_TASKS = """
-window.held = []
-new PerformanceObserver((list) => held.push(...list.getEntries().map((each) => each.duration)))
-  .observe({type: "longtask", buffered: true})
-"""
+TASKS = ["disabled-by-default-devtools.timeline"]  # of what the browser traces: each task of a page's main thread
+MAIN_THREAD = "CrRendererMain"
 DRAWN = """() => {
   const map = window.Bokeh?.documents?.map((each) => each.get_model_by_name("map")).find((each) => each)
   return map && Bokeh.index.find_one(map) &&
@@ -88,19 +85,21 @@ class Visitor:
         seldom = (self.whole, self.cross_section, self.close_point, self.reload, self.limits, self.slice, self.form)
         self._kinds = often + often + seldom
 
-    def act(self) -> tuple[str, float]:
-        """Do something: what, and the longest task of the page's main thread in milliseconds."""
+    def act(self) -> tuple[str, float, float]:
+        """Do something: what, and of the longest tasks of the page's main thread the milliseconds by the clock, and of
+        the thread.
+        """
         if not self._left:
             kind: Callable[[], None] = self.arrive
             self._left = VISIT
         else:
             kind = self._chance.choice(self._kinds)
         self._left -= 1
+        self._browser.start_tracing(categories=TASKS)
         kind()
         self._page.wait_for_function(IDLE, polling=POLL_MS)
         self._page.wait_for_timeout(PAUSE_MS)
-        held = self._page.evaluate("() => held.splice(0)")
-        return kind.__name__.replace("_", " "), max(held, default=0.0)
+        return kind.__name__.replace("_", " "), *longest_task(self._browser.stop_tracing())
 
     def leave(self) -> None:
         """Close the browser's window."""
@@ -112,7 +111,6 @@ class Visitor:
         self._context = self._browser.new_context(viewport={"width": 1280, "height": 800})
         self._context.set_default_timeout(PATIENCE_MS)
         self._page = self._context.new_page()
-        self._page.add_init_script(LONG_TASKS)
         self._page.goto(f"{self._url}/?survey={self._chance.choice(self._surveys)}")
         self._page.wait_for_function(DRAWN, polling=POLL_MS)
 
@@ -194,6 +192,16 @@ class Visitor:
             self._page.keyboard.press(key)
 
 
+def longest_task(trace: bytes) -> tuple[float, float]:
+    """Milliseconds by the clock, and of the thread, of the longest tasks of the main threads of all pages."""
+    events = json.loads(trace)["traceEvents"]
+    named = (each for each in events if each["name"] == "thread_name" and each["args"]["name"] == MAIN_THREAD)
+    pages = {(each["pid"], each["tid"]) for each in named}
+    tasks = [each for each in events if each["name"] == "RunTask" and (each["pid"], each["tid"]) in pages]
+    clock, thread = (max((each.get(name, 0) / 1e3 for each in tasks), default=0.0) for name in ("dur", "tdur"))
+    return clock, thread
+
+
 def memory(service: psutil.Process) -> tuple[float, float]:
     """MiB of the service's process, and of all those that it has started."""
     found = []
@@ -226,7 +234,8 @@ def main() -> None:
     parser.add_argument("--chromium", default=shutil.which("chromium"))
     parser.add_argument("--data", type=Path, help="keep the service's data here")
     given = parser.parse_args()
-    worst: defaultdict[str, list[tuple[float, float, float, str]]] = defaultdict(list)
+    longest: defaultdict[str, list[tuple[float, ...]]] = defaultdict(list)
+    every_step: list[tuple[float, float, str]] = []
     with tempfile.TemporaryDirectory() as temporary:
         noted = Path(temporary) / "held"
         noted.touch()
@@ -246,20 +255,18 @@ def main() -> None:
                     service, others = memory(process)
                     print(f"| {number} | {service:.0f} | {others:.0f} | {time.monotonic() - began:.0f} |", flush=True)
                 steps.new()
-                kind, page = visitor.act()
-                loop = steps.new()
-                work, clock, whose = max(loop, default=(0.0, 0.0, ""))
-                worst[kind].append((page, clock, work, whose))
+                kind, *page = visitor.act()
+                every_step += (found := steps.new())
+                loop = (max((each[place] for each in found), default=0.0) for place in (1, 0))
+                longest[kind].append((*page, *loop))
             visitor.leave()
             browser.close()
     print(f"\nLoad average {os.getloadavg()[0]:.1f}\n")
-    print("| action | times | page, ms | event loop, ms | its thread, ms |\n|---|---|---|---|---|")
-    for kind, found in sorted(worst.items()):
-        page, clock, work, _ = (max(each) for each in zip(*found, strict=True))
-        print(f"| {kind} | {len(found)} | {page:.0f} | {clock:.0f} | {work:.0f} |")
-    for _, clock, work, whose in sorted(
-        (each for found in worst.values() for each in found), key=lambda each: -each[2]
-    )[:12]:
+    print("| action | times | page, ms | its thread, ms | event loop, ms | its thread, ms |\n|---|---|---|---|---|---|")
+    for kind, times in sorted(longest.items()):
+        row = (f"{max(each):.0f}" for each in zip(*times, strict=True))
+        print(f"| {kind} | {len(times)} | {' | '.join(row)} |")
+    for work, clock, whose in sorted(every_step, reverse=True)[:LISTED]:
         print(f"{work:.0f} ms of {clock:.0f}: {whose}", file=sys.stderr)
 
 

@@ -154,7 +154,8 @@ class Explorer:
                         scheme = await asyncio.wait_for(answer, ANSWER_SECONDS)
             CALLER.set(request.state.caller)
             SCHEME.set(scheme)
-            yield body_of(await bokeh.document(request))
+            # one that is begun is finished, and swept if the browser has left: nobody else would end it
+            yield body_of(await asyncio.shield(bokeh.document(request)))
 
         headers = {"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"}
         return StreamingResponse(parts(), media_type="text/html", headers=headers)

@@ -12,11 +12,11 @@ from urllib.parse import parse_qsl, urlencode
 
 from bokeh.server import session
 from bokeh.server.views.static_handler import StaticHandler
-from panel.io.application import build_applications
 from panel.io.asgi import PanelASGI
 from starlette.requests import Request
 from starlette.types import Message, Receive, Scope, Send
 
+from service.explorer.page.opening import applications_of
 from service.explorer.page.transport import PRIVATE
 
 #: Arguments by which a request would get the page of another one.
@@ -45,7 +45,7 @@ class AsgiTransport:
 
     def __init__(self, open_page: Callable[[], Any], title: str) -> None:
         self._panel: Any = PanelASGI(
-            build_applications({"/": open_page}, title=title),
+            applications_of(open_page, title),
             index_enabled=False,
             ico_path="none",
             extra_websocket_origins=["*"],  # who may ask at all has been decided before

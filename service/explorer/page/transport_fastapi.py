@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Callable
 from contextlib import suppress
@@ -9,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from bokeh_fastapi import BokehFastAPI
 from fastapi import FastAPI, WebSocket
-from panel.io.application import build_applications
 from panel.io.fastapi import DocHandler
 from starlette.requests import Request
 from starlette.types import Receive, Scope, Send
 
+from service.explorer.page.opening import applications_of
 from service.explorer.page.socket import PageSocket
 from service.explorer.page.transport import PRIVATE
 
@@ -23,12 +24,21 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
+class _PageHandler(DocHandler):
+    """Lets others have their turn before it writes a page down."""
+
+    async def get_session(self, request: Request, session_id: Any) -> Any:
+        session = await super().get_session(request, session_id)
+        await asyncio.sleep(0)
+        return session
+
+
 class FastapiTransport:
     """See `service.explorer.page.transport.Transport`."""
 
     def __init__(self, open_page: Callable[[], Any], title: str) -> None:
         self._bokeh: Any = BokehFastAPI(
-            build_applications({"/": open_page}, title=title),
+            applications_of(open_page, title),
             app=FastAPI(openapi_url=None),
             **PRIVATE,
         )
@@ -42,7 +52,7 @@ class FastapiTransport:
         return self._bokeh.resources()
 
     async def document(self, request: Request) -> str:
-        page = await DocHandler(self._bokeh, application_context=self.context).get(request)
+        page = await _PageHandler(self._bokeh, application_context=self.context).get(request)
         return bytes(page.body).decode()
 
     async def socket(self, scope: Scope, receive: Receive, send: Send) -> None:

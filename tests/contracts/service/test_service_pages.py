@@ -1,14 +1,18 @@
 """A page of the explorer and its websocket: who opens it, and what is left when it is closed."""
 
+import asyncio
 import logging
 import os
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from re import findall
 from typing import Any
 
+import httpx
 import pytest
 from fastapi.testclient import TestClient
 from service_support import front_end
@@ -113,6 +117,74 @@ def test_a_page_ends_with_its_browser_or_when_it_is_swept(
         assert open_pages(client) == []
         assert explorer._news._listeners == set()
     assert failures == []
+
+
+def test_others_have_their_turn_between_the_parts_of_a_page_and_its_document(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Made at once, a page keeps everybody waiting who asks the service for something."""
+    turns, seen = 0, list[int]()
+
+    async def count() -> None:
+        nonlocal turns
+        while True:
+            turns += 1
+            await asyncio.sleep(0)
+
+    def noted(owner: Any, name: str) -> None:
+        work: Callable[..., Any] = getattr(owner, name)
+
+        def note(*arguments: Any, **named: Any) -> Any:
+            seen.append(turns)
+            return work(*arguments, **named)
+
+        monkeypatch.setattr(owner, name, note)
+
+    with front_end(tmp_path) as client:
+        client.get("/")  # what it imports is there
+        from service.explorer.page import page
+
+        noted(page, "Page")
+        noted(page._Template, "_init_doc")
+        if find_spec("bokeh.server.asgi") is None:
+            from service.explorer.page.transport_fastapi import DocHandler
+
+            noted(DocHandler, "render_session")
+        counting = client.portal.start_task_soon(count)
+        seen.clear()
+        assert client.get("/").status_code == 200
+        counting.cancel()
+    assert len(seen) > 1
+    assert seen == sorted(set(seen))
+
+
+def test_a_page_whose_browser_leaves_while_it_is_made_is_finished_and_swept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def visit(client: TestClient, page: Any) -> None:
+        transport = httpx.ASGITransport(client.app, client=("127.0.0.1", 50000))
+        async with httpx.AsyncClient(transport=transport, base_url=f"http://{HOST}") as http:
+            visiting = asyncio.ensure_future(http.get("/"))
+            make = page.Page
+
+            def left(*arguments: Any) -> Any:
+                visiting.cancel()
+                return make(*arguments)
+
+            monkeypatch.setattr(page, "Page", left)
+            with pytest.raises(asyncio.CancelledError):
+                await visiting
+        for _ in range(100):
+            await asyncio.sleep(0)
+        await client.app.state.explorer._loading.result().context._cleanup_sessions(0)
+
+    with front_end(tmp_path) as client:
+        client.get("/")
+        from service.explorer.page import page
+
+        client.portal.call(visit, client, page)
+        assert open_pages(client) == []
+        assert client.app.state.explorer._news._listeners == set()
 
 
 def test_what_a_page_imports_is_imported_in_one_thread_only(tmp_path: Path) -> None:
