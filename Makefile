@@ -23,7 +23,7 @@ environment = $(PYTHON) -m venv $(1)
 install = $(1)/bin/python -m pip install --quiet --disable-pip-version-check
 endif
 
-.PHONY: survey figures map screenshots areas test test-deep test-install test-under-load bytecode kernels impacting-kernels stiff-kernels lint bench \
+.PHONY: survey figures map screenshots areas test test-deep test-install test-under-load coverage bytecode kernels impacting-kernels stiff-kernels lint bench \
 	constraints docs docs-links readers clean
 
 survey: $(SURVEY)
@@ -42,6 +42,11 @@ test-deep: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 # No verdict depends on speed: three times beside busy programs, once on one core.
 test-under-load: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 	$(BIN)/python tests/under_load.py
+
+# Lines and branches that the tests see, package by package; what runs compiled is not seen.
+coverage: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
+	$(call install,$(VENV)) --requirement tests/coverage.txt
+	$(BIN)/python tests/covered.py
 
 # The wheel in clean environments, on every Python that is there, with the newest and the lowest releases it allows.
 test-install: $(INSTALLED)

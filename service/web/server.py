@@ -45,7 +45,7 @@ class Server(uvicorn.Server):
         super().__init__(config)
         self._app = app
         self._asked_to_stop = asked_to_stop
-        with suppress(OSError, AttributeError):  # another C library, which has no such limit
+        with suppress(OSError, AttributeError, TypeError):  # another C library, which has no such limit
             ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
