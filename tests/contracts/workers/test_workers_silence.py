@@ -51,17 +51,19 @@ def ended(pid: int, clock: Clock, steps: list[Callable[[Any], None]]) -> list[in
         scheduler = parts.SilentScheduler(host="127.0.0.1", dashboard=False, worker_ttl=PATIENCE)
         worker = SimpleNamespace(pid=pid, last_seen=clock.now, address="tls://127.0.0.1:1", nanny="tls://127.0.0.1:2")
         scheduler.workers[worker.address] = worker
-        found = list[int]()
+        restarted = list[list[str]]()
 
         async def restart(addresses: list[str], **_: Any) -> None:
-            assert addresses == [worker.address]
-            found.append(number)
+            restarted.append(addresses)
 
         scheduler.restart_workers = restart
+        found = list[int]()
         for number, step in enumerate(steps):
             clock.now += LONG
             step(worker)
+            restarted.clear()
             await scheduler.check_worker_ttl()
+            found += [number for addresses in restarted if addresses == [worker.address]]
         return found
 
     return asyncio.run(run())
