@@ -35,7 +35,7 @@ class Along:
         self._own = self.gear = gear
         self.attractors: tuple[rattle.Attractor, ...] = ()
         self._chosen = PointState()
-        self._home = 0
+        self._home: int | None = None  # the stop of the point; not known before `offer`
         self._wanted: tuple[PointState, int] = self._chosen, 0
         self._shown = self._wanted
         self._task: asyncio.Task[None] | None = None
@@ -56,6 +56,8 @@ class Along:
 
     def go(self, stop: int) -> None:
         """Look at this stop of the slider: after what is at work, and of several that were passed at the last."""
+        if self._home is None:
+            return
         self._wanted = self._chosen, stop
         self._panel.show_place(stop, self._place)
         if not self.is_away and stop == self._home:
