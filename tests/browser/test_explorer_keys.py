@@ -75,13 +75,12 @@ def test_the_theme_is_the_system_s_unless_somebody_says_otherwise(browser: Brows
             "request", lambda sent: asked.append(sent.url) if sent.resource_type in ("document", "script") else None
         )
         held: list[Route] = []
-        page.route("**/*.js*", held.append)
+        page.route("**/*.js*", lambda route: held.append(route))
         page.goto(service, wait_until="commit")
         expect(page.get_by_role("status").filter(has_text="being loaded")).to_be_visible()  # without any script
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark[0]
-        page.unroute("**/*.js*")
-        for each in held:
-            each.continue_()
+        assert held
+        page.unroute("**/*.js*")  # which lets them go
         wait_for_map(page, "renderers.some((each) => each.data_source.data.image?.length)")
         assert paper(page) == dark
         expect(page.get_by_text("being loaded")).to_have_count(0)
