@@ -130,7 +130,7 @@ def test_a_slider_takes_basins_and_motion_along_the_diagram(page: Page, service:
     assert_accessible(page)
     for _ in range(5):
         slider.press("ArrowLeft")  # to where the point is
-    page.wait_for_url(lambda url: "p.at" not in url)
+    page.wait_for_url(lambda url: "p.at=" not in url)
     beside(page, f"{CELLS} × {CELLS} cells")
     assert figure(page, "diagram", here) == 0.089
     notebook = page.get_by_role("link", name="A notebook").get_attribute("href")
