@@ -17,6 +17,7 @@ from service.explorer.design.fields import EXACT
 from service.explorer.design.tolerance_fields import ToleranceFields
 from service.explorer.files import asset
 from service.explorer.point import basins, diagram, loudness, motion
+from service.explorer.point.figures import LEAST_WIDTH
 
 MARGIN = (0, 4)
 WRAPPED = ":host { flex-wrap: wrap; }"  # two pictures side by side where there is room
@@ -128,7 +129,8 @@ class PointPanel:
     def motions(self) -> motion.MotionPictures:
         """The motion."""
         found = motion.MotionPictures(self._theme)
-        panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
+        style: dict[str, Any] = {"margin": 0, "sizing_mode": "stretch_width", "min_width": LEAST_WIDTH}
+        panes = [pn.pane.Bokeh(each, **style) for each in (found.trace, found.portrait)]
         self._motion[:] = [
             self._text("<h2>Motion</h2>").pane, self.choice, pn.Row(*panes, **WIDE, stylesheets=[WRAPPED]),
             self.under_motion.pane,
