@@ -10,7 +10,6 @@ from bokeh.plotting import figure
 from service.explorer.common.theme import INK
 
 Limits = tuple[float, float]
-LEAST_WIDTH = 260
 BESIDE = 62  # pixels left of pictures that stand one above the other, with one axis
 
 
@@ -35,7 +34,7 @@ def new_figure(
         name=name,
         sizing_mode="stretch_width",
         height=height,
-        min_width=LEAST_WIDTH,
+        min_width=260,
         tools="pan,box_zoom,wheel_zoom,reset,save",
         toolbar_location="above",
         background_fill_color=paper,

@@ -17,10 +17,10 @@ from service.explorer.design.fields import EXACT
 from service.explorer.design.tolerance_fields import ToleranceFields
 from service.explorer.files import asset
 from service.explorer.point import basins, diagram, loudness, motion
-from service.explorer.point.figures import LEAST_WIDTH
 
 MARGIN = (0, 4)
-WRAPPED = ":host { flex-wrap: wrap; }"  # two pictures side by side where there is room
+#: Two pictures stand side by side where there is room. Panel would keep room for both.
+NARROW, WRAPPED = ":host { min-width: 0 !important; }", ":host { flex-wrap: wrap; min-width: 0 !important; }"
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
 PLACES = 100  # steps of the slider along the way of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
@@ -53,7 +53,7 @@ class PointPanel:
         self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (self._text() for _ in range(4))
         self.under_spectrum, self.heard, self.take = self._text(), self._text(), self._text()
         self._basins, self._motion, self._diagram = (
-            pn.Column(*(each.pane for each in texts), sizing_mode="stretch_width", margin=0)
+            pn.Column(*(each.pane for each in texts), sizing_mode="stretch_width", margin=0, stylesheets=[NARROW])
             for texts in ((self.under_basins, self.about_lines), (self.under_motion,), (self.under_diagram,))
         )
         words = (self.where, self.take, self.likely, self.safe, self.table, self.loud, self.orbits)
@@ -129,8 +129,7 @@ class PointPanel:
     def motions(self) -> motion.MotionPictures:
         """The motion."""
         found = motion.MotionPictures(self._theme)
-        style: dict[str, Any] = {"margin": 0, "sizing_mode": "stretch_width", "min_width": LEAST_WIDTH}
-        panes = [pn.pane.Bokeh(each, **style) for each in (found.trace, found.portrait)]
+        panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
         self._motion[:] = [
             self._text("<h2>Motion</h2>").pane, self.choice, pn.Row(*panes, **WIDE, stylesheets=[WRAPPED]),
             self.under_motion.pane,
