@@ -35,12 +35,13 @@ WIDE, LAPTOP, PHONE = SCREENS = ((1920, 1080), (1280, 800), (390, 844))
 PHONES = 4  # screens of a telephone, of a page that is higher
 GAP = 16
 PATIENCE_MS, STEADY_MS, POLL_SECONDS = 300_000, 1500, 1.0
+LINES_MS = 8000  # without another line, after which there are no more: those of teeth that give way take a while
 LARGEST = 250_000  # bytes of a picture
 
-#: Whether of the lines that are switched on some are drawn.
+#: How many of the lines that are switched on are drawn.
 LINES = """() => {
   const map = Bokeh.documents.map((each) => each.get_model_by_name("map")).find((each) => each)
-  return map.renderers.some((each) => each.visible && each.data_source.data.xs?.length)
+  return map.renderers.filter((each) => each.visible && each.data_source.data.xs?.length).length
 }"""
 PLANE: dict[str, Any] = {
     "delta": {"start": 0.403, "stop": 0.997, "num": 100}, "epsilon": {"start": 0.002, "stop": 0.298, "num": 75},
@@ -189,6 +190,7 @@ def taken(browser: Browser, url: str, view: View, surveys: Mapping[str, str]) ->
         view.act(page)
         for text in view.until:
             page.get_by_text(text).first.wait_for()
+        wait_for_lines(page)
         for width, height in (LAPTOP, WIDE, PHONE):
             page.set_viewport_size({"width": width, "height": height})
             settle(page)
@@ -200,13 +202,20 @@ def taken(browser: Browser, url: str, view: View, surveys: Mapping[str, str]) ->
     return found
 
 
+def wait_for_lines(page: Page) -> None:
+    """Wait until some lines are drawn, and no more come."""
+    lines = 0
+    while not lines or lines != page.evaluate(LINES):
+        lines = page.evaluate(LINES)
+        page.wait_for_timeout(LINES_MS)
+
+
 def settle(page: Page) -> None:
     """Wait until nothing is being computed or laid out."""
     page.wait_for_timeout(STEADY_MS)
     while page.get_by_role("status").filter(has_text="omputing").count():
         page.wait_for_timeout(STEADY_MS)
     page.wait_for_function(IDLE, polling=POLL_MS)
-    page.wait_for_function(LINES, polling=POLL_MS)
 
 
 def sheet_of(screens: Mapping[tuple[str, int], Image.Image]) -> Image.Image:

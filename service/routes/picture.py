@@ -26,7 +26,7 @@ from workers.survey.request import MAX_SLICES
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
-PNG, SVG = "image/png", "image/svg+xml"
+PNG, SVG, PDF = "image/png", "image/svg+xml", "application/pdf"
 MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.per_cell), LARGEST, SHARE]
 NARROWEST = 1e-10  # of what is farthest from 0 in a window: below, no tick can be told from the next
 FARTHEST = 1e100  # of what a window or the colours reach to
@@ -133,6 +133,26 @@ async def drawing(
 ) -> Response:
     """Lines and letters are vectors, cells pixels."""
     return await _answer(request, front, survey_id, (variable, index, slice_), look, caption, "svg", SVG)
+
+
+@router.get(
+    "/{survey_id}/map.pdf",
+    summary="The same map as PDF",
+    response_class=Response,
+    responses=_answers(PDF, {"type": "string", "format": "binary"}),
+)
+async def sheet(
+    request: Request,
+    front: FrontState,
+    survey_id: SurveyId,
+    look: Asked,
+    variable: Variable = "region",
+    index: Index = 0,
+    slice_: SliceNumber = None,
+    caption: Caption = False,
+) -> Response:
+    """Lines and letters are vectors, cells pixels."""
+    return await _answer(request, front, survey_id, (variable, index, slice_), look, caption, "pdf", PDF)
 
 
 async def _answer(

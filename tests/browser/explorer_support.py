@@ -13,11 +13,16 @@ from waiting import HANG, wait_until
 
 EXPLORER = {"RATTLE_EXPLORER": "true"}
 CELLS = either(150, 600)  # a side of the basins of a point
+BESIDE = either(100, 300)  # of another one on the way of its diagram
 #: What a point shows, with fewer cells and steps.
 COARSE = f"""
     @patch("service.explorer.point.view")
     def coarse(point):
         point.RESOLUTIONS = (50, {CELLS})
+
+    @patch("service.explorer.point.along")
+    def coarse_too(along):
+        along.FINENESS = ((50, "cells"), ({BESIDE}, "refined"))
 
     @patch("service.operations.diagrams")
     def few(diagrams):

@@ -9,7 +9,7 @@ from subprocess import Popen
 from typing import NamedTuple
 
 import pytest
-from explorer_support import EXPLORER, visiting
+from explorer_support import EXPLORER, place_of, visiting, wait_for_map
 from faults import IN_PROCESS, NO_DEADLINE, Faults
 from playwright.sync_api import Browser, expect
 from service_processes import free_port, server
@@ -64,6 +64,12 @@ def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Bro
         page.get_by_label("API key").fill(tokens["read"])
         page.get_by_role("button", name="Sign in").click()
         expect(page.get_by_text("No surveys yet")).to_be_visible()
+        expect(page.get_by_text("exact at β = 0.6, without any survey: click a point")).to_be_visible()
+        wait_for_map(page, "renderers.find((each) => each.name === 'names').data_source.data.name.includes('III')")
+        wait_for_map(page, "renderers.find((each) => each.name === 'SN1').data_source.data.xs.length > 0")
+        page.mouse.click(*place_of(page, 0.6, 0.1))
+        expect(page.locator(".beside")).to_contain_text("Damping δ = 0.6")
+        page.get_by_role("button", name="Close the point").click()
         assert page.url.startswith(f"{url}/?")
         assert "theme=dark" in page.url
         (cookie,) = context.cookies()

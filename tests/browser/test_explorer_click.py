@@ -4,11 +4,13 @@ import re
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
+import httpx
 import numpy as np
 import pytest
 from depth import deep
-from explorer_support import CELLS, assert_accessible, click_cell, open_view, wait_for
+from explorer_support import BESIDE, CELLS, assert_accessible, click_cell, open_view, wait_for
 from playwright.sync_api import Page, expect
+from waiting import HANG
 
 import rattle
 
@@ -20,6 +22,12 @@ def figure(page: Page, name: str, expression: str) -> Any:
     model = FIGURE.format(name)
     wait_for(page, f"() => {{ const it = {model}; return it && Bokeh.index.find_one(it) }}")
     return page.evaluate(f"() => {model}.{expression}")
+
+
+def column(page: Page, name: str, numbers: str) -> Any:
+    """Numbers that a figure has, once it is there."""
+    figure(page, name, "id")
+    return np.array(page.evaluate(f"() => Array.from({FIGURE.format(name)}.{numbers})"))
 
 
 def beside(page: Page, text: str) -> None:
@@ -90,3 +98,45 @@ def test_the_diagram_turns_and_the_point_is_closed(page: Page, service: str) -> 
     assert figure(page, "diagram", "x_range.start") == pytest.approx(0.55)
     page.get_by_role("button", name="Close the point").click()
     expect(page.locator(".beside")).not_to_contain_text("Damping δ = ")
+
+
+def test_a_slider_takes_basins_and_motion_along_the_diagram(page: Page, service: str) -> None:
+    open_view(page, service, point="0.6,0.089", overlays="none")
+    beside(page, "periodic motions")
+    beside(page, f"{CELLS} × {CELLS} cells")
+    motions = page.get_by_label("Motion shown")
+    motions.select_option(motions.locator("option", has_text="P(8,8,6)").text_content())
+    beside(page, "P(8,8,6): 8 impacts on the wall Φ = β and 6 on Φ = −β every 8 forcing periods")
+    motions.select_option(motions.locator("option", has_text="P(1,1,0)").text_content())
+    expect(page.get_by_role("list", name="Events of the diagram")).to_contain_text("saddle-node")
+    here = "center.find((each) => each.dimension === 'height').location"
+    slider = page.get_by_role("slider")
+    slider.focus()
+    for _ in range(5):
+        slider.press("ArrowRight")
+    low, high = (figure(page, "diagram", f"x_range.{end}") for end in ("start", "end"))
+    epsilon = (1.0 - 0.55) * low + 0.55 * high
+    expect(page.get_by_role("slider", name=f"Along the diagram, at δ 0.6, ε {epsilon:.5g}")).to_be_focused()
+    beside(page, f"{BESIDE} × {BESIDE} cells")
+    page.wait_for_url("**p.at=0.55**")
+    gear = rattle.Gear(0.6, epsilon)
+    basins = gear.basins(BESIDE, None, "refined")
+    cells = "renderers.find((each) => each.data_source.data.label).data_source.data.label[0]"
+    np.testing.assert_array_equal(column(page, "basins", cells), basins.labels.ravel())
+    assert figure(page, "diagram", here) == epsilon
+    (orbit,) = (each for each in basins.attractors if each.name == "P(1,1,0)")
+    phi = column(page, "trace", "renderers[0].data_source.data.phi")
+    np.testing.assert_array_equal(phi, gear.trajectory(orbit.tau, orbit.v, 12.0, phi.size).phi)
+    assert_accessible(page)
+    for _ in range(5):
+        slider.press("ArrowLeft")  # to where the point is
+    page.wait_for_url(lambda url: "p.at=" not in url)
+    beside(page, f"{CELLS} × {CELLS} cells")
+    assert figure(page, "diagram", here) == 0.089
+    notebook = page.get_by_role("link", name="A notebook").get_attribute("href")
+    assert "gear(0.6, 0.089)" in httpx.get(f"{service}{notebook}", timeout=HANG).text
+    page.get_by_text("events, exactly").click()
+    event = page.get_by_role("row", name="saddle-node").first.get_by_role("link")
+    place = event.get_attribute("data-point")
+    event.click()
+    page.wait_for_url(f"**point={place}**")

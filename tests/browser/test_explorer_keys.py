@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from explorer_support import of_map, open_view, visiting, wait_for, wait_for_map
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 
 import rattle
 from rattle.orbits.period_one import REGIONS
@@ -47,6 +47,17 @@ def test_the_map_is_used_with_the_keyboard(page: Page, service: str) -> None:
     expect(page.locator(".beside")).not_to_contain_text("Damping δ = ")
     page.keyboard.press("0")
     wait_for_map(page, f"x_range.start === {before[0]}")
+    page.get_by_label("Named places").select_option("COD22, where SN1, G1 and G2 meet")
+    wait_for_map(page, "x_range.start > 0.76 && map.x_range.end < 0.78")
+    page.get_by_label("Named places").select_option("Figure 5: diagram at δ = 0.6")
+    page.wait_for_url("**point=0.6,**p.span=**")
+    plot.focus()
+    page.keyboard.press("Backspace")
+    wait_for_map(page, "x_range.start > 0.76 && map.x_range.end < 0.78")
+    page.keyboard.press("Backspace")
+    wait_for_map(page, f"x_range.start === {before[0]}")
+    page.keyboard.press("Shift+Backspace")
+    wait_for_map(page, "x_range.start > 0.76 && map.x_range.end < 0.78")
 
 
 def paper(page: Page) -> tuple[str, str]:
@@ -63,8 +74,16 @@ def test_the_theme_is_the_system_s_unless_somebody_says_otherwise(browser: Brows
         page.on(
             "request", lambda sent: asked.append(sent.url) if sent.resource_type in ("document", "script") else None
         )
-        open_view(page, service)
+        held: list[Route] = []
+        page.route("**/*.js*", lambda route: held.append(route))
+        page.goto(service, wait_until="commit")
+        expect(page.get_by_role("status").filter(has_text="being loaded")).to_be_visible()  # without any script
+        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark[0]
+        assert held
+        page.unroute("**/*.js*")  # which lets them go
+        wait_for_map(page, "renderers.some((each) => each.data_source.data.image?.length)")
         assert paper(page) == dark
+        expect(page.get_by_text("being loaded")).to_have_count(0)
         assert len(asked) == len(set(asked))  # nor was there a page, or were there scripts, of the other theme
         assert page.evaluate("document.documentElement.dataset.theme") == "dark"
         assert "theme=" not in page.url

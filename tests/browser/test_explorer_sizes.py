@@ -14,6 +14,12 @@ PLACES = """() => Object.fromEntries([".side", ".middle", ".beside"].map((each) 
 }))"""
 #: What the page reaches to on the right, and the map.
 ACROSS = "() => [document.documentElement.scrollWidth, document.querySelector('.plot').getBoundingClientRect().right]"
+#: What the picture of a motion on the right reaches to.
+PORTRAIT = """() => {
+    const figure = Bokeh.documents.map((each) => each.get_model_by_name("portrait")).find((each) => each)
+    const view = figure && Bokeh.index.find_one(figure)
+    return view ? view.el.getBoundingClientRect().right : Infinity
+}"""
 
 
 def test_no_screen_is_too_small_and_an_open_point_hides_nothing(page: Page, service: str) -> None:
@@ -33,6 +39,8 @@ def test_no_screen_is_too_small_and_an_open_point_hides_nothing(page: Page, serv
             assert right[0] <= left[1]
         expect(page.get_by_role("button", name="New survey")).to_be_visible()
         expect(page.locator("button.survey").first).to_be_visible()
+    page.set_viewport_size({"width": 390, "height": 844})
+    wait_until(lambda: page.evaluate(PORTRAIT) <= 390)  # of two pictures side by side the second one is not cut off
 
 
 @pytest.mark.parametrize("width", [pytest.param(1280, marks=deep), 1920])

@@ -51,6 +51,9 @@ def test_a_stiff_survey_is_submitted_shown_and_clicked(page: Page, service: str)
     wait_until(lambda: sn1_at(page, DELTA) == pytest.approx(born, abs=5e-5))  # at first it is the survey's before
 
     point_at(page, DELTA, EPSILON, until=f"Cell at δ {DELTA:g}, ε {EPSILON:g}")
+    expect(page.get_by_text("COD20–23")).to_have_count(0)
+    sn1 = page.get_by_role("checkbox", name="SN1", exact=True)
+    expect(sn1).to_have_attribute("aria-description", re.compile("goes on as G2"))  # of this gear, not of the other one
     region = int(rattle.stiff.regions(np.array([DELTA]), np.array([EPSILON]), 0.6, KAPPA)[0])
     expect(page.locator(".beside")).to_contain_text(f"region here{REGIONS[region]}")
 
@@ -60,4 +63,12 @@ def test_a_stiff_survey_is_submitted_shown_and_clicked(page: Page, service: str)
     expect(beside).to_contain_text("probability")
     orbits = rattle.stiff.StiffGear(DELTA, EPSILON, 0.6, KAPPA).orbits()
     expect(page.get_by_role("table", name="Period-one orbits").get_by_role("row")).to_have_count(len(orbits) + 1)
-    expect(page.get_by_role("table", name=re.compile("Attractors from"))).to_be_visible()
+    attractors = page.get_by_role("table", name=re.compile("Attractors from"))
+    (stable,) = {orbit.name for orbit in orbits if orbit.stable}
+    expect(attractors).to_contain_text(f" = {stable}")
+    expect(page.get_by_role("list", name="Events of the diagram")).to_be_visible()
+    page.get_by_text("events, exactly").click()
+    told = page.get_by_role("table").filter(has_text="Multipliers").last
+    expect(told.get_by_role("row").nth(1)).to_contain_text(
+        re.compile(r"(saddle-node|period doubling|grazing).*P\(\d+,\d+,\d+\)")
+    )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # a second for who draws, not for who asks
 
 Pair = tuple[float, float]
 Span = Literal["auto", "robust", "full"]
-Form = Literal["png", "svg"]
+Form = Literal["png", "svg", "pdf"]
 
 ROBUST = (2.0, 98.0)  # percentiles
 POINTS = "points"

@@ -58,7 +58,7 @@ def map_picture(
         index: which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
         opened: opens a level of the survey, which is faster than to read all cells.
         look: a part of the plane, its colours and lines, by default as all pictures have them.
-        form: what is returned, a PNG or an SVG file.
+        form: what is returned, a PNG, an SVG or a PDF file.
 
     Raises:
         SurveyError: the survey has no such map, it cannot be read, or its axes reach too far to be drawn.

@@ -1,11 +1,17 @@
 // Stops of the Tab key: Bokeh makes one of every picture, which no key does anything with, and gives no name to what
-// opens the rest of a row of tools.
+// opens the rest of a row of tools, nor to what is moved of a slider.
 {
   const mend = (root) => {
     for (const each of root.querySelectorAll(".bk-events[tabindex]")) each.removeAttribute("tabindex")
     for (const each of root.querySelectorAll(".bk-tool-overflow:not([role])")) {
       each.setAttribute("role", "button")
       each.setAttribute("aria-label", "more tools")
+    }
+    for (const each of root.querySelectorAll(".noUi-handle:not([aria-labelledby])")) {
+      const title = root.querySelector(".bk-slider-title")
+      if (title == null) continue
+      title.id = "title"  // in this root alone
+      each.setAttribute("aria-labelledby", "title")
     }
   }
   const attach = Element.prototype.attachShadow

@@ -99,7 +99,7 @@ function detail_of(row, model) {
     element("div", {class: "downloads"}, "Download ",
       element("a", {href: `${here}/download.nc`, download: true}, "NetCDF"), " ",
       element("a", {href: `${here}/download.csv`, download: true}, "CSV"), " ",
-      ...(row.picture ? ["png", "svg"] : []).flatMap((form) => [  // the view as it is seen
+      ...(row.picture ? ["png", "svg", "pdf"] : []).flatMap((form) => [  // the view as it is seen
         element("a", {href: `${here}/map.${form}?${row.picture}`, download: `${row.variable}.${form}`}, form.toUpperCase()), " "])),
     element("div", {class: "code"}, code, copy),
     element("div", {class: "actions"},

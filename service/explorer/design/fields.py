@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import panel as pn
@@ -74,6 +75,14 @@ def machine_at(machine: SurveyedMachine | None, delta: float, epsilon: float) ->
         return machine.at(float(machine.rpm(delta)), float(machine.eccentricity(epsilon)))
     except RattleError:
         return None
+
+
+def machine_beside(machine: Machine | None, delta: float, epsilon: float) -> Machine | None:
+    """The pair of gears of a point at another one; None without one, or where its κ would be another one."""
+    if machine is None or (machine.stiffness is not None and delta != machine.delta):
+        return None
+    speed, eccentricity = machine.speed * machine.delta / delta, epsilon * machine.units.length
+    return replace(machine, speed=speed, eccentricity=eccentricity)
 
 
 class MachineFields:

@@ -47,9 +47,7 @@ class Families:
     def __init__(self, shared: Shared, viewer: Viewer, sheet: str, first: Callable[[], MapView]) -> None:
         self._shared, self._viewer, self._first = shared, viewer, first
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
-        self.which = pn.widgets.Select(
-            label="Family", options={NOBODY: ""}, width=165, visible=False, **styled | {"margin": (2, 0, 2, 8)}
-        )
+        self.which = pn.widgets.Select(label="Family", options={NOBODY: ""}, width=165, visible=False, **styled)
         self._watch = Watch()
         self._watch.on(self.which, self._on_chosen)
         self._along = {name: pn.widgets.Button(label=label, visible=False, **styled) for name, label in ALONG.items()}

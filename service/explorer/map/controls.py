@@ -53,9 +53,7 @@ class Controls:
         self._high = pn.widgets.FloatInput(label="to", width=110, **styled)
         chosen = [LOG] if log else []
         self._log = pn.widgets.CheckBoxGroup(options=[LOG], value=chosen, **{**styled, "margin": (2, 8, 8, 4)})
-        save = pn.widgets.Button(
-            label="Save window as survey", **{**styled, "margin": (2, 0, 2, 0)}, css_classes=["save"]
-        )
+        save = pn.widgets.Button(label="Save window as survey", **styled, css_classes=["save"])
         on_press(save, lambda: uses.save())
         self._watch = Watch()
         for widget, used in (

@@ -45,7 +45,7 @@ def row_of(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
 
 
 def picture_query(request: dict[str, Any], view: View) -> str:
-    """What map.png and map.svg are asked for to be the view as it is seen, of lines those that they have."""
+    """What map.png, map.svg and map.pdf are asked for to be the view as it is seen, of lines those that they have."""
     asked: dict[str, Any] = {"variable": view.variable, "index": view.index or None}
     asked["slice"] = view.slice if any(_thirds(request)) else None
     for name, window in {"delta": view.delta, "epsilon": view.epsilon}.items():

@@ -124,6 +124,11 @@ class BasinsPicture:
         for line in lines:
             self._lines[line.name].data = {"tau": line.points[:, 0], "v": line.points[:, 1]}
 
+    def no_lines(self) -> None:
+        """Take Γ and the manifolds away."""
+        for source in self._lines.values():
+            empty(source)
+
     def clear(self) -> None:
         """Show nothing."""
         for source in (self._cells, self._orbits, self._chosen, *self._lines.values()):
@@ -147,3 +152,10 @@ def legend(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette
         shade, dash = STYLES[line.name]
         parts.append(f'<li><span class="stroke" style="border-top:3px {dash} {shade}"></span>{line.name}</li>')
     return f'<ul class="legend" aria-label="Legend of the basins">{"".join(parts)}</ul>'
+
+
+def caption(basins: rattle.Basins, lines: tuple[PlaneLine, ...], palette: Palette) -> str:
+    """The legend, and how fine the picture is, in HTML."""
+    side = basins.tau.size
+    how = f'<p class="faint">{side} × {side} cells. Click one to see its motion.</p>'
+    return legend(basins, lines, palette) + how

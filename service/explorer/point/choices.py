@@ -13,8 +13,10 @@ from rattle.models import AnyGear
 from rattle.plot.colours import Palette, name_of
 from service.explorer.common.address import Pair
 from service.explorer.design import rattling, tolerance
+from service.explorer.design.fields import machine_beside
 from service.explorer.design.tolerance import Tolerance
 from service.explorer.point import diagram, loudness, motion, parts
+from service.explorer.point.along import Along
 from service.explorer.point.panel import PointPanel
 from service.explorer.point.parts import DiagramLines
 from service.explorer.point.state import PointState
@@ -28,7 +30,7 @@ NO_ATTRACTOR = "#8a96a3"
 
 class Choices:
     """The motion with its spectrum and sound, the diagram and the tolerances of one point; what is chosen is
-    remembered.
+    remembered. `own_again` is called when the point's own basins are looked at again.
     """
 
     def __init__(
@@ -40,15 +42,18 @@ class Choices:
         palette: Palette,
         chosen: PointState,
         remember: Callable[[PointState], None],
+        own_again: Callable[[], None],
     ) -> None:
         self._panel, self._work, self._palette = panel, work, palette
         self._gear, self._machine = gear, machine
-        self._chosen, self._remember = chosen, remember
+        self._chosen, self._remember, self._own_again = chosen, remember, own_again
         self._attractors: tuple[rattle.Attractor, ...] = ()
         self._motion: asyncio.Task[None] | None = None
         self._diagram: asyncio.Task[None] | None = None
         self._heard: asyncio.Task[None] | None = None
         self._yield: asyncio.Task[None] | None = None
+        self._along = Along(panel, work, gear, palette, self._looked)
+        panel.on_place = self._along.go
         panel.on_play = self._on_play
         panel.on_tap, panel.on_motion, panel.on_direction = self._on_tap, self._on_motion, self._on_direction
 
@@ -57,6 +62,7 @@ class Choices:
         self._attractors = attractors
         self._offer_motions()
         self._panel.show_direction(self._chosen.direction)
+        self._along.offer(self._chosen)
         fields = self._panel.tolerance
         fields.on_asked = self._on_tolerance
         fields.offer(self._gear, self._machine, self._chosen.tolerance)
@@ -81,29 +87,62 @@ class Choices:
             return self._chosen.attractor
         return next((i for i, each in enumerate(self._attractors) if each.kind != "quiet"), 0)
 
+    @property
+    def is_away(self) -> bool:
+        """Whether basins of another place than the point are looked at."""
+        return self._along.is_away
+
+    def _looked(self, at: float | None) -> None:
+        self._choose(replace(self._chosen, at=at))
+        if "diagram" in self._panel.__dict__:  # it has been drawn
+            self._panel.diagram.mark(self._parameter)
+        if at is None:
+            self._own_again()
+        self.show_motion()
+
+    @property
+    def _parameter(self) -> float:
+        """Where on the axis of the diagram is what is looked at."""
+        if self._chosen.to is not None:
+            return self._chosen.at or 0.0
+        gear = self._along.gear
+        return gear.epsilon if self._chosen.direction == "epsilon" else gear.delta
+
+    def _shown_attractor(self) -> rattle.Attractor | None:
+        """The attractor that is chosen; at another place the one of its name there, or the first that rattles."""
+        own = self._attractors[self._attractor] if self._attractors else None
+        if not self.is_away:
+            return own
+        there = self._along.attractors
+        named = [each for each in there if own is not None and each.name == own.name]
+        return (named or [each for each in there if each.kind != "quiet"] or list(there))[0]
+
+    def _asked(self) -> tuple[object, ...]:
+        """What a motion is of."""
+        return self._chosen.attractor, self._chosen.start, self._along.gear
+
     def show_motion(self) -> None:
         """The motion that is chosen."""
         part = self._work.part(self._panel.under_motion, self._one_motion)
         self._motion = self._work.start(part, self._motion)
 
     async def _one_motion(self) -> None:
-        chosen, periods, shade = self._chosen, PERIODS, NO_ATTRACTOR
+        asked, gear, periods, shade = self._asked(), self._along.gear, PERIODS, NO_ATTRACTOR
         attractor = None
         if self._chosen.start is not None:
             (tau, v), what = self._chosen.start, "From the chosen initial condition"
-        elif not self._attractors:
+        elif (attractor := self._shown_attractor()) is None:
             raise rattle.RattleError("There is no attractor to show: click in the basins for a motion.")
         else:
-            attractor = self._attractors[self._attractor]
             tau, v, shade, what = attractor.tau, attractor.v, self._palette.colour(attractor), name_of(attractor)
             whole = min(max(PERIODS, 3.0 * attractor.m), MOST_PERIODS)
             periods = CHAOTIC_PERIODS if attractor.kind == "chaotic" else whole
-        found = await self._work.compute(parts.motion, self._gear, tau, v, periods, POINTS, what="The motion")
+        found = await self._work.compute(parts.motion, gear, tau, v, periods, POINTS, what="The motion")
 
         def show() -> None:
-            if (chosen.attractor, chosen.start) != (self._chosen.attractor, self._chosen.start):
+            if asked != self._asked():
                 return  # another one has been chosen meanwhile
-            self._panel.motions.show(found, self._gear.beta, shade)
+            self._panel.motions.show(found, gear.beta, shade)
             self._panel.picture.show_chosen(tau, v)
             self._panel.under_motion.html = f'<p class="faint">{escape(motion.caption(found, what, attractor))}</p>'
             self._panel.heard.html = ""
@@ -111,17 +150,18 @@ class Choices:
             self._panel.spectrum.clear()
 
         await self._work.change(show)
-        if attractor is not None and attractor.kind != "undecided":
+        if attractor is not None and attractor.kind != "undecided" and asked == self._asked():
             await self._work.part(self._panel.under_spectrum, lambda: self._spectrum(attractor, shade))
 
     async def _spectrum(self, attractor: rattle.Attractor, shade: str) -> None:
-        chosen = self._chosen
-        found = await self._work.compute(rattling.spectrum, self._gear, attractor, what="The spectrum")
+        asked, gear = self._asked(), self._along.gear
+        machine = machine_beside(self._machine, gear.delta, gear.epsilon) if self.is_away else self._machine
+        found = await self._work.compute(rattling.spectrum, gear, attractor, what="The spectrum")
 
         def show() -> None:
-            if (chosen.attractor, chosen.start) != (self._chosen.attractor, self._chosen.start):
+            if asked != self._asked():
                 return
-            self._panel.spectrum.show(found, self._machine, shade)
+            self._panel.spectrum.show(found, machine, shade)
             said = loudness.spectrum_caption(found, name_of(attractor))
             self._panel.under_spectrum.html = f'<p class="faint">{escape(said)}</p>'
 
@@ -132,12 +172,12 @@ class Choices:
         self._heard = self._work.start(self._work.part(self._panel.heard, lambda: self._play(rpm)), self._heard)
 
     async def _play(self, rpm: float | None) -> None:
-        if self._chosen.start is not None or not self._attractors:
+        attractor = self._shown_attractor()
+        if self._chosen.start is not None or attractor is None:
             raise rattle.RattleError("An attractor can be heard: choose one.")
         if not rpm:
             raise rattle.RattleError("A sound needs a speed above 0 rpm.")
-        attractor = self._attractors[self._attractor]
-        found = await self._work.compute(rattling.sound, self._gear, attractor, rpm, what="The sound")
+        found = await self._work.compute(rattling.sound, self._along.gear, attractor, rpm, what="The sound")
         await self._work.tell(self._panel.heard, loudness.player(found))
 
     def _on_tolerance(self, widths: Tolerance) -> None:
@@ -166,12 +206,11 @@ class Choices:
         found: DiagramLines = await self._work.compute(
             parts.diagram, self._gear, direction, span, to, what="The diagram", slow=True
         )
-        at = 0.0 if to is not None else self._gear.epsilon if direction == "epsilon" else self._gear.delta
 
         def show() -> None:
             if (direction, to) != (self._chosen.direction, self._chosen.to):
                 return
-            self._panel.diagram.show(found, at)
+            self._panel.diagram.show(found, self._parameter)
             said = f'<p class="faint">{escape(diagram.caption(found))}</p>'
             self._panel.under_diagram.html = diagram.legend(found) + said + diagram.table(found)
 
@@ -190,14 +229,15 @@ class Choices:
         self.show_motion()
 
     def _on_direction(self, direction: str) -> None:
-        self._draw_anew(replace(self._chosen, direction=direction, to=None))
+        self._draw_anew(replace(self._chosen, direction=direction, to=None, at=None))
 
     def go_through(self, to: Pair) -> None:
         """Draw the diagram from the point to another one."""
-        self._draw_anew(replace(self._chosen, to=to))
+        self._draw_anew(replace(self._chosen, to=to, at=None))
 
     def _draw_anew(self, chosen: PointState) -> None:
         self._choose(chosen)
+        self._along.offer(chosen)
         self._panel.under_diagram.html = waiting("the diagram")
         part = self._work.part(self._panel.under_diagram, self.one_diagram)
         self._diagram = self._work.start(part, self._diagram)

@@ -61,7 +61,7 @@ class DiagramPicture:
         self.figure.xaxis.axis_label = along(found)
         top = max([float(x.max()) for x in (found.v, *(each.v for each in found.strokes)) if x.size], default=7.0)
         self.figure.y_range.update(start=0.0, end=1.05 * top)
-        self._here.location = at
+        self.mark(at)
         self._seen.data = {"x": found.x, "v": found.v}
         strokes = sorted(found.strokes, key=lambda each: each.stable)  # the stable ones above
         self._strokes.data = {
@@ -81,6 +81,10 @@ class DiagramPicture:
             "size": [9 if name else 5 for name in marks.name],
             "what": [_what(marks, i) for i in range(len(marks.kind))],
         }
+
+    def mark(self, at: float) -> None:
+        """Mark where on the axis is what is looked at."""
+        self._here.location = at
 
 
 def _what(marks: Marks, i: int) -> str:

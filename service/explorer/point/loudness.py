@@ -43,7 +43,7 @@ def intensity_table(
 
 
 def _plain(found: rattle.Intensity, delta: float) -> list[str]:
-    level = number(found.level(natural_energy(delta)))
+    level = _decibels(found.level(natural_energy(delta)))
     energy = _with_error(found.energy, found.errors.energy)
     return [number(found.impacts), number(found.mean_speed), number(found.largest_speed), energy, level]
 
@@ -51,7 +51,12 @@ def _plain(found: rattle.Intensity, delta: float) -> list[str]:
 def _in_si(found: rattle.Intensity, machine: Machine) -> list[str]:
     si = machine.in_si(found)
     numbers = [number(each) for each in (si.impacts, si.mean_velocity, si.largest_velocity, si.energy)]
-    return [*numbers, _with_error(si.power, si.power_error), number(si.level)]
+    return [*numbers, _with_error(si.power, si.power_error), _decibels(si.level)]
+
+
+def _decibels(level: float) -> str:
+    """Hundredths: less is not heard, and of 0 dB a computer may find 1e-15."""
+    return number(round(level, 2) + 0.0)
 
 
 def _with_error(value: float, error: float) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 import panel as pn
 from bokeh.models import Range1d
 
+from service.explorer.common.address import Pair
 from service.explorer.common.text import Text
 from service.explorer.common.watch import Watch, on_press
 from service.explorer.design.fields import EXACT
@@ -18,7 +19,10 @@ from service.explorer.files import asset
 from service.explorer.point import basins, diagram, loudness, motion
 
 MARGIN = (0, 4)
+#: Two pictures stand side by side where there is room. Panel would keep room for both.
+NARROW, WRAPPED = ":host { min-width: 0 !important; }", ":host { flex-wrap: wrap; min-width: 0 !important; }"
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width", "margin": MARGIN}
+PLACES = 100  # steps of the slider along the way of the diagram
 DIRECTIONS = {"along eccentricity ε": "epsilon", "along damping δ": "delta"}
 
 
@@ -33,8 +37,8 @@ class Above:
 class PointPanel:
     """What a browser takes long to lay out, the pictures, is made when a point has something to show in it.
 
-    Whoever shows a point sets `on_tap`, `on_motion`, `on_direction` and `on_play`, called when a viewer clicks or
-    chooses.
+    Whoever shows a point sets `on_tap`, `on_motion`, `on_direction`, `on_place` and `on_play`, called when a viewer
+    clicks or chooses.
     """
 
     def __init__(self, theme: str, above: Above | None = None) -> None:
@@ -42,13 +46,14 @@ class PointPanel:
         self.on_tap: Callable[[float, float], None]
         self.on_motion: Callable[[int | None], None]
         self.on_direction: Callable[[str], None]
+        self.on_place: Callable[[int], None]
         self.on_play: Callable[[float | None], None]
         self._watch = Watch()
         self.where, self.likely, self.safe, self.table, self.loud, self.orbits = (self._text() for _ in range(6))
         self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (self._text() for _ in range(4))
         self.under_spectrum, self.heard, self.take = self._text(), self._text(), self._text()
         self._basins, self._motion, self._diagram = (
-            pn.Column(*(each.pane for each in texts), sizing_mode="stretch_width", margin=0)
+            pn.Column(*(each.pane for each in texts), sizing_mode="stretch_width", margin=0, stylesheets=[NARROW])
             for texts in ((self.under_basins, self.about_lines), (self.under_motion,), (self.under_diagram,))
         )
         words = (self.where, self.take, self.likely, self.safe, self.table, self.loud, self.orbits)
@@ -84,11 +89,27 @@ class PointPanel:
         found = basins.BasinsPicture(self._theme, lambda tau, v: self.on_tap(tau, v))
         self._basins[:] = [
             self._text("<h2>Basins of attraction</h2>").pane,
+            self.place,
             pn.pane.Bokeh(found.figure, **WIDE),
             self.under_basins.pane,
             self.about_lines.pane,
         ]
         return found
+
+    @cached_property
+    def place(self) -> pn.widgets.IntSlider:
+        """Which place on the way of the diagram is looked at."""
+        found = pn.widgets.IntSlider(
+            label="", start=0, end=PLACES, show_value=False, stylesheets=self._sheets, max_width=420, margin=(2, 16),
+            sizing_mode="stretch_width",
+        )  # fmt: skip
+        self._watch.on(found, lambda: self.on_place(int(found.value or 0)))
+        return found
+
+    def show_place(self, stop: int, at: Pair) -> None:
+        """Say which one it is: (δ, ε)."""
+        with self._watch.paused():
+            self.place.param.update(value=stop, label=f"Along the diagram, at δ {at[0]:.5g}, ε {at[1]:.5g}")
 
     @cached_property
     def choice(self) -> pn.widgets.Select:
@@ -110,7 +131,8 @@ class PointPanel:
         found = motion.MotionPictures(self._theme)
         panes = [pn.pane.Bokeh(each, margin=0, sizing_mode="stretch_width") for each in (found.trace, found.portrait)]
         self._motion[:] = [
-            self._text("<h2>Motion</h2>").pane, self.choice, pn.Row(*panes, **WIDE), self.under_motion.pane,
+            self._text("<h2>Motion</h2>").pane, self.choice, pn.Row(*panes, **WIDE, stylesheets=[WRAPPED]),
+            self.under_motion.pane,
             pn.Row(self.rpm, self._play, self.heard.pane, **WIDE), pn.pane.Bokeh(self.spectrum.figure, **WIDE),
             self.under_spectrum.pane,
         ]  # fmt: skip

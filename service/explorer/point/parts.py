@@ -59,6 +59,13 @@ class Margin(NamedTuple):
     v_max: float
 
 
+class Elsewhere(NamedTuple):
+    """Basins, and the motions A to D that happen, none where that is no closed form."""
+
+    basins: rattle.Basins
+    orbits: tuple[rattle.Orbit, ...]
+
+
 class PlaneLine(NamedTuple):
     """A line of the (τ, v) plane, points (k, 2) with NaN between pieces."""
 
@@ -256,6 +263,12 @@ def _label(itinerary: Any) -> tuple[int, int, int]:
 def basins(gear: AnyGear, side: int, method: str) -> rattle.Basins:
     """Basins on side × side cells."""
     return gear.basins(side, None, method)
+
+
+def elsewhere(gear: AnyGear, side: int, method: str) -> Elsewhere:
+    """What is looked at of a gear beside the point's own."""
+    orbits = gear.orbits() if model_at(gear).in_closed_form else ()
+    return Elsewhere(basins(gear, side, method), orbits)
 
 
 def motion(gear: AnyGear, tau: float, v: float, periods: float, points: int) -> rattle.Trajectory:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from rattle import Machine
-from rattle.models import AnyModel, model_of
+from rattle import Machine, RattleError
+from rattle.models import AnyGear, AnyModel, model_of
 from service.explorer.common.address import Entered, Pair, View
 from service.explorer.design.fields import machine_at
 from service.explorer.design.tolerance import Tolerance, outline
-from service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS
+from service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, diagram_ends
 from workers.survey.machine import SurveyedMachine
 
 MOST_ATTRACTORS = 1000
@@ -22,7 +23,8 @@ MOST_ATTRACTORS = 1000
 @dataclass(frozen=True)
 class PointState:
     """The attractor (its place by falling share) or the initial condition (τ, v) shown; the diagram's direction and how
-    far it goes either way, None for as far as usual, or the point that it goes to; tolerances, if any were given.
+    far it goes either way, None for as far as usual, or the point that it goes to; tolerances, if any were given; where
+    on the way of the diagram, from 0 to 1, basins and motion are looked at, None for the point itself.
     """
 
     attractor: int | None = None
@@ -31,6 +33,7 @@ class PointState:
     span: float | None = None
     to: Pair | None = None
     tolerance: Tolerance | None = None
+    at: float | None = None
 
     @classmethod
     def read(cls, text: Mapping[str, object], v_max: float) -> PointState:
@@ -43,6 +46,7 @@ class PointState:
             span_of(text.get("span")),
             point_of(text.get("to")),
             tolerance_of(text.get("tolerance")),
+            share_of(text.get("at")),
         )
 
     def text(self) -> dict[str, str]:
@@ -56,6 +60,8 @@ class PointState:
             said["to"] = ",".join(map(repr, self.to))
         if self.tolerance is not None:
             said["tolerance"] = ",".join(map(repr, self.tolerance))
+        if self.at is not None:
+            said["at"] = repr(self.at)
         return said | ({"direction": self.direction} if self.direction != "epsilon" else {})
 
 
@@ -84,6 +90,27 @@ def span_of(given: object) -> float | None:
     except ValueError:
         return None
     return span if LEAST_SPAN <= span <= MOST_SPAN else None
+
+
+def share_of(given: object) -> float | None:
+    """A number from 0 to 1, None if it is none."""
+    try:
+        share = float(str(given))
+    except ValueError:
+        return None
+    return share if 0.0 <= share <= 1.0 else None
+
+
+def way_of(gear: AnyGear, state: PointState) -> tuple[Pair, Pair]:
+    """From where to where the diagram of a point goes."""
+    return diagram_ends(gear, state.direction, state.span, state.to)
+
+
+def place_on(way: tuple[Pair, Pair], share: float) -> Pair:
+    """The point (δ, ε) so far on a way from 0 to 1."""
+    (delta, epsilon), (to_delta, to_epsilon) = way
+    left = 1.0 - share  # so that the ends are exact
+    return left * delta + share * to_delta, left * epsilon + share * to_epsilon
 
 
 def point_of(given: object) -> Pair | None:
@@ -115,8 +142,9 @@ def stands_for(
 
 
 def marks_of(view: View, model: AnyModel, machine: SurveyedMachine | None) -> tuple[Pair | None, np.ndarray | None]:
-    """Where the point that is open is on the map of a survey, if it is one of this plane, and the lines (k, 2) about
-    it, NaN between them: its tolerances, and the way that its diagram goes to another point.
+    """Where the point that is open is on the map of a survey, if it is one of this plane, or the place on its diagram's
+    way that is looked at, and the lines (k, 2) about it, NaN between them: its tolerances, and the way that its
+    diagram goes to another point.
     """
     if view.point is None:
         return None, None
@@ -127,4 +155,8 @@ def marks_of(view: View, model: AnyModel, machine: SurveyedMachine | None) -> tu
     lines = [] if widths is None else [outline(*view.point, made, widths)]
     if to is not None:
         lines += [np.full((1, 2), np.nan), np.array([view.point, to])]
-    return view.point, np.concatenate(lines) if lines else None
+    here, state = view.point, PointState.read(view.point_state, 0.0)
+    if state.at is not None:
+        with suppress(RattleError):  # there is no gear, which is told beside the map
+            here = place_on(way_of(model.gear(*view.point), state), state.at)
+    return here, np.concatenate(lines) if lines else None

@@ -67,7 +67,8 @@ class PointView(param.Parameterized):
         except rattle.RattleError as error:
             panel.where.html = f'<p class="wrong">{escape(str(error))}</p>'
             return
-        self._choices = Choices(panel, self._work, self._gear, machine, self._palette, chosen, self._remember)
+        heard = self._remember, self._show_own
+        self._choices = Choices(panel, self._work, self._gear, machine, self._palette, chosen, *heard)
         self._is_there = True
         self._remember(chosen)
         self._say_what_is_computed()
@@ -165,7 +166,8 @@ class PointView(param.Parameterized):
             self._tell_orbits(found)
             if self._found is not None:
                 self._tell_chances(parts.lettered(self._found, found.orbits))
-            self.panel.picture.show_orbits(found.orbits)
+            if not self._choices.is_away:
+                self.panel.picture.show_orbits(found.orbits)
 
         await self._work.change(show)
 
@@ -183,9 +185,8 @@ class PointView(param.Parameterized):
 
         def show() -> None:
             self._basins = found
-            self.panel.picture.show_cells(found, self._palette)
-            self.panel.picture.show_orbits(self._orbits)
-            self._show_legend()
+            if not self._choices.is_away:
+                self._show_cells(found)
 
         await self._work.change(show)
 
@@ -194,16 +195,30 @@ class PointView(param.Parameterized):
 
         def show() -> None:
             self._lines = found
-            self.panel.picture.show_lines(found.lines)
-            notes = "".join(f"<li>{escape(each)}</li>" for each in found.missing)
-            self.panel.about_lines.html = f'<ul class="faint">{notes}</ul>' if notes else ""
-            self._show_legend()
+            if not self._choices.is_away:
+                self._show_lines(found)
 
         await self._work.change(show)
+
+    def _show_own(self) -> None:
+        """What is known by now, after another place was looked at."""
+        if self._basins is not None:
+            self._show_cells(self._basins)
+        if self._lines is not None:
+            self._show_lines(self._lines)
+
+    def _show_cells(self, found: rattle.Basins) -> None:
+        self.panel.picture.show_cells(found, self._palette)
+        self.panel.picture.show_orbits(self._orbits)
+        self._show_legend()
+
+    def _show_lines(self, found: Lines) -> None:
+        self.panel.picture.show_lines(found.lines)
+        notes = "".join(f"<li>{escape(each)}</li>" for each in found.missing)
+        self.panel.about_lines.html = f'<ul class="faint">{notes}</ul>' if notes else ""
+        self._show_legend()
 
     def _show_legend(self) -> None:
         if self._basins is not None:
             lines = self._lines.lines if self._lines is not None else ()
-            side = self._basins.tau.size
-            how = f'<p class="faint">{side} × {side} cells. Click one to see its motion.</p>'
-            self.panel.under_basins.html = basins.legend(self._basins, lines, self._palette) + how
+            self.panel.under_basins.html = basins.caption(self._basins, lines, self._palette)

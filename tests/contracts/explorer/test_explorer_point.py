@@ -233,7 +233,7 @@ def test_a_diagram_has_as_many_steps_as_are_set_when_it_is_asked_for(monkeypatch
     "state",
     [
         {}, {"attractor": "0"}, {"attractor": "3"}, {"tau": "0.25", "v": "4.5"}, {"direction": "delta"},
-        {"tolerance": "0.02,0.01,0.9"},
+        {"tolerance": "0.02,0.01,0.9"}, {"at": "0.25"},
     ],
 )  # fmt: skip
 def test_a_state_is_kept(state: dict[str, str]) -> None:
@@ -246,7 +246,7 @@ def test_a_state_is_kept(state: dict[str, str]) -> None:
         {"attractor": "x"}, {"attractor": "-1"}, {"attractor": "1e9"}, {"tau": "nan", "v": "4"}, {"tau": "0.5"},
         {"tau": "0.5", "v": "inf"}, {"tau": "1.5", "v": "3"}, {"tau": "0.5", "v": "0"}, {"tau": "0.5", "v": "1e300"},
         {"direction": "<script>"}, {"other": "1"}, {"tolerance": "0.1"}, {"tolerance": "1,2,nan"},
-        {"tolerance": "-1,1,0.9"},
+        {"tolerance": "-1,1,0.9"}, {"at": "1.5"}, {"at": "nan"}, {"at": "x"},
     ],
 )  # fmt: skip
 def test_what_of_a_state_cannot_be_read_is_as_by_default(state: dict[str, str]) -> None:

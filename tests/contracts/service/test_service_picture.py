@@ -1,4 +1,4 @@
-"""map.png and map.svg: a map as it is looked at, and the page's links to it."""
+"""map.png, map.svg and map.pdf: a map as it is looked at, and the page's links to it."""
 
 import warnings
 from collections.abc import Iterator
@@ -117,7 +117,10 @@ def test_a_drawing_says_what_it_is(client: TestClient, survey_id: str) -> None:
         assert said in answer.text.replace("\n", ""), said
     plain = client.get(f"{here}.svg", params=WINDOW)
     assert rattle.__version__ not in plain.text.replace("\n", "")
-    assert len({each.headers["etag"] for each in (answer, plain, client.get(f"{here}.png", params=WINDOW))}) == 3
+    sheet, picture = (client.get(f"{here}.{form}", params=WINDOW) for form in ("pdf", "png"))
+    assert sheet.headers["content-type"] == "application/pdf"
+    assert sheet.content.startswith(b"%PDF-")
+    assert len({each.headers["etag"] for each in (answer, plain, sheet, picture)}) == 4
 
 
 @pytest.mark.parametrize(

@@ -70,9 +70,9 @@ generation.max-examples = {either(10, 400)}
 max-steps = 10
 """
 #: One request for every limit of every parameter of these: six thousand. A notebook has the parameters of orbits, and
-#: an SVG those of a PNG. Those of a machine orbits have too, and numbers of windows are in test_service_curves.py.
+#: SVG and PDF those of a PNG. Those of a machine orbits have too, and numbers of windows are in test_service_curves.py.
 LONG = ["populations", "estimate", "limits", "reached", "attractors", "intensity", "basins.png", "notebook"]
-LONG += ["surveys/{survey_id}/map.svg", "machine", "curves"]
+LONG += ["surveys/{survey_id}/map.svg", "surveys/{survey_id}/map.pdf", "machine", "curves"]
 QUICK = f"""
 [[operations]]
 include-path = {[f"/v1/{name}" for name in LONG]}

@@ -1,0 +1,104 @@
+"""Another place on the way of the diagram, whose basins and motion are looked at: a slider goes there."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+
+import rattle
+from rattle.models import AnyGear, model_at
+from rattle.plot.colours import Palette
+from service.explorer.common.address import Pair
+from service.explorer.point import basins, parts
+from service.explorer.point.panel import PLACES, PointPanel
+from service.explorer.point.state import PointState, place_on, way_of
+from service.explorer.point.work import Work
+
+FINENESS = ((100, "cells"), (300, "refined"))  # cells a side of the basins, at first and when the slider rests
+
+
+class Along:
+    """`gear` is the one that is looked at, and `attractors` its own, none of the point itself. `looked` is called when
+    that is another one, with its place on the way from 0 to 1, None for the point itself.
+    """
+
+    def __init__(
+        self,
+        panel: PointPanel,
+        work: Work,
+        gear: AnyGear,
+        palette: Palette,
+        looked: Callable[[float | None], None],
+    ) -> None:
+        self._panel, self._work, self._palette, self._looked = panel, work, palette, looked
+        self._own = self.gear = gear
+        self.attractors: tuple[rattle.Attractor, ...] = ()
+        self._chosen = PointState()
+        self._home: int | None = None  # the stop of the point; not known before `offer`
+        self._wanted: tuple[PointState, int] = self._chosen, 0
+        self._shown = self._wanted
+        self._task: asyncio.Task[None] | None = None
+
+    @property
+    def is_away(self) -> bool:
+        """Whether another place than the point is looked at."""
+        return self.gear is not self._own
+
+    def offer(self, chosen: PointState) -> None:
+        """Let the slider go along the way of this diagram; it is where the point is, or where the address has it."""
+        self._chosen = chosen
+        (begin, end), here = way_of(self._own, chosen), (self._own.delta, self._own.epsilon)
+        axis = max((0, 1), key=lambda each: abs(end[each] - begin[each]))
+        length = end[axis] - begin[axis]
+        self._home = round(PLACES * (here[axis] - begin[axis]) / length) if length else 0
+        self.go(self._home if chosen.at is None else round(PLACES * chosen.at))
+
+    def go(self, stop: int) -> None:
+        """Look at this stop of the slider: after what is at work, and of several that were passed at the last."""
+        if self._home is None:
+            return
+        self._wanted = self._chosen, stop
+        self._panel.show_place(stop, self._place)
+        if not self.is_away and stop == self._home:
+            self._shown = self._wanted
+        if self._wanted != self._shown and (self._task is None or self._task.done()):
+            self._task = self._work.start(self._work.part(self._panel.under_basins, self._follow))
+
+    @property
+    def _place(self) -> Pair:
+        """The point that is wanted."""
+        chosen, stop = self._wanted
+        here = self._own.delta, self._own.epsilon
+        return here if stop == self._home else place_on(way_of(self._own, chosen), stop / PLACES)
+
+    async def _follow(self) -> None:
+        while (wanted := self._wanted) != self._shown:
+            if wanted[1] == self._home:
+                await self._work.change(self._come_home)
+            else:
+                gear = model_at(self._own).gear(*self._place)
+                for side, method in FINENESS:
+                    slow = method != "cells"
+                    found = await self._work.compute(parts.elsewhere, gear, side, method, what="The basins", slow=slow)
+                    await self._work.change(partial(self._show, gear, found, wanted))
+                    if wanted != self._wanted:
+                        break
+            self._shown = wanted
+
+    def _show(self, gear: AnyGear, found: parts.Elsewhere, wanted: tuple[PointState, int]) -> None:
+        if wanted[0] is not self._wanted[0]:  # another way has been chosen meanwhile
+            return
+        picture, is_new = self._panel.picture, gear is not self.gear
+        self.gear, self.attractors = gear, found.basins.attractors
+        picture.no_lines()
+        picture.show_cells(found.basins, self._palette)
+        picture.show_orbits(found.orbits)
+        self._panel.under_basins.html = basins.caption(found.basins, (), self._palette)
+        self._panel.about_lines.html = ""
+        if is_new:
+            self._looked(wanted[1] / PLACES)
+
+    def _come_home(self) -> None:
+        self.gear, self.attractors = self._own, ()
+        self._looked(None)
