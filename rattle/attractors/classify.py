@@ -247,10 +247,12 @@ class Classifier(ABC):
         """What is seen of these samples, and whether each is left and chaotic; if unclear, measured for longer."""
         seen, chaotic = nothing_seen(which.size), np.zeros(which.size, np.bool_)
         samples = self.samples
+        pace = samples.time / np.maximum(samples.impacts, 1)
         todo = np.flatnonzero(samples.impacts[which] < self.budget)
         for extension in range(EXTENSIONS + 1):
             if not todo.size:
                 break
+            todo = todo[np.argsort(pace[which[todo]], kind="stable")]  # the longest first, so that all end together
             now = which[todo]
             longer = np.maximum(self.longer[samples.cell[now]], times) * 2**extension
             most, room = MOST_MEASURED * longer, self.budget - samples.impacts[now]

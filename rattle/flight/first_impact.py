@@ -80,6 +80,7 @@ def proven_impact(wall, tau, flight, beta):
     falls = wall > 0 and lowest < -gap
     level_ = level_of(wall_, falls, gap)
     s += local_root(not falls, level_, series)
+    s += local_root(not falls, level_, taylor(s, short))
     s, step, speed = refined(s, level_, short)
     proved = is_located(s, step, speed, short)
     proved &= clears_the_gap(wall_, not falls, s, minimum, gap, short)

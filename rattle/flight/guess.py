@@ -22,7 +22,8 @@ from rattle.numerics.polynomial import degree_4
 
 ERROR = f32(6e-6)
 CLOSE = f32(1e-5)  # flight times and phases closer than this are not told apart
-FARTHEST = f32(0.15)  # longest Taylor step to the minimum
+FARTHEST = f32(0.1)  # longest Taylor step to the minimum: where F hardly bends the series leads anywhere
+NEAREST = f32(3e-6)  # its sixth power is no denormal number, with which processors are slow
 TOO_FAR = f32(LONGEST_DECAY)  # δs up to which the polynomials hold
 UNBOUNDED = f32(-1e30)  # a lower bound that proves nothing
 SCAN_STEP = f32(1 / 8)
@@ -148,15 +149,16 @@ def depth(s, series, flight):
     u = -c1 * i2
     k3 = f32(3.0) * c3 * i2
     u *= f32(1.0) - u * (k3 - u * (f32(2.0) * k3 * k3 - f32(4.0) * c4 * i2))
+    u = min(max(u, -FARTHEST), FARTHEST)
     lowest = height(u, c0, c1, c2, c3, c4, c5)
-    reach = abs(u)
+    reach = max(abs(u), NEAREST)
     r2 = reach * reach
     m6 = SIXTH * epsilon + f32(1 / 360) * (delta * delta) * (delta * delta) * (delta * abs(a))  # |F⁽⁶⁾|/720, e^(δu) < 2
     left_out = m6 * r2 * r2  # times r2 in F, 6 r in F'
     tilt = abs(slope(u, c1, c2, c3, c4, c5)) + ERROR * speed_scale(flight) + f32(6.0) * reach * left_out
     end = s + reach
     rounding = end * (abs(w) + abs(a) * (f32(0.5) * delta * end)) + epsilon * (W1 * end + f32(3.0))  # over height_scale
-    good = (reach < FARTHEST) & (delta * reach < f32(0.3)) & (reach < s)
+    good = (delta * reach < f32(0.3)) & (reach < s)
     bound = lowest - ERROR * rounding - left_out * r2 if good else UNBOUNDED
     return lowest, Minimum(bound, tilt, s + u)
 

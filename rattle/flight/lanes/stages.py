@@ -85,6 +85,14 @@ def solve_locally(b, groups):
 
 
 @inline
+def solve_again(b, groups):
+    """The same from there: far from the turning point the first polynomial is no good."""
+    for i in range(GROUP * groups):
+        level, flight = level_of(b.wall_[i], b.falls[i] > ZERO, b.gap_[i]), flight32(b, i)
+        b.s_[i] += local_root(not b.falls[i] > ZERO, level, taylor(b.s_[i], flight))
+
+
+@inline
 def refine(b, groups):
     """A step of fourth order towards the wall."""
     for i in range(GROUP * groups):
@@ -236,6 +244,7 @@ def _advance(tangent):
             expand(b, groups)
             choose_wall(b, groups)
             solve_locally(b, groups)
+            solve_again(b, groups)
             refine(b, groups)
             prove(b, groups)
             if force == ARCS:

@@ -14,6 +14,7 @@ from rattle.attractors.samples import Samples
 from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractor, Attractors, listed, of_samples
 from rattle.errors import parameters
+from rattle.flight.law import TWO_PI
 from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
 from rattle.impacting.map.iterate import working_block
@@ -28,6 +29,8 @@ class ImpactingClassifier(Classifier):
         """As the classifier of any gear; paths (2,) counts how flights were found."""
         self.paths = np.zeros(2, np.int64)
         self._block = working_block()
+        with np.errstate(over="ignore"):  # of a subnormal δ
+            self._roughness = cells.epsilon * np.hypot(TWO_PI, cells.delta) / cells.delta
         super().__init__(cells, tau, v, budget)
 
     @property
@@ -53,7 +56,11 @@ class ImpactingClassifier(Classifier):
     def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:
         """Follow these samples to their ends or limits."""
         flights = CHUNK if early else LONG_CHUNK
-        settle(self._block, which, flights, self.cells, samples, self.balls, self.paths)
+        settle(self._block, self.alike(which, samples), flights, self.cells, samples, self.balls, self.paths)
+
+    def alike(self, which: NDArray[np.int64], samples: Samples) -> NDArray[np.int64]:
+        """These samples in an order in which neighbours need the same stages of a flight: lanes share them."""
+        return which[np.argsort(-self._roughness[samples.cell[which]], kind="stable")]
 
     def watch(
         self, which: NDArray[np.int64], least: NDArray[np.float64], periods: NDArray[np.float64], seen: Seen

@@ -127,7 +127,7 @@ class TimedClassifier(ImpactingClassifier):
 
     def advance(self, which: NDArray[np.int64], samples: Samples, early: bool) -> None:
         """See `Classifier`."""
-        flights, meter = CHUNK if early else LONG_CHUNK, self._meters[0]
+        flights, meter, which = CHUNK if early else LONG_CHUNK, self._meters[0], self.alike(which, samples)
         self._timed(0, timed_settle, self._block, which, flights, self.cells, samples, self.balls, self.paths, meter)
 
     def watch(
