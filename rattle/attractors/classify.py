@@ -260,10 +260,7 @@ class Classifier(ABC):
             part, before = nothing_seen(todo.size), samples.time[now]
             self.watch(now, np.full(todo.size, float(MEASURED * 2**extension)), PERIODS * longer, part)
             self.resolve(now[samples.status[now] == RECURRENT], samples)
-            if todo.size == which.size:
-                seen = part
-            else:
-                seen.sums[todo], seen.prints[todo] = part
+            seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == LEFT, samples.time[now] - before
             chattering = (time < 0.5 * PERIODS * longer) & self.has_quiet[samples.cell[now]]  # may be about to rest
             stopped = chattering | (time < PERIODS * longer) & (room < most)  # by the budget
