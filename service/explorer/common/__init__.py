@@ -1,1 +1,1 @@
-"""Address, texts, glyphs, theme, news, viewer."""
+"""Address, texts, figures, glyphs, theme, news, viewer."""

@@ -13,8 +13,8 @@ import rattle
 from rattle.attractors.speeds import PAPER_SPEED
 from rattle.plot.basins import MANIFOLDS
 from rattle.plot.colours import Palette, name_of
+from service.explorer.common.figures import new_figure
 from service.explorer.common.glyphs import empty
-from service.explorer.point.figures import new_figure
 from service.explorer.point.parts import PlaneLine
 
 MOST_NAMED = 24  # basins in the legend

@@ -7,8 +7,8 @@ from typing import Any
 from bokeh.models import ColumnDataSource, HoverTool, Range1d
 from bokeh.models.annotations import Span
 
+from service.explorer.common.figures import BESIDE, ink_of, new_figure
 from service.explorer.common.glyphs import empty
-from service.explorer.point.figures import BESIDE, ink_of, new_figure
 from service.explorer.point.parts import DiagramLines, Marks
 from service.explorer.point.words import pair
 

@@ -15,9 +15,9 @@ from rattle import Machine
 from rattle.intensity.intensity import natural_energy
 from rattle.intensity.spectrum import Density, Lines
 from rattle.plot.colours import Palette, name_of
+from service.explorer.common.figures import new_figure
 from service.explorer.common.glyphs import empty
 from service.explorer.design.rattling import HIGHEST
-from service.explorer.point.figures import new_figure
 from service.explorer.point.words import number, table
 
 PLAIN = ("Impacts a period", "Mean speed", "Largest", "Energy Σv²/2", "dB re 2π²δ²")

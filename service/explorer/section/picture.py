@@ -8,8 +8,8 @@ import numpy as np
 from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, HoverTool, Range1d
 
 from service.explorer.common.address import Pair
+from service.explorer.common.figures import BESIDE, ink_of, new_figure
 from service.explorer.common.glyphs import empty
-from service.explorer.point.figures import BESIDE, ink_of, new_figure
 from service.explorer.section.profile import Profile
 
 HEIGHT = 190
