@@ -66,6 +66,20 @@ PROTECTIONS = (
         '"worker_ttl": 300',
     ),
     _one(
+        "a worker that is only slow goes on",
+        "tests/contracts/workers/test_workers_silence.py::test_a_worker_that_is_only_slow_goes_on",
+        "workers/cluster/parts.py",
+        "if before < used < at_word",
+        "if used < before < at_word",
+    ),
+    _one(
+        "a worker that computes without a word is ended",
+        "tests/contracts/workers/test_workers_silence.py::test_a_worker_that_computes_without_a_word_is_ended",
+        "workers/cluster/parts.py",
+        "used < at_word + (self.worker_ttl or math.inf)",
+        "used < at_word + math.inf",
+    ),
+    _one(
         "a late tile is repeated elsewhere",
         f"{WORKERS}::test_a_tile_of_a_frozen_worker_is_repeated_elsewhere",
         "workers/cluster/submission.py",
@@ -433,7 +447,7 @@ PROTECTIONS = (
     _one(
         "an embedded cluster has no pages",
         f"{INTRUDERS}::test_a_service_listens_for_http_and_for_its_own_certificate_only",
-        "workers/cluster/cluster.py",
+        "workers/cluster/parts.py",
         "    def start_http_server(",
         "    def start_nothing(",
     ),
