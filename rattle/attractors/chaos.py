@@ -12,11 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from rattle.attractors.samples import LEFT
 from rattle.numerics.compile import inline, kernel
 
 SAME_FOOTPRINT = 0.2  # two trajectories that share this much of the smaller footprint are on one attractor
 Array = NDArray[np.float64]
 BATCHES = 32
+LEAKS_MISSED = 3.0  # a set that loses samples is left by none for so long with probability e^(−3)
 LEAST_GROWTH = 8.0
 T_95 = 2.0395  # 97.5 % point of Student's t with 31 degrees of freedom
 PAIRS, FOURS, EIGHTS, SUM = (np.uint64(int(x * 8, 16)) for x in ("55", "33", "0f", "01"))
@@ -130,3 +132,28 @@ def pooled(sums: Sequence[Array]) -> Array:
     """
     rows = np.concatenate([each.reshape(-1, 3) for each in sums])
     return np.asarray(exponents_of(rows, np.array([each.size // 3 for each in sums])), np.float64)
+
+
+@kernel
+def standing(cells, status, impacts, first):
+    """How many samples are left in each of these cells (k,), and whether they may still settle, from status and impacts
+    (n_cells, count): others settled later than to begin with, within the first impacts (n_cells,), and what is left has
+    not outlasted them by enough since.
+
+    Were it the same leaking set, LEAKS_MISSED more would have left it by now, at the rate until the last one did.
+    """
+    left, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
+    for i in range(cells.size):
+        cell, leaked, last, since, before = cells[i], 0, 0, 0, 0
+        for k in range(status.shape[1]):
+            if status[cell, k] == LEFT:
+                left[i] += 1
+            elif impacts[cell, k] > first[cell]:
+                leaked += 1
+                last = max(last, impacts[cell, k])
+        for k in range(status.shape[1]):
+            before += min(impacts[cell, k], last)
+            if status[cell, k] == LEFT:
+                since += max(impacts[cell, k] - last, 0)
+        leaks[i] = leaked > 0 and leaked * since < LEAKS_MISSED * before
+    return left, leaks

@@ -15,11 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_balls
-from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers
-from rattle.attractors.leaks import standing
+from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, standing
 from rattle.attractors.recurrence import mark_footprints, resolve
-from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples, doubled, empty_tables
-from rattle.attractors.sets import Sets
+from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples, Sets, doubled, empty_tables
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
 FIRST, SECOND = 64, 512  # impacts that every sample may make before its cell is judged, and judged again
@@ -27,6 +25,7 @@ GROWTH = 4  # every further stage lasts this many times as long
 STAGES = 4  # where damping is strong; else as many as the budget has room for
 FEW = 8  # where no more than one in so many is left, there is one stage more
 MEASURED, PERIODS = 2000, 1000.0  # least impacts and forcing periods of one witness
+CHATTERING = 0.5  # of its periods: who makes so many impacts in less may be about to rest
 WATCH = 100.0  # relaxation times 1/δ of one witness: below δ = 0.1 more than that, and all stages as much longer
 WEAK, BESIDE = 0.3, 1e-9  # damping below which more states are watched, and how near to samples they are
 CROWDS = (256, 1024)  # how many there are, at first and in the end
@@ -202,14 +201,14 @@ class Classifier(ABC):
             every = np.repeat(decided, chosen.size)
             seen = Seen(seen.sums[every], seen.prints[every])
         decided[decided] = self.declare_chaos(cells[decided], chosen.only(decided), seen)
-        weak = decided & (self.cells.delta[cells] < WEAK)
-        decided[weak] = self.outlast(cells[weak])
+        doubtful = decided & ((self.cells.delta[cells] < WEAK) | self.has_quiet[cells])
+        decided[doubtful] = self.outlast(cells[doubtful])
         return decided
 
     def outlast(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Whether nothing leaves what is left in these cells, in as many impacts as the most watched has made: of all
-        samples and of so many states near them that there are CROWDS. Where damping is weak, sets that lose samples
-        slowly are as frequent as those that lose none, and twelve witnesses do not tell them apart.
+        samples and, where damping is weak, of so many states near them that there are CROWDS. There, and where all may
+        come to rest, sets that lose samples slowly are frequent, and twelve witnesses do not tell them from others.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -217,9 +216,12 @@ class Classifier(ABC):
         which = left.which
         samples.limit[which] = np.repeat(left.largest(samples.impacts), left.size)
         self.settle(which[samples.impacts[which] < samples.limit[which]], samples)
-        lasted = left.all_of(samples.status[which] == LEFT)
+        cell = samples.cell[which]
+        may_rest = self.has_quiet[cell] & (samples.time[which] < CHATTERING * PERIODS * self.longer[cell])
+        lasted = left.all_of((samples.status[which] == LEFT) & ~may_rest)
         for first, last in pairwise((0, *CROWDS)):
-            lasted[lasted] = self.crowd_lasts(cells[lasted], first, last)
+            crowd = lasted & (self.cells.delta[cells] < WEAK)
+            lasted[crowd] = self.crowd_lasts(cells[crowd], first, last)
         for cell, all_left in zip(cells, lasted, strict=True):
             found = self.chaos.pop(int(cell))
             if all_left:
@@ -262,7 +264,9 @@ class Classifier(ABC):
             self.resolve(now[samples.status[now] == RECURRENT], samples)
             seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == LEFT, samples.time[now] - before
-            chattering = (time < 0.5 * PERIODS * longer) & self.has_quiet[samples.cell[now]]  # may be about to rest
+            chattering = (time < CHATTERING * PERIODS * longer) & self.has_quiet[
+                samples.cell[now]
+            ]  # may be about to rest
             stopped = chattering | (time < PERIODS * longer) & (room < most)  # by the budget
             chaotic[todo] = left & ~stopped & are_chaotic(part.sums)
             todo = todo[left & ~chaotic[todo] & ~stopped & (samples.impacts[now] < self.budget)]

@@ -156,8 +156,10 @@ class _Solver:
                 Machine(**{**self.given, self.of: float(value)})
 
     def ended(self, value: float, count: int) -> tuple[int, int]:
-        """Of so many samples those that end quietly, and those that are undecided."""
+        """Of so many samples those that end quietly, and those that may: undecided, if there is a quiet motion."""
         points = points_of({**self.given, self.of: np.array([value])})
+        if points.kappa is None and not np.all(points.epsilon < quiet_limit(points.delta)):
+            return 0, 0
         nothing = np.zeros(1)
         tau, v = initial_conditions(nothing, nothing, nothing, count, 1.0, self.seed)
         speeds = sampled_speeds(NATURAL, points.delta, points.epsilon, points.beta)

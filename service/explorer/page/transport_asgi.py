@@ -16,7 +16,7 @@ from panel.io.asgi import PanelASGI
 from starlette.requests import Request
 from starlette.types import Message, Receive, Scope, Send
 
-from service.explorer.page.opening import applications_of
+from service.explorer.common.opening import applications_of
 from service.explorer.page.transport import PRIVATE
 
 #: Arguments by which a request would get the page of another one.

@@ -14,7 +14,7 @@ from panel.io.fastapi import DocHandler
 from starlette.requests import Request
 from starlette.types import Receive, Scope, Send
 
-from service.explorer.page.opening import applications_of
+from service.explorer.common.opening import applications_of
 from service.explorer.page.socket import PageSocket
 from service.explorer.page.transport import PRIVATE
 

@@ -46,7 +46,8 @@ def test_a_survey_is_joined_where_it_asks_for_families(tmp_path: Path) -> None:
     assert "Joining" in first.output
     assert "is complete" in second.output
     assert "Joining" not in second.output
-    assert zarr.open_consolidated(store)["families/cells"][0] == 16  # quiet motion
+    found = zarr.open_consolidated(store)
+    assert found["families/cells"][0] == (found["quiet_fraction"][:] > 0).sum() > 8
 
 
 def test_a_refined_survey_says_what_was_filled_and_how_far_it_can_be_trusted(

@@ -9,8 +9,7 @@ import rattle
 from rattle.attractors.ball import Centres, centres_of, enlarge_one_by_one
 from rattle.attractors.chaos import SAME_FOOTPRINT, group_numbers
 from rattle.attractors.rows import CHAOTIC, PERIODIC, QUIET, UNDECIDED, rows_of
-from rattle.attractors.samples import GRID
-from rattle.attractors.sets import Sets
+from rattle.attractors.samples import GRID, Sets
 from rattle.attractors.speeds import sampled_speeds
 from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.classifier import classify

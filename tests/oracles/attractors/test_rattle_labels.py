@@ -30,6 +30,14 @@ def test_chaos_was_watched_for_relaxation_times():
     assert table.first[0] > table.error[0] > 0
 
 
+@pytest.mark.parametrize("number", [21, 38, 109])
+def test_who_bounces_often_in_a_few_periods_may_be_about_to_rest(number):
+    """Just below the quiet limit: once chaotic by thousands of impacts in a few periods, and most settle later."""
+    chance = np.random.default_rng(5)
+    delta, share = chance.uniform(0.4, 1.0, 400)[number], chance.uniform(0.98, 1.0, 400)[number]
+    assert watched((delta, share * rattle.quiet_limit(delta), 0.6, math.inf)).wrong == 0
+
+
 @pytest.mark.parametrize("budget", [1, 100, 1000])
 def test_a_budget_leaves_samples_undecided_and_never_chaotic(budget):
     table = rattle.attractors_of(*CHAOTIC, COUNT, budget=budget)

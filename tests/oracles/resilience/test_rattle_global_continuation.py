@@ -94,7 +94,8 @@ def test_half_backlash_is_a_parameter_too() -> None:
 
 
 def test_chaos_ends_in_its_boundary_crisis() -> None:
-    found = rattle.global_continuation([(0.6, 0.1095), (0.6, 0.1115)], count=32, steps=4)
+    # Not within 0.0003 of the crisis: there what is left of the attractor lives so long that it may be called one.
+    found = rattle.global_continuation([(0.6, 0.1095), (0.6, 0.1119)], count=32, steps=4)
     ends = [each for each in found.changes if found.label(each.family)[0] == "chaotic" and not each.begins]
     last = max(ends, key=lambda each: each.step)
     assert last.cause == "crisis"
