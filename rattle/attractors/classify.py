@@ -217,8 +217,8 @@ class Classifier(ABC):
         samples.limit[which] = np.repeat(left.largest(samples.impacts), left.size)
         self.settle(which[samples.impacts[which] < samples.limit[which]], samples)
         cell = samples.cell[which]
-        may_rest = self.has_quiet[cell] & (samples.time[which] < CHATTERING * PERIODS * self.longer[cell])
-        lasted = left.all_of((samples.status[which] == LEFT) & ~may_rest)
+        chattering = self.may_rest(cell, samples.time[which], PERIODS * self.longer[cell])
+        lasted = left.all_of((samples.status[which] == LEFT) & ~chattering)
         for first, last in pairwise((0, *CROWDS)):
             crowd = lasted & (self.cells.delta[cells] < WEAK)
             lasted[crowd] = self.crowd_lasts(cells[crowd], first, last)
@@ -245,6 +245,12 @@ class Classifier(ABC):
         gone[fresh] = self.settled(cell[fresh], samples.tau[which][fresh], v[fresh], most[fresh]) != LEFT
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
 
+    def may_rest(
+        self, cell: NDArray[np.int64], time: NDArray[np.float64], periods: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Whether samples of these cells that went on for so long, instead of so many periods, may be about to rest."""
+        return np.asarray(self.has_quiet[cell] & (time < CHATTERING * periods))
+
     def measure(self, which: NDArray[np.int64], times: float = 1.0) -> tuple[Seen, NDArray[np.bool_]]:
         """What is seen of these samples, and whether each is left and chaotic; if unclear, measured for longer."""
         seen, chaotic = nothing_seen(which.size), np.zeros(which.size, np.bool_)
@@ -264,9 +270,7 @@ class Classifier(ABC):
             self.resolve(now[samples.status[now] == RECURRENT], samples)
             seen.sums[todo], seen.prints[todo] = part
             left, time = samples.status[now] == LEFT, samples.time[now] - before
-            chattering = (time < CHATTERING * PERIODS * longer) & self.has_quiet[
-                samples.cell[now]
-            ]  # may be about to rest
+            chattering = self.may_rest(samples.cell[now], time, PERIODS * longer)
             stopped = chattering | (time < PERIODS * longer) & (room < most)  # by the budget
             chaotic[todo] = left & ~stopped & are_chaotic(part.sums)
             todo = todo[left & ~chaotic[todo] & ~stopped & (samples.impacts[now] < self.budget)]
