@@ -23,6 +23,9 @@ environment = $(PYTHON) -m venv $(1)
 install = $(1)/bin/python -m pip install --quiet --disable-pip-version-check
 endif
 
+# What pytest makes of the tests' assertions is kept beside them: to make it takes each of its processes 3 s.
+KEPT := PYTHONDONTWRITEBYTECODE=
+
 .PHONY: survey figures map screenshots areas test test-deep test-install test-under-load coverage bytecode kernels impacting-kernels stiff-kernels lint bench \
 	constraints docs docs-links readers clean
 
@@ -33,11 +36,11 @@ figures: $(SURVEY)
 	$(BIN)/rattle figure all --out figures
 
 test: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
-	$(BIN)/python -m pytest -n auto --no-loadscope-reorder
+	$(KEPT) $(BIN)/python -m pytest -n auto --no-loadscope-reorder
 
 # Everything that tests can look at: more examples, finer grids, references computed anew. Before a release.
 test-deep: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
-	TEST_DEPTH=deep $(BIN)/python -m pytest -n auto --no-loadscope-reorder
+	TEST_DEPTH=deep $(KEPT) $(BIN)/python -m pytest -n auto --no-loadscope-reorder
 
 # No verdict depends on speed: three times beside busy programs, once on one core.
 test-under-load: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.comparison.measured import Measured
-from rattle.flight.between import flights_between
+from rattle.flight.between import flight_between, turn
 from rattle.flight.law import TWO_PI
 from rattle.models import AnyGear
+from rattle.numerics.compile import kernel
 
 PHASES = 96  # that are tried; then about each of the best, MORE, and so on
 MORE, ROUNDS = 16, 4
@@ -99,10 +100,23 @@ def _velocities(measured: Measured, gear: AnyGear, dwell: float, offsets: Array)
     time = measured.time - offsets[:, None, None]
     t1 = time[..., 1:]
     t0 = np.minimum(time[..., :-1] + dwell, 0.5 * (time[..., :-1] + t1))  # a contact that cannot last so long
-    turn0, turn1 = ((np.sin(TWO_PI * t), np.cos(TWO_PI * t)) for t in (t0, t1))
-    gaps = gear.beta * (ENDS[:, 1] - ENDS[:, 0])[:, None].astype(np.float64)
-    flights = flights_between(t0, t1, turn0, turn1, gaps, np.array(gear.delta), np.array(gear.epsilon))
-    return flights.w0, flights.w1
+    gaps = gear.beta * (ENDS[:, 1] - ENDS[:, 0]).astype(np.float64)
+    t0, t1 = (np.ascontiguousarray(t[:, 0]) for t in (t0, t1))
+    w0, w1 = (np.empty((len(t0), gaps.size, t0.shape[1])) for _ in range(2))
+    _between(t0, t1, gaps, gear.delta, gear.epsilon, w0, w1)
+    return w0, w1
+
+
+@kernel
+def _between(t0, t1, gaps, delta, epsilon, w0, w1):
+    """Fill the velocities (k, d, n) of flights between times (k, n) over each distance (d,)."""
+    for j in range(t0.shape[0]):
+        for i in range(t0.shape[1]):
+            a, b = complex(t0[j, i]), complex(t1[j, i])
+            turn0, turn1 = turn(TWO_PI * a), turn(TWO_PI * b)
+            for k in range(gaps.size):
+                found = flight_between(a, b, turn0, turn1, gaps[k], complex(delta), complex(epsilon))
+                w0[j, k, i], w1[j, k, i] = found[0].real, found[1].real
 
 
 def _best(measured: Measured, w0: Array, w1: Array, unit: float) -> tuple[Array, NDArray[np.int64]]:

@@ -29,7 +29,7 @@ def plane_scale(delta: float) -> float:
     """What differences of δ and ε near this damping are measured by: where it is small motions change with their ratios
     to it.
     """
-    return float(np.clip(abs(delta) / SMALL_DAMPING, 1e-300, 1.0))
+    return min(max(abs(float(delta)) / SMALL_DAMPING, 1e-300), 1.0)
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,20 @@ def line_scale(origin: Array, direction: Array) -> Callable[[Array], Array]:
     """The scale of unknowns (N,) of which the last is p, in origin + p direction; these begin with δ and ε."""
     length = float(np.hypot(*direction[:2]))
     last = min(1.0, plane_scale(origin[0]) / length) if length else 1.0
-    return lambda y: np.append(np.ones(y.size - 1), last)
+
+    def scale(y: Array) -> Array:
+        found = np.ones(y.size)
+        found[-1] = last
+        return found
+
+    return scale
+
+
+def with_row(jacobian: Array, row: Array) -> Array:
+    """The Jacobian (N, N + 1) and a row after it."""
+    matrix = np.empty((row.size, row.size))
+    matrix[:-1], matrix[-1] = jacobian, row
+    return matrix
 
 
 @dataclass(frozen=True)
@@ -65,18 +78,19 @@ class Path:
 def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] | None:
     """Solve the equations in the hyperplane through x across `constraint` (N + 1,): (solution, corrections) or None."""
     x, scale = x.copy(), problem.scale(x)
-    size = np.inf
+    size, right = np.inf, np.zeros(x.size)
     for i in range(MOST_CORRECTIONS):
         problem.prepare(x)
         value, jacobian = derivatives(problem.equations, x)
-        matrix = np.vstack([jacobian, constraint])
-        if not (np.isfinite(matrix).all() and np.isfinite(value).all()):
+        matrix = with_row(jacobian, constraint)
+        np.negative(value, out=right[:-1])
+        if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
             return None
         try:
-            step = np.linalg.solve(matrix, np.append(-value, 0.0))
+            step = np.linalg.solve(matrix, right)
         except np.linalg.LinAlgError:
             return None
-        last, size = size, float(np.max(np.abs(step) / (scale + np.abs(x))))
+        last, size = size, float((np.abs(step) / (scale + np.abs(x))).max())
         if size > 0.3 or (i > 2 and size > last and last > ACCEPTED_CORRECTION):
             return None
         x += step
@@ -105,13 +119,14 @@ def oriented_tangent(problem: Problem, x: Array, direction: Array) -> tuple[Arra
     """
     problem.prepare(x)
     _, jacobian = derivatives(problem.equations, x)
-    onwards = np.append(np.zeros(len(jacobian)), 1.0)
+    onwards = np.zeros(x.size)
+    onwards[-1] = 1.0
     try:
-        tangent = np.linalg.solve(np.vstack([jacobian, direction]), onwards)
+        tangent = np.linalg.solve(with_row(jacobian, direction), onwards)
     except np.linalg.LinAlgError:  # the curve runs across the direction
         tangent = np.linalg.svd(jacobian)[2][-1]
-    tangent = np.asarray(tangent / np.linalg.norm(tangent), np.float64)
-    return tangent, float(np.linalg.slogdet(np.vstack([jacobian, tangent]))[0])
+    unit: Array = np.asarray(tangent / np.linalg.norm(tangent), np.float64)
+    return unit, float(np.linalg.slogdet(with_row(jacobian, unit))[0])
 
 
 def between(problem: Problem, a: Array, b: Array, share: float) -> Array | None:

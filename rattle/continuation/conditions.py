@@ -26,7 +26,9 @@ MULTIPLIER = {Kind.SADDLE_NODE: 1.0, Kind.FLIP: -1.0}
 
 def scale_at(x: Array) -> Array:
     """The scale of unknowns (N,) of which δ and ε are the last."""
-    return np.append(np.ones(x.size - 2), np.full(2, plane_scale(x[-2])))
+    scale = np.ones(x.size)
+    scale[-2:] = plane_scale(x[-2])
+    return scale
 
 
 def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Problem:
@@ -43,11 +45,11 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Pr
 
     def prepare(x: Array) -> None:
         left, _, right = np.linalg.svd(itinerary.jacobian(x, multiplier))
-        side = np.sign(np.linalg.det(left) * np.linalg.det(right))  # of the null vectors, so that det changes no sign
+        side = np.sign(np.linalg.det(left @ right))  # of the null vectors, so that det changes no sign
         borders[:] = side * left[:, -1], right[-1]
 
     def equations(x: NDArray) -> NDArray:
         residual, jacobian = itinerary.with_jacobian(x, multiplier)
-        return np.append(residual, bordered(jacobian, *borders)[..., None], -1)
+        return np.concatenate([residual, bordered(jacobian, *borders)[..., None]], axis=-1)
 
     return Problem(equations, prepare, scale_at)

@@ -1,6 +1,7 @@
 """Exact derivatives by a complex step, and the singularity of a matrix as a smooth function."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,29 @@ Array = NDArray[np.float64]
 Function = Callable[[NDArray], NDArray]
 
 
+@lru_cache(maxsize=64)
+def _steps(n: int) -> NDArray[np.complex128]:
+    steps = (1j * COMPLEX_STEP * np.eye(n)).astype(np.complex128)
+    steps.setflags(write=False)
+    return steps
+
+
 def derivatives(function: Function, x: Array) -> tuple[Array, Array]:
     """A real-analytic function (…, N) → (…, M) at x (N,): its value (M,) and Jacobian (M, N), exact to rounding."""
-    values = function(x + 1j * COMPLEX_STEP * np.eye(x.size))
+    values = function(x + _steps(x.size))
     return values[0].real, values.imag.T / COMPLEX_STEP
+
+
+def batch_of(x: NDArray) -> NDArray[np.complex128]:
+    """Arguments x (…, N) as kernels take them, (k, N): of one type, real or not."""
+    return np.ascontiguousarray(x, np.complex128).reshape(-1, x.shape[-1])
+
+
+def like(x: NDArray, found: NDArray, axis: int = 0) -> NDArray:
+    """What a kernel has made of `batch_of(x)`: its axis (k,) as in x (…, N), and real where x is."""
+    if x.ndim != 2:
+        found = found.reshape(found.shape[:axis] + x.shape[:-1] + found.shape[axis + 1 :])
+    return found if x.dtype.kind == "c" else found.real
 
 
 def bordered(matrix: NDArray, column: Array, row: Array) -> NDArray:

@@ -22,9 +22,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.continuation.arclength import Problem, line_scale
-from rattle.flight.between import TWO_PI, Flights, flights_between
-from rattle.numerics.complex_step import Array
+from rattle.flight.between import DECAY, PULL, W0, W0_T0, W1, W1_T1, Flights, flight_between, turn
+from rattle.flight.law import TWO_PI
+from rattle.numerics.compile import kernel
+from rattle.numerics.complex_step import Array, batch_of, like
 from rattle.orbits.period_one import multipliers_of
+
+
+@kernel
+def solved(x, gaps, m, multiplier, with_matrix):
+    """The flights (6, k, n) of motions x (k, n + 2) over distances (n,), R (k, n) and J(λ) (k, n, n), if asked for."""
+    k, n = x.shape[0], gaps.size
+    flights, residual = np.empty((6, k, n), np.complex128), np.empty((k, n), np.complex128)
+    size = n if with_matrix else 0
+    matrix = np.zeros((k, size, size), np.complex128)
+    for j in range(k):
+        delta, epsilon = x[j, n], x[j, n + 1]
+        first = turn(TWO_PI * x[j, 0])
+        turn1 = first
+        for i in range(n):
+            turn0, t1 = turn1, x[j, 0] + m
+            if i < n - 1:
+                t1 = x[j, i + 1]
+                turn1 = turn(TWO_PI * t1)
+            else:
+                turn1 = first
+            found = flight_between(x[j, i], t1, turn0, turn1, gaps[i], delta, epsilon)
+            for part in range(6):
+                flights[part, j, i] = found[part]
+        for i in range(n):
+            residual[j, i] = flights[W0, j, i] + flights[W1, j, i - 1]
+        for i in range(size):
+            after, later = (i + 1, 1.0 + 0j) if i < n - 1 else (0, multiplier)
+            pull = flights[PULL, j, i]
+            matrix[j, i, i] += flights[W0_T0, j, i] + flights[W1_T1, j, i - 1]
+            matrix[j, i, after] -= pull * flights[W1, j, i] * later  # ∂w₀/∂t₁
+            matrix[j, after, i] += np.divide(flights[DECAY, j, i] * pull * flights[W0, j, i], later)  # ∂w₁/∂t₀
+    return flights, residual, matrix
 
 
 @dataclass(frozen=True)
@@ -43,35 +77,23 @@ class Itinerary:
         return len(self.walls)
 
     @cached_property
-    def after(self) -> NDArray[np.int64]:
-        """The impact after each impact (n,)."""
-        return np.roll(np.arange(self.n), -1)
-
-    @cached_property
-    def before(self) -> NDArray[np.int64]:
-        """The impact before each impact (n,)."""
-        return np.roll(np.arange(self.n), 1)
-
-    @cached_property
     def gaps(self) -> Array:
         """The distance D that each flight covers (n,)."""
         walls = np.asarray(self.walls)
-        return self.beta * (walls[self.after] - walls)
+        return self.beta * (np.roll(walls, -1) - walls)
+
+    def _solved(self, x: NDArray, multiplier: complex = 1.0, *, with_matrix: bool = False) -> tuple[NDArray, ...]:
+        """Flights (6, …, n), R (…, n) and J(λ) (…, n, n), if asked for."""
+        flights, residual, matrix = solved(batch_of(x), self.gaps, self.m, complex(multiplier), with_matrix)
+        return like(x, flights, axis=1), like(x, residual), like(x, matrix)
 
     def flights(self, x: NDArray) -> Flights:
         """The flights between impacts at times x[…, :n] with δ = x[…, n], ε = x[…, n + 1]."""
-        t0, delta, epsilon = x[..., : self.n], x[..., self.n, None], x[..., self.n + 1, None]
-        t1 = np.concatenate([t0[..., 1:], t0[..., :1] + self.m], axis=-1)
-        turn0 = np.sin(TWO_PI * t0), np.cos(TWO_PI * t0)
-        turn1 = turn0[0][..., self.after], turn0[1][..., self.after]
-        return flights_between(t0, t1, turn0, turn1, self.gaps, delta, epsilon)
+        return Flights(*self._solved(x)[0])
 
     def residual(self, x: NDArray) -> NDArray:
         """R (…, n): zero where every impact is elastic."""
-        return self._residual(self.flights(x))
-
-    def _residual(self, flights: Flights) -> NDArray:
-        return flights.w0 + flights.w1[..., self.before]
+        return self._solved(x)[1]
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
         """J(λ) = ∂R/∂t (…, n, n) with t_n' = λ t₀'."""
@@ -79,22 +101,13 @@ class Itinerary:
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
         """R and J(λ), from the same flights."""
-        flights, n = self.flights(x), self.n
-        before = flights.decay * flights.pull * flights.w0  # ∂w₁/∂t₀
-        after = -flights.pull * flights.w1  # ∂w₀/∂t₁
-        wrap = np.ones(n)
-        wrap[-1] = multiplier
-        rows = np.arange(n)
-        matrix = np.zeros((*after.shape, n), after.dtype)
-        matrix[..., rows, rows] = flights.w0_t0 + flights.w1_t1[..., self.before]
-        matrix[..., rows, self.after] += after * wrap
-        matrix[..., self.after, rows] += before / wrap
-        return self._residual(flights), matrix
+        _, residual, matrix = self._solved(x, multiplier, with_matrix=True)
+        return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
         """R (…, n + 1), and after it the velocity with which an impact is reached."""
-        flights = self.flights(x)
-        return np.append(self._residual(flights), flights.w1[..., impact - 1, None], -1)
+        flights, residual, _ = self._solved(x)
+        return np.concatenate([residual, flights[1][..., impact - 1, None]], axis=-1)
 
     def monodromy(self, x: Array) -> Array:
         """The product (2, 2) of the flights' tangent maps in (t, w²/2), each of determinant e^(−δs); infinite at a

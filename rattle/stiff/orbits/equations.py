@@ -12,57 +12,145 @@ solution at p = 0, and everything is analytic in p there: it differs by O(κ^(�
 goes on smoothly beyond, where it is virtual. Complex arguments carry exact derivatives.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.flight.between import TWO_PI, Flights, flights_between
-from rattle.numerics.complex_step import Array
+from rattle.flight.between import (
+    DECAY,
+    PULL,
+    W0,
+    W0_T0,
+    W1,
+    W1_T1,
+    Flights,
+    fall,
+    flight_between,
+    turn,
+)
+from rattle.flight.law import TWO_PI
+from rattle.numerics.compile import inline, kernel
+from rattle.numerics.complex_step import Array, batch_of, like
 
 SMALL = 0.5  # duration or angle below which a Taylor series is used
 TERMS = 16
 
 
-@dataclass(frozen=True)
-class Contacts:
-    """The contacts of one motion, or of a batch: arrays (…, c); derivatives are named as in x_u = ∂x/∂u."""
-
-    x: NDArray  # depth at the end, over p
-    v: NDArray  # outward velocity at the end
-    x_u: NDArray
-    v_u: NDArray
-    x_t: NDArray  # by the time of the beginning
-    v_t: NDArray
-    v_duration: NDArray  # by σ; that of x is v
-
-
-def free_responses(duration: NDArray, loss: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+@inline
+def free_responses(duration, loss):
     """Ŝ, 1 − C and σ − Ŝ after σ, with δp = loss; small durations by Taylor series, whose derivatives stay exact."""
-    half = 0.5 * loss + 0j
-    frequency = np.sqrt(1 - half**2)
-    decay, angle = np.exp(-half * duration), frequency * duration
-    sine = decay * np.sin(angle) / frequency
-    lost = -np.expm1(-half * duration) + decay * (2 * np.sin(angle / 2) ** 2 - half * np.sin(angle) / frequency)
-    last, term = 0.0 * duration, duration + 0.0 * loss
-    series, integral, rest = term, duration * duration / 2, 0.0 * term
-    for n in range(1, TERMS):
-        last, term = term, -(loss * duration * term + duration * duration / n * last) / (n + 1)
-        series, rest, integral = series + term, rest - term, integral + duration * term / (n + 2)
-    small = np.abs(duration) * (1 + np.abs(loss)) < SMALL
+    if abs(duration) * (1.0 + abs(loss)) < SMALL:
+        last, term = 0.0 * duration, duration
+        series, integral, rest = term, 0.5 * duration * duration, 0.0 * duration
+        for n in range(1, TERMS):
+            last, term = term, -(loss * duration * term + duration * duration * last * (1.0 / n)) * (1.0 / (n + 1))
+            series, rest, integral = series + term, rest - term, integral + duration * term * (1.0 / (n + 2))
+        return series, integral, rest
+    half = 0.5 * loss
+    frequency = np.sqrt(1.0 - half * half)
+    fallen, decay = fall(half * duration)
+    sine, _ = turn(frequency * duration)
+    half_sine, _ = turn(0.5 * frequency * duration)
+    swing = np.divide(sine, frequency)
     return (
-        np.where(small, series, sine),
-        np.where(small, integral, lost),
-        np.where(small, rest, duration - sine),
+        decay * swing,
+        fallen + decay * (2.0 * half_sine * half_sine - half * swing),
+        duration - decay * swing,
     )
 
 
-def sine_defect(z: NDArray) -> NDArray:
+@inline
+def sine_defect(z):
     """z − sin z."""
-    square = z * z
-    series = z * square / 6 * (1 - square / 20 * (1 - square / 42 * (1 - square / 72 * (1 - square / 110))))
-    return np.where(np.abs(z) < SMALL, series, z - np.sin(z))
+    if abs(z) < SMALL:
+        y = z * z
+        return z * y * (1 / 6) * (1 - y * (1 / 20) * (1 - y * (1 / 42) * (1 - y * (1 / 72) * (1 - y * (1 / 110)))))
+    return z - turn(z)[0]
+
+
+@inline
+def contact(sign, t, duration, u, p, delta, epsilon):
+    """A contact entered with outward velocity u: its depth at the end, over p, and its outward velocity there, x and v;
+    x_u, v_u, x_t, v_t (by the time of the beginning), v_σ. That of x by σ is v.
+    """
+    sine, lost, defect = free_responses(duration, delta * p)
+    half, s = turn(math.pi * p * duration)[0], p * duration
+    versine, turned = 2 * half * half, turn(TWO_PI * s)[0]
+    sin0, cos0 = turn(TWO_PI * t)
+    size = sign * TWO_PI * epsilon
+    mean = sign * 2 * TWO_PI * delta
+    a, b = -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)
+    stiff, loss = 1 - TWO_PI * p * TWO_PI * p, TWO_PI * delta * p * p
+    square = stiff * stiff + loss * loss
+    stiff, loss = np.divide(stiff, square), np.divide(loss, square)
+    P, Q = lost - versine, TWO_PI * p * defect - sine_defect(TWO_PI * s)
+    dP, dQ = sine - TWO_PI * p * turned, TWO_PI * p * (lost + delta * p * sine - versine)
+    x_a, x_b = p * (stiff * P + loss * Q), p * (stiff * Q - loss * P)
+    v_a, v_b = p * (stiff * dP + loss * dQ), p * (stiff * dQ - loss * dP)
+    v_u = 1 - lost - delta * p * sine
+    depth = u * sine + p * mean * lost + a * x_a + b * x_b
+    v = u * v_u + p * mean * sine + a * v_a + b * v_b
+    force = mean + a * (1 - versine) + b * turned
+    return (
+        depth,
+        v,
+        sine,
+        v_u,
+        TWO_PI * (b * x_a - a * x_b),
+        TWO_PI * (b * v_a - a * v_b),
+        p * (force - delta * v) - depth,
+    )
+
+
+@kernel
+def solved(x, p, signs, m, beta, multiplier, with_matrix):
+    """The flights (6, k, c), R (k, 2c), and J(λ) (k, 2c, 2c) if asked for, of motions x (k, 2c + 2) that meet the walls
+    `signs` (c,), at p (k,).
+    """
+    k, c = x.shape[0], signs.size
+    n = 2 * c
+    flights, residual = np.empty((6, k, c), np.complex128), np.empty((k, n), np.complex128)
+    size = n if with_matrix else 0
+    matrix = np.zeros((k, size, size), np.complex128)
+    for j in range(k):
+        delta, epsilon = x[j, n], x[j, n + 1]
+        for i in range(c):
+            t0, t1, after = x[j, i] + p[j] * x[j, c + i], x[j, 0] + m, 0
+            if i < c - 1:
+                t1, after = x[j, i + 1], i + 1
+            gap = beta * (signs[after] - signs[i])
+            found = flight_between(t0, t1, turn(TWO_PI * t0), turn(TWO_PI * t1), gap, delta, epsilon)
+            for part in range(6):
+                flights[part, j, i] = found[part]
+        for i in range(c):
+            sign, before, duration = signs[i], (i - 1) % c, x[j, c + i]
+            u = sign * flights[W1, j, before]
+            depth, v, x_u, v_u, x_t, v_t, v_duration = contact(sign, x[j, i], duration, u, p[j], delta, epsilon)
+            depth = np.divide(depth, duration)
+            residual[j, i], residual[j, c + i] = depth, v - sign * flights[W0, j, i]
+            if not with_matrix:
+                continue
+            after, later = (i + 1, 1.0 + 0j) if i < c - 1 else (0, multiplier)
+            earlier = 1.0 + 0j if i else np.divide(1.0 + 0j, multiplier)
+            from_start = (
+                flights[DECAY, j, before] * flights[PULL, j, before] * flights[W0, j, before] * earlier
+            )  # ∂w₁/∂t₀
+            to_end = -flights[PULL, j, i] * flights[W1, j, i] * later  # ∂w₀/∂t₁
+            of_depth = np.divide(x_u, duration), np.divide(x_t, duration), np.divide(v - depth, duration)
+            for row, by in ((i, of_depth), (c + i, (v_u, v_t, v_duration))):
+                by_u, by_t, by_duration = by
+                start = sign * by_u * from_start
+                matrix[j, row, before] += start
+                matrix[j, row, c + before] += p[j] * start
+                matrix[j, row, i] += by_t + sign * by_u * flights[W1_T1, j, before]
+                matrix[j, row, c + i] += by_duration
+            matrix[j, c + i, i] -= sign * flights[W0_T0, j, i]
+            matrix[j, c + i, c + i] -= sign * p[j] * flights[W0_T0, j, i]
+            matrix[j, c + i, after] -= sign * to_end
+    return flights, residual, matrix
 
 
 @dataclass(frozen=True)
@@ -91,58 +179,29 @@ class StiffItinerary:
         """The walls (c,)."""
         return np.asarray(self.walls, np.float64)
 
+    def _solved(
+        self, x: NDArray, p: NDArray | float, multiplier: complex = 1.0, *, with_matrix: bool = False
+    ) -> tuple[NDArray, ...]:
+        """Flights (6, …, c), R (…, 2c) and J(λ) (…, 2c, 2c), if asked for, at p, one or (…, 1)."""
+        batch = batch_of(x)
+        softness = np.empty(len(batch), np.complex128)
+        softness[:] = np.ravel(p)
+        flights, residual, matrix = solved(
+            batch, softness, self.signs, self.m, self.beta, complex(multiplier), with_matrix
+        )
+        return like(x, flights, axis=1), like(x, residual), like(x, matrix)
+
     def flights(self, x: NDArray, p: NDArray) -> Flights:
         """Flight i leads from contact i to contact i + 1; x (…, 2c + 2): times, durations σ, δ, ε; p (…, 1)."""
-        c = self.contacts
-        begins, delta, epsilon = x[..., :c], x[..., self.n, None], x[..., self.n + 1, None]
-        t0 = begins + p * x[..., c : self.n]
-        t1 = np.concatenate([begins[..., 1:], begins[..., :1] + self.m], axis=-1)
-        turn0, turn1 = (np.sin(TWO_PI * t0), np.cos(TWO_PI * t0)), (np.sin(TWO_PI * t1), np.cos(TWO_PI * t1))
-        gaps = self.beta * (np.roll(self.signs, -1) - self.signs)
-        return flights_between(t0, t1, turn0, turn1, gaps, delta, epsilon)
-
-    def contact(self, x: NDArray, u: NDArray, p: NDArray) -> Contacts:
-        """The contacts entered with outward velocities u (…, c)."""
-        c = self.contacts
-        t, duration, delta, epsilon = x[..., :c], x[..., c : self.n], x[..., self.n, None], x[..., self.n + 1, None]
-        sine, lost, defect = free_responses(duration, delta * p)
-        s = p * duration
-        versine, turn = 2 * np.sin(np.pi * s) ** 2, np.sin(TWO_PI * s)
-        size = self.signs * TWO_PI * epsilon
-        sin0, cos0 = np.sin(TWO_PI * t), np.cos(TWO_PI * t)
-        mean = self.signs * 2 * TWO_PI * delta
-        a, b = -size * (TWO_PI * cos0 + delta * sin0), size * (TWO_PI * sin0 - delta * cos0)
-        stiff, loss = 1 - (TWO_PI * p) ** 2, TWO_PI * delta * p**2
-        square = stiff**2 + loss**2
-        stiff, loss = stiff / square, loss / square
-        P, Q = lost - versine, TWO_PI * p * defect - sine_defect(TWO_PI * s)
-        dP, dQ = sine - TWO_PI * p * turn, TWO_PI * p * (lost + delta * p * sine - versine)
-        x_a, x_b = p * (stiff * P + loss * Q), p * (stiff * Q - loss * P)
-        v_a, v_b = p * (stiff * dP + loss * dQ), p * (stiff * dQ - loss * dP)
-        v_u = 1 - lost - delta * p * sine
-        depth = u * sine + p * mean * lost + a * x_a + b * x_b
-        v = u * v_u + p * mean * sine + a * v_a + b * v_b
-        force = mean + a * (1 - versine) + b * turn
-        found = (depth, v, sine, v_u, TWO_PI * (b * x_a - a * x_b), TWO_PI * (b * v_a - a * v_b))
-        whole = (*found, p * (force - delta * v) - depth)
-        return Contacts(*(y if np.iscomplexobj(x) or np.iscomplexobj(p) else y.real for y in whole))
-
-    def solved(self, x: NDArray, p: NDArray) -> tuple[Flights, Contacts]:
-        """Flights and contacts of unknowns."""
-        flights = self.flights(x, p)
-        return flights, self.contact(x, self.signs * np.roll(flights.w1, 1, axis=-1), p)
+        return Flights(*self._solved(x, p)[0])
 
     def residual_at(self, x: NDArray, p: NDArray) -> NDArray:
-        """R (…, 2c): depths over σ, then velocities, at another p (…, 1) than the own one."""
-        return self._residual(x, *self.solved(x, p))
-
-    def _residual(self, x: NDArray, flights: Flights, contacts: Contacts) -> NDArray:
-        depths = contacts.x / x[..., self.contacts : self.n]
-        return np.concatenate([depths, contacts.v - self.signs * flights.w0], axis=-1)
+        """R (…, 2c): depths over σ, then velocities, at another p (…, 1) than the own one; x is complex if p is."""
+        return self._solved(x, p)[1]
 
     def residual(self, x: NDArray) -> NDArray:
         """R (…, 2c): zero where every contact fits between its flights."""
-        return self.residual_at(x, np.array([self.softness]))
+        return self._solved(x, self.softness)[1]
 
     def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
         """J(λ) = ∂R/∂(times, σ) (…, 2c, 2c), where what is a period later is λ times as large."""
@@ -150,35 +209,12 @@ class StiffItinerary:
 
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
         """R and J(λ), from the same flights and contacts."""
-        p, c = self.softness, self.contacts
-        flights, contacts = self.solved(x, np.array([p]))
-        duration = x[..., c : self.n]
-        from_start = flights.decay * flights.pull * flights.w0  # ∂w₁/∂t₀
-        to_end = -flights.pull * flights.w1  # ∂w₀/∂t₁
-        matrix = np.zeros((*x.shape[:-1], self.n, self.n), np.result_type(x, contacts.x))
-        depth = contacts.x / duration
-        for i in range(c):
-            before, after = (i - 1) % c, (i + 1) % c
-            earlier, later = 1.0 if i else 1.0 / multiplier, 1.0 if i < c - 1 else multiplier
-            sign = self.signs[i]
-            for row, by_u, by_t, by_duration in (
-                (i, contacts.x_u[..., i] / duration[..., i], contacts.x_t[..., i] / duration[..., i],
-                 (contacts.v[..., i] - depth[..., i]) / duration[..., i]),
-                (c + i, contacts.v_u[..., i], contacts.v_t[..., i], contacts.v_duration[..., i]),
-            ):  # fmt: skip
-                start = sign * by_u * from_start[..., before] * earlier
-                matrix[..., row, before] += start
-                matrix[..., row, c + before] += p * start
-                matrix[..., row, i] += by_t + sign * by_u * flights.w1_t1[..., before]
-                matrix[..., row, c + i] += by_duration
-            matrix[..., c + i, i] -= sign * flights.w0_t0[..., i]
-            matrix[..., c + i, c + i] -= sign * p * flights.w0_t0[..., i]
-            matrix[..., c + i, after] -= sign * to_end[..., i] * later
-        return self._residual(x, flights, contacts), matrix
+        _, residual, matrix = self._solved(x, self.softness, multiplier, with_matrix=True)
+        return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
         """R (…, 2c + 1), and after it the duration σ of a contact."""
-        return np.append(self.residual(x), x[..., self.contacts + impact, None], -1)
+        return np.concatenate([self.residual(x), x[..., self.contacts + impact, None]], axis=-1)
 
     def doubled(self) -> "StiffItinerary":
         """The itinerary twice over."""
