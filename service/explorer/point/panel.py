@@ -65,9 +65,9 @@ class PointPanel:
         )  # fmt: skip
 
     def clear(self) -> None:
-        """Take away what there is of a point."""
+        """Take away what there is of a point, but where it is: that is told of the next one before."""
         for text in (
-            self.where, self.take, self.likely, self.safe, self.table, self.loud, self.orbits,
+            self.take, self.likely, self.safe, self.table, self.loud, self.orbits,
             self.under_basins, self.about_lines, self.under_motion, self.under_diagram, self.under_spectrum, self.heard,
         ):  # fmt: skip
             text.html = ""

@@ -61,12 +61,14 @@ class PointView(param.Parameterized):
         self._basins: rattle.Basins | None = None
         self._palette = Palette()  # one for all pictures and tables of the point
         self._is_there = False  # a gear
-        panel.clear()
         try:
             self._gear = model.gear(delta, epsilon)
         except rattle.RattleError as error:
             panel.where.html = f'<p class="wrong">{escape(str(error))}</p>'
+            panel.clear()
             return
+        self._say_where()
+        panel.clear()
         heard = self._remember, self._show_own
         self._choices = Choices(panel, self._work, self._gear, machine, self._palette, chosen, *heard)
         self._is_there = True
@@ -91,11 +93,14 @@ class PointView(param.Parameterized):
 
     # What is computed, and in what order
 
-    def _say_what_is_computed(self) -> None:
-        panel, ready = self.panel, partial(self._front.kernels.has, self._model.name)
-        panel.where.html = f"<p>{escape(words.where(self._gear))}</p>" + (
+    def _say_where(self) -> None:
+        """Before anything else: to take away what the point before had keeps a browser busy for half a second."""
+        self.panel.where.html = f"<p>{escape(words.where(self._gear))}</p>" + (
             f"<p>{escape(words.in_si(self._machine))}</p>" if self._machine else ""
         )
+
+    def _say_what_is_computed(self) -> None:
+        panel, ready = self.panel, partial(self._front.kernels.has, self._model.name)
         for text, what in (
             (panel.orbits, "the period-one orbits"),
             (panel.likely, "how likely quiet running is"), (panel.under_basins, "the basins"),

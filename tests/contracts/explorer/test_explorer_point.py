@@ -387,6 +387,20 @@ def test_a_view_that_is_put_away_computes_and_changes_nothing_more(tmp_path: Pat
     with_front(tmp_path, body)
 
 
+@pytest.mark.parametrize("epsilon", [0.08, float("nan")])
+def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tmp_path: Path, epsilon: float) -> None:
+    async def body(front: Front) -> None:
+        panel, left = PointPanel("light"), list[str]()
+        PointView(panel, front, 0.6, 0.1, Impacting(0.6)).stop()
+        panel.safe.html = "safe so far"
+        panel.where._model.on_change("text", lambda _attr, _old, _new: left.append(panel.safe.html))
+        PointView(panel, front, 0.55, epsilon, Impacting(0.6)).stop()
+        assert left == ["safe so far"]
+        assert panel.safe.html == ""
+
+    with_front(tmp_path, body)
+
+
 @pytest.mark.parametrize(("delta", "epsilon"), [(-1.0, 0.1), (0.6, float("nan")), (0.0, 0.1)])
 def test_a_point_outside_the_plane_is_told(tmp_path: Path, delta: float, epsilon: float) -> None:
     async def body(front: Front) -> None:
