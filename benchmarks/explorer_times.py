@@ -26,7 +26,7 @@ from server import server
 
 FLAGS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-component-update"]
 POINTS = ((0.6, 0.1), (0.55, 0.08), (0.7, 0.12))  # clicked one after the other
-PARTS = ("words", "probability", "motion", "everything")
+PARTS = ("words", "empty", "probability", "motion", "everything")
 IDLE, PATIENCE = 200.0, 30  # milliseconds of work in a second, and seconds until then
 
 #: Notes, at every frame, since when something has been on the screen.
@@ -36,6 +36,7 @@ const text = (node) => node.nodeType === 3 ? node.data : node.tagName === "STYLE
   [...(node.shadowRoot?.childNodes ?? []), ...node.childNodes].map(text).join("")
 const steps = {  // of the view of a point, one after the other
   words: (all) => Math.abs(Number(/Damping δ = ([\d.]+)/.exec(all)?.[1]) - clicked.delta) < 0.005,
+  empty: (all) => !/impacts on the wall|at rest against|600 × 600 cells/.test(all),  // of what the point before had
   probability: (all) => /probability|never comes to rest/.test(all),
   motion: (all) => /impacts on the wall|at rest against/.test(all),
   everything: (all) => all.includes("600 × 600 cells") && all.includes("periodic motions"),

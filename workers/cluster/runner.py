@@ -174,7 +174,9 @@ def _run(
     while (waiting or submission.in_flight) and not should_stop():
         if waiting and should_pause():
             waiting.clear()
-        submission.repeat_late_tiles(again=not waiting)  # before others are on their way to workers
+        # Before others are on their way to workers. Again if none will be: a tile's first result can wait at a frozen
+        # worker together with another one's, and be repeated at that worker.
+        submission.repeat_late_tiles(again=not waiting or not submission.room())
         for _ in range(min(submission.room(), len(waiting))):
             submission.submit(waiting.popleft())
         submission.set_endless_tile_apart()

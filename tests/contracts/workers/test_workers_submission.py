@@ -1,6 +1,8 @@
 """Which tiles are taken from their workers, without a cluster."""
 
 import time
+from collections import deque
+from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -109,6 +111,47 @@ def test_a_late_tile_is_repeated_once_while_others_wait(monkeypatch: pytest.Monk
     for again, expected in ((False, ["idle"]), (False, ["idle"]), (True, ["idle", "idle"])):
         submission.repeat_late_tiles(again)
         assert asked == expected
+
+
+def test_a_result_that_waits_with_one_of_a_frozen_worker_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A client may ask for two results at once, and gets neither if one is at a frozen worker, which looks idle."""
+    tiles, rounds = deque(tiles_of(REQUEST)), count()
+
+    class Two(Client):
+        """Of the first two tasks the results are held by their workers; then one is frozen, the other answers."""
+
+        def __init__(self) -> None:
+            self.held: dict[str, str] = {}
+            self.at: dict[str, list[str]] = {"frozen": [], "good": []}
+
+        def nthreads(self) -> dict[str, int]:
+            return dict.fromkeys(self.at, 1)
+
+        def processing(self) -> dict[str, list[str]]:
+            return self.at
+
+        def who_has(self, _: Any) -> dict[str, tuple[str]]:
+            return {key: (address,) for key, address in self.held.items()}
+
+        def submit(self, *arguments: Any, key: str, workers: Any = None, **__: Any) -> Future:
+            future = Future(key)
+            if len(self.held) < 2:
+                self.held[key] = ("good", "frozen")[len(self.held)]
+            elif (workers or ["good"])[0] == "frozen":
+                self.at["frozen"].append(key)
+            else:
+                (tile,) = (each for each in arguments if isinstance(each, Tile))
+                submission._ended.put((future, f"tile {tile.index}", None))
+            return future
+
+    monkeypatch.setattr(workers.cluster.submission, "LATE_SECONDS", -1.0)
+    monkeypatch.setattr(workers.cluster.submission, "end_tasks", lambda *_: None)
+    monkeypatch.setattr(workers.cluster.submission, "LATE_FACTOR", 0)
+    monkeypatch.setattr(runner, "POLL_SECONDS", 0.0)
+    submission = Submission(lambda: None, REQUEST, "nowhere", Two())  # type: ignore[arg-type, return-value]
+    done: list[Any] = []
+    runner._run(submission, tiles, done.append, lambda: next(rounds) > 100, lambda: True, lambda: False)
+    assert sorted(done) == [f"tile {tile.index}" for tile in tiles_of(REQUEST)]
 
 
 def test_attempts_that_lost_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
