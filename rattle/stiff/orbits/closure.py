@@ -2,8 +2,8 @@
 
 As `rattle.stiff.orbits.equations` at one δ, β and κ: unknowns y = (times at which the contacts begin, durations σ in
 units of p = 1/√(2κ), ε), 2c + 1 of them for c contacts; the equations say that every contact, entered with the velocity
-of the flight before, is over after pσ, and ends with the velocity of the flight after. Those there are arrays, complex
-for exact derivatives, and analytic in p down to 0; these are one motion's, in κ as a flow has it, 4000 times as fast.
+of the flight before, is over after pσ, and ends with the velocity of the flight after. Those there are of a batch,
+complex for exact derivatives, and analytic in p down to 0; these are one motion's, real, in κ as a flow has it.
 Tests hold both to the same complex steps.
 """
 
