@@ -44,12 +44,12 @@ test-deep: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 
 # No verdict depends on speed: three times beside busy programs, once on one core.
 test-under-load: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
-	$(BIN)/python tests/under_load.py
+	$(KEPT) $(BIN)/python tests/under_load.py
 
 # Lines and branches that the tests see, package by package; what runs compiled is not seen.
 coverage: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 	$(call install,$(VENV)) --requirement tests/coverage.txt
-	$(BIN)/python tests/covered.py
+	$(KEPT) $(BIN)/python tests/covered.py
 
 # The wheel in clean environments, on every Python that is there, with the newest and the lowest releases it allows.
 test-install: $(INSTALLED)

@@ -8,9 +8,9 @@ from typing import Any
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-import generate  # noqa: E402
+import generate  # noqa: E402 - it lies beside this file
 
-import rattle  # noqa: E402
+import rattle  # noqa: E402 - after the line above
 
 project, author = "gear-rattle", "The gear-rattle developers"
 release = version = rattle.__version__

@@ -192,7 +192,7 @@ class _LinkedOnly(_Wide):
     def _finalize_specific(self) -> None:
         pass
 
-    def get_pointer_to_function(self, name: str) -> int:  # noqa: ARG002
+    def get_pointer_to_function(self, name: str) -> int:  # noqa: ARG002 - numba's
         return 0
 
 

@@ -87,6 +87,13 @@ PROTECTIONS = (
         "        if False:\n",
     ),
     _one(
+        "a late tile is repeated again where no other is on its way",
+        "tests/contracts/workers/test_workers_submission.py::test_a_result_that_waits_with_one_of_a_frozen_worker_is_not_waited_for",
+        "workers/cluster/runner.py",
+        "again=not waiting or not room",
+        "again=not waiting",
+    ),
+    _one(
         "a tile that kills workers is computed apart",
         f"{WORKERS}::test_a_poison_cell_is_the_only_one_lost",
         "workers/cluster/submission.py",

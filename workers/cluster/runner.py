@@ -176,8 +176,9 @@ def _run(
             waiting.clear()
         # Before others are on their way to workers. Again if none will be: a tile's first result can wait at a frozen
         # worker together with another one's, and be repeated at that worker.
-        submission.repeat_late_tiles(again=not waiting or not submission.room())
-        for _ in range(min(submission.room(), len(waiting))):
+        room = submission.room()
+        room -= submission.repeat_late_tiles(again=not waiting or not room)
+        for _ in range(min(room, len(waiting))):
             submission.submit(waiting.popleft())
         submission.set_endless_tile_apart()
         if record := submission.next_record(POLL_SECONDS):

@@ -58,8 +58,9 @@ class Submission(InFlight[Attempt, TileRecord]):
         """Put a tile on the cluster, apart from others in a process of its own if it kills its workers."""
         self.put(Attempt(tile, apart), self._task, self._request, self._path, tile, apart, workers=workers)
 
-    def repeat_late_tiles(self, again: bool) -> None:
+    def repeat_late_tiles(self, again: bool) -> int:
         """Submit tiles that take far longer than any before to workers with nothing to do: the first result counts.
+        Return how many.
 
         again: also those that have been repeated; they may only be slow, and others would wait for the workers.
         """
@@ -69,10 +70,12 @@ class Submission(InFlight[Attempt, TileRecord]):
         late = [
             each.work for index, each in latest.items() if each.began < late_since and (again or attempts[index] == 1)
         ]
+        before = len(self.in_flight)
         if late:
             idle = self._idle()
             for attempt, address in zip(late, idle, strict=False):
                 self.submit(attempt.tile, attempt.apart, workers=[address])
+        return len(self.in_flight) - before
 
     def set_endless_tile_apart(self) -> None:
         """End the process of a tile that has taken too long: apart, each of its cells has a limit of its own.
