@@ -65,7 +65,12 @@ class PointPanel:
         )  # fmt: skip
 
     def clear(self) -> None:
-        """Take away what there is of a point, but where it is: that is told of the next one before."""
+        """Take away what there is of a point."""
+        self.where.html = ""
+        self.clear_found()
+
+    def clear_found(self) -> None:
+        """Take away what was found of a point; where it is stays, or is that of the next one already."""
         for text in (
             self.take, self.likely, self.safe, self.table, self.loud, self.orbits,
             self.under_basins, self.about_lines, self.under_motion, self.under_diagram, self.under_spectrum, self.heard,

@@ -65,10 +65,10 @@ class PointView(param.Parameterized):
             self._gear = model.gear(delta, epsilon)
         except rattle.RattleError as error:
             panel.where.html = f'<p class="wrong">{escape(str(error))}</p>'
-            panel.clear()
+            panel.clear_found()
             return
         self._say_where()
-        panel.clear()
+        panel.clear_found()
         heard = self._remember, self._show_own
         self._choices = Choices(panel, self._work, self._gear, machine, self._palette, chosen, *heard)
         self._is_there = True

@@ -397,6 +397,9 @@ def test_where_the_next_point_is_comes_before_what_the_last_had_is_taken_away(tm
         PointView(panel, front, 0.55, epsilon, Impacting(0.6)).stop()
         assert left == ["safe so far"]
         assert panel.safe.html == ""
+        assert panel.where.html
+        panel.clear()  # a point that is closed
+        assert panel.where.html == ""
 
     with_front(tmp_path, body)
 
