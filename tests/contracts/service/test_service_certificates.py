@@ -3,13 +3,14 @@
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from queue import Queue
 from typing import Any
 
 import pytest
 import xarray as xr
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, compute, front_end, front_of, idle_cluster, local_client
-from waiting import wait_until
+from waiting import HANG, wait_until
 
 from rattle.proof.check import check
 from service.app import create_app
@@ -84,6 +85,7 @@ def test_what_cannot_be_proved_here_is_refused(client: TestClient, monkeypatch: 
 
 def test_its_document_says_how_far_the_proofs_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[dict[str, Any]] = []
+    accepted: Queue[str] = Queue()
     for name in ("create_store", "run_tiles", "finish_store"):
         monkeypatch.setattr(manager, name, lambda *_: None)
     monkeypatch.setattr(manager, "tiles_done", lambda *_: set())
@@ -91,13 +93,14 @@ def test_its_document_says_how_far_the_proofs_are(tmp_path: Path, monkeypatch: p
     with local_client(create_app(Settings(data=tmp_path, preload=False), idle_cluster)) as client:
 
         def prove(_: Any, __: Any, ___: Any, ____: Any, on_proved: Callable[[int, int], None], _____: Any) -> None:
+            here = accepted.get(timeout=HANG)  # proofs may begin before the answer to who submitted is read
             for done in (0, 1, 500, 1000):
                 on_proved(done, 1000)
-                shown.append(client.get(path).json())
+                shown.append(client.get(here).json())
 
         monkeypatch.setattr(manager, "complete_on", prove)
-        path = "/v1/surveys"
-        path = client.post(path, json=ASKED).headers["location"]
+        path = client.post("/v1/surveys", json=ASKED).headers["location"]
+        accepted.put(path)
         wait_until(lambda: client.get(path).json()["state"] == "successful")
         assert client.get(path).json()["message"] == ""
     said = [each["message"] for each in shown]
