@@ -29,6 +29,7 @@ from service.kernels import Kernels
 from service.observability.logs import adopt_handlers
 from service.observability.metrics import Metrics
 from service.observability.request_log import RequestLogMiddleware
+from service.operations.overlaid import Overlaid
 from service.routes import ROUTERS, health
 from service.settings import Settings
 from service.state import Front
@@ -128,7 +129,8 @@ def _lifespan(
                 revocations=Revocations(database),
             )
             manager.start()
-            explorer = app.state.explorer.running(app.state.front) if settings.explorer else nullcontext()
+            app.state.overlaid = overlaid = Overlaid(app.state.front)
+            explorer = app.state.explorer.running(app.state.front, overlaid) if settings.explorer else nullcontext()
             try:
                 async with app.state.front.kernels.running(), app.state.front.revocations.running(), explorer:
                     yield

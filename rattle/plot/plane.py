@@ -46,17 +46,24 @@ def polyline(curve: Curve) -> Array:
 
 def draw_curve(axes: Axes, curve: Curve, width: float = 1.4, halo: bool = True) -> Array:
     """Draw a bifurcation curve in its style; returns its `polyline`."""
-    colour, dashes = STYLES[curve.name]
     line = polyline(curve)
+    draw_line(axes, curve.name, line, STYLES[curve.name], width, halo)
+    return line
+
+
+def draw_line(
+    axes: Axes, name: str, line: Array, style: tuple[str, Any], width: float = 1.4, halo: bool = True
+) -> None:
+    """Draw a line (k, 2) of this name, NaN between its pieces, in this colour and with these dashes."""
+    colour, dashes = style
     axes.plot(
         *line.T,
         color=colour,
         linestyle=dashes,
         linewidth=width,
-        label=curve.name.replace("_", " "),
+        label=name.replace("_", " "),
         path_effects=HALO if halo else None,
     )
-    return line
 
 
 def draw_points(axes: Axes, points: Sequence[CodimensionTwo], lines: Sequence[Array]) -> Labels | None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+import math
+from collections.abc import Coroutine
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,18 +15,23 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 import rattle
+from rattle.populations.plan import MOST_SHARE
 from service.database.tables import JobRow
-from service.errors import LimitError, MissingError
+from service.errors import LimitError, MissingError, UnavailableError
+from service.kernels import Part
 from service.operations.notebook import PACKAGE
+from service.operations.overlaid import Overlaid, Wanted
 from service.routes.documents import SurveyId
 from service.state import Front, FrontState
 from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
 from service.web.problems import declared
-from workers import QUANTITIES, Bucket, open_survey
-from workers.pictures.look import LARGEST, LINES, SHARE, Form, Look, Pair, Span
+from workers import QUANTITIES, Bucket, SurveyRequest, open_survey
+from workers.cluster.window import MOST_PIXELS
+from workers.pictures.look import LARGEST, LINES, SHARE, USUAL_SHARE, Form, Look, Over, Pair, Span
 from workers.storage.store import has_added
 from workers.survey.levels.grid import GROUP as LEVELS
 from workers.survey.request import MAX_SLICES
+from workers.survey.slices import require_slice
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
@@ -31,6 +40,8 @@ MAPS = [*(quantity.name for quantity in QUANTITIES if quantity.per_cell), LARGES
 NARROWEST = 1e-10  # of what is farthest from 0 in a window: below, no tick can be told from the next
 FARTHEST = 1e100  # of what a window or the colours reach to
 LONGEST_LINES = 200
+MOST_CELLS = 4_000_000  # of a window
+LOOK_SECONDS = 1.0
 
 Bound = Annotated[
     float | None,
@@ -54,6 +65,9 @@ async def look_of_query(
         str | None,
         Query(max_length=LONGEST_LINES, description=f"of {', '.join(LINES)}, with commas; by default as usual"),
     ] = None,
+    family: Annotated[
+        int | None, Query(ge=0, le=10**9, description="by its number: cells in which it is not are dimmed")
+    ] = None,
 ) -> Look:
     """The look of the query. Raises LimitError."""
     chosen = None if lines is None else tuple(name for name in lines.split(",") if name)
@@ -67,6 +81,7 @@ async def look_of_query(
         _range("colours", low, high, ("low", "high")) or span,
         log,
         chosen,
+        family,
     )
 
 
@@ -82,17 +97,61 @@ def _range(name: str, low: float | None, high: float | None, ends: tuple[str, st
     return low, high
 
 
-Asked = Annotated[Look, Depends(look_of_query)]
-Variable = Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})]
 Index = Annotated[int, Query(ge=0, le=64, description="which orbit, slot of attractors, or family")]
-SliceNumber = Annotated[
-    int | None, Query(alias="slice", ge=0, lt=MAX_SLICES, description="of a survey with a third axis, from 0")
-]
-Caption = Annotated[bool, Query(description="say below which survey it is, its address, and the version")]
+Pixels = Annotated[
+    int | None,
+    Query(
+        ge=2, le=MOST_PIXELS,
+        description="along this axis: where cells of the survey would be larger than three of so many, the window is "
+        "computed afresh, about one cell each, which takes as long as such a survey does",
+    ),
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The map that a query asks for; slice: of a third axis. share, pixels: of `Wanted`."""
+
+    variable: str
+    index: int
+    slice: int | None
+    look: Look
+    share: float
+    pixels: tuple[int, int] | None
+    has_caption: bool
+
+
+async def asked_for(
+    look: Annotated[Look, Depends(look_of_query)],
+    variable: Annotated[str, Query(max_length=64, json_schema_extra={"enum": MAPS})] = "region",
+    index: Index = 0,
+    slice_: Annotated[
+        int | None, Query(alias="slice", ge=0, lt=MAX_SLICES, description="of a survey with a third axis, from 0")
+    ] = None,
+    share: Annotated[
+        float, Query(ge=0.01, le=MOST_SHARE, description="of the line design_limit: the least P(quiet)")
+    ] = USUAL_SHARE,
+    pixels_delta: Pixels = None,
+    pixels_epsilon: Pixels = None,
+    caption: Annotated[bool, Query(description="say below which survey it is, its address, and the version")] = False,
+) -> Asked:
+    """The map of the query. Raises LimitError."""
+    pixels = None
+    if pixels_delta is not None or pixels_epsilon is not None:
+        if pixels_delta is None or pixels_epsilon is None:
+            missing = "pixels_delta" if pixels_delta is None else "pixels_epsilon"
+            raise LimitError(f"query.{missing}", "give both pixels_delta and pixels_epsilon, or none.")
+        if pixels_delta * pixels_epsilon > MOST_CELLS:
+            raise LimitError("query.pixels_delta", f"a window is computed of {MOST_CELLS:,} pixels at most.")
+        pixels = pixels_delta, pixels_epsilon
+    return Asked(variable, index, slice_, look, share, pixels, caption)
+
+
+AskedFor = Annotated[Asked, Depends(asked_for)]
 
 
 def _answers(media: str, schema: dict[str, str]) -> dict[int | str, dict[str, Any]]:
-    return {200: {"content": {media: {"schema": schema}}}, **NOT_MODIFIED, **declared(404, 422)}
+    return {200: {"content": {media: {"schema": schema}}}, **NOT_MODIFIED, **declared(404, 422, 503)}
 
 
 @router.get(
@@ -101,18 +160,9 @@ def _answers(media: str, schema: dict[str, str]) -> dict[int | str, dict[str, An
     response_class=Response,
     responses=_answers(PNG, {"type": "string", "format": "binary"}),
 )
-async def picture(
-    request: Request,
-    front: FrontState,
-    survey_id: SurveyId,
-    look: Asked,
-    variable: Variable = "region",
-    index: Index = 0,
-    slice_: SliceNumber = None,
-    caption: Caption = False,
-) -> Response:
+async def picture(request: Request, front: FrontState, survey_id: SurveyId, asked: AskedFor) -> Response:
     """Cells that failed or are still to be computed are told apart from the others."""
-    return await _answer(request, front, survey_id, (variable, index, slice_), look, caption, "png", PNG)
+    return await _answer(request, front, survey_id, asked, "png", PNG)
 
 
 @router.get(
@@ -121,18 +171,9 @@ async def picture(
     response_class=Response,
     responses=_answers(SVG, {"type": "string"}),
 )
-async def drawing(
-    request: Request,
-    front: FrontState,
-    survey_id: SurveyId,
-    look: Asked,
-    variable: Variable = "region",
-    index: Index = 0,
-    slice_: SliceNumber = None,
-    caption: Caption = False,
-) -> Response:
+async def drawing(request: Request, front: FrontState, survey_id: SurveyId, asked: AskedFor) -> Response:
     """Lines and letters are vectors, cells pixels."""
-    return await _answer(request, front, survey_id, (variable, index, slice_), look, caption, "svg", SVG)
+    return await _answer(request, front, survey_id, asked, "svg", SVG)
 
 
 @router.get(
@@ -141,58 +182,64 @@ async def drawing(
     response_class=Response,
     responses=_answers(PDF, {"type": "string", "format": "binary"}),
 )
-async def sheet(
-    request: Request,
-    front: FrontState,
-    survey_id: SurveyId,
-    look: Asked,
-    variable: Variable = "region",
-    index: Index = 0,
-    slice_: SliceNumber = None,
-    caption: Caption = False,
-) -> Response:
+async def sheet(request: Request, front: FrontState, survey_id: SurveyId, asked: AskedFor) -> Response:
     """Lines and letters are vectors, cells pixels."""
-    return await _answer(request, front, survey_id, (variable, index, slice_), look, caption, "pdf", PDF)
+    return await _answer(request, front, survey_id, asked, "pdf", PDF)
 
 
-async def _answer(
-    request: Request,
-    front: Front,
-    survey_id: str,
-    which: tuple[str, int, int | None],
-    look: Look,
-    caption: bool,
-    form: Form,
-    media: str,
-) -> Response:
+async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, form: Form, media: str) -> Response:
     job, place = await run_in_threadpool(front.stored, survey_id)
     if not await run_in_threadpool(place.exists):
         raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
-    if caption:
-        look = look.with_caption(_caption(job, str(request.url)))
+    if asked.has_caption:
+        asked = replace(asked, look=asked.look.with_caption(_caption(job, str(request.url))))
     headers = {
-        "ETag": picture_tag(survey_id, job.last_event, *which, look, form),
+        "ETag": picture_tag(survey_id, job.last_event, asked, form),
         "Cache-Control": REVALIDATE,  # another version may draw otherwise, and what was lost may have been repaired
     }
     if is_known(request, headers):
         return Response(status_code=304, headers=headers)
     with front.interruptible():
+        over = await _while_connected(request, _over(front, request.app.state.overlaid, job, asked))
         drawn = await anyio.to_thread.run_sync(
-            _draw, place, *which, look, form, limiter=front.pictures, abandon_on_cancel=True
+            _draw, place, asked, form, over, limiter=front.pictures, abandon_on_cancel=True
         )
     return Response(drawn, media_type=media, headers=headers)
+
+
+async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> Over:
+    """What is found before anything is drawn. Raises SurveyError, or UnavailableError."""
+    whole = SurveyRequest.model_validate(job.request)
+    require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
+    survey = whole.at(whole.along(asked.slice or 0))
+    await front.kernels.require(survey.gear_model.name, Part.CURVES, patience=math.inf)
+    wanted = Wanted(survey, asked.variable, asked.index, asked.look, asked.share, asked.pixels)
+    return await overlaid.over(wanted)
+
+
+async def _while_connected(request: Request, finding: Coroutine[Any, Any, Over]) -> Over:
+    """What is found, unless whoever asked for it has left."""
+    task = asyncio.ensure_future(finding)
+    try:
+        while not (await asyncio.wait([task], timeout=LOOK_SECONDS))[0]:
+            if await request.is_disconnected():
+                raise UnavailableError("Whoever asked for this picture has left.")
+        return task.result()
+    finally:
+        task.cancel()
 
 
 def _caption(job: JobRow, address: str) -> str:
     return f"{job.name or job.id}, {address}, {PACKAGE} {rattle.__version__}"
 
 
-def _draw(place: Path | Bucket, variable: str, index: int, slice_number: int | None, look: Look, form: Form) -> bytes:
+def _draw(place: Path | Bucket, asked: Asked, form: Form, over: Over) -> bytes:
     from workers.pictures.largest import open_maps
     from workers.pictures.levels import groups_of
     from workers.pictures.maps import map_picture  # matplotlib: a second for who asks first, not for every start
 
     opened = partial(open_survey, place)
-    with open_maps(opened, variable, slice_number) as dataset:
-        levels = groups_of(opened, slice_number, has_added(place, LEVELS))
-        return map_picture(dataset, variable, index, levels, look, form)
+    with_families = SHARE if asked.look.family is not None else asked.variable
+    with open_maps(opened, with_families, asked.slice) as dataset:
+        levels = groups_of(opened, asked.slice, has_added(place, LEVELS))
+        return map_picture(dataset, asked.variable, asked.index, levels, asked.look, form, over)

@@ -24,7 +24,8 @@ import workers.cluster.refinement
 from rattle import RattleError
 from service.app import create_app
 from service.errors import UnavailableError
-from service.explorer.map.deep_zoom import refine
+from service.operations import windows as service_windows
+from service.operations.windows import Windows, refine
 from service.settings import Settings
 from service.state import Front
 from workers import (
@@ -230,6 +231,46 @@ def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(
         assert len(await all_frames(front, "region")) == 1
 
     run(tmp_path, cluster, body)
+
+
+def test_a_picture_of_a_window_has_its_finer_cells_computed_once(
+    tmp_path: Path, cluster: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def body(front: Front, http: Any) -> None:
+        here = (await http.post("/v1/surveys", json=REQUEST.model_dump(mode="json"))).json()["links"]["self"]
+        await eventually(lambda: front.database.job(here.rpartition("/")[2]).state == "successful")
+        (left, right), (bottom, top) = WINDOW
+        window = {"delta_min": left, "delta_max": right, "epsilon_min": bottom, "epsilon_max": top}
+        asked = window | {"variable": "quiet_fraction"}
+        fine = asked | dict(zip(("pixels_delta", "pixels_epsilon"), PIXELS, strict=True))
+        coarse, first = [(await http.get(f"{here}/map.png", params=each)).content for each in (asked, fine)]
+        expected = (await all_frames(front, "quiet_fraction"))[-1]
+        windows = http._transport.app.state.overlaid.windows
+        monkeypatch.setattr(service_windows, "refine", None)  # what is kept is not computed again
+        again = await http.get(f"{here}/map.png", params=fine)
+        kept = await windows.finest(REQUEST, "quiet_fraction", 0, WINDOW, PIXELS)
+        np.testing.assert_array_equal(kept.values, expected.values)
+        assert coarse != first == again.content
+        for variable in ("attractor_phase", "region"):  # of a survey alone; in a whole one cells are fine enough
+            few = fine if variable != "region" else {"pixels_delta": 20, "pixels_epsilon": 20}
+            answer = await http.get(f"{here}/map.png", params=few | {"variable": variable})
+            assert answer.status_code == 200
+
+    run(tmp_path, cluster, body)
+
+
+def test_so_many_windows_are_kept_and_so_many_cells() -> None:
+    windows = Windows(None)  # type: ignore[arg-type]  # which is asked for nothing
+
+    def keep(number: int, cells: int) -> None:
+        frame = Frame(np.zeros(1), np.zeros(1), np.zeros((1, cells)), 1.0, 0)
+        windows._keep(("", "region", number, WINDOW, PIXELS), frame)
+
+    for number in range(2 * service_windows.KEPT):
+        keep(number, 1)
+    assert [key[2] for key in windows._kept] == [*range(service_windows.KEPT, 2 * service_windows.KEPT)]
+    keep(99, service_windows.KEPT_CELLS)
+    assert [key[2] for key in windows._kept] == [99]
 
 
 def test_so_many_at_once_and_so_many_wait(tmp_path: Path, cluster: Client) -> None:

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, SHARE, THEMES, Entered, View
+from service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, THEMES, Entered, View
 from service.explorer.design import axes
+from workers.pictures.look import USUAL_SHARE
 
 numbers = st.floats(-1e3, 1e3)
 windows = st.tuples(numbers, numbers).filter(lambda pair: pair[0] < pair[1])
@@ -37,7 +38,7 @@ views = st.builds(
     epsilon=st.none() | windows,
     point=st.tuples(st.floats(1e-3, 10.0), st.floats(0.0, 10.0)),
     machine=st.none() | machines,
-    share=st.floats(0.01, 0.9999) | st.just(SHARE),
+    share=st.floats(0.01, 0.9999) | st.just(USUAL_SHARE),
     theme=st.sampled_from(("", *THEMES)),
     point_state=st.dictionaries(words, words, max_size=4),
 )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from rattle.curves import NAMES
+from workers.survey.values.schema import OF_PERIODIC
 
 if TYPE_CHECKING:  # a second for who draws, not for who asks
     import xarray as xr
@@ -18,19 +20,27 @@ Span = Literal["auto", "robust", "full"]
 Form = Literal["png", "svg", "pdf"]
 
 ROBUST = (2.0, 98.0)  # percentiles
-POINTS = "points"
+#: Beside bifurcation curves: the boundary crisis, the design limit, the codimension-two points.
+CRISIS, LIMIT, POINTS = "crisis", "design_limit", "points"
 #: Maps that follow from what a store has of families: the largest one of each cell, among all or among those that
 #: rattle, and the share of one.
 LARGEST, SHARE = "largest_family", "family_fraction"
+#: Maps that only a survey has: windows are not computed finer for them.
+SURVEY_ONLY = frozenset({LARGEST, SHARE, *OF_PERIODIC})
 AMONG, WHICH = "among", ("all", "rattling")
-LINES = (*NAMES, POINTS)
+LINES = (*NAMES, CRISIS, LIMIT, POINTS)
+#: Styles of those lines that are no bifurcation curves, as `rattle.plot.plane.STYLES` has them.
+OWN_STYLES: dict[str, tuple[str, Any]] = {CRISIS: ("#00695c", (0, (4, 1.5))), LIMIT: ("#b8860b", "-")}
+USUAL_SHARE = 0.9  # the least P(quiet) of a design limit
+COVERED = 0xC4 / 0xFF  # how much is covered of the cells in which a chosen family is not
+OPACITY = 0.3  # opacity of the interval of a design limit
 
 
 @dataclass(frozen=True)
 class Look:
     """delta, epsilon: (low, high) of the window, None: of all cells. span: the colours go as in all pictures, over the
-    middle 96 % of the values, over all, or from low to high; log: evenly in the logarithm. lines: names of curves and
-    "points", None: those that explain the map. caption: what is written below.
+    middle 96 % of the values, over all, or from low to high; log: evenly in the logarithm. lines: some of LINES, None:
+    those that explain the map. family: the cells in which it is not are dimmed. caption: what is written below.
     """
 
     delta: Pair | None = None
@@ -38,6 +48,7 @@ class Look:
     span: Span | Pair = "auto"
     log: bool = False
     lines: tuple[str, ...] | None = None
+    family: int | None = None
     caption: str = ""
 
     def cut(self, dataset: xr.Dataset) -> xr.Dataset:
@@ -61,6 +72,31 @@ class Look:
 
 
 USUAL = Look()
+
+
+@dataclass(frozen=True)
+class Finer:
+    """Cells of a window that are finer than those of its survey: delta (n,), epsilon (m,), values (m, n)."""
+
+    delta: np.ndarray
+    epsilon: np.ndarray
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Over:
+    """What is drawn over a map and takes longer to find than to draw.
+
+    lines: points (k, 2) of CRISIS and of LIMIT, NaN between pieces. band: dampings (n,), and the ends of the interval
+    of the limit there, NaN where it is open. finer: drawn where it has a value.
+    """
+
+    lines: Mapping[str, np.ndarray] = field(default_factory=dict)
+    band: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    finer: Finer | None = None
+
+
+NOTHING_OVER = Over()
 
 
 def _around(cells: np.ndarray, low: float, high: float) -> slice:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.cm import ScalarMappable
+from matplotlib.collections import QuadMesh
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
 
 from rattle.orbits.period_one import PAPER_REGIONS
@@ -17,10 +17,12 @@ from rattle.plot.colours import REGION_COLOURS
 from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
 from workers.pictures.largest import FLAG_COLOURS
-from workers.pictures.levels import OpenGroup, overview
-from workers.pictures.look import LARGEST, POINTS, USUAL, Form, Look
+from workers.pictures.levels import OpenGroup, overview, part_for
+from workers.pictures.look import COVERED, LARGEST, NOTHING_OVER, POINTS, SHARE, USUAL, Finer, Form, Look, Over
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
 from workers.pictures.planes import numbers, plane_of, with_periodic
+from workers.survey.levels.grid import centres, halvings
+from workers.survey.levels.reduce import pooled
 from workers.survey.slices import value_along
 from workers.survey.values.evaluate import FAILED
 from workers.survey.values.schema import FIXED, OF_PERIODIC, is_phase
@@ -48,6 +50,7 @@ def map_picture(
     opened: OpenGroup | None = None,
     look: Look = USUAL,
     form: Form = "png",
+    over: Over = NOTHING_OVER,
 ) -> bytes:
     """Draw a variable of an open survey, finished or not.
 
@@ -57,8 +60,10 @@ def map_picture(
         variable: any variable over (epsilon, delta).
         index: which orbit, or slot of attractors, if the variable has several; of pairs the first is shown.
         opened: opens a level of the survey, which is faster than to read all cells.
-        look: a part of the plane, its colours and lines, by default as all pictures have them.
+        look: a part of the plane, its colours and lines, by default as all pictures have them; with a family the survey
+            has its families as maps.
         form: what is returned, a PNG, an SVG or a PDF file.
+        over: what was found beforehand, to be drawn over it.
 
     Raises:
         SurveyError: the survey has no such map, it cannot be read, or its axes reach too far to be drawn.
@@ -72,12 +77,14 @@ def map_picture(
         shown["status"].load()
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
-    draw_map(axes, shown, plane, WITHOUT_VALUE.get(variable, "none"), look)
+    draw_map(axes, shown, plane, WITHOUT_VALUE.get(variable, "none"), look, over.finer)
+    if look.family is not None:
+        _dim_others(axes, dataset, look.family)
     third = "".join(f", {name} = {value:g}" for name, value in value_along(dataset).items())
     axes.set_title(title_of(plane) + third, fontsize=11)
     usual = (*CURVES_ON.get(variable, ()), *([POINTS] if variable == "region" else []))
     lines = usual if look.lines is None else look.lines
-    curves = draw_curves(axes, dataset, lines)
+    curves = draw_curves(axes, dataset, lines, over)
     draw_legend(axes)
     if POINTS in lines:
         draw_points(axes, dataset, curves)
@@ -103,12 +110,20 @@ def _chosen(dim: str, value: object) -> str:
     return f"attractor {value}, of those of a cell by falling share" if dim == "attractor" else f"{dim} {value}"
 
 
-def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str = "none", look: Look = USUAL) -> None:
+def draw_map(
+    axes: Axes,
+    dataset: xr.Dataset,
+    plane: xr.DataArray,
+    nothing: str = "none",
+    look: Look = USUAL,
+    finer: Finer | None = None,
+) -> None:
     """Draw a map with its colour bar; cells without a value are told apart: to be computed, failed, none.
 
     Args:
         nothing: what it means that a computed cell has no value.
         look: its window, and what its colours span.
+        finer: cells that are drawn over those of the survey.
 
     Raises:
         SurveyError: its axes reach too far to be drawn.
@@ -121,15 +136,21 @@ def draw_map(axes: Axes, dataset: xr.Dataset, plane: xr.DataArray, nothing: str 
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
     for mask, colour in layers.values():
         _cells(axes, dataset, np.where(mask, 1.0, np.nan), ListedColormap([colour]), Normalize(0, 1))
-    cmap, norm, ticks, labels = scale_of(plane, values[~valueless])
+    seen = values[~valueless]
+    if finer is not None:
+        seen = np.append(seen, finer.values[np.isfinite(finer.values)])
+    cmap, norm, ticks, labels = scale_of(plane, seen)
     if not labels and (look.log or look.span != "auto"):
-        norm = look.norm(norm, values[~valueless])
+        norm = look.norm(norm, seen)
     if isinstance(norm, LogNorm) and (hidden := ~valueless & (values <= 0)).any():
         layers["zero or below"] = hidden, ZERO
         valueless = valueless | hidden
         _cells(axes, dataset, np.where(hidden, 1.0, np.nan), ListedColormap([ZERO]), Normalize(0, 1))
-    extend = _extend(norm, values[~valueless])
+    extend = _extend(norm, seen[seen > 0] if isinstance(norm, LogNorm) else seen)
     mesh = _cells(axes, dataset, np.where(valueless, np.nan, values), cmap, norm)
+    if finer is not None:
+        shown = finer.values if not isinstance(norm, LogNorm) else np.where(finer.values > 0, finer.values, np.nan)
+        _cells(axes, finer, shown, cmap, norm)
     # axes that are drawn on have a figure, which their type leaves open
     bar = axes.get_figure().colorbar(mesh, ax=axes, ticks=ticks, pad=0.02, extend=extend)  # type: ignore[union-attr]
     if labels:
@@ -170,16 +191,27 @@ def draw_legend(axes: Axes) -> None:
         )
 
 
-def _cells(axes: Axes, dataset: xr.Dataset, values: np.ndarray, cmap: Colormap, norm: Normalize) -> ScalarMappable:
+def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
+    """Cover the cells in which a family is not; of cells that become one, it is in all if in any."""
+    share = plane_of(dataset, SHARE, family)
+    with reading(f"the map of {SHARE}"):
+        values = numbers(share)
+    shape = values.shape[0], values.shape[1]
+    along, across = getattr(part_for(halvings(shape), (0, 0), shape, ROOM).level, "cells", (1, 1))
+    shown = Finer(
+        centres(dataset["delta"].values, across),
+        centres(dataset["epsilon"].values, along),
+        pooled(np.nan_to_num(values), (along, across), np.maximum),
+    )
+    others = np.where(shown.values > 0, np.nan, 1.0)
+    _cells(axes, shown, others, ListedColormap(["white"]), Normalize(0, 1)).set_alpha(COVERED)
+
+
+def _cells(axes: Axes, at: xr.Dataset | Finer, values: np.ndarray, cmap: Colormap, norm: Normalize) -> QuadMesh:
+    delta, epsilon = (at.delta, at.epsilon) if isinstance(at, Finer) else (at["delta"].values, at["epsilon"].values)
     # rasterised: a vector file of a fine survey would have a path for each cell.
     return axes.pcolormesh(
-        dataset["delta"].values,
-        dataset["epsilon"].values,
-        np.ma.masked_invalid(values),
-        cmap=cmap,
-        norm=norm,
-        shading="nearest",
-        rasterized=True,
+        delta, epsilon, np.ma.masked_invalid(values), cmap=cmap, norm=norm, shading="nearest", rasterized=True
     )
 
 

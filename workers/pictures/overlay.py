@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 
 from rattle.curves import NAMES
 from rattle.plot import plane
+from workers.pictures.look import LIMIT, NOTHING_OVER, OPACITY, OWN_STYLES, Over
 from workers.survey.axes import Window
 from workers.survey.curves import Missing, traced, window_around
 from workers.survey.slices import surveyed_model
@@ -23,14 +24,19 @@ CURVES_ON: dict[str, tuple[str, ...]] = {
 }
 
 
-def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str]) -> list[np.ndarray]:
-    """Draw the curves that cross the map; returns them, (k, 2) each, NaN between pieces."""
+def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: Over = NOTHING_OVER) -> list[np.ndarray]:
+    """Draw the lines that cross the map; returns them, (k, 2) each, NaN between pieces."""
     model, window, drawn = surveyed_model(dataset), _window(dataset), []
     limits = {"xlim": axes.get_xlim(), "ylim": axes.get_ylim()}
+    if LIMIT in names and over.band is not None:
+        axes.fill_between(*over.band, color=OWN_STYLES[LIMIT][0], alpha=OPACITY, linewidth=0)
     for name in (name for name in names if name in model.curve_names):
         curve = traced(name, model, window)
         if not isinstance(curve, Missing) and len(curve):
             drawn.append(plane.draw_curve(axes, curve))
+    for name in (name for name in names if name in over.lines):
+        plane.draw_line(axes, name, over.lines[name], OWN_STYLES[name])
+        drawn.append(over.lines[name])
     axes.set(**limits)
     return drawn
 

@@ -12,16 +12,14 @@ from rattle import Machine
 from rattle.curves import NAMES
 from rattle.models import AnyModel, model_of
 from rattle.populations.plan import MOST_SHARE
+from workers.pictures.look import LINES, POINTS, USUAL_SHARE
 
 Pair = tuple[float, float]
 Ranges = tuple[Pair, Pair]  # of δ and of ε, as a figure shows them: it may show more than the plane
 Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
-CRISIS, LIMIT, POINTS = "crisis", "design_limit", "points"
-#: What may be drawn over a map: bifurcation curves, the boundary crisis, the design limit, the codimension-two points.
-OVERLAYS = (*NAMES, CRISIS, LIMIT, POINTS)
+OVERLAYS = LINES  # what may be drawn over a map
 DEFAULT_OVERLAYS = (*NAMES, POINTS)
-SHARE = 0.9
 THEMES = ("light", "dark")
 MOST_PINS = 8
 LONGEST = 800  # characters of a value: of pins, 100 each
@@ -138,7 +136,7 @@ class View:
     epsilon: Pair | None = None
     point: Pair | None = None
     machine: Entered | None = None
-    share: float = SHARE
+    share: float = USUAL_SHARE
     further: tuple[Further, ...] = ()
     profile: Chosen | None = None
     profile_limits: Pair | None = None
@@ -171,7 +169,7 @@ class View:
             epsilon=read("epsilon", _window, None),
             point=point,
             machine=read("machine", _machine, None) if point else None,
-            share=read("share", _share, SHARE),
+            share=read("share", _share, USUAL_SHARE),
             further=tuple(each for name in FURTHER if (each := read(name, Further.read, None)) is not None),
             profile=read("profile", Chosen.read, None),
             profile_limits=read("profile_limits", _window, None),
@@ -199,7 +197,7 @@ class View:
             pairs[name] = _written(pair) if pair else ""
         if self.point and self.machine:
             pairs["machine"] = ",".join("" if each is None else str(each) for each in self.machine)
-        pairs["share"] = repr(self.share) if self.share != SHARE else ""
+        pairs["share"] = repr(self.share) if self.share != USUAL_SHARE else ""
         pairs |= {name: each.written for name, each in zip(FURTHER, self.further, strict=False)}
         pairs["profile"] = self.profile.written if self.profile else ""
         pairs["profile_limits"] = _written(self.profile_limits) if self.profile_limits else ""

@@ -11,13 +11,12 @@ from bokeh.models.glyphs import Image, Line, MultiLine, Scatter, Text, VArea
 from bokeh.models.renderers import GlyphRenderer
 
 from rattle.plot.plane import STYLES
-from service.explorer.common.address import CRISIS, LIMIT
 from service.explorer.files import asset
+from workers.pictures.look import COVERED, LIMIT, OPACITY, OWN_STYLES
 
 BAR_WIDTH, BAR_PADDING = 12, 6  # pixels
 CLEAR = "#00000000"
-VEIL = "c4"  # how much of what is below is covered: a byte
-OWN_STYLES = {CRISIS: ("#00695c", (8.0, 3.0)), LIMIT: ("#b8860b", ())}
+VEIL = f"{round(COVERED * 0xFF):02x}"
 ELLIPSE = "#d40078"
 BAND_NAME = "limit_band"
 IMAGE = ("image", "x", "y", "dw", "dh")
@@ -49,9 +48,7 @@ def empty(source: ColumnDataSource) -> None:
 
 def style_of(name: str) -> tuple[str, tuple[float, ...]]:
     """Colour, and dashes in pixels, of a line: those of the figures."""
-    if name in OWN_STYLES:
-        return OWN_STYLES[name]
-    styles: dict[str, Any] = dict(STYLES)
+    styles: dict[str, Any] = {**STYLES, **OWN_STYLES}
     colour, dashes = styles[name]
     return ("#000000" if colour == "black" else colour), tuple(2.0 * d for d in dashes[1]) if dashes != "-" else ()
 
@@ -136,7 +133,7 @@ def names(source: ColumnDataSource) -> Any:
 
 def band(source: ColumnDataSource) -> Any:
     """Where the design limit is between."""
-    area = VArea(x="x", y1="low", y2="high", fill_color=OWN_STYLES[LIMIT][0], fill_alpha=0.3)
+    area = VArea(x="x", y1="low", y2="high", fill_color=OWN_STYLES[LIMIT][0], fill_alpha=OPACITY)
     return _rendered(source, area, name=BAND_NAME)
 
 

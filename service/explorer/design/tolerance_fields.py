@@ -9,11 +9,11 @@ import panel as pn
 
 from rattle import Machine
 from rattle.models import AnyGear
-from service.explorer.common.address import SHARE
 from service.explorer.common.text import Text
 from service.explorer.common.watch import on_press
 from service.explorer.design.fields import EXACT, NUMBERS
 from service.explorer.design.tolerance import Tolerance
+from workers.pictures.look import USUAL_SHARE
 
 TENTH = 0.1  # of the point's numbers: standard deviations that are offered
 
@@ -47,7 +47,7 @@ class ToleranceFields:
             speed, eccentricity = NUMBERS["rpm"], NUMBERS["eccentricity"]
             first.label, second.label = f"σ of {speed.label.lower()}", f"σ of {eccentricity.label.lower()}"
             self._per, means = (speed.per, eccentricity.per), (machine.rpm, machine.eccentricity)
-        given = widths or Tolerance(TENTH * means[0], TENTH * means[1], SHARE)
+        given = widths or Tolerance(TENTH * means[0], TENTH * means[1], USUAL_SHARE)
         for widget, value, per in zip((first, second), given, self._per, strict=False):
             widget.value = float(f"{value * per:.{3 if widths is None else 12}g}")
         share.value = given.share

@@ -13,7 +13,7 @@ import panel as pn
 
 from rattle import RattleError
 from service.database.tables import JobRow
-from service.explorer.common.address import POINTS, Chosen, Further, Pair, Ranges, View, numbered
+from service.explorer.common.address import Chosen, Further, Pair, Ranges, View, numbered
 from service.explorer.common.drawings import Drawings, Show
 from service.explorer.common.heading import Heading
 from service.explorer.common.text import Text
@@ -25,11 +25,13 @@ from service.explorer.map.closer import Closer
 from service.explorer.map.colouring import Colouring, Shade, colouring
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, pieces_of, points_of
+from service.explorer.map.picture import AsSeen, links, picture_query
 from service.explorer.map.planes import Block, Plane, names_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared
 from service.kernels import Part
 from workers import SurveyRequest
+from workers.pictures.look import POINTS
 
 SHOWN = "shown"
 GONE = "This survey is no longer there."
@@ -76,8 +78,8 @@ class FurtherMap:
         self.map = Map(
             theme, uses.point, uses.through, uses.pointer, uses.window, uses.reset, first, f"further{number}"
         )
-        self._closer = Closer(viewer, self.map, self._say, self._count)
-        self._title, self._key, self._said = Heading(sheet), Text("", sheet), Text("", sheet)
+        self._closer = Closer(shared.overlaid.windows, viewer, self.map, self._say, self._count)
+        self._title, self._key, self._said, self._links = Heading(sheet), *(Text("", sheet) for _ in range(3))
         self._watch = Watch()
         styled: dict[str, Any] = {"stylesheets": [sheet], "margin": (2, 8, 2, 0)}
         self._survey = pn.widgets.Select(label=f"Survey of map {number}", options={}, width=120, **styled)
@@ -93,8 +95,8 @@ class FurtherMap:
         )  # fmt: skip
         plot = pn.pane.Bokeh(self.map.figure, sizing_mode="stretch_both", margin=0)
         self.panel = pn.Column(
-            choices, self._title.pane, plot, self._key.pane, self._said.pane, sizing_mode="stretch_both", margin=0,
-            css_classes=[SHOWN],
+            choices, self._title.pane, plot, self._key.pane, self._links.pane, self._said.pane,
+            sizing_mode="stretch_both", margin=0, css_classes=[SHOWN],
         )  # fmt: skip
         self._plane: Plane | None = None
         self._further: Further | None = None  # what it is of
@@ -199,7 +201,7 @@ class FurtherMap:
         self.map.pins({})
         self._closer.forget()
         self._title.instead(why)
-        self._key.html = self._said.html = ""
+        self._key.html = self._said.html = self._links.html = ""
 
     def _follow_window(self, plane: Plane) -> None:
         assert self._further is not None
@@ -211,6 +213,7 @@ class FurtherMap:
             variable = None if isinstance(plane, Difference) else self._further.variable
             self._closer.show(plane, variable, self._further.index, window if view.delta and view.epsilon else None)
         self.map.pins(numbered(view.pins, model))
+        self._links.html = self._pictures(plane, view)
         if (lines := (model, view.overlays, window)) != self._lines:
             if self._lines[:1] != (model,):  # those of another gear
                 self.map.no_lines()
@@ -218,6 +221,21 @@ class FurtherMap:
             self.map.choose(view.overlays)
             self._stop(self._over)
             self._over = self._viewer.start(self._draw_lines(plane, view.overlays, window))
+
+    def _pictures(self, plane: Plane, first: View) -> str:
+        """Links to this map as a picture, in HTML; a difference has none."""
+        further, colours = self._further, self._colours
+        if further is None or colours is None or self._around is None or isinstance(plane, Difference):
+            return ""
+        lines = tuple(name for name in first.overlays if name not in WHOLE or name == POINTS)
+        limits = None if colours.categorical else (colours.low, colours.high)
+        seen = AsSeen(limits, colours.log, self.map.pixels if first.delta and first.epsilon else None)
+        request = self._around.jobs[further.survey].request
+        shown = replace(
+            first, variable=further.variable, index=further.index, slice=further.slice, family=None, overlays=lines
+        )
+        query = picture_query(request, shown, seen)
+        return f"<p class=faint>Picture: {links(further.survey, further.variable, query)}</p>"
 
     async def _draw_lines(self, plane: Plane, names: tuple[str, ...], window: Ranges) -> None:
         """The lines of the first map, as they are of this one's gear."""

@@ -1,20 +1,25 @@
 """What is drawn of the window that is looked at, over the cells of a whole survey: all of its cells, or finer ones that
-the workers compute.
+the workers compute while the viewer stays there and no longer.
 """
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
+from contextlib import aclosing
 from functools import partial
 
+import numpy as np
+
+from rattle import RattleError
 from service.explorer.common.address import Ranges
 from service.explorer.common.viewer import Viewer
 from service.explorer.map.colouring import values_shown, window_shown
-from service.explorer.map.deep_zoom import Zoom, coarser
 from service.explorer.map.figure import Map
-from service.explorer.map.planes import Block, Plane, Room
-from workers.pictures.look import LARGEST
-from workers.survey.values.schema import OF_PERIODIC
+from service.explorer.map.planes import Block, Plane, Room, box_of
+from service.operations.windows import Windows, inside, is_coarse
+from workers import Frame
+from workers.pictures.look import SURVEY_ONLY as OF_SURVEYS
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
 
@@ -26,9 +31,16 @@ class Closer:
     that is the whole survey.
     """
 
-    def __init__(self, viewer: Viewer, canvas: Map, say: Callable[[str], None], on_seen: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        windows: Windows,
+        viewer: Viewer,
+        canvas: Map,
+        say: Callable[[str], None],
+        on_seen: Callable[[], None],
+    ) -> None:
         self._viewer, self._map, self._say, self._on_seen = viewer, canvas, say, on_seen
-        self._zoom = Zoom(viewer, self._frame, say)
+        self._zoom = Zoom(windows, viewer, self._frame, say)
         self._shown: tuple[Plane, Ranges] | None = None
         self.finer: Block | None = None
         self.seen: Callable[[], Block] | None = None
@@ -60,8 +72,8 @@ class Closer:
         else:
             self.seen = partial(plane.block, window, pixels)
         self._on_seen()
-        is_coarser = coarser(plane, window, pixels)
-        if is_coarser and (variable is None or variable in (LARGEST, *OF_PERIODIC)):
+        is_coarser = is_coarse(plane.delta, plane.epsilon, window, pixels)
+        if is_coarser and (variable is None or variable in OF_SURVEYS):
             self._say(SURVEY_ONLY)
         elif is_coarser and variable is not None:
             self._zoom.start(plane, variable, index, window, pixels)
@@ -77,3 +89,41 @@ class Closer:
         self.finer, self.seen = finer, lambda: finer
         self._viewer.change(lambda: self._map.frame(finer.values, finer.box))
         self._on_seen()
+
+
+class Zoom:
+    """The refinement of one page; `show` gets each frame in the event loop, `say` what goes on."""
+
+    def __init__(
+        self, windows: Windows, viewer: Viewer, show: Callable[[Block], None], say: Callable[[str], None]
+    ) -> None:
+        self._windows, self._viewer, self._show, self._say = windows, viewer, show, say
+        self._task: asyncio.Task[None] | None = None
+
+    def start(self, plane: Plane, variable: str, index: int, window: Ranges, pixels: tuple[int, int]) -> None:
+        """Refine this window; what was refined before is given up."""
+        self.stop()
+        self._task = self._viewer.start(self._refine(plane, variable, index, window, pixels))
+
+    def stop(self) -> None:
+        if self._task is not None:
+            self._task.cancel()
+            self._task = None
+
+    async def _refine(self, plane: Plane, variable: str, index: int, window: Ranges, pixels: tuple[int, int]) -> None:
+        self._say("Computing this window …")
+        try:
+            frames = self._windows.frames(plane.request, variable, index, inside(*window), pixels)
+            async with aclosing(frames):
+                async for frame in frames:
+                    self._show(block_of(frame))
+                    self._say(f"Computing this window: {frame.done:.0%}" if frame.done < 1 else "")
+        except RattleError as error:
+            self._say(f"This window is not shown finer: {error}")
+
+
+def block_of(frame: Frame) -> Block:
+    """Cells of a window as those of a map; of complex values the modulus."""
+    values = (np.abs(frame.values) if np.iscomplexobj(frame.values) else frame.values).astype(np.float32)
+    status = np.ones(values.shape, np.int8)
+    return Block(frame.delta, frame.epsilon, values, status, box_of(frame.delta, frame.epsilon))

@@ -18,11 +18,12 @@ from bokeh.plotting import figure
 
 from rattle.plot.plane import MARKERS, STYLES
 from service.explorer.common import glyphs
-from service.explorer.common.address import CRISIS, LIMIT, Pair, Ranges
+from service.explorer.common.address import Pair, Ranges
 from service.explorer.common.theme import INK
 from service.explorer.design import axes
 from service.explorer.map.colouring import Colouring
 from service.explorer.map.planes import Block
+from workers.pictures.look import LIMIT, OWN_STYLES
 from workers.survey.machine import SurveyedMachine
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
@@ -75,7 +76,7 @@ class Map:
         self._scales = glyphs.scales(self._values, self._fine, **_ink_of_bar(theme))
         self._log, self._fits = False, True
         self._lines: dict[str, tuple[ColumnDataSource, list[Any]]] = {}
-        for name in (*STYLES, CRISIS, LIMIT):
+        for name in (*STYLES, *OWN_STYLES):
             source = glyphs.source_of(glyphs.LINE)
             self._lines[name] = source, glyphs.line(source, name)
         self._points, self._cross = glyphs.source_of(glyphs.POINT), glyphs.source_of(("x", "y"))

@@ -1,6 +1,4 @@
-"""The lines over a map and their key: bifurcation curves, codimension-two points, and the crisis, which takes long and
-is kept. Each line is found by a task of its own, and the key tells what is missing.
-"""
+"""The lines over a map and their key. Each line is found by a task of its own, and the key tells what is missing."""
 
 from __future__ import annotations
 
@@ -12,29 +10,24 @@ from typing import Any
 
 import numpy as np
 import panel as pn
-from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 
 from rattle import RattleError
-from rattle.crisis import crisis_curve
 from rattle.models import AnyModel
 from rattle.plot.plane import polyline
 from rattle.populations.plan import MOST_SHARE
-from service.errors import UnavailableError
-from service.explorer.common.address import CRISIS, LIMIT, OVERLAYS, POINTS, SHARE, Pair, Ranges
+from service.explorer.common.address import OVERLAYS, Pair, Ranges
 from service.explorer.common.glyphs import style_of
 from service.explorer.common.lists import Key
 from service.explorer.common.viewer import Viewer
 from service.explorer.common.watch import Watch
-from service.explorer.design.limits import DesignLimits
 from service.explorer.map.colouring import Shade
 from service.explorer.map.figure import Map
 from service.kernels import Part
-from service.state import Front
+from service.operations.overlaid import Overlaid, limit_band, limit_line
+from workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
 from workers.survey.axes import Window
 from workers.survey.curves import LOWEST_DELTA, Missing, traced
 
-CRISIS_RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
-KEPT_CRISES = 16
 MEANINGS = {
     CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",
     LIMIT: "design limit: up to there, and at every smaller eccentricity, a gear set going at any phase and natural "
@@ -52,8 +45,7 @@ class Lines:
 
     def __init__(
         self,
-        crises: Crises,
-        limits: DesignLimits,
+        overlaid: Overlaid,
         viewer: Viewer,
         canvas: Map,
         chosen: Sequence[str],
@@ -62,7 +54,7 @@ class Lines:
         on_share: Callable[[float], None],
         sheet: str,
     ) -> None:
-        self._crises, self._limits, self._viewer, self._map = crises, limits, viewer, canvas
+        self._overlaid, self._viewer, self._map = overlaid, viewer, canvas
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._entries: list[dict[str, Any]] = []
         self.key = Key(overlays=self._entries, chosen=list(chosen), margin=0, sizing_mode="stretch_width")
@@ -81,7 +73,7 @@ class Lines:
     @property
     def share(self) -> float:
         """The least P(quiet) of the design limit."""
-        return float(self._share.value or SHARE)
+        return float(self._share.value or USUAL_SHARE)
 
     @property
     def chosen(self) -> tuple[str, ...]:
@@ -139,7 +131,7 @@ class Lines:
         if name == CRISIS:
             self._note(name, "is being computed …")
             try:
-                pieces, missing = [await self._crises.of(model)], ""
+                pieces, missing = [await self._overlaid.crises.of(model)], ""
             except RattleError as error:
                 pieces, missing = [], str(error)
         else:
@@ -151,17 +143,15 @@ class Lines:
         missing = ""
         self._note(LIMIT, "is being computed …")
         try:
-            async for delta, limits in self._limits.along(model, self._span, self.share):
+            async for delta, limits in self._overlaid.limits.along(model, self._span, self.share):
                 self._viewer.change(partial(self._show_limit, delta, limits))
         except RattleError as error:
             missing = str(error)
         self._note(LIMIT, "", missing)
 
     def _show_limit(self, delta: np.ndarray, limits: np.ndarray) -> None:
-        value, low, high = limits
-        self._map.line(LIMIT, split(np.column_stack([np.where(np.isnan(value), np.nan, delta), value])))
-        sure = np.isfinite(low) & np.isfinite(high)
-        self._map.band(delta[sure], low[sure], high[sure])
+        self._map.line(LIMIT, split(limit_line(delta, limits)))
+        self._map.band(*limit_band(delta, limits))
 
     def _note(self, name: str, note: str, missing: str = "") -> None:
         entries = [
@@ -234,42 +224,3 @@ def points_of(model: AnyModel) -> list[tuple[str, float, float]]:
 def _points(model: AnyModel) -> Sequence[Any]:
     with np.errstate(all="ignore"):
         return model.codimension_two()
-
-
-def _crisis(beta: float) -> np.ndarray:
-    """Points (k, 2) of the crisis; in a process of its own, because it takes half a minute of Python."""
-    curve = crisis_curve(beta=beta, resolution=CRISIS_RESOLUTION)
-    return np.column_stack([curve.delta, curve.epsilon])
-
-
-class Crises:
-    """The crisis curves of the half-backlashes that were asked for, each computed once for all pages."""
-
-    def __init__(self, front: Front) -> None:
-        self._front = front
-        self._found: dict[float, asyncio.Task[np.ndarray]] = {}
-        self._limiter = CapacityLimiter(1)
-
-    async def of(self, model: AnyModel) -> np.ndarray:
-        """Points (k, 2) of the curve. Raises RattleError where there is none, or it cannot be followed."""
-        if not model.has_crisis:
-            raise RattleError("The boundary crisis is followed in the impacting model only.")
-        beta = model.beta
-        if beta not in self._found:
-            while len(self._found) >= KEPT_CRISES:
-                self._found.pop(next(iter(self._found)))
-            self._found[beta] = asyncio.get_running_loop().create_task(self._compute(beta))
-        task = self._found[beta]
-        try:
-            return await asyncio.shield(task)
-        except UnavailableError:
-            self._found.pop(beta, None)
-            raise
-
-    async def _compute(self, beta: float) -> np.ndarray:
-        try:
-            with self._front.interruptible():
-                work = partial(_crisis, beta)
-                return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
-        except BrokenWorkerProcess as error:
-            raise UnavailableError("The process that followed the crisis has died. Switch it off and on.") from error

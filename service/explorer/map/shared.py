@@ -10,10 +10,9 @@ from rattle.models import Model
 from service.database.tables import JobRow, State
 from service.explorer.common.address import View
 from service.explorer.common.news import News
-from service.explorer.design.limits import DesignLimits
 from service.explorer.map.colouring import Colouring, colouring
-from service.explorer.map.overlays import Crises
 from service.explorer.map.planes import Atlas, Block, Plane, Room
+from service.operations.overlaid import Overlaid
 from service.state import Front
 from workers import SurveyRequest, map_quantity
 from workers.cluster.window import CLOSED_FORM
@@ -52,8 +51,7 @@ class Shared:
     front: Front
     news: News
     atlas: Atlas
-    crises: Crises
-    limits: DesignLimits
+    overlaid: Overlaid
     exact: WithoutSurvey
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[Plane, bool, Block, Colouring]:

@@ -14,7 +14,7 @@ import panel as pn
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
-from service.explorer.common.address import LIMIT, Entered, Pair, Pin, Ranges, View, numbered
+from service.explorer.common.address import Entered, Pair, Pin, Ranges, View, numbered
 from service.explorer.common.drawings import PAUSE
 from service.explorer.common.heading import Heading
 from service.explorer.common.news import Standing
@@ -29,12 +29,14 @@ from service.explorer.map.controls import Controls, Uses
 from service.explorer.map.cursor import Cursor, History
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
+from service.explorer.map.picture import AsSeen
 from service.explorer.map.planes import SIDE, Block, Plane, box_of, maps_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared, in_closed_form
 from service.explorer.point.panel import Above
 from service.explorer.point.state import marks_of, stands_for
 from workers import SurveyRequest
+from workers.pictures.look import LIMIT
 from workers.survey.machine import SurveyedMachine
 
 #: What does not stay when another survey is chosen.
@@ -66,12 +68,13 @@ class MapView:
         self._drawing: asyncio.Task[None] | None = None
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
+        self._told: AsSeen | None = None
         self.map = Map(theme, self.open_point, self.through, self._hover, self.moved, self.reset)
         for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
             self.map.figure.on_change(size, self._on_size)
-        self._closer = Closer(viewer, self.map, self._say_zoom, self._count)
+        self._closer = Closer(shared.overlaid.windows, viewer, self.map, self._say_zoom, self._count)
         heard = self._on_lines, self._on_share
-        self._lines = Lines(shared.crises, shared.limits, viewer, self.map, view.overlays, view.share, *heard, sheet)
+        self._lines = Lines(shared.overlaid, viewer, self.map, view.overlays, view.share, *heard, sheet)
         self._history = History()
         self._lines.tell(self.model, self.window[0])
         words: dict[str, Callable[[Pair], None]] = {
@@ -112,6 +115,15 @@ class MapView:
     def machine(self) -> SurveyedMachine | None:
         """The machine of the survey that is chosen, if it is of one."""
         return self._request.machine if self._request else None
+
+    @property
+    def seen(self) -> AsSeen | None:
+        """What is drawn beside what the view tells; None if nothing is."""
+        colours = self._colours
+        if colours is None:
+            return None
+        limits = None if colours.categorical else (colours.low, colours.high)
+        return AsSeen(limits, colours.log, self.map.pixels if self._zoomed else None)
 
     @property
     def window(self) -> Ranges:
@@ -203,6 +215,7 @@ class MapView:
             self._viewer.start(self._draw_exact())
 
     def _on_size(self, _attribute: str, _old: object, _new: object) -> None:
+        self._tell_seen()
         self._redraw()
 
     async def _keep_drawing(self) -> None:
@@ -279,6 +292,13 @@ class MapView:
             self._refine()
         else:
             self._count()
+        self._tell_seen()
+
+    def _tell_seen(self) -> None:
+        """The links to pictures are of what is seen."""
+        if self.seen != self._told:
+            self._told = self.seen
+            self._remember(self.view)
 
     def _on_variable(self) -> None:
         self._change(variable=self._controls.variable, index=0, limits="auto")

@@ -24,6 +24,7 @@ from service.explorer.page.assets_route import Assets
 from service.explorer.page.head import COOKIE, SCHEME, Schemes, body_of, following, head_of, is_known
 from service.jobs.manager import STARTING
 from service.observability.logs import adopt_handlers
+from service.operations.overlaid import Overlaid
 from service.settings import Settings
 from service.state import Front
 
@@ -60,6 +61,7 @@ class Explorer:
         self._settings = settings
         self._front: Front | None = None
         self._news: News | None = None
+        self._overlaid: Overlaid | None = None
         self._loading: asyncio.Future[Transport] | None = None
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
@@ -74,9 +76,9 @@ class Explorer:
         ]
 
     @asynccontextmanager
-    async def running(self, front: Front) -> AsyncIterator[None]:
+    async def running(self, front: Front, overlaid: Overlaid) -> AsyncIterator[None]:
         """Tell the pages what happens, and forget those that were closed, for as long as the application runs."""
-        self._front = front
+        self._front, self._overlaid = front, overlaid
         sweeper = asyncio.create_task(self._sweep())
         self._news = News(front)
         try:
@@ -109,8 +111,6 @@ class Explorer:
     def _build(self) -> Transport:
         from bokeh.settings import settings
 
-        from service.explorer.design.limits import DesignLimits
-        from service.explorer.map.overlays import Crises
         from service.explorer.map.planes import Atlas
         from service.explorer.map.shared import Shared
         from service.explorer.page.page import open_page
@@ -118,9 +118,10 @@ class Explorer:
 
         assert self._front is not None
         assert self._news is not None
+        assert self._overlaid is not None
         settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
         front = self._front
-        shared = Shared(front, self._news, Atlas(front), Crises(front), DesignLimits(front), Exact())
+        shared = Shared(front, self._news, Atlas(front), self._overlaid, Exact())
         found = _transport_of(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
         adopt_handlers()  # Panel's

@@ -114,7 +114,7 @@ class Page:
     async def _take(self, standings: Sequence[Standing]) -> None:
         await self._viewer.read(lambda: None)  # whether the key still holds
         caller = self._viewer.caller
-        rows = [row_of(each, self._map.view, caller.owns(each.job)) for each in standings]
+        rows = [row_of(each, self._map.view, caller.owns(each.job), self._map.seen) for each in standings]
 
         def show() -> None:
             self._standings = {each.job.id: each for each in standings}
@@ -139,7 +139,7 @@ class Page:
         self._follow()
         if self._standings:
             owns = self._viewer.caller.owns
-            self._list.rows = [row_of(each, view, owns(each.job)) for each in self._standings.values()]
+            self._list.rows = [row_of(each, view, owns(each.job), self._map.seen) for each in self._standings.values()]
 
     def _follow(self) -> None:
         """What belongs to the map is of the same survey."""

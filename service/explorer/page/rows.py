@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
-from urllib.parse import urlencode
 
 from service.explorer.common.address import View
 from service.explorer.common.news import Standing
 from service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
+from service.explorer.map.picture import AsSeen, picture_query, thirds
 from workers import SurveyRequest
-from workers.pictures.look import LARGEST, LINES
+from workers.pictures.look import LARGEST
 from workers.survey.families import FAMILY
-from workers.survey.values.schema import FIXED
 
 STORED = {LARGEST: FAMILY}  # what a map is read from that is no variable of the store
 
 
-def row_of(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
-    """A survey as the list shows it in this view."""
+def row_of(standing: Standing, view: View, owned: bool, seen: AsSeen | None = None) -> dict[str, Any]:
+    """A survey as the list shows it in this view; seen: of the map that is drawn."""
     job = standing.job
     state, message = job.shown
     submitted = ["submitted", job.created[:16].replace("T", " ") + " UTC"]
@@ -39,24 +37,9 @@ def row_of(standing: Standing, view: View, owned: bool) -> dict[str, Any]:
         "mine": owned,
         "facts": [*facts, submitted],
         "variable": STORED.get(view.variable, view.variable) if chosen else "",
-        "picture": picture_query(job.request, view) if chosen else "",
-        "slice": [next(_thirds(job.request), ""), view.slice] if chosen else ["", 0],
+        "picture": picture_query(job.request, view, seen) if chosen else "",
+        "slice": [next(thirds(job.request), ""), view.slice] if chosen else ["", 0],
     }
-
-
-def picture_query(request: dict[str, Any], view: View) -> str:
-    """What map.png, map.svg and map.pdf are asked for to be the view as it is seen, of lines those that they have."""
-    asked: dict[str, Any] = {"variable": view.variable, "index": view.index or None}
-    asked["slice"] = view.slice if any(_thirds(request)) else None
-    for name, window in {"delta": view.delta, "epsilon": view.epsilon}.items():
-        asked |= {f"{name}_min": window[0], f"{name}_max": window[1]} if window else {}
-    if isinstance(view.limits, tuple):
-        asked |= {"low": view.limits[0], "high": view.limits[1]}
-    else:
-        asked["span"] = view.limits
-    asked["log"] = "true" if view.log else None
-    asked |= {"lines": ",".join(name for name in view.overlays if name in LINES), "caption": "true"}
-    return urlencode({name: value for name, value in asked.items() if value is not None})
 
 
 def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
@@ -71,13 +54,8 @@ def _asked(request: dict[str, Any]) -> tuple[str, list[list[str]]]:
         ["computes", ", ".join(request["quantities"])],
         ["sample", f"{request['initial_conditions']['count']} initial conditions"],
     ]
-    slices = [request[name]["num"] for name in _thirds(request)]
+    slices = [request[name]["num"] for name in thirds(request)]
     return " × ".join(map(str, (delta["num"], epsilon["num"], *slices))), facts
-
-
-def _thirds(request: dict[str, Any]) -> Iterator[str]:
-    """The name of the third axis, if there is one."""
-    return (name for name in FIXED if isinstance(request.get(name), dict))
 
 
 def _values(given: Any) -> str:

@@ -19,11 +19,11 @@ from rattle.models import AnyGear, Impacting, Stiff
 from service.app import create_app
 from service.errors import UnavailableError
 from service.explorer.design import limits, rattling, tolerance
-from service.explorer.design.limits import DesignLimits, coarse_first
 from service.explorer.design.tolerance import RADIUS, Tolerance
 from service.explorer.point import loudness, parts
 from service.explorer.point.panel import PointPanel
 from service.explorer.point.view import PointView
+from service.operations.design_limits import DesignLimits, coarse_first
 from service.settings import Settings
 from service.state import Front
 

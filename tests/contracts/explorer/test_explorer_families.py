@@ -17,8 +17,8 @@ from service.explorer.families.told import longest
 from service.explorer.families.view import Families
 from service.explorer.further.difference import Difference
 from service.explorer.map.colouring import colouring
+from service.explorer.map.picture import picture_query
 from service.explorer.map.view import MapView
-from service.explorer.page.rows import picture_query
 from service.state import Front
 from workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
 from workers.pictures.look import LARGEST, SHARE

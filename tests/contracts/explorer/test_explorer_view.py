@@ -19,10 +19,8 @@ from service.database.tables import JobRow, State
 from service.explorer.common.address import Pair, View
 from service.explorer.common.news import News, Standing
 from service.explorer.common.viewer import Viewer
-from service.explorer.design.limits import DesignLimits
 from service.explorer.map import view as map_view
-from service.explorer.map.deep_zoom import block_of
-from service.explorer.map.overlays import Crises
+from service.explorer.map.closer import block_of
 from service.explorer.map.planes import Atlas
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
@@ -61,7 +59,7 @@ def with_map(data: Path, body: Callable[[Front, MapView], Awaitable[None]], **vi
         app = create_app(Settings(data=data, preload=False), no_cluster)
         async with app.router.lifespan_context(app):
             front: Front = app.state.front
-            shared = Shared(front, News(front), Atlas(front), Crises(front), DesignLimits(front), Exact())
+            shared = Shared(front, News(front), Atlas(front), app.state.overlaid, Exact())
             viewer = Here(front, Caller(), Document())
             shown = MapView(shared, viewer, View(overlays=(), **view), "light", "", lambda _: None, lambda: None)
             viewer.document.add_root(shown.map.figure)

@@ -1,14 +1,18 @@
 """map.png, map.svg and map.pdf: a map as it is looked at, and the page's links to it."""
 
+import asyncio
 import warnings
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
+from dataclasses import replace
 from io import BytesIO
+from typing import Any
 from urllib.parse import parse_qs
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import xarray as xr
+from fastapi import Request
 from fastapi.testclient import TestClient
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
@@ -17,10 +21,12 @@ from service_support import assert_problem, compute, front_end, front_of
 
 import rattle
 from service.explorer.common.address import View
-from service.explorer.page.rows import picture_query
-from workers import SurveyRequest, open_survey
-from workers.pictures.look import Look
-from workers.pictures.maps import draw_map
+from service.explorer.map.picture import AsSeen, picture_query
+from service.routes import picture
+from workers import SurveyError, SurveyRequest, open_survey
+from workers.pictures import maps
+from workers.pictures.look import OWN_STYLES, SHARE, Finer, Look, Over
+from workers.pictures.maps import draw_map, map_picture
 from workers.pictures.overlay import draw_curves
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -131,6 +137,10 @@ def test_a_drawing_says_what_it_is(client: TestClient, survey_id: str) -> None:
         ({"epsilon_min": 0.1, "epsilon_max": 0.1 + 1e-15}, "query.epsilon_min"),
         ({"low": 3, "high": 2}, "query.low"),
         ({"lines": "SN1,SN9"}, "query.lines"),
+        ({"pixels_delta": 300}, "query.pixels_epsilon"),
+        ({"pixels_delta": 4096, "pixels_epsilon": 4096}, "query.pixels_delta"),
+        ({"lines": "design_limit", "share": 1}, "query.share"),
+        ({"family": -1}, "query.family"),
         ({"low": 1e-200, "high": 1, "log": "true"}, "query.low"),
         ({"span": "wide"}, "query.span"),
         ({"delta_min": "nan", "delta_max": 1}, "query.delta_min"),
@@ -168,7 +178,122 @@ def test_the_page_asks_for_the_view_as_it_is_seen(client: TestClient, survey_id:
     assert {name: value for name, (value,) in parse_qs(query).items()} == {
         **{name: str(value) for name, value in WINDOW.items()},
         **{"variable": "orbit_velocity", "index": "2", "low": "0.5", "high": "4.0", "log": "true"},
-        **{"lines": "SN1,points", "caption": "true"},
+        **{"lines": "SN1,crisis,points", "caption": "true"},
     }
+    seen = AsSeen((0.25, 8.0), False, (500, 400))
+    asked = {name: value for name, (value,) in parse_qs(picture_query(ASKED, replace(view, family=2), seen)).items()}
+    assert (asked["low"], asked["high"], asked.get("log")) == ("0.25", "8.0", None)
+    assert (asked["pixels_delta"], asked["pixels_epsilon"], asked["family"]) == ("500", "400", "2")
+    codes = parse_qs(picture_query(ASKED, replace(view, overlays=("design_limit",)), AsSeen(None, False, None)))
+    assert codes["share"] == ["0.9"]
+    assert not {"low", "high", "span", "pixels_delta"}.intersection(codes)
+    query = picture_query(ASKED, replace(view, overlays=("SN1", "points")))
     assert client.get(f"/v1/surveys/{survey_id}/map.svg?{query}").status_code == 200
     assert parse_qs(picture_query(ASKED, View(survey_id, "region", limits="robust")))["span"] == ["robust"]
+
+
+def test_what_was_found_beforehand_is_drawn(survey: xr.Dataset) -> None:
+    crisis = np.array([[0.55, 0.1], [0.6, 0.12], [np.nan, np.nan], [0.7, 0.15], [0.75, 0.16]])
+    limit = np.array([[0.5, 0.03], [0.8, 0.05]])
+    band = np.array([0.5, 0.8]), np.array([0.02, 0.04]), np.array([0.04, 0.06])
+    axes = Figure().add_subplot()
+    names = ("crisis", "design_limit")
+    drawn = draw_curves(axes, survey, names, Over({"crisis": crisis, "design_limit": limit}, band))
+    assert [each.shape for each in drawn] == [(5, 2), (2, 2)]
+    for line, name, points in zip(axes.lines, names, (crisis, limit), strict=True):
+        np.testing.assert_array_equal(np.column_stack(line.get_data()), points)
+        assert (line.get_color(), line.get_label()) == (OWN_STYLES[name][0], name.replace("_", " "))
+    (area,) = axes.collections
+    assert area.get_datalim(axes.transData).extents == pytest.approx((0.5, 0.02, 0.8, 0.06))
+    assert draw_curves(Figure().add_subplot(), survey, (), Over({"crisis": crisis})) == []
+
+
+def test_finer_cells_have_the_colours_of_the_map_and_of_codes_those_that_only_they_have(survey: xr.Dataset) -> None:
+    delta, epsilon = np.linspace(0.61, 0.69, 40), np.linspace(0.05, 0.09, 30)
+    exact = rattle.regions(delta, epsilon[:, None]).astype(float)
+    exact[0, 0] = survey["region"].values.max() + 1
+    figure = Figure()
+    axes = figure.add_subplot()
+    draw_map(axes, survey, survey["region"], look=LOOK, finer=Finer(delta, epsilon, exact))
+    *_, coarse, fine = (each for each in axes.collections if each.get_array() is not None)
+    np.testing.assert_array_equal(fine.get_array(), exact)
+    assert fine.norm is coarse.norm
+    assert fine.norm.vmin < exact[0, 0] < fine.norm.vmax
+    assert (axes.get_xlim(), axes.get_ylim()) == (LOOK.delta, LOOK.epsilon)
+
+
+@pytest.mark.parametrize("family", [0, 1])
+def test_cells_without_the_family_that_is_chosen_are_dimmed(
+    survey: xr.Dataset, family: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    share = np.zeros((2, *survey["region"].shape), np.float32)
+    share[0, 2:4, 1], share[1, -1, -1] = 0.5, 1e-3
+    shared = survey.assign({SHARE: (("family", "epsilon", "delta"), share)})
+    covered: list[np.ndarray] = []
+    cells = maps._cells
+
+    def seen(axes: Any, at: Any, values: np.ndarray, *rest: Any) -> Any:
+        if isinstance(at, Finer):
+            covered.append(values)
+        return cells(axes, at, values, *rest)
+
+    monkeypatch.setattr(maps, "_cells", seen)
+    assert map_picture(shared, "region", look=Look(family=family)) != map_picture(shared, "region")
+    np.testing.assert_array_equal(np.isnan(covered[0]), share[family] > 0)
+    monkeypatch.setattr(maps, "ROOM", (5, 4))  # of cells that become one
+    map_picture(shared, "region", look=Look(family=family))
+    assert covered[1].size < covered[0].size
+    assert np.isnan(covered[1]).any()
+    with pytest.raises(SurveyError, match="from 0 to 1"):
+        map_picture(shared, "region", look=Look(family=2))
+
+
+def test_lines_that_take_long_are_found_once_and_given_up_with_whoever_asked(
+    client: TestClient, survey_id: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    overlaid = client.app.state.overlaid
+    asked: list[Any] = []
+
+    async def crisis(model: Any) -> np.ndarray:
+        asked.append(model)
+        if model.has_crisis:
+            return np.array([[0.5, 0.1], [0.8, 0.12]])
+        raise rattle.RattleError("there is none")
+
+    async def along(*given: Any) -> AsyncIterator[Any]:
+        asked.append(given)
+        yield np.array([0.5, 0.8]), np.array([[0.04, np.nan], [0.03, np.nan], [0.05, np.nan]])
+
+    monkeypatch.setattr(overlaid.crises, "of", crisis)
+    monkeypatch.setattr(overlaid.limits, "along", along)
+    here = f"/v1/surveys/{survey_id}/map.svg"
+    answers = [
+        client.get(here, params={"lines": lines, "share": 0.75})
+        for lines in ("", "crisis", "design_limit", "crisis,design_limit")
+    ]
+    assert [each.status_code for each in answers] == [200] * 4
+    assert len({each.content for each in answers}) == 4
+    for name, told in (("crisis", (False, True, False, True)), ("design_limit", (False, False, True, True))):
+        colour = OWN_STYLES[name][0]
+        assert tuple(f"stroke: {colour}" in each.text for each in answers) == told
+    assert asked[1] == (rattle.models.Impacting(), (0.5, 0.8), 0.75)
+    left = asyncio.Event()
+
+    async def for_ever(_model: Any) -> np.ndarray:
+        try:
+            await asyncio.Event().wait()
+        finally:
+            left.set()
+        raise AssertionError
+
+    monkeypatch.setattr(overlaid.crises, "of", for_ever)
+    monkeypatch.setattr(picture, "LOOK_SECONDS", 0.01)
+    monkeypatch.setattr(Request, "is_disconnected", gone)
+    answer = client.get(here, params={"lines": "crisis"})
+    assert_problem(answer, 503, "has left")
+    assert left.is_set()
+
+
+async def gone(_request: Request) -> bool:
+    """As if whoever asked were no longer there."""
+    return True

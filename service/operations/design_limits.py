@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from rattle import Limit, design_limit
 from rattle.models import AnyModel
-from service.explorer.common.address import Pair
 from service.kernels import Part
 from service.operations.turns import in_turn
 from service.state import Front
+from workers.pictures.look import Pair
 
 VALUES = 17  # of δ, across a survey
 COUNT = 512

@@ -1,29 +1,84 @@
-"""Deep zoom: a window that shows more than the survey has, computed afresh on the workers of the service, finer block
-by block, while the viewer stays there and no longer.
+"""A window that shows more than its survey has, computed afresh on the workers of the service, finer block by block.
+The newest are kept for who takes a picture of them.
 """
 
 from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import AsyncGenerator, Callable
+from collections import OrderedDict
+from collections.abc import AsyncGenerator
 from contextlib import aclosing, closing, suppress
 from functools import partial
 
 import numpy as np
 
-from rattle import RattleError
 from service.errors import UnavailableError
-from service.explorer.common.address import Ranges
-from service.explorer.common.viewer import Viewer
-from service.explorer.map.planes import Block, Plane, box_of
 from service.jobs.manager import STARTING
 from service.state import Front
 from workers import Frame, SurveyRequest, Window, map_quantity, refined, window_survey
+from workers.pictures.look import Pair
 
 LOOK_SECONDS = 0.2
 LEAST_DELTA = 1e-3  # of the upper end, where the window reaches to no damping at all
 COARSEST = 3.0  # pixels of a cell of the survey, beyond which it is computed finer
+KEPT, KEPT_CELLS = 8, 4_000_000  # windows, and cells of them all
+
+Key = tuple[str, str, int, Window, tuple[int, int]]
+
+
+def inside(delta: Pair, epsilon: Pair) -> Window:
+    """That part of a window which is in the plane."""
+    return Window((max(delta[0], LEAST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), epsilon[1]))
+
+
+def is_coarse(delta: np.ndarray, epsilon: np.ndarray, window: tuple[Pair, Pair], pixels: tuple[int, int]) -> bool:
+    """Whether cells of a survey are large on the screen, or the window shows more than the survey."""
+    for axis, (low, high), size in zip((delta, epsilon), window, pixels, strict=True):
+        step = (axis[-1] - axis[0]) / (axis.size - 1)
+        if step / (high - low) * size > COARSEST:
+            return True
+    return False
+
+
+class Windows:
+    """The windows of a service that are computed, of all pages."""
+
+    def __init__(self, front: Front) -> None:
+        self._front = front
+        self._kept: OrderedDict[Key, Frame] = OrderedDict()
+
+    async def frames(
+        self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
+    ) -> AsyncGenerator[Frame, None]:
+        """The frames of `refine`, the last of which is kept."""
+        async with aclosing(refine(self._front, request, variable, index, window, pixels)) as frames:
+            async for frame in frames:
+                if frame.done >= 1:
+                    self._keep(self._key(request, variable, index, window, pixels), frame)
+                yield frame
+
+    async def finest(
+        self, request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]
+    ) -> Frame:
+        """The last of these frames, the same whether it is kept or computed. Raises as `refine`."""
+        found = self._kept.get(self._key(request, variable, index, window, pixels))
+        if found is None:
+            async with aclosing(self.frames(request, variable, index, window, pixels)) as frames:
+                async for frame in frames:
+                    found = frame
+        assert found is not None  # there is a last one
+        return found
+
+    @staticmethod
+    def _key(request: SurveyRequest, variable: str, index: int, window: Window, pixels: tuple[int, int]) -> Key:
+        return request.model_dump_json(), variable, index, window, pixels
+
+    def _keep(self, key: Key, frame: Frame) -> None:
+        self._kept[key] = frame
+        self._kept.move_to_end(key)
+        while len(self._kept) > KEPT or sum(each.values.size for each in self._kept.values()) > KEPT_CELLS:
+            self._kept.popitem(last=False)
 
 
 async def refine(
@@ -101,50 +156,3 @@ class _Refinement:
     def _hand_over(self, found: Frame | Exception | None) -> None:
         with suppress(RuntimeError):  # the loop is closed: the service has ended
             self._loop.call_soon_threadsafe(self._found.put_nowait, found)
-
-
-class Zoom:
-    """The refinement of one page; `show` gets each frame in the event loop, `say` what goes on."""
-
-    def __init__(self, viewer: Viewer, show: Callable[[Block], None], say: Callable[[str], None]) -> None:
-        self._viewer, self._show, self._say = viewer, show, say
-        self._task: asyncio.Task[None] | None = None
-
-    def start(self, plane: Plane, variable: str, index: int, window: Ranges, pixels: tuple[int, int]) -> None:
-        """Refine this window; what was refined before is given up."""
-        self.stop()
-        self._task = self._viewer.start(self._refine(plane, variable, index, window, pixels))
-
-    def stop(self) -> None:
-        if self._task is not None:
-            self._task.cancel()
-            self._task = None
-
-    async def _refine(self, plane: Plane, variable: str, index: int, window: Ranges, pixels: tuple[int, int]) -> None:
-        delta, epsilon = window
-        inside = Window((max(delta[0], LEAST_DELTA * delta[1]), delta[1]), (max(epsilon[0], 0.0), epsilon[1]))
-        self._say("Computing this window …")
-        try:
-            frames = refine(self._viewer.front, plane.request, variable, index, inside, pixels)
-            async with aclosing(frames):
-                async for frame in frames:
-                    self._show(block_of(frame))
-                    self._say(f"Computing this window: {frame.done:.0%}" if frame.done < 1 else "")
-        except RattleError as error:
-            self._say(f"This window is not shown finer: {error}")
-
-
-def block_of(frame: Frame) -> Block:
-    """Cells of a window as those of a map; of complex values the modulus."""
-    values = (np.abs(frame.values) if np.iscomplexobj(frame.values) else frame.values).astype(np.float32)
-    status = np.ones(values.shape, np.int8)
-    return Block(frame.delta, frame.epsilon, values, status, box_of(frame.delta, frame.epsilon))
-
-
-def coarser(plane: Plane, window: Ranges, pixels: tuple[int, int]) -> bool:
-    """Whether cells of the survey are large on the screen, or the window shows more than the survey."""
-    for axis, (low, high), size in zip((plane.delta, plane.epsilon), window, pixels, strict=True):
-        step = (axis[-1] - axis[0]) / (axis.size - 1)
-        if step / (high - low) * size > COARSEST:
-            return True
-    return False

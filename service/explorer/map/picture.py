@@ -1,0 +1,56 @@
+"""What map.png, map.svg and map.pdf are asked for to be a map as it is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+from urllib.parse import urlencode
+
+from service.explorer.common.address import Pair, View
+from service.explorer.map.planes import Room
+from workers.pictures.look import LIMIT
+from workers.survey.values.schema import FIXED
+
+FORMS = ("png", "svg", "pdf")
+
+
+class AsSeen(NamedTuple):
+    """What a view leaves to the page: what colours span, None of codes, whether in the logarithm, and of a window the
+    pixels that it has.
+    """
+
+    limits: Pair | None
+    log: bool
+    pixels: Room | None
+
+
+def picture_query(request: dict[str, Any], view: View, seen: AsSeen | None = None) -> str:
+    """The query; seen: None where nothing is drawn yet."""
+    asked: dict[str, Any] = {"variable": view.variable, "index": view.index or None}
+    asked["slice"] = view.slice if any(thirds(request)) else None
+    for name, window in {"delta": view.delta, "epsilon": view.epsilon}.items():
+        asked |= {f"{name}_min": window[0], f"{name}_max": window[1]} if window else {}
+    limits = view.limits if seen is None else seen.limits
+    if isinstance(limits, tuple):
+        asked |= {"low": limits[0], "high": limits[1]}
+    else:
+        asked["span"] = limits
+    asked["log"] = "true" if (view.log if seen is None else seen.log) else None
+    asked |= {"lines": ",".join(view.overlays), "share": view.share if LIMIT in view.overlays else None}
+    asked["family"] = view.family
+    if seen is not None and seen.pixels is not None:
+        asked |= dict(zip(("pixels_delta", "pixels_epsilon"), seen.pixels, strict=True))
+    return urlencode({name: value for name, value in asked.items() if value is not None} | {"caption": "true"})
+
+
+def links(survey: str, variable: str, query: str) -> str:
+    """The pictures as links, in HTML; & of a query is escaped."""
+    here, query = f"/v1/surveys/{survey}/map", query.replace("&", "&amp;")
+    return " ".join(
+        f'<a href="{here}.{form}?{query}" download="{variable}.{form}">{form.upper()}</a>' for form in FORMS
+    )
+
+
+def thirds(request: dict[str, Any]) -> Iterator[str]:
+    """The name of the third axis of a request, if there is one."""
+    return (name for name in FIXED if isinstance(request.get(name), dict))

@@ -1,0 +1,57 @@
+"""The boundary crisis over a map: it takes long, and is kept."""
+
+from __future__ import annotations
+
+import asyncio
+from functools import partial
+
+import numpy as np
+from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
+
+from rattle import RattleError
+from rattle.crisis import crisis_curve
+from rattle.models import AnyModel
+from service.errors import UnavailableError
+from service.state import Front
+
+RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
+KEPT = 16
+
+
+def _crisis(beta: float) -> np.ndarray:
+    """Points (k, 2) of the crisis; in a process of its own, because it takes half a minute of Python."""
+    curve = crisis_curve(beta=beta, resolution=RESOLUTION)
+    return np.column_stack([curve.delta, curve.epsilon])
+
+
+class Crises:
+    """The crisis curves of the half-backlashes that were asked for, each computed once for all pages."""
+
+    def __init__(self, front: Front) -> None:
+        self._front = front
+        self._found: dict[float, asyncio.Task[np.ndarray]] = {}
+        self._limiter = CapacityLimiter(1)
+
+    async def of(self, model: AnyModel) -> np.ndarray:
+        """Points (k, 2) of the curve. Raises RattleError where there is none, or it cannot be followed."""
+        if not model.has_crisis:
+            raise RattleError("The boundary crisis is followed in the impacting model only.")
+        beta = model.beta
+        if beta not in self._found:
+            while len(self._found) >= KEPT:
+                self._found.pop(next(iter(self._found)))
+            self._found[beta] = asyncio.get_running_loop().create_task(self._compute(beta))
+        task = self._found[beta]
+        try:
+            return await asyncio.shield(task)
+        except UnavailableError:
+            self._found.pop(beta, None)
+            raise
+
+    async def _compute(self, beta: float) -> np.ndarray:
+        try:
+            with self._front.interruptible():
+                work = partial(_crisis, beta)
+                return await to_process.run_sync(work, cancellable=True, limiter=self._limiter)
+        except BrokenWorkerProcess as error:
+            raise UnavailableError("The process that followed the crisis has died. Switch it off and on.") from error
