@@ -9,7 +9,6 @@ import numpy as np
 from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 
 from rattle import RattleError
-from rattle.crisis import crisis_curve
 from rattle.models import AnyModel
 from service.errors import UnavailableError
 from service.state import Front
@@ -20,6 +19,8 @@ KEPT = 16
 
 def _crisis(beta: float) -> np.ndarray:
     """Points (k, 2) of the crisis; in a process of its own, because it takes half a minute of Python."""
+    from rattle.crisis import crisis_curve
+
     curve = crisis_curve(beta=beta, resolution=RESOLUTION)
     return np.column_stack([curve.delta, curve.epsilon])
 

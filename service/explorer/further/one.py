@@ -24,7 +24,7 @@ from service.explorer.further.surveys import request_of
 from service.explorer.map.closer import Closer
 from service.explorer.map.colouring import Colouring, Shade, colouring
 from service.explorer.map.figure import Map
-from service.explorer.map.overlays import WHOLE, pieces_of, points_of
+from service.explorer.map.overlays import WHOLE, pieces_of, points_in
 from service.explorer.map.picture import AsSeen, links, picture_query
 from service.explorer.map.planes import Block, Plane, names_of
 from service.explorer.map.readout import in_words
@@ -168,7 +168,7 @@ class FurtherMap:
             else:
                 plane = self._shared.plane(job, further.variable, further.index, further.slice)
             block = plane.block(room=self.map.pixels)
-            return plane, block, colouring(plane, block, "auto", False)
+            return plane, block, colouring(plane, block, "auto", False, self.map.pixels)
 
         try:
             plane, block, colours = await self._viewer.read(read)
@@ -227,7 +227,7 @@ class FurtherMap:
         further, colours = self._further, self._colours
         if further is None or colours is None or self._around is None or isinstance(plane, Difference):
             return ""
-        lines = tuple(name for name in first.overlays if name not in WHOLE or name == POINTS)
+        lines = tuple(name for name in first.overlays if name not in WHOLE)
         limits = None if colours.categorical else (colours.low, colours.high)
         seen = AsSeen(limits, colours.log, self.map.pixels if first.delta and first.epsilon else None)
         request = self._around.jobs[further.survey].request
@@ -245,7 +245,9 @@ class FurtherMap:
             if name in model.curve_names and name not in WHOLE:
                 pieces, _ = await self._viewer.read(partial(pieces_of, name, model, *window))
                 self._viewer.change(partial(self.map.line, name, pieces))
-        points = await self._viewer.read(partial(points_of, model)) if POINTS in names and model.has_corners else []
+        points = (
+            await self._viewer.read(partial(points_in, model, window)) if POINTS in names and model.has_corners else []
+        )
         self._viewer.change(partial(self.map.points, points))
 
     def point_at(self, at: Pair) -> None:

@@ -9,15 +9,15 @@ import numpy as np
 from matplotlib.colors import to_hex
 
 from service.explorer.common.address import Limits, Pair, Ranges
-from service.explorer.map.planes import Block, Plane, Room
+from service.explorer.map.planes import UNSEEN, Block, Plane, Room
 from workers.pictures.figure import region_places, widest_of
 from workers.pictures.largest import OTHERS
 from workers.pictures.look import LARGEST, limits_of, positive
 from workers.pictures.maps import WITHOUT_VALUE, ZERO, colours_of_codes, scale_of, title_of, valueless_layers
 
 SHADES = 256
-#: Families have a name on the map where they are so wide, and no other name is so near: shares of the map.
-WIDE, TALL, LONG = 0.02, 0.05, 0.24
+#: Families have a name on the map where they are so wide, a share of it, and no other name is so near: pixels.
+WIDE, NAME = 0.02, (130, 24)
 
 
 @dataclass(frozen=True)
@@ -81,8 +81,8 @@ def window_shown(plane: Plane, window: Ranges, room: Room) -> tuple[np.ndarray, 
     return values_shown(plane, block), block.box
 
 
-def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> Colouring:
-    """The colours of a map, of which this is drawn. Blocks: for a thread."""
+def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool, room: Room = UNSEEN) -> Colouring:
+    """The colours of a map, of which this is drawn in so much room. Blocks: for a thread."""
     values, variable = block.values, str(plane.plane.name)
     layers = layers_of(plane, block)
     reasons = np.zeros(values.shape, np.uint8)
@@ -113,7 +113,7 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> C
         )
         return Colouring(
             title_of(plane.plane), colours, every[0] - 0.5, every[-1] + 0.5, False, True, named + shades, reasons,
-            reason_colours, names=_names(variable, block, dict(zip(codes, labels, strict=True))),
+            reason_colours, names=_names(variable, block, dict(zip(codes, labels, strict=True)), room),
         )  # fmt: skip
     low, high, note = limits_of(shown, (float(norm.vmin or 0.0), float(norm.vmax or 0.0)), limits)
     if log:
@@ -132,7 +132,7 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool) -> C
     )  # fmt: skip
 
 
-def _names(variable: str, block: Block, labels: Mapping[float, str]) -> dict[str, Pair]:
+def _names(variable: str, block: Block, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
     """What is written on a map, and where: the names of regions, and of families on their largest pieces."""
     if variable == "region":
         return region_places(block.values, block.delta, block.epsilon)
@@ -142,12 +142,15 @@ def _names(variable: str, block: Block, labels: Mapping[float, str]) -> dict[str
     least = max(WIDE * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]
     named = {int(code): _short(labels[code]) for code in large}
+    long, tall = (pixels / max(size, 1) for pixels, size in zip(NAME, room, strict=True))  # shares of the map
     places: dict[str, Pair] = {}
     taken: list[Pair] = []
     for code, (i, j, wide) in sorted(widest_of(block.values, named).items(), key=lambda each: -each[1][2]):
-        inside = int(np.clip(j, LONG / 2 * columns, (1 - LONG / 2) * columns - 1))  # where no letter is cut off
+        inside = int(
+            np.clip(j, long / 2 * columns, max(1 - long / 2, long / 2) * columns - 1)
+        )  # where no letter is cut off
         at = i / rows, inside / columns
-        is_free = all(abs(at[0] - y) > TALL or abs(at[1] - x) > LONG for y, x in taken)
+        is_free = all(abs(at[0] - y) > tall or abs(at[1] - x) > long for y, x in taken)
         if wide >= least and is_free and block.values[i, inside] == code:
             taken.append(at)
             places[named[code]] = float(block.delta[inside]), float(block.epsilon[i])

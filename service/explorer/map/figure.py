@@ -22,14 +22,13 @@ from service.explorer.common.address import Pair, Ranges
 from service.explorer.common.theme import INK
 from service.explorer.design import axes
 from service.explorer.map.colouring import Colouring
-from service.explorer.map.planes import Block
+from service.explorer.map.planes import UNSEEN, Block
 from workers.pictures.look import LIMIT, OWN_STYLES
 from workers.survey.machine import SurveyedMachine
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 #: Where the name of a point is: those that lie close together are named on different sides.
 BESIDE = {"COD21": ("right", -9, -10), "COD22": ("left", 9, -10), "COD23": ("right", -9, 14)}
-UNSEEN = (700, 550)
 POINTER_MS, WINDOW_MS = 50, 200
 BAR_ROOM = 100  # pixels of the colour bar and its numbers, which Bokeh measures once and not when they change
 LARGEST_ZOOM = 5000.0  # beyond, a browser does not place the enlarged cells well

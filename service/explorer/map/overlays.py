@@ -35,7 +35,7 @@ MEANINGS = {
     POINTS: "codimension-two points, where curves meet",
 }
 LABELS = {"quiet_limit": "quiet limit", LIMIT: "design limit", POINTS: "COD20–23"}
-WHOLE = frozenset({CRISIS, LIMIT, POINTS})  # lines that no window changes
+WHOLE = frozenset({CRISIS, LIMIT})  # lines that no window changes
 
 
 class Lines:
@@ -122,7 +122,7 @@ class Lines:
     async def _line(self, name: str, model: AnyModel, window: Ranges) -> None:
         await self._viewer.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
         if name == POINTS:
-            points = await self._viewer.read(lambda: points_of(model))
+            points = await self._viewer.read(lambda: points_in(model, window))
             self._viewer.change(lambda: self._map.points(points))
             return
         if name == LIMIT:
@@ -215,9 +215,14 @@ def split(line: np.ndarray) -> list[np.ndarray]:
     return [piece[~np.isnan(piece[:, 0])] for piece in np.split(line, gaps)]
 
 
-def points_of(model: AnyModel) -> list[tuple[str, float, float]]:
-    """The codimension-two points: name, δ, ε. For a thread."""
-    return [(point.name, point.delta, point.epsilon) for point in _points(model)]
+def points_in(model: AnyModel, window: Ranges) -> list[tuple[str, float, float]]:
+    """The codimension-two points in a window: name, δ, ε. For a thread. The name of another one would reach into it."""
+    (left, right), (bottom, top) = window
+    return [
+        (point.name, point.delta, point.epsilon)
+        for point in _points(model)
+        if left <= point.delta <= right and bottom <= point.epsilon <= top
+    ]
 
 
 @lru_cache(maxsize=64)

@@ -37,6 +37,7 @@ BAND = 1 << 20  # numbers that are read at a time
 SLICE_SECONDS = 1.0  # of reading, after which what is known is drawn
 Key = tuple[str, str, int, int]
 Room = tuple[int, int]  # pixels along (delta, epsilon)
+UNSEEN: Room = (700, 550)  # of a map whose browser has not said it
 
 
 @dataclass(frozen=True)

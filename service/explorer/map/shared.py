@@ -61,10 +61,10 @@ class Shared:
             plane = self.exact.beforehand(job, *key, lambda: self.atlas.plane(job, *key)[0])
             block = plane.block(room=room)
             note = WAITING if job.state == State.ACCEPTED else BEFOREHAND
-            return plane, True, block, replace(colouring(plane, block, view.limits, view.log), note=note)
+            return plane, True, block, replace(colouring(plane, block, view.limits, view.log, room), note=note)
         plane, is_whole = self.atlas.plane(job, *key)
         block = plane.block(room=room)
-        return plane, is_whole, block, colouring(plane, block, view.limits, view.log)
+        return plane, is_whole, block, colouring(plane, block, view.limits, view.log, room)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> Plane:
         """A map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""

@@ -36,7 +36,7 @@ from service.explorer.map.shared import Shared, in_closed_form
 from service.explorer.point.panel import Above
 from service.explorer.point.state import marks_of, stands_for
 from workers import SurveyRequest
-from workers.pictures.look import LIMIT
+from workers.pictures.look import LARGEST, LIMIT
 from workers.survey.machine import SurveyedMachine
 
 #: What does not stay when another survey is chosen.
@@ -256,7 +256,7 @@ class MapView:
         if job is None:
             return ()
         is_large = self._request is not None and max(self._request.shape) > SIDE
-        room = self.map.pixels if is_large else ()
+        room = self.map.pixels if is_large or view.variable == LARGEST else ()  # what is drawn depends on it
         return job.id, job.state, job.cells_done, view.variable, view.index, view.slice, view.limits, view.log, room
 
     def _show_nothing(self, why: str) -> None:

@@ -18,11 +18,12 @@ import rattle
 from rattle.models import AnyGear, Impacting, Stiff
 from service.app import create_app
 from service.errors import UnavailableError
-from service.explorer.design import limits, rattling, tolerance
+from service.explorer.design import rattling, tolerance
 from service.explorer.design.tolerance import RADIUS, Tolerance
 from service.explorer.point import loudness, parts
 from service.explorer.point.panel import PointPanel
 from service.explorer.point.view import PointView
+from service.operations import design_limits
 from service.operations.design_limits import DesignLimits, coarse_first
 from service.settings import Settings
 from service.state import Front
@@ -92,9 +93,9 @@ def test_a_design_limit_is_found_once_coarse_first(tmp_path: Path, monkeypatch: 
         return work(*arguments)
 
     async def body(front: Front) -> None:
-        monkeypatch.setattr(limits, "in_turn", here)
-        monkeypatch.setattr(limits, "COUNT", 64)
-        monkeypatch.setattr(limits, "VALUES", 5)
+        monkeypatch.setattr(design_limits, "in_turn", here)
+        monkeypatch.setattr(design_limits, "COUNT", 64)
+        monkeypatch.setattr(design_limits, "VALUES", 5)
         known = DesignLimits(front)
         drawn = [found async for found in known.along(Impacting(0.6), (0.5, 0.9), 0.8)]
         assert [delta.size for delta, _ in drawn] == [1, 2, 3, 4, 5, 5]
@@ -111,8 +112,8 @@ def test_a_design_limit_is_found_once_coarse_first(tmp_path: Path, monkeypatch: 
 
 def test_every_value_of_a_limit_is_looked_at_once() -> None:
     found = coarse_first((0.4, 1.0))
-    assert len(found) == len(set(found)) == limits.VALUES
-    assert sorted(found) == np.linspace(0.4, 1.0, limits.VALUES).tolist()
+    assert len(found) == len(set(found)) == design_limits.VALUES
+    assert sorted(found) == np.linspace(0.4, 1.0, design_limits.VALUES).tolist()
 
 
 def test_intensities_are_told_in_both_units() -> None:

@@ -29,8 +29,11 @@ from service.app import create_app
 from service.cli import app as cli
 from service.client import Client
 from service.database.tables import Kind, Scope, State
+from service.errors import UnavailableError
 from service.jobs import manager
-from service.operations import estimate
+from service.operations import estimate, windows
+from service.operations.crises import Crises
+from service.operations.design_limits import DesignLimits
 from service.operations.points import curves_document, intensities, orbits_document
 from service.routes import download, limits
 from service.routes.model import basins, curves, intensity, points, reached
@@ -110,6 +113,11 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+def too_long(*_: Any) -> Any:
+    """What is drawn over a map, where that is not to be waited for."""
+    raise UnavailableError("This is not found here. Leave it out.")
+
+
 @contextmanager
 def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, FastAPI]]:
     """URL and application of a server in this process.
@@ -137,6 +145,8 @@ def serving(finished: Path, data: Path, **changes: Any) -> Iterator[tuple[str, F
     thread = threading.Thread(target=server.run)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(manager.JobManager, "_compute", compute)
+        for kind, name in ((Crises, "of"), (DesignLimits, "along"), (windows, "refine")):  # each takes half a minute
+            patch.setattr(kind, name, too_long)
         thread.start()
         try:
             wait_until(lambda: server.started or not thread.is_alive())
