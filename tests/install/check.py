@@ -155,6 +155,8 @@ def _candidates(version: str) -> Iterator[str]:
         yield sys.executable
     if on_path := shutil.which(f"python{version}"):
         yield on_path
+        # A shim of pyenv finds no version in an empty HOME; they are beside it.
+        yield from map(str, sorted(Path(on_path).parents[1].glob(f"versions/{version}.*/bin/python")))
     yield from map(str, sorted(Path.home().glob(f".pyenv/versions/{version}.*/bin/python")))
 
 
