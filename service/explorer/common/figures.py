@@ -10,6 +10,8 @@ from bokeh.plotting import figure
 from service.explorer.common.theme import INK
 
 Limits = tuple[float, float]
+#: Style of a column: where a sheet of paper ends, it goes on after a part, which Chromium's flexible boxes do not.
+PRINTED = "@media print { :host { display: block !important; } }"
 BESIDE = 62  # pixels left of pictures that stand one above the other, with one axis
 
 

@@ -11,6 +11,7 @@ import panel as pn
 from rattle import Machine
 from rattle.models import AnyModel
 from service.explorer.common.address import Pair, Ranges
+from service.explorer.common.figures import PRINTED
 from service.explorer.common.text import Text
 from service.explorer.common.viewer import Viewer
 from service.explorer.common.watch import on_press
@@ -48,10 +49,11 @@ class Beside:
         self._view: PointView | None = None
         self._reading: asyncio.Task[None] | None = None
         self._points: PointPanel | None = None
-        self._point = pn.Column(sizing_mode="stretch_width", margin=0)
+        self._point = pn.Column(sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED])
         self.panel = pn.Column(
-            go_to.panel, self._close, self._point, self._text.pane, sizing_mode="stretch_width", margin=0
-        )
+            go_to.panel, self._close, self._point, self._text.pane, sizing_mode="stretch_width", margin=0,
+            stylesheets=[PRINTED],
+        )  # fmt: skip
 
     def read(self, plane: Plane, finer: Block | None, delta: float, epsilon: float, window: Ranges) -> None:
         """Show what is known at a point, and no more what was asked for before."""

@@ -11,6 +11,7 @@ import panel as pn
 from bokeh.models import Range1d
 
 from service.explorer.common.address import Pair
+from service.explorer.common.figures import PRINTED
 from service.explorer.common.text import Text
 from service.explorer.common.watch import Watch, on_press
 from service.explorer.design.fields import EXACT
@@ -53,7 +54,9 @@ class PointPanel:
         self.under_basins, self.about_lines, self.under_motion, self.under_diagram = (self._text() for _ in range(4))
         self.under_spectrum, self.heard, self.take = self._text(), self._text(), self._text()
         self._basins, self._motion, self._diagram = (
-            pn.Column(*(each.pane for each in texts), sizing_mode="stretch_width", margin=0, stylesheets=[NARROW])
+            pn.Column(
+                *(each.pane for each in texts), sizing_mode="stretch_width", margin=0, stylesheets=[NARROW, PRINTED]
+            )
             for texts in ((self.under_basins, self.about_lines), (self.under_motion,), (self.under_diagram,))
         )
         words = (self.where, self.take, self.likely, self.safe, self.table, self.loud, self.orbits)
@@ -61,7 +64,7 @@ class PointPanel:
         self.column = pn.Column(
             *(each.pane for each in words), self._tolerance, self._basins, self._motion,
             self._above.panel, self._diagram,
-            css_classes=["point"], sizing_mode="stretch_width", margin=0,
+            css_classes=["point"], sizing_mode="stretch_width", margin=0, stylesheets=[PRINTED],
         )  # fmt: skip
 
     def clear(self) -> None:
