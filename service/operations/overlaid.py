@@ -13,7 +13,7 @@ from service.operations.crises import Crises
 from service.operations.design_limits import DesignLimits
 from service.operations.windows import Windows, inside, is_coarse
 from service.state import Front
-from workers import SurveyRequest
+from workers import SurveyError, SurveyRequest
 from workers.pictures.look import CRISIS, LIMIT, SURVEY_ONLY, Finer, Look, Over
 
 Line = np.ndarray
@@ -72,7 +72,10 @@ class Overlaid:
         if not is_coarse(request.delta.values(), request.epsilon.values(), (look.delta, look.epsilon), pixels):
             return None
         window = inside(look.delta, look.epsilon)
-        frame = await self.windows.finest(request, wanted.variable, wanted.index, window, pixels)
+        try:
+            frame = await self.windows.finest(request, wanted.variable, wanted.index, window, pixels)
+        except SurveyError:  # it lies outside the plane, or is too narrow: the page has the survey's cells there, too
+            return None
         values = np.abs(frame.values) if np.iscomplexobj(frame.values) else frame.values
         return Finer(frame.delta, frame.epsilon, values.astype(float))
 

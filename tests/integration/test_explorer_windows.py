@@ -246,6 +246,8 @@ def test_a_picture_of_a_window_has_its_finer_cells_computed_once(
         coarse, first = [(await http.get(f"{here}/map.png", params=each)).content for each in (asked, fine)]
         expected = (await all_frames(front, "quiet_fraction"))[-1]
         windows = http._transport.app.state.overlaid.windows
+        beyond = fine | {"delta_min": -0.3, "delta_max": -0.1}  # where the page has the survey's cells, too: none
+        assert (await http.get(f"{here}/map.png", params=beyond)).status_code == 200
         monkeypatch.setattr(service_windows, "refine", None)  # what is kept is not computed again
         again = await http.get(f"{here}/map.png", params=fine)
         kept = await windows.finest(REQUEST, "quiet_fraction", 0, WINDOW, PIXELS)
