@@ -15,23 +15,25 @@ from service.operations.windows import Windows, inside, is_coarse
 from service.state import Front
 from workers import SurveyError, SurveyRequest
 from workers.pictures.look import CRISIS, LIMIT, SURVEY_ONLY, Finer, Look, Over
+from workers.pictures.planes import numbers
 
 Line = np.ndarray
 Band = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """A map whose picture is wanted: of a survey, or of a slice of it; share: the least P(quiet) of the design limit;
-    pixels: how finely a window is computed, None: not.
+class Asked:
+    """The map of a survey whose picture is asked for; slice: of a third axis. share: the least P(quiet) of the design
+    limit; pixels: how finely a window is computed, None: not.
     """
 
-    request: SurveyRequest
     variable: str
     index: int
+    slice: int | None
     look: Look
     share: float
     pixels: tuple[int, int] | None
+    has_caption: bool
 
 
 class Overlaid:
@@ -40,16 +42,16 @@ class Overlaid:
     def __init__(self, front: Front) -> None:
         self.crises, self.limits, self.windows = Crises(front), DesignLimits(front), Windows(front)
 
-    async def over(self, wanted: Wanted) -> Over:
-        """What is drawn over a map. Raises UnavailableError, or what `Windows.finest` raises."""
-        request, lines = wanted.request, wanted.look.lines or ()
+    async def over(self, request: SurveyRequest, asked: Asked) -> Over:
+        """What is drawn over a map of a survey, or of a slice of one. Raises UnavailableError, ClusterLostError."""
+        lines = asked.look.lines or ()
         found: dict[str, Line] = {}
         band = None
         if CRISIS in lines and (crisis := await self._crisis(request.gear_model)) is not None:
             found[CRISIS] = crisis
         if LIMIT in lines:
-            found[LIMIT], band = await self._limit(request, wanted.share)
-        return Over(found, band, await self._finer(wanted))
+            found[LIMIT], band = await self._limit(request, asked.share)
+        return Over(found, band, await self._finer(request, asked))
 
     async def _crisis(self, model: AnyModel) -> Line | None:
         try:
@@ -65,19 +67,18 @@ class Overlaid:
         delta, limits = found[-1]  # all of them
         return limit_line(delta, limits), limit_band(delta, limits)
 
-    async def _finer(self, wanted: Wanted) -> Finer | None:
-        request, look, pixels = wanted.request, wanted.look, wanted.pixels
-        if look.delta is None or look.epsilon is None or pixels is None or wanted.variable in SURVEY_ONLY:
+    async def _finer(self, request: SurveyRequest, asked: Asked) -> Finer | None:
+        look, pixels = asked.look, asked.pixels
+        if look.delta is None or look.epsilon is None or pixels is None or asked.variable in SURVEY_ONLY:
             return None
         if not is_coarse(request.delta.values(), request.epsilon.values(), (look.delta, look.epsilon), pixels):
             return None
         window = inside(look.delta, look.epsilon)
         try:
-            frame = await self.windows.finest(request, wanted.variable, wanted.index, window, pixels)
+            frame = await self.windows.finest(request, asked.variable, asked.index, window, pixels)
         except SurveyError:  # it lies outside the plane, or is too narrow: the page has the survey's cells there, too
             return None
-        values = np.abs(frame.values) if np.iscomplexobj(frame.values) else frame.values
-        return Finer(frame.delta, frame.epsilon, values.astype(float))
+        return Finer(frame.delta, frame.epsilon, numbers(frame.values))
 
 
 def limit_line(delta: np.ndarray, limits: np.ndarray) -> Line:

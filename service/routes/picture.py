@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Coroutine
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import anyio
 from fastapi import APIRouter, Depends, Query, Request, Response
@@ -20,7 +20,7 @@ from service.database.tables import JobRow
 from service.errors import LimitError, MissingError, UnavailableError
 from service.kernels import Part
 from service.operations.notebook import PACKAGE
-from service.operations.overlaid import Overlaid, Wanted
+from service.operations.overlaid import Asked, Overlaid
 from service.routes.documents import SurveyId
 from service.state import Front, FrontState
 from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
@@ -42,6 +42,8 @@ FARTHEST = 1e100  # of what a window or the colours reach to
 LONGEST_LINES = 200
 MOST_CELLS = 4_000_000  # of a window
 LOOK_SECONDS = 1.0
+
+T = TypeVar("T")
 
 Bound = Annotated[
     float | None,
@@ -88,13 +90,22 @@ async def look_of_query(
 def _range(name: str, low: float | None, high: float | None, ends: tuple[str, str] | None = None) -> Pair | None:
     """Both ends of a range, None without. Raises LimitError where there is one alone, or nothing between them."""
     first, last = ends or (f"{name}_min", f"{name}_max")
-    if low is None and high is None:
+    both = _both(first, low, last, high)
+    if both is None:
         return None
-    if low is None or high is None:
-        raise LimitError(f"query.{first if low is None else last}", f"give both {first} and {last}, or none.")
+    low, high = both
     if not high - low > max(NARROWEST * max(abs(low), abs(high)), 1 / FARTHEST):
         raise LimitError(f"query.{first}", f"{first} must be less than {last}, by a part in 1e10 at least.")
-    return low, high
+    return both
+
+
+def _both(first: str, one: T | None, last: str, other: T | None) -> tuple[T, T] | None:
+    """Two parameters that belong together, None without. Raises LimitError where there is one alone."""
+    if one is None and other is None:
+        return None
+    if one is None or other is None:
+        raise LimitError(f"query.{first if one is None else last}", f"give both {first} and {last}, or none.")
+    return one, other
 
 
 Index = Annotated[int, Query(ge=0, le=64, description="which orbit, slot of attractors, or family")]
@@ -106,19 +117,6 @@ Pixels = Annotated[
         "computed afresh, about one cell each, which takes as long as such a survey does",
     ),
 ]  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Asked:
-    """The map that a query asks for; slice: of a third axis. share, pixels: of `Wanted`."""
-
-    variable: str
-    index: int
-    slice: int | None
-    look: Look
-    share: float
-    pixels: tuple[int, int] | None
-    has_caption: bool
 
 
 async def asked_for(
@@ -136,14 +134,9 @@ async def asked_for(
     caption: Annotated[bool, Query(description="say below which survey it is, its address, and the version")] = False,
 ) -> Asked:
     """The map of the query. Raises LimitError."""
-    pixels = None
-    if pixels_delta is not None or pixels_epsilon is not None:
-        if pixels_delta is None or pixels_epsilon is None:
-            missing = "pixels_delta" if pixels_delta is None else "pixels_epsilon"
-            raise LimitError(f"query.{missing}", "give both pixels_delta and pixels_epsilon, or none.")
-        if pixels_delta * pixels_epsilon > MOST_CELLS:
-            raise LimitError("query.pixels_delta", f"a window is computed of {MOST_CELLS:,} pixels at most.")
-        pixels = pixels_delta, pixels_epsilon
+    pixels = _both("pixels_delta", pixels_delta, "pixels_epsilon", pixels_epsilon)
+    if pixels and math.prod(pixels) > MOST_CELLS:
+        raise LimitError("query.pixels_delta", f"a window is computed of {MOST_CELLS:,} pixels at most.")
     return Asked(variable, index, slice_, look, share, pixels, caption)
 
 
@@ -213,8 +206,7 @@ async def _over(front: Front, overlaid: Overlaid, job: JobRow, asked: Asked) -> 
     require_slice({name: axis.num for name, axis in whole.third_axis.items()}, asked.slice)
     survey = whole.at(whole.along(asked.slice or 0))
     await front.kernels.require(survey.gear_model.name, Part.CURVES, patience=math.inf)
-    wanted = Wanted(survey, asked.variable, asked.index, asked.look, asked.share, asked.pixels)
-    return await overlaid.over(wanted)
+    return await overlaid.over(survey, asked)
 
 
 async def _while_connected(request: Request, finding: Coroutine[Any, Any, Over]) -> Over:

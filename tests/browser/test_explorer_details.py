@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from colour_difference import difference, lab_of
 from depth import deep
-from explorer_support import PATIENCE_MS, SURVEY, of_map, open_view, place_of, visiting, wait_for, wait_for_map
+from explorer_support import SURVEY, of_map, open_view, place_of, visiting, wait_for, wait_for_map
 from faults import Faults
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 from service_processes import get
@@ -271,7 +271,6 @@ def test_two_gears_stand_side_by_side(page: Page, service: str, survey_id: str) 
     expected = rattle.regions(delta, epsilon[:, None], 0.3)
     wait_until(lambda: page.evaluate(f"() => {cells} ? Array.from({cells}) : []") == expected.ravel().tolist())
     np.testing.assert_array_equal(of_map(page, VALUES), rattle.regions(delta, epsilon[:, None], 0.6).ravel())
-    page.set_default_timeout(PATIENCE_MS)
     page.mouse.move(*place_of(page, 0.6, 0.06))
     page.mouse.wheel(0, -400)
     page.wait_for_url("**delta=**")

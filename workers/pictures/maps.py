@@ -197,7 +197,8 @@ def _dim_others(axes: Axes, dataset: xr.Dataset, family: int) -> None:
     with reading(f"the map of {SHARE}"):
         values = numbers(share)
     shape = values.shape[0], values.shape[1]
-    along, across = getattr(part_for(halvings(shape), (0, 0), shape, ROOM).level, "cells", (1, 1))
+    level = part_for(halvings(shape), (0, 0), shape, ROOM).level
+    along, across = level.cells if level else (1, 1)
     shown = Finer(
         centres(dataset["delta"].values, across),
         centres(dataset["epsilon"].values, along),

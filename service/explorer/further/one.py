@@ -228,8 +228,7 @@ class FurtherMap:
         if further is None or colours is None or self._around is None or isinstance(plane, Difference):
             return ""
         lines = tuple(name for name in first.overlays if name not in WHOLE)
-        limits = None if colours.categorical else (colours.low, colours.high)
-        seen = AsSeen(limits, colours.log, self.map.pixels if first.delta and first.epsilon else None)
+        seen = AsSeen.of(colours, self.map.pixels if first.delta and first.epsilon else None)
         request = self._around.jobs[further.survey].request
         shown = replace(
             first, variable=further.variable, index=further.index, slice=further.slice, family=None, overlays=lines

@@ -20,6 +20,7 @@ from service.explorer.map.planes import Block, Plane, Room, box_of
 from service.operations.windows import Windows, inside, is_coarse
 from workers import Frame
 from workers.pictures.look import SURVEY_ONLY as OF_SURVEYS
+from workers.pictures.planes import numbers
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
 
@@ -124,6 +125,6 @@ class Zoom:
 
 def block_of(frame: Frame) -> Block:
     """Cells of a window as those of a map; of complex values the modulus."""
-    values = (np.abs(frame.values) if np.iscomplexobj(frame.values) else frame.values).astype(np.float32)
+    values = numbers(frame.values).astype(np.float32)
     status = np.ones(values.shape, np.int8)
     return Block(frame.delta, frame.epsilon, values, status, box_of(frame.delta, frame.epsilon))

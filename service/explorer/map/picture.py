@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
 from service.explorer.common.address import Pair, View
+from service.explorer.map.colouring import Colouring
 from service.explorer.map.planes import Room
 from workers.pictures.look import LIMIT
 from workers.survey.values.schema import FIXED
@@ -22,6 +23,11 @@ class AsSeen(NamedTuple):
     limits: Pair | None
     log: bool
     pixels: Room | None
+
+    @classmethod
+    def of(cls, colours: Colouring, pixels: Room | None) -> AsSeen:
+        """What is seen in these colours."""
+        return cls(None if colours.categorical else (colours.low, colours.high), colours.log, pixels)
 
 
 def picture_query(request: dict[str, Any], view: View, seen: AsSeen | None = None) -> str:

@@ -119,11 +119,7 @@ class MapView:
     @property
     def seen(self) -> AsSeen | None:
         """What is drawn beside what the view tells; None if nothing is."""
-        colours = self._colours
-        if colours is None:
-            return None
-        limits = None if colours.categorical else (colours.low, colours.high)
-        return AsSeen(limits, colours.log, self.map.pixels if self._zoomed else None)
+        return AsSeen.of(self._colours, self.map.pixels if self._zoomed else None) if self._colours else None
 
     @property
     def window(self) -> Ranges:
