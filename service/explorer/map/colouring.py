@@ -136,8 +136,11 @@ def _names(variable: str, block: Block, labels: Mapping[float, str], room: Room)
     """What is written on a map, and where: the names of regions, and of families on their largest pieces."""
     if variable == "region":
         return region_places(block.values, block.delta, block.epsilon)
-    if variable != LARGEST:
-        return {}
+    return family_places(block, labels, room) if variable == LARGEST else {}
+
+
+def family_places(block: Block, labels: Mapping[float, str], room: Room) -> dict[str, Pair]:
+    """Where the names of families are written, by their codes, in so much room: none over another one."""
     rows, columns = block.values.shape
     least = max(WIDE * min(rows, columns), 1.5)
     large = [code for code in labels if 0 < code < OTHERS and (block.values == code).sum() > 3 * (least - 1) ** 2]

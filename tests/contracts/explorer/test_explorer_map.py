@@ -14,14 +14,17 @@ from fastapi.testclient import TestClient
 from service_support import BODY, compute, front_end, front_of
 
 from rattle import KINDS
+from rattle.curves import codimension_two
+from rattle.models import Impacting
 from rattle.orbits.period_one import REGIONS
 from rattle.plot.colours import REGION_COLOURS
 from service.database.tables import State
 from service.explorer.common.glyphs import style_of
 from service.explorer.map import planes
-from service.explorer.map.colouring import colouring, values_shown
+from service.explorer.map.colouring import NAME, colouring, family_places, values_shown
 from service.explorer.map.cursor import following, stepped, zoomed
 from service.explorer.map.figure import Map
+from service.explorer.map.overlays import points_in
 from service.explorer.map.planes import Atlas, Block, LeveledPlane, Plane
 from service.explorer.map.readout import in_words
 from workers import SurveyRequest, complete, is_incomplete, open_survey
@@ -324,3 +327,27 @@ def test_a_cell_in_words(plane: Plane) -> None:
     cell = plane.cell(0.607, 0.113)
     assert cell is not None
     assert (float(cell["delta"]), float(cell["epsilon"])) == (plane.delta[9], plane.epsilon[5])
+
+
+def test_a_point_that_is_not_in_the_window_has_no_name_in_it() -> None:
+    model, window = Impacting(0.8), ((0.4, 1.005), (0.0, 0.3))
+    inside = [each for each in codimension_two(0.8) if each.delta <= 1.005]
+    assert [each.name for each in inside] == ["COD20"]  # COD21 is at 1.007: its name would reach into the window
+    assert points_in(model, window) == [(each.name, each.delta, each.epsilon) for each in inside]
+    assert points_in(model, ((0.4, 1.005), (0.0, 0.2))) == []
+    assert len(points_in(model, ((0.4, 1.1), (0.0, 0.3)))) == 4
+
+
+@pytest.mark.parametrize("room", [(250, 400), (700, 550), (1400, 1000)])
+def test_names_of_families_are_as_far_apart_as_their_letters_are_wide(room: tuple[int, int]) -> None:
+    codes = np.repeat(np.tile(np.arange(1, 9), 5).reshape(5, 8), 12, axis=1).repeat(20, axis=0)
+    codes += np.repeat(8 * (np.arange(5) % 3), 20)[:, None]
+    delta, epsilon = np.linspace(0.4, 1.0, codes.shape[1]), np.linspace(0.0, 0.3, codes.shape[0])
+    block = Block(delta, epsilon, codes.astype(np.float32), np.ones_like(codes, np.int8), ((0.4, 1.0), (0.0, 0.3)))
+    places = family_places(block, {code: f"{code}: P(1,{code},0)" for code in range(1, 25)}, room)
+    at = [((x - 0.4) / 0.6 * room[0], y / 0.3 * room[1]) for x, y in places.values()]
+    assert len(at) > 1
+    for i, (x, y) in enumerate(at):
+        assert NAME[0] / 2 - 5 * room[0] / 96 <= x <= room[0] - NAME[0] / 2 + 5 * room[0] / 96  # a few cells
+        for other in at[i + 1 :]:
+            assert abs(x - other[0]) > 0.95 * NAME[0] or abs(y - other[1]) > 0.95 * NAME[1]
