@@ -154,7 +154,7 @@ def test_nothing_is_kept_of_what_is_over(cluster: Client) -> None:
     for number in range(3 * last):  # a window of the explorer each
         assert cluster.submit(int, number, key=f"window{number}").result() == number
         wait_until(lambda: not scheduler.tasks)  # else the next one is counted to the same computation
-    assert groups() - before <= last
+    wait_until(lambda: groups() - before <= last)  # one that is forgotten may still be held for a moment
     for stream in (*scheduler.stream_comms.values(), *scheduler.client_comms.values()):
         assert len(stream.recent_message_log) <= last
     for messages, profiles in cluster.run(notes).values():

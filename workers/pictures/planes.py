@@ -1,12 +1,18 @@
 """One variable of a survey over the (δ, ε) plane."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import numpy as np
-import xarray as xr
 
 from rattle.attractors.table import PERIODIC
 from workers.errors import SurveyError
 from workers.survey.slices import require_slice, third_of
 from workers.survey.values.schema import CELL, OF_PERIODIC
+
+if TYPE_CHECKING:  # half a second for who reads a survey, not for who starts a service
+    import xarray as xr
 
 
 def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
