@@ -12,6 +12,10 @@ from depth import DEEP
 from postgres import Postgres, missing
 from xdist.scheduler import LoadFileScheduling
 
+#: Files in memory, where there is so much room. A run makes 200,000, and to delete as many on a disk took minutes.
+IN_MEMORY, ROOM = Path("/dev/shm"), 4 << 30
+OBJECTS = 20_000  # that are made between two collections of garbage; Python's own default is 700
+
 #: Files that share what takes long to start (a browser with its service, a bucket) run in one process.
 TOGETHER = ("tests/browser/", "tests/integration/test_bucket_")
 
@@ -47,11 +51,22 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_configure() -> None:
     """Nothing is thrown away while tests are loaded: to look for garbage took a third of that time."""
     gc.disable()
+    if _is_like_a_disk(IN_MEMORY):
+        os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(IN_MEMORY))
+
+
+def _is_like_a_disk(directory: Path) -> bool:
+    """Whether there is room for a run, and programs that tests write can be executed."""
+    if not os.access(directory, os.W_OK):
+        return False
+    there = os.statvfs(directory)
+    return there.f_bavail * there.f_frsize > ROOM and not there.f_flag & os.ST_NOEXEC
 
 
 def pytest_collection_finish() -> None:
     """What is loaded now stays: to look through it for garbage again and again took a tenth of the time."""
     gc.enable()
+    gc.set_threshold(OBJECTS)
     gc.collect()
     gc.freeze()
 

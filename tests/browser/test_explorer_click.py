@@ -100,6 +100,7 @@ def test_the_diagram_turns_and_the_point_is_closed(page: Page, service: str) -> 
     expect(page.locator(".beside")).not_to_contain_text("Damping δ = ")
 
 
+@deep
 def test_a_slider_takes_basins_and_motion_along_the_diagram(page: Page, service: str) -> None:
     open_view(page, service, point="0.6,0.089", overlays="none")
     beside(page, "periodic motions")

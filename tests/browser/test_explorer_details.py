@@ -84,6 +84,7 @@ def drag(page: Page, begin: tuple[float, float], end: tuple[float, float]) -> No
     chrome.detach()
 
 
+@deep
 def test_the_picture_of_a_window_is_the_window_that_is_seen(page: Page, service: str, survey_id: str) -> None:
     """Colours of the page, cells as fine as they are there, and the family that is chosen."""
     window = {"delta": "0.6,0.61", "epsilon": "0.06,0.07"}

@@ -48,6 +48,7 @@ def test_a_survey_of_a_machine_is_submitted_and_has_its_speeds_beside_it(page: P
     httpx.delete(service + listed["links"]["self"], timeout=HANG)
 
 
+@deep
 def test_a_machine_that_is_entered_is_heard_and_has_a_yield(page: Page, service: str) -> None:
     where = f"{MACHINE.delta},{MACHINE.epsilon}"
     open_view(page, service, point=where, machine=ENTERED)

@@ -41,6 +41,7 @@ def test_points_are_pinned_compared_and_found_again(page: Page, service: str, su
     expect(table.get_by_role("columnheader")).to_have_count(1)
 
 
+@deep
 def test_a_survey_gets_a_name_and_notes_and_its_settings_are_refined(page: Page, service: str) -> None:
     asked = SURVEY | {"seed": 77, "quantities": ["region"], "name": "nameless"}
     here = httpx.post(f"{service}/v1/surveys", json=asked, timeout=HANG).json()["links"]["self"]

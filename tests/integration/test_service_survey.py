@@ -84,6 +84,7 @@ def test_a_survey_by_rest_equals_a_serial_run_bit_for_bit(
         assert {"long_name", "units"} <= set(variable.attrs), name
 
 
+@deep
 def test_a_picture_is_there_while_a_survey_runs_and_the_next_one_runs_after_its_dismissal(
     client: Client, faults: Faults
 ) -> None:

@@ -56,7 +56,7 @@ def test_both_methods_find_the_attractors_of_the_sample(epsilon, beta):
                 assert (a.tau, a.v) == pytest.approx((twin.tau, twin.v), abs=1e-6)
 
 
-@pytest.mark.parametrize("impacts", [1, 16])
+@pytest.mark.parametrize("impacts", [pytest.param(1, marks=deep), 16])
 @pytest.mark.parametrize("epsilon", [pytest.param(0.0615, marks=deep), pytest.param(0.078, marks=deep), 0.1])
 def test_the_methods_differ_in_few_cells_and_at_boundaries(epsilon, impacts):
     point = 0.6, epsilon

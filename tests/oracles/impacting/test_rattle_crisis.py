@@ -138,6 +138,7 @@ def test_chaos_ends_at_another_backlash():
     assert left[1] == 1.0
 
 
+@deep
 def test_it_passes_beside_cod22():
     """At COD22's damping the crisis is 4e-5 above SN1; it does not close on SN1 there, but goes on to larger δ."""
     end = next(point for point in codimension_two() if point.name == "COD22").delta

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from depth import deep
 
 import rattle
 from rattle.attractors.speeds import NATURAL
@@ -27,7 +28,7 @@ def test_nearly_all_is_quiet_until_soon_after_the_first_motion_is_born() -> None
     assert quiet(rattle.Gear(0.6, found.high)) < 0.995
 
 
-@pytest.mark.parametrize("share", [0.5, 0.8])
+@pytest.mark.parametrize("share", [pytest.param(0.5, marks=deep), 0.8])
 def test_the_interval_holds_the_limit_of_other_samples(share: float) -> None:
     found = design_limit({"delta": 0.6}, "epsilon", share, count=512)
     assert found.low <= found.value <= found.high
