@@ -47,7 +47,7 @@ function look() {
     map.renderers.some((each) => each.name?.startsWith("cells") && each.data_source.data.image.length)
   if (drawn && !seen.drawn) seen.drawn = true  // the next frame has it on the screen
   else if (drawn && !seen.map) seen.map = performance.now()
-  if (window.clicked?.at) {
+  if (window.clicked?.at && !("everything" in clicked)) {  // to look costs a third of the page's time
     const all = [...document.querySelectorAll(".beside")].map(text).join("")
     const now = performance.now() - clicked.at
     for (const [name, holds] of Object.entries(steps)) {

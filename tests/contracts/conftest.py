@@ -1,11 +1,13 @@
 """What the tests of this folder share."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import pytest
 import zarr
+from alembic.config import Config
+from alembic.script import ScriptDirectory
 from waiting import HANG
 from zarr.storage import MemoryStore
 
@@ -24,9 +26,23 @@ def _databases_are_waited_for() -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="session")
-def curves_once() -> Callable[[zarr.Group, SurveyRequest], None]:
-    """Writes the curves of a template, which are those of any other request for the same window, and the same bytes."""
+@pytest.fixture(autouse=True, scope="session")
+def _migrations_are_loaded_once() -> Iterator[None]:
+    """And not for each of a thousand databases, three times."""
+    load, loaded = ScriptDirectory.from_config, dict[str | None, ScriptDirectory]()
+
+    def scripts(config: Config) -> ScriptDirectory:
+        where = config.get_main_option("script_location")
+        return loaded.get(where) or loaded.setdefault(where, load(config))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ScriptDirectory, "from_config", scripts)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _curves_are_traced_once() -> Iterator[None]:
+    """Of a template: they are those of any other request for the same window, and the same bytes."""
     write, written = workers.survey.template._write_curves, dict[Any, dict[str, Any]]()
 
     def curves(root: zarr.Group, request: SurveyRequest) -> None:
@@ -38,13 +54,14 @@ def curves_once() -> Callable[[zarr.Group, SurveyRequest], None]:
             written[key] = {name: content for name, content in kept.items() if name not in before}
         kept.update(written[key])
 
-    return curves
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workers.survey.template, "_write_curves", curves)
+        yield
 
 
 @pytest.fixture(scope="module")
-def templates_once(curves_once: Callable[[zarr.Group, SurveyRequest], None]) -> Iterator[None]:
+def templates_once() -> Iterator[None]:
     """Of the stores of one request the template is made once: it takes longer than its few cells."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workers.survey.template, "_write_curves", curves_once)
         patch.setattr(workers.storage.store, "template_of", cache(workers.storage.store.template_of))
         yield

@@ -98,6 +98,7 @@ class Map:
             *glyphs.ring(self._cursor),
             *glyphs.pins(self._pinned),
         ]
+        glyphs.share(plot.renderers)
         for scale in self._scales.values():
             plot.add_layout(scale.bar, "right")
         self._beyond = glyphs.beyond(INK[theme][0])

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass, field, replace
+from typing import Any, Protocol
+from weakref import ref
 
 from rattle.models import Model
 from service.database.tables import JobRow, State
@@ -17,6 +20,9 @@ from service.state import Front
 from workers import SurveyRequest, map_quantity
 from workers.cluster.window import CLOSED_FORM
 from workers.pictures.look import LARGEST
+
+Drawn = tuple[Block, Colouring]
+KEPT = 4  # drawings, of a few MiB each
 
 EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
 
@@ -44,6 +50,28 @@ class WithoutSurvey(Protocol):
         """A map of a survey that is in closed form, and what is computed of it. Blocks: for a thread."""
 
 
+class KeptDrawings:
+    """What was drawn lately of maps that stay as they are: whoever opens a page looks at one of few."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._kept: OrderedDict[tuple[Any, ...], Drawn] = OrderedDict()  # the atlas alone keeps maps
+
+    def of(self, plane: Plane, how: tuple[Any, ...], draw: Callable[[], Drawn]) -> Drawn:
+        """The cells of a map and their colours, drawn like this, from `draw` unless they are known."""
+        key = ref(plane), *how
+        with self._lock:
+            if key in self._kept:
+                self._kept.move_to_end(key)
+                return self._kept[key]
+        drawn = draw()
+        with self._lock:
+            self._kept[key] = drawn
+            while len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+        return drawn
+
+
 @dataclass(frozen=True)
 class Shared:
     """What all pages of an application have in common."""
@@ -53,6 +81,7 @@ class Shared:
     atlas: Atlas
     overlaid: Overlaid
     exact: WithoutSurvey
+    kept: KeptDrawings = field(default_factory=KeptDrawings)
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[Plane, bool, Block, Colouring]:
         """The map of a survey, whether that is all there is by now, and what is drawn of it. Blocks: for a thread."""
@@ -63,8 +92,14 @@ class Shared:
             note = WAITING if job.state == State.ACCEPTED else BEFOREHAND
             return plane, True, block, replace(colouring(plane, block, view.limits, view.log, room), note=note)
         plane, is_whole = self.atlas.plane(job, *key)
-        block = plane.block(room=room)
-        return plane, is_whole, block, colouring(plane, block, view.limits, view.log, room)
+
+        def drawn() -> Drawn:
+            block = plane.block(room=room)
+            return block, colouring(plane, block, view.limits, view.log, room)
+
+        if not is_whole or job.state != State.SUCCESSFUL:  # more may come
+            return plane, is_whole, *drawn()
+        return plane, True, *self.kept.of(plane, (view.limits, view.log, room), drawn)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> Plane:
         """A map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""

@@ -27,6 +27,7 @@ from service.explorer.map.figure import Map
 from service.explorer.map.overlays import points_in
 from service.explorer.map.planes import Atlas, Block, LeveledPlane, Plane
 from service.explorer.map.readout import in_words
+from service.explorer.map.shared import KEPT, KeptDrawings
 from workers import SurveyRequest, complete, is_incomplete, open_survey
 from workers.pictures.levels import groups_of, overview
 from workers.survey.levels import grid
@@ -327,6 +328,31 @@ def test_a_cell_in_words(plane: Plane) -> None:
     cell = plane.cell(0.607, 0.113)
     assert cell is not None
     assert (float(cell["delta"]), float(cell["epsilon"])) == (plane.delta[9], plane.epsilon[5])
+
+
+def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(plane: Plane) -> None:
+    kept, drawn = KeptDrawings(), list[Any]()
+
+    def draw(of: Any, *how: Any) -> Any:
+        return kept.of(of, how, lambda: drawn.append((id(of), how)) or (plane.block(), len(drawn)))
+
+    assert draw(plane, "auto", False)[1] == draw(plane, "auto", False)[1] == 1
+    assert draw(plane, "auto", True)[1] == 2
+    assert draw(object.__new__(Plane), "auto", False)[1] == 3  # of another survey, or computed again
+    for number in range(KEPT - 1):
+        draw(plane, number)
+        assert draw(plane, "auto", True)[1] == 2  # what is looked at stays
+    assert draw(plane, "auto", False)[1] == len(drawn) == 3 + KEPT
+
+
+def test_what_has_no_state_is_one_model_for_all_renderers() -> None:
+    """Every model takes a millisecond of whoever opens a page, here and in the browser."""
+    nothing: Any = lambda *_: None  # noqa: E731
+    plot = Map("light", nothing, nothing, nothing, nothing, nothing).figure
+    assert len(plot.renderers) > 30
+    assert len({each.view.filter.id for each in plot.renderers}) == 1
+    assert len({each.view.id for each in plot.renderers}) == len(plot.renderers)
+    assert len({each.data_source.selection_policy.id for each in plot.renderers}) == 1
 
 
 def test_a_point_that_is_not_in_the_window_has_no_name_in_it() -> None:
