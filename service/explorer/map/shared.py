@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
-from weakref import ref
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Protocol
+from weakref import ReferenceType, ref
 
 from rattle.models import Model
 from service.database.tables import JobRow, State
-from service.explorer.common.address import View
+from service.explorer.common.address import Limits, Pair, View
 from service.explorer.common.news import News
 from service.explorer.map.colouring import Colouring, colouring
 from service.explorer.map.planes import Atlas, Block, Plane, Room
@@ -21,8 +20,7 @@ from workers import SurveyRequest, map_quantity
 from workers.cluster.window import CLOSED_FORM
 from workers.pictures.look import LARGEST
 
-Drawn = tuple[Block, Colouring]
-KEPT = 4  # drawings, of a few MiB each
+KEPT = 4  # drawings of finished maps, of a few MiB each: whoever opens a page looks at one of few
 
 EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
 
@@ -50,26 +48,17 @@ class WithoutSurvey(Protocol):
         """A map of a survey that is in closed form, and what is computed of it. Blocks: for a thread."""
 
 
-class KeptDrawings:
-    """What was drawn lately of maps that stay as they are: whoever opens a page looks at one of few."""
+@lru_cache(maxsize=KEPT)
+def drawn(plane: ReferenceType[Plane], limits: Limits | Pair, log: bool, room: Room) -> tuple[Block, Colouring]:
+    """What is drawn of a map that stays as it is, by reference: the atlas alone keeps maps."""
+    there = plane()
+    assert there is not None  # whoever asks has it
+    return _drawn(there, limits, log, room)
 
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._kept: OrderedDict[tuple[Any, ...], Drawn] = OrderedDict()  # the atlas alone keeps maps
 
-    def of(self, plane: Plane, how: tuple[Any, ...], draw: Callable[[], Drawn]) -> Drawn:
-        """The cells of a map and their colours, drawn like this, from `draw` unless they are known."""
-        key = ref(plane), *how
-        with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
-        drawn = draw()
-        with self._lock:
-            self._kept[key] = drawn
-            while len(self._kept) > KEPT:
-                self._kept.popitem(last=False)
-        return drawn
+def _drawn(plane: Plane, limits: Limits | Pair, log: bool, room: Room) -> tuple[Block, Colouring]:
+    block = plane.block(room=room)
+    return block, colouring(plane, block, limits, log, room)
 
 
 @dataclass(frozen=True)
@@ -81,25 +70,19 @@ class Shared:
     atlas: Atlas
     overlaid: Overlaid
     exact: WithoutSurvey
-    kept: KeptDrawings = field(default_factory=KeptDrawings)
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[Plane, bool, Block, Colouring]:
         """The map of a survey, whether that is all there is by now, and what is drawn of it. Blocks: for a thread."""
-        key = view.variable, view.index, view.slice
+        key, how = (view.variable, view.index, view.slice), (view.limits, view.log, room)
         if not State(job.state).final and in_closed_form(SurveyRequest.model_validate(job.request), view.variable):
             plane = self.exact.beforehand(job, *key, lambda: self.atlas.plane(job, *key)[0])
-            block = plane.block(room=room)
+            block, colours = _drawn(plane, *how)
             note = WAITING if job.state == State.ACCEPTED else BEFOREHAND
-            return plane, True, block, replace(colouring(plane, block, view.limits, view.log, room), note=note)
+            return plane, True, block, replace(colours, note=note)
         plane, is_whole = self.atlas.plane(job, *key)
-
-        def drawn() -> Drawn:
-            block = plane.block(room=room)
-            return block, colouring(plane, block, view.limits, view.log, room)
-
         if not is_whole or job.state != State.SUCCESSFUL:  # more may come
-            return plane, is_whole, *drawn()
-        return plane, True, *self.kept.of(plane, (view.limits, view.log, room), drawn)
+            return plane, is_whole, *_drawn(plane, *how)
+        return plane, True, *drawn(ref(plane), *how)
 
     def plane(self, job: JobRow | None, variable: str, index: int, number: int) -> Plane:
         """A map of a survey, or of what is known without any. Blocks: for a thread. Raises as `Atlas.plane`."""

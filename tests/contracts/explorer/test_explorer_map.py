@@ -1,9 +1,11 @@
 """What the explorer draws of a survey, without a browser: cells, limits, legends, overlays, what a click means."""
 
 from collections.abc import Iterator
+from copy import copy
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
+from weakref import ref
 
 import numpy as np
 import pytest
@@ -20,14 +22,14 @@ from rattle.orbits.period_one import REGIONS
 from rattle.plot.colours import REGION_COLOURS
 from service.database.tables import State
 from service.explorer.common.glyphs import style_of
-from service.explorer.map import planes
+from service.explorer.map import planes, shared
 from service.explorer.map.colouring import NAME, colouring, family_places, values_shown
 from service.explorer.map.cursor import following, stepped, zoomed
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import points_in
 from service.explorer.map.planes import Atlas, Block, LeveledPlane, Plane
 from service.explorer.map.readout import in_words
-from service.explorer.map.shared import KEPT, KeptDrawings
+from service.explorer.map.shared import KEPT
 from workers import SurveyRequest, complete, is_incomplete, open_survey
 from workers.pictures.levels import groups_of, overview
 from workers.survey.levels import grid
@@ -330,23 +332,30 @@ def test_a_cell_in_words(plane: Plane) -> None:
     assert (float(cell["delta"]), float(cell["epsilon"])) == (plane.delta[9], plane.epsilon[5])
 
 
-def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(plane: Plane) -> None:
-    kept, drawn = KeptDrawings(), list[Any]()
+def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(plane: Plane, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn, other = list[Any](), copy(plane)  # the same cells, of another survey or computed again
+    monkeypatch.setattr(shared, "colouring", lambda *of: drawn.append(of) or len(drawn))
+    shared.drawn.cache_clear()
 
-    def draw(of: Any, *how: Any) -> Any:
-        return kept.of(of, how, lambda: drawn.append((id(of), how)) or (plane.block(), len(drawn)))
+    def draw(of: Plane, log: bool, side: int = 20) -> Any:
+        return shared.drawn(ref(of), "auto", log, (side, side))[1]
 
-    assert draw(plane, "auto", False)[1] == draw(plane, "auto", False)[1] == 1
-    assert draw(plane, "auto", True)[1] == 2
-    assert draw(object.__new__(Plane), "auto", False)[1] == 3  # of another survey, or computed again
+    assert draw(plane, False) == draw(plane, False) == 1
+    assert draw(plane, True) == 2
+    assert draw(other, False) == 3
     for number in range(KEPT - 1):
-        draw(plane, number)
-        assert draw(plane, "auto", True)[1] == 2  # what is looked at stays
-    assert draw(plane, "auto", False)[1] == len(drawn) == 3 + KEPT
+        draw(plane, True, 21 + number)
+        assert draw(plane, True) == 2  # what is looked at stays
+    assert draw(plane, False) == len(drawn) == 3 + KEPT
+    alone = ref(other)
+    del other
+    drawn.clear()
+    assert alone() is None  # nothing but the atlas keeps maps
+    shared.drawn.cache_clear()
 
 
 def test_what_has_no_state_is_one_model_for_all_renderers() -> None:
-    """Every model takes a millisecond of whoever opens a page, here and in the browser."""
+    """Every model takes time of whoever opens a page, here and in the browser."""
     nothing: Any = lambda *_: None  # noqa: E731
     plot = Map("light", nothing, nothing, nothing, nothing, nothing).figure
     assert len(plot.renderers) > 30
