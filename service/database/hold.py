@@ -91,6 +91,9 @@ class SessionHold:
     def release(self) -> None:
         self._released.set()
         self._thread.join()
+        if self._connection is not None:  # a session that ends lets go a moment later: the next would be refused
+            with suppress(SQLAlchemyError):
+                self._connection.exec_driver_sql(f"SELECT pg_advisory_unlock({LOCK})")
         self._drop()
 
     def _take(self) -> bool:
