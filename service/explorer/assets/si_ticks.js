@@ -14,4 +14,5 @@ if (inverse && high > 4 * low) {
   const step = power * [1, 2, 5, 10].find((each) => each * power >= rough)
   for (let k = Math.ceil(low / step); k * step <= high; k += 1) rounded.push(k * step)
 }
-return rounded.filter((each) => each >= low && each <= high).map((each) => inverse ? scale / each : each / scale)
+const inside = rounded.filter((each) => each >= low && each <= high)
+return inside.map((each) => inverse ? scale / each : each / scale).sort((one, other) => one - other)  // as labels are kept apart

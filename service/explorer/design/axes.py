@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from bokeh.models import CustomJS, CustomJSTicker, CustomJSTickFormatter, LinearAxis, Range1d
+from bokeh.models import CustomJS, CustomJSTicker, CustomJSTickFormatter, LinearAxis, NoOverlap, Range1d
 from bokeh.plotting import figure
 
 from service.explorer.common.address import Pair
@@ -26,6 +26,7 @@ def dress(plot: figure) -> None:
     axes: Any = plot.below[0], plot.left[0]
     for axis, span, name in zip(axes, (plot.x_range, plot.y_range), NAMES, strict=True):
         axis.formatter = CustomJSTickFormatter(args={"range": span}, code=asset("ticks.js"))
+        axis.major_label_policy = NoOverlap()  # on a telephone those of small dampings would lie over each other
         naming = CustomJS(args={"axis": axis, "range": span, "name": name}, code=asset("axis_label.js"))
         span.js_on_change("start", naming)
         span.js_on_change("end", naming)
@@ -39,7 +40,7 @@ class InSI:
         sides: tuple[tuple[str, Any], ...] = (("rpm", "above"), ("eccentricity", "right"))
         for name, side in sides:
             label = NUMBERS[name].label.lower()
-            axis: Any = LinearAxis(axis_label=label, visible=False, name=name)
+            axis: Any = LinearAxis(axis_label=label, visible=False, name=name, major_label_policy=NoOverlap())
             axis.ticker = CustomJSTicker(major_code=asset("si_ticks.js"))
             axis.formatter = CustomJSTickFormatter(code=ROUND)
             plot.add_layout(axis, side)

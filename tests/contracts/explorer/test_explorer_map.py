@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from bokeh.document import Document
-from bokeh.models import ColorBar, Label
+from bokeh.models import Axis, ColorBar, Label, NoOverlap
 from fastapi.testclient import TestClient
 from service_support import BODY, compute, front_end, front_of
 
@@ -352,6 +352,13 @@ def test_a_map_that_stays_as_it_is_is_drawn_once_for_all_pages(plane: Plane, mon
     drawn.clear()
     assert alone() is None  # nothing but the atlas keeps maps
     shared.drawn.cache_clear()
+
+
+def test_labels_of_no_axis_lie_over_each_other() -> None:
+    """Of four: those of a machine's speeds and eccentricities are there too."""
+    plot = new_map().figure
+    axes = [part for part in (*plot.below, *plot.left, *plot.above, *plot.right) if isinstance(part, Axis)]
+    assert [type(axis.major_label_policy) for axis in axes] == [NoOverlap] * 4
 
 
 def test_what_has_no_state_is_one_model_for_all_renderers() -> None:
