@@ -20,7 +20,9 @@ environment = test -x $(1)/bin/python || $(UV) venv --quiet --no-project --pytho
 install = $(UV) pip install --quiet $(if $(PYTHONDONTWRITEBYTECODE),--compile-bytecode) --python $(1)/bin/python
 else
 environment = $(PYTHON) -m venv $(1)
-install = $(1)/bin/python -m pip install --quiet --disable-pip-version-check
+# An environment that uv has made, where uv is gone now, has no pip yet.
+install = { $(1)/bin/python -m pip --version || $(1)/bin/python -m ensurepip; } > /dev/null 2>&1; \
+	$(1)/bin/python -m pip install --quiet --disable-pip-version-check
 endif
 
 # What pytest makes of the tests' assertions is kept beside them: to make it takes each of its processes 3 s.
