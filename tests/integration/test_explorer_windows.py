@@ -65,15 +65,23 @@ def cluster(faults: Faults) -> Iterator[Client]:
             yield client
 
 
+@pytest.fixture(autouse=True)
+def _nobody_is_kept(faults: Faults) -> Iterator[None]:
+    """By a test that has failed: the others have the same workers."""
+    yield
+    faults.release()
+
+
 @pytest.fixture
-def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A file that keeps every part of WINDOW waiting but those of its coarsest level, as long as it is there."""
     gate = tmp_path / "gate"
     gate.touch()
     survey = window_survey(REQUEST, WINDOW, PIXELS)
     coarsest = {*survey.delta.values()[::32]}, {*survey.epsilon.values()[::32]}
     monkeypatch.setattr(workers.cluster.refinement, "compute_part", partial(behind, gate, coarsest))
-    return gate
+    yield gate
+    gate.unlink(missing_ok=True)
 
 
 def behind(
