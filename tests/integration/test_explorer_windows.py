@@ -18,7 +18,7 @@ from distributed import Client, Worker
 from faults import Faults
 from intruders import certificates
 from service_processes import assert_bit_identical, serial_run
-from waiting import eventually
+from waiting import HANG, eventually
 
 import workers.cluster.refinement
 from rattle import RattleError
@@ -193,7 +193,7 @@ def test_a_window_goes_before_what_waits_for_the_workers(tmp_path: Path, cluster
         window = asyncio.create_task(all_frames(front, "region"))
         await eventually(lambda: any(cluster.run(has_part).values()))
         first.unlink()  # each worker takes what is next: the window, or what never ends
-        assert len(await window) == 1
+        assert len(await asyncio.wait_for(window, HANG)) == 1
         await eventually(lambda: all(future.status == "finished" for future in begun))  # one of them may come later
         assert not any(future.done() for future in waiting)
         others.unlink()
