@@ -140,7 +140,7 @@ def has_part(dask_worker: Worker) -> bool:
 
 
 def parts(cluster: Client) -> int:
-    """Parts of windows that are at a worker."""
+    """Parts of windows that the scheduler has given to workers, whether they have arrived or not."""
     return sum(str(key).startswith("window") for keys in cluster.processing().values() for key in keys)
 
 

@@ -363,8 +363,7 @@ def test_labels_of_no_axis_lie_over_each_other() -> None:
 
 def test_what_has_no_state_is_one_model_for_all_renderers() -> None:
     """Every model takes time of whoever opens a page, here and in the browser."""
-    nothing: Any = lambda *_: None  # noqa: E731
-    plot = Map("light", nothing, nothing, nothing, nothing, nothing).figure
+    plot = new_map().figure
     assert len(plot.renderers) > 30
     assert len({each.view.filter.id for each in plot.renderers}) == 1
     assert len({each.view.id for each in plot.renderers}) == len(plot.renderers)
