@@ -301,6 +301,12 @@ class _SharedCache(FunctionCache):
 
     _impl_class = _Files
 
+    def has(self, signature: Any, target_context: Any) -> bool:
+        """Whether it can be loaded: its file is there, which is written whole, but after its entry in the index."""
+        files = self._cache_file
+        name = files._load_index().get(self._index_key(signature, target_context.codegen()))
+        return name is not None and os.path.exists(files._data_path(name))
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         found = super().load_overload(sig, target_context)
         if found is None:
@@ -309,16 +315,20 @@ class _SharedCache(FunctionCache):
 
 
 def _share(dispatcher: Any) -> None:
-    """Let one process at a time load or compile a kernel: whoever waited loads what the other has compiled."""
+    """Let one process at a time compile a kernel: whoever waited loads what the other has compiled. Who only loads it
+    neither waits nor is waited for: it may be suspended meanwhile.
+    """
     if not _can_be_kept():
         return
     function = dispatcher.py_func
-    dispatcher._cache = _SharedCache(function)
+    files = dispatcher._cache = _SharedCache(function)
     name = f"{function.__module__}.{function.__qualname__}".replace("<locals>.", "")
     compile_here = dispatcher.compile
 
     def compile_once(signature: Any) -> Any:
         log.debug("needs %s", function.__qualname__)
+        if files.has(signature, dispatcher.targetctx):
+            return compile_here(signature)
         directory = _cache_directory()
         with _alone(os.path.join(directory, f"{name}.lock"), function.__qualname__):
             return compile_here(signature)

@@ -99,6 +99,25 @@ def test_a_kernel_whose_process_is_killed_is_compiled_by_who_waits(at_work: Proc
     assert "compiling capture_invariant" in said
 
 
+LOADING = HOLDING.replace("save", "load").replace("inside(self", "return inside(self")
+
+
+def test_who_is_suspended_while_it_loads_a_kernel_holds_nobody_up(tmp_path: Path) -> None:
+    environment = os.environ | {"RATTLE_CACHE_DIR": str(tmp_path), "NUMBA_DEBUG_CACHE": "1"}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    said = subprocess.run([sys.executable, "-uc", WAITING], env=environment, check=True, timeout=HANG, **pipes).stdout
+    assert "compiling" in said
+    with subprocess.Popen([sys.executable, "-uc", LOADING], env=environment, **pipes) as suspended:
+        try:
+            assert any(line == "holds\n" for line in suspended.stdout)
+            command = [sys.executable, "-uc", WAITING]
+            said = subprocess.run(command, env=environment, check=True, timeout=HANG, **pipes).stdout
+        finally:
+            suspended.kill()
+    assert "data loaded from" in said
+    assert "waiting" not in said
+
+
 def test_without_a_cache_every_process_compiles_and_says_how_to_have_one(tmp_path: Path) -> None:
     package = tmp_path / "rattle"
     shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
