@@ -56,6 +56,7 @@ def touched(browser: Browser, service: str) -> Iterator[BrowserContext]:
         yield context
 
 
+@deep
 def test_a_finger_opens_a_point_and_moves_the_map(touched: BrowserContext, service: str) -> None:
     page = touched.new_page()
     page.set_viewport_size({"width": 390, "height": 844})

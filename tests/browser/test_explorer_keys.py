@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from depth import deep
 from explorer_support import of_map, open_view, visiting, wait_for, wait_for_map
 from playwright.sync_api import Browser, Page, Route, expect
 
@@ -66,6 +67,7 @@ def paper(page: Page) -> tuple[str, str]:
     return page.evaluate("getComputedStyle(document.body).backgroundColor"), of_map(page, "background_fill_color")
 
 
+@deep
 def test_the_theme_is_the_system_s_unless_somebody_says_otherwise(browser: Browser, service: str) -> None:
     light, dark = ("rgb(244, 246, 248)", "#ffffff"), ("rgb(15, 19, 23)", "#171c22")
     with visiting(browser, service, color_scheme="dark") as context:

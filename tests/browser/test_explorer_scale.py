@@ -1,5 +1,6 @@
 """What the colours of a map span, in a browser, and what is clicked beside the map."""
 
+from depth import deep
 from explorer_support import open_view, place_of, wait_for_map
 from playwright.sync_api import Page, expect
 from waiting import wait_until
@@ -22,6 +23,7 @@ BAR = """() => {
 }"""
 
 
+@deep
 def test_the_scale_of_colours_is_whole_and_chosen(page: Page, service: str, survey_id: str) -> None:
     open_view(page, service, survey=survey_id, variable="attractor_fraction")
     page.get_by_label("Map", exact=True).select_option("lyapunov max")  # whose numbers are wider

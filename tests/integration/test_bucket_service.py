@@ -65,6 +65,7 @@ def test_run_killed_and_resumed(s3: S3, expected: dict[str, np.ndarray], tmp_pat
     assert CliRunner().invoke(app, ["verify", url]).exit_code == 0
 
 
+@deep
 def test_a_server_that_is_slow_and_fails_in_five_of_a_hundred_requests(s3: S3, expected: dict[str, np.ndarray]) -> None:
     url = f"s3://{BUCKET}/trouble/survey.zarr"
     s3.trouble(20)

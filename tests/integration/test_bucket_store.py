@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
+from depth import deep
 from s3_server import BUCKET, S3
 
 import workers.storage.bucket
@@ -84,6 +85,7 @@ def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.M
     assert examine(url) == examine(path)
 
 
+@deep
 def test_families_are_joined_in_it(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """And nothing of what is kept meanwhile is left."""
     monkeypatch.setattr("workers.families.join._curves", lambda *_: {})

@@ -50,7 +50,9 @@ class Cluster(IdleClient):
         yield self
 
 
-@pytest.mark.parametrize("error", [ClusterLostError("the dask scheduler is gone"), KeyError("what dask looks up then")])
+@pytest.mark.parametrize(
+    "error", [ClusterLostError("the dask scheduler is gone"), pytest.param(KeyError("what dask looks up"), marks=deep)]
+)
 def test_another_cluster_goes_on_where_one_was_lost(
     error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

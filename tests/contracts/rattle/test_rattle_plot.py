@@ -314,7 +314,7 @@ def test_figure_8_is_labelled(figure_8: Figure) -> None:
     [
         pytest.param((0.4, 1.0), (0, 0.3), 0.3, marks=deep),
         ((0.78, 1.0), (0, 0.05), 0.6),
-        ((0.1, 2.0), (0, 1), 1.2),
+        pytest.param((0.1, 2.0), (0, 1), 1.2, marks=deep),
         pytest.param((0.4, 1.0), (0, 0.3), 3.0, marks=deep),
     ],
 )

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from depth import deep
 from typer.testing import CliRunner
 
 from rattle.errors import ParameterError
@@ -14,6 +15,7 @@ from rattle.stiff import diagram as stiff_diagram
 from service.cli import app
 
 
+@deep
 def test_the_figure_shows_convergence_and_the_graze(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stiff, "STIFFNESSES", np.array([1e3, 1e6, 1e8]))
     places, multipliers, curves, graze = stiff_figure(0.6, 0.08).figure.axes

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from depth import deep
 from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
@@ -160,6 +161,7 @@ def test_curves(monkeypatch: pytest.MonkeyPatch) -> None:
     assert all(float(cells[0]) > 0 for cells in table.values())
 
 
+@deep
 def test_global(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(global_dynamics, "SIDE", 20)
     monkeypatch.setattr(global_dynamics, "STEPS", 5)
@@ -182,6 +184,7 @@ def test_peers(monkeypatch: pytest.MonkeyPatch) -> None:
     assert peers.INSTALL in table["heyoka"][0]
 
 
+@deep
 def test_start(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measure, "TURNS", 1)
     monkeypatch.setattr(measure, "FIRST_RESULT", "import rattle")

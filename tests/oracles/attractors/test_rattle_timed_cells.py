@@ -25,6 +25,7 @@ def test_a_clock_changes_nothing_and_its_parts_are_the_whole() -> None:
     assert min(parts.flights, parts.looks, parts.idle, parts.newton, parts.rest) > 0
 
 
+@deep
 def test_flights_are_counted_as_they_are_flown() -> None:
     """One sample, which the map flies as far in one go; the other lanes of its group have none."""
     delta, epsilon, beta = np.array([0.6]), np.array([0.25]), np.array([0.6])

@@ -94,6 +94,7 @@ def test_lifetimes_at_a_tangency():
     assert chi < 5
 
 
+@deep
 def test_the_curve_is_followed_through_the_change_of_contact():
     """A fresh search, which knows no neighbour, agrees; the contact changes where the root's coefficient vanishes."""
     curve = crisis_curve(low=(low := either(0.756, 0.75)), high=0.762, resolution=0.006)
