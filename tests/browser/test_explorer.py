@@ -7,7 +7,7 @@ from urllib.parse import parse_qs, urlsplit
 import httpx
 import numpy as np
 import xarray as xr
-from depth import DEEP, deep
+from depth import DEEP, deep, either
 from explorer_support import (
     SURVEY,
     assert_accessible,
@@ -116,7 +116,7 @@ def test_lines_are_switched_and_the_address_says_so(page: Page, service: str) ->
 def test_what_is_pointed_at_is_read(page: Page, service: str) -> None:
     open_view(page, service)
     beside = page.locator(".beside")
-    for delta, epsilon in ((0.6, 0.1), (0.5, 0.06), (0.9, 0.05), (0.8, 0.25)):
+    for delta, epsilon in either(((0.6, 0.1), (0.9, 0.05)), ((0.6, 0.1), (0.5, 0.06), (0.9, 0.05), (0.8, 0.25))):
         point_at(page, delta, epsilon, until=f"Cell at δ {delta:g}, ε {epsilon:g}")
         expect(beside).to_contain_text(f"region here{region_at(delta, epsilon)}")
         for orbit in rattle.Gear(delta, epsilon).orbits():

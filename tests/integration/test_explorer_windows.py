@@ -145,7 +145,8 @@ def parts(cluster: Client) -> int:
 
 
 @pytest.mark.parametrize(
-    ("variable", "index"), [("region", 0), ("orbit_velocity", 2), ("quiet_fraction", 0), ("attractor_kind", 1)]
+    ("variable", "index"),
+    [("region", 0), pytest.param("orbit_velocity", 2, marks=deep), ("quiet_fraction", 0), ("attractor_kind", 1)],
 )
 def test_frames_become_the_survey_of_the_window(
     tmp_path: Path, cluster: Client, gate: Path, monkeypatch: pytest.MonkeyPatch, variable: str, index: int

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import dask
 import pytest
+from depth import deep
 from parts import Settings, authority, dask_part, environment
 from service_processes import client_of, free_port, server
 from waiting import HANG, wait_until
@@ -65,6 +66,7 @@ def reachable(url: str, settings: Settings) -> bool:
             return False
 
 
+@deep
 def test_a_survey_is_computed_over_tls(scheduler: str, trusted: Settings, tmp_path: Path) -> None:
     port = free_port()
     with server(tmp_path, port, "--scheduler", scheduler, settings=environment(trusted)), client_of(port) as client:

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from depth import deep
 from matplotlib.collections import PathCollection
 
 import rattle
@@ -56,7 +57,7 @@ def test_both_directions_are_drawn_rasterized():
         assert sum(len(each.get_offsets()) for each in sweeps) == found.points.tau.size
 
 
-@pytest.mark.parametrize("end", [(0.62, 0.075), (0.62, 0.06)], ids=["slanted", "along delta"])
+@pytest.mark.parametrize("end", [(0.62, 0.075), pytest.param((0.62, 0.06), marks=deep)], ids=["slanted", "along delta"])
 def test_other_segments_and_limits_found(end, tmp_path):
     found = rattle.diagram((0.6, 0.06), end, steps=10, impacts=2)
     figure = diagram_figure(found)

@@ -51,6 +51,7 @@ def save(self, *arguments):
 c._SharedCache.save_overload = save
 capture_invariant(0.6, 0.1, 0.6)
 """
+LOADING = HOLDING.replace("save", "load").replace("inside(self", "return inside(self")
 WAITING = """
 import logging
 from rattle.impacting.map.quiet import capture_invariant
@@ -60,15 +61,22 @@ capture_invariant(0.6, 0.1, 0.6)
 """
 
 
+PIPES = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+
+
 @pytest.fixture
-def at_work(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
+def environment(tmp_path: Path) -> dict[str, str]:
+    """Of processes that have a cache of their own, and say what they do with it."""
+    return os.environ | {"RATTLE_CACHE_DIR": str(tmp_path), "NUMBA_DEBUG_CACHE": "1"}
+
+
+@pytest.fixture
+def at_work(environment: dict[str, str]) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
     """Two processes that need the same kernel: one compiles it until it is told to go on, the other waits for that."""
-    environment = os.environ | {"RATTLE_CACHE_DIR": str(tmp_path), "NUMBA_DEBUG_CACHE": "1"}
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    with subprocess.Popen([sys.executable, "-uc", HOLDING], env=environment, **pipes) as holding:
+    with subprocess.Popen([sys.executable, "-uc", HOLDING], env=environment, **PIPES) as holding:
         try:
             assert any(line == "holds\n" for line in holding.stdout)
-            with subprocess.Popen([sys.executable, "-uc", WAITING], env=environment, **pipes) as waiting:
+            with subprocess.Popen([sys.executable, "-uc", WAITING], env=environment, **PIPES) as waiting:
                 try:
                     assert next(waiting.stdout) == "waiting for another process to compile capture_invariant\n"
                     yield holding, waiting
@@ -81,7 +89,7 @@ def at_work(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], subprocess.
 Processes = tuple["subprocess.Popen[str]", "subprocess.Popen[str]"]
 
 
-def test_no_two_processes_compile_the_same_kernel(at_work: Processes) -> None:
+def test_no_two_processes_compile_the_same_kernel(at_work: Processes, environment: dict[str, str]) -> None:
     holding, waiting = at_work
     said, _ = holding.communicate("go on\n", HANG)
     assert "saved to" in said
@@ -89,6 +97,16 @@ def test_no_two_processes_compile_the_same_kernel(at_work: Processes) -> None:
     assert waiting.returncode == 0
     assert "data loaded from" in said
     assert "compiling" not in said
+    # One that is suspended while it loads what they have left holds nobody up.
+    with subprocess.Popen([sys.executable, "-uc", LOADING], env=environment, **PIPES) as suspended:
+        try:
+            assert any(line == "holds\n" for line in suspended.stdout)
+            command = [sys.executable, "-uc", WAITING]
+            said = subprocess.run(command, env=environment, check=True, timeout=HANG, **PIPES).stdout
+        finally:
+            suspended.kill()
+    assert "data loaded from" in said
+    assert "waiting" not in said
 
 
 def test_a_kernel_whose_process_is_killed_is_compiled_by_who_waits(at_work: Processes) -> None:
@@ -97,25 +115,6 @@ def test_a_kernel_whose_process_is_killed_is_compiled_by_who_waits(at_work: Proc
     said, _ = waiting.communicate(timeout=HANG)
     assert waiting.returncode == 0
     assert "compiling capture_invariant" in said
-
-
-LOADING = HOLDING.replace("save", "load").replace("inside(self", "return inside(self")
-
-
-def test_who_is_suspended_while_it_loads_a_kernel_holds_nobody_up(tmp_path: Path) -> None:
-    environment = os.environ | {"RATTLE_CACHE_DIR": str(tmp_path), "NUMBA_DEBUG_CACHE": "1"}
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    said = subprocess.run([sys.executable, "-uc", WAITING], env=environment, check=True, timeout=HANG, **pipes).stdout
-    assert "compiling" in said
-    with subprocess.Popen([sys.executable, "-uc", LOADING], env=environment, **pipes) as suspended:
-        try:
-            assert any(line == "holds\n" for line in suspended.stdout)
-            command = [sys.executable, "-uc", WAITING]
-            said = subprocess.run(command, env=environment, check=True, timeout=HANG, **pipes).stdout
-        finally:
-            suspended.kill()
-    assert "data loaded from" in said
-    assert "waiting" not in said
 
 
 def test_without_a_cache_every_process_compiles_and_says_how_to_have_one(tmp_path: Path) -> None:

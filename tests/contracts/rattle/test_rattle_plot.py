@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-from depth import deep, either
+from depth import DEEP, deep, either
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
@@ -380,9 +380,10 @@ def test_the_command_writes_figures(tmp_path: Path) -> None:
     assert str(out / "figure8.pdf") in result.output.replace("\n", "")
     assert (out / "figure8.pdf").read_bytes().startswith(b"%PDF")
     assert min(matplotlib.image.imread(out / "figure8.png").shape[:2]) > 1000
-    first = (out / "figure8.pdf").read_bytes()
-    CliRunner().invoke(app, arguments[:-2])
-    assert (out / "figure8.pdf").read_bytes() == first
+    if DEEP:
+        first = (out / "figure8.pdf").read_bytes()
+        CliRunner().invoke(app, arguments[:-2])
+        assert (out / "figure8.pdf").read_bytes() == first
 
 
 @pytest.mark.parametrize(

@@ -153,6 +153,7 @@ def test_classes_beside_an_older_version(monkeypatch: pytest.MonkeyPatch) -> Non
     assert all(table[name][-2:] == ["1.00", "0.50"] for name in (*cells.NAMES, cells.WHOLE))
 
 
+@deep
 def test_curves(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curves, "best", lambda _: [1.0])  # each has run once before it is timed
     table = rows(printed(monkeypatch, "curves"))

@@ -113,6 +113,7 @@ def test_the_curve_is_followed_through_the_change_of_contact():
     assert fresh.epsilon == pytest.approx(curve.epsilon[0], abs=1e-10)
 
 
+@deep
 def test_without_an_end_it_is_followed_to_so_far_from_cod22(monkeypatch):
     monkeypatch.setattr("rattle.impacting.crisis.curve.CLOSEST", 1e-2)
     found = crisis_curve(low=0.762, resolution=0.006)

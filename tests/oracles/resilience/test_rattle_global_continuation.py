@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from depth import deep
 
 import rattle
 from rattle import stiff
@@ -177,6 +178,7 @@ class Fastest:
         return self.v
 
 
+@deep
 def test_own_quantities_are_gathered() -> None:
     found = rattle.global_continuation(
         [(0.6, 0.0615), (0.6, 0.0625)], count=8, steps=1, causes=False, quantities={"fastest": Fastest}, periods=20.0
