@@ -1,6 +1,8 @@
 """Colours that mean something else are told apart, by people without green cones too."""
 
 from itertools import combinations, pairwise
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from colour_difference import difference, lab_of
 from rattle import KINDS
 from rattle.plot.colours import REGION_COLOURS
 from rattle.plot.plane import STYLES
+from service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, Controls, Uses
 from workers.pictures.largest import colours_of
 
 
@@ -50,3 +53,29 @@ def test_regions_and_lines_are_told_apart_without_green() -> None:
             assert difference(colours[one], colours[other]) > 20
         else:
             assert STYLES[one][1] != STYLES[other][1]  # of one kind: dashes tell them apart
+
+
+def test_limits_of_a_viewer_s_own_are_taken_over_and_refused_in_words() -> None:
+    used: list[str] = []
+    names = ("variable", "index", "slice", "limits", "own", "save")
+    controls = Controls("", True, Uses(**{name: lambda name=name: used.append(name) for name in names}))
+    seen: Any = SimpleNamespace(low=0.1, high=0.7)
+    assert next(iter(LIMIT_NAMES)) == controls.rule == controls.limits((1.0, 2.0), seen)
+    controls._rule.value = OWN
+    assert used == ["limits"]
+    assert controls.rule is None
+    assert controls.limits((1.0, 2.0), seen) == (1.0, 2.0)  # they stay
+    assert controls.limits("auto", seen) == (0.1, 0.7)  # what is seen becomes the viewer's own
+    assert controls.limits("auto", None) is None
+    controls._low.value = None  # a field that was emptied
+    assert controls.own == "Colours need two limits: a number each."
+    controls._low.value, controls._high.value = -2.0, -3.0
+    assert "cannot span -2 to -3" in controls.own
+    controls._high.value = -1.0
+    assert "the second limit must be above 0, not -1" in controls.own
+    controls._log.value = []
+    assert controls.own == (-2.0, -1.0)
+    controls._log.value = [LOG]
+    controls._high.value = 1.0
+    assert controls.own == (-2.0, 1.0)
+    assert {*used} == {"limits", "own"}

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from bokeh.document import Document
+from pydantic import ValidationError
 from service_support import BODY, no_cluster
 
 import rattle
@@ -14,7 +15,7 @@ from rattle.models import Impacting
 from service.access.keys import Caller
 from service.app import create_app
 from service.explorer.common.viewer import Viewer
-from service.explorer.page.form import CELLS, Form
+from service.explorer.page.form import CELLS, Form, lasting, what_is_wrong
 from service.explorer.page.rows import machine_facts
 from service.settings import Settings
 from workers import SurveyRequest
@@ -31,6 +32,10 @@ ASKED = SurveyRequest.model_validate(
         "initial_conditions": {"count": 9, "v_max": 5.0, "v_min": 1.5, "tau_min": 0.1, "tau_max": 0.35},
     }
 )  # fmt: skip
+STIFF = SurveyRequest.model_validate(
+    {name: value for name, value in BODY.items() if name != "tile"}
+    | {"model": "stiff", "kappa": 2e4, "quantities": ["region", "orbits"]}
+)
 REFINED = ASKED.model_copy(update={"refine": Refine(audit=0.07)})
 
 
@@ -45,7 +50,7 @@ def with_form(data: Path, body: Callable[[Form], None]) -> None:
     asyncio.run(main())
 
 
-@pytest.mark.parametrize("request_", [IN_SI, ASKED, REFINED], ids=["machine", "sample", "refined"])
+@pytest.mark.parametrize("request_", [IN_SI, ASKED, REFINED, STIFF], ids=["machine", "sample", "refined", "stiff"])
 def test_the_form_stands_for_the_survey_that_fills_it(request_: SurveyRequest, tmp_path: Path) -> None:
     def body(form: Form) -> None:
         form.fill(request_)
@@ -53,6 +58,15 @@ def test_the_form_stands_for_the_survey_that_fills_it(request_: SurveyRequest, t
         assert form.machine.panel.visible == (request_.machine is not None)
 
     with_form(tmp_path, body)
+
+
+def test_what_is_wrong_and_how_long_it_lasts_is_said_in_words() -> None:
+    with pytest.raises(ValidationError) as wrong:
+        SurveyRequest.model_validate(BODY | {"delta": {"start": 2.0, "stop": 1.0, "num": 3}})
+    assert "must be below stop" in what_is_wrong(wrong.value)
+    assert what_is_wrong(ValueError("said already")) == "said already"
+    seconds = (0.2, 119.0, 121.0, 7300.0, 200_000.0)
+    assert [lasting(each) for each in seconds] == ["1 s", "119 s", "2 min", "2 hours", "2 days"]
 
 
 def test_a_machine_is_entered_in_the_units_of_a_drawing(tmp_path: Path) -> None:

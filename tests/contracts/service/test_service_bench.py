@@ -153,6 +153,15 @@ def test_classes_beside_an_older_version(monkeypatch: pytest.MonkeyPatch) -> Non
     assert all(table[name][-2:] == ["1.00", "0.50"] for name in (*cells.NAMES, cells.WHOLE))
 
 
+def test_tables_of_what_is_measured_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(curves, "bifurcations", lambda: iter([("Figures 7 and 8", 1.234, 4321)]))
+    monkeypatch.setattr(global_dynamics, "times", lambda: iter([("Γ", 0.00456, "210 points")]))
+    monkeypatch.setattr(measure, "start", lambda: iter([("rattle --version", 0.567)]))
+    assert rows(printed(monkeypatch, "curves"))["Figures 7 and 8"] == ["1.23", "4321"]
+    assert rows(printed(monkeypatch, "global"))["Γ"] == ["0.005", "210 points"]
+    assert rows(printed(monkeypatch, "start"))["rattle --version"] == ["0.57"]
+
+
 @deep
 def test_curves(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(curves, "best", lambda _: [1.0])  # each has run once before it is timed
