@@ -79,7 +79,11 @@ class Page:
         )
         self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
         on_press(self._new, self._toggle_form)
-        self._side = pn.Column(self._new, self._notice, self._list, sizing_mode="stretch_width", margin=0)
+        # In a column of its own: to put it between others would set them anew, and a click on one of them be lost.
+        self._entering = pn.Column(sizing_mode="stretch_width", margin=0)
+        self._side = pn.Column(
+            self._new, self._entering, self._notice, self._list, sizing_mode="stretch_width", margin=0
+        )
         self._pins = Pins(viewer, view.pins, self._on_pins, self._go_to_pin)
         self._further = FurtherMaps(shared, viewer, theme, sheet, lambda: self._map)
         self._section = Section(shared, viewer, theme, sheet, self._keep, self._go_through)
@@ -172,8 +176,8 @@ class Page:
             self._tell("This point is of another model, β or κ than the map: choose a survey of it.")
 
     def _toggle_form(self) -> None:
-        if self._form is not None and self._form.panel in self._side:
-            self._side.remove(self._form.panel)
+        if self._form is not None and self._form.panel in self._entering:
+            self._entering.clear()
             self._side.css_classes = []
             self._new.label = "New survey"
         else:
@@ -182,8 +186,8 @@ class Page:
     def _opened_form(self) -> Form:
         if self._form is None:
             self._form = Form(self._viewer, self._submitted, asset("widgets.css"))
-        if self._form.panel not in self._side:
-            self._side.insert(1, self._form.panel)
+        if self._form.panel not in self._entering:
+            self._entering.append(self._form.panel)
             self._side.css_classes = ["with-form"]
             self._new.label = "Close the form"
         return self._form
