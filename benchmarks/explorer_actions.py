@@ -96,7 +96,11 @@ class Visitor:
             kind = self._chance.choice(self._kinds)
         self._left -= 1
         self._browser.start_tracing(categories=TASKS)
-        kind()
+        try:
+            kind()
+        except TimeoutError as error:
+            buttons = self._page.locator("button").all_inner_texts()
+            raise RuntimeError(f"{kind.__name__} at {self._page.url}, where the buttons are {buttons}") from error
         self._page.wait_for_function(IDLE, polling=POLL_MS)
         self._page.wait_for_timeout(PAUSE_MS)
         return kind.__name__.replace("_", " "), *longest_task(self._browser.stop_tracing())
