@@ -51,7 +51,11 @@ class Cluster(IdleClient):
 
 
 @pytest.mark.parametrize(
-    "error", [ClusterLostError("the dask scheduler is gone"), pytest.param(KeyError("what dask looks up"), marks=deep)]
+    "error",
+    [
+        ClusterLostError("the dask scheduler is gone"),
+        pytest.param(KeyError("what dask looks up then"), marks=deep),
+    ],
 )
 def test_another_cluster_goes_on_where_one_was_lost(
     error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

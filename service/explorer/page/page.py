@@ -79,7 +79,7 @@ class Page:
         )
         self._new = pn.widgets.Button(label="New survey", css_classes=["new"], stylesheets=[sheet], margin=8)
         on_press(self._new, self._toggle_form)
-        # In a column of its own: to put it between others would set them anew, and a click on one of them be lost.
+        # In a column of its own: what is put between others has all of them set anew.
         self._entering = pn.Column(sizing_mode="stretch_width", margin=0)
         self._side = pn.Column(
             self._new, self._entering, self._notice, self._list, sizing_mode="stretch_width", margin=0

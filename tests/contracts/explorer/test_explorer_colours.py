@@ -1,4 +1,4 @@
-"""Colours that mean something else are told apart, by people without green cones too."""
+"""Colours that mean something else are told apart, by people without green cones too; viewers say what they span."""
 
 from itertools import combinations, pairwise
 from types import SimpleNamespace
