@@ -13,7 +13,7 @@ from workers.completion import complete, is_incomplete
 from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
 from workers.families.join import join_survey, lacks_families
 from workers.families.one import open_family
-from workers.in_process import is_short, run_tiles_here
+from workers.in_process import compile_for, is_short, run_tiles_here
 from workers.kinds import AnyRequest, compute_tile, request_of, tiles_of
 from workers.populations.request import PopulationRequest
 from workers.run import run_survey
@@ -64,6 +64,7 @@ __all__ = [
     "TileRecord",
     "TileShape",
     "Window",
+    "compile_for",
     "complete",
     "complete_on",
     "compute_part",

@@ -8,6 +8,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 
 from rattle.models import Model
+from rattle.warm import compile_together
 from workers.kinds import AnyRequest, AnyTile, compute_tile, tile_error
 from workers.populations.request import PopulationRequest
 from workers.storage.location import Place, place_of
@@ -34,6 +35,15 @@ def is_short(request: AnyRequest, cells: int) -> bool:
     else:
         each = CLOSED_FORM
     return cells * (each + (BASINS if Group.BASINS in groups else 0.0)) <= 1000 * FEW_SECONDS
+
+
+def compile_for(request: AnyRequest) -> None:
+    """Compile the kernels of a survey that is computed here, if they are not there yet: it would do so itself, without
+    the help of another process.
+    """
+    groups = set(request.quantities)
+    if SAMPLED & groups or isinstance(request, PopulationRequest):
+        compile_together(request.stiffness, intensities=Group.INTENSITY in groups)
 
 
 def run_tiles_here(

@@ -254,6 +254,19 @@ def _alone(path: str, what: str) -> Iterator[None]:
         os.close(file)
 
 
+@contextmanager
+def unless_elsewhere(what: str) -> Iterator[bool]:
+    """Whether no other process is at this piece of compiling, which is this one's then; nobody waits for it."""
+    if not _can_be_kept():
+        yield True
+        return
+    file = os.open(os.path.join(_cache_directory(), f"{what}.part"), os.O_RDWR | os.O_CREAT, 0o600)
+    try:
+        yield _locked(file)
+    finally:
+        os.close(file)
+
+
 def _locked(file: int) -> bool:
     """Take the lock if nobody has it; True where files cannot be locked at all."""
     try:

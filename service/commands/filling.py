@@ -23,20 +23,29 @@ MAX_MESSAGES = 10
 
 def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
     """Create or resume the store of a request, compute what is missing of it, and finish it."""
-    import workers as survey
     from service.commands.progress import compiling_told
-    from service.commands.signals import stop_requested
     from workers.certificates import require_certifiable
 
     require_certifiable(request, out)
+    with compiling_told():
+        _fill(request, out, scheduler, workers)
+
+
+def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
+    import workers as survey
+    from service.commands.signals import stop_requested
+
+    alone = not (scheduler or workers)
+    if alone and survey.is_short(request, request.n_cells):
+        survey.compile_for(request)
     survey.create_store(request, out)
     done = survey.tiles_done(request, out)
     missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
     if missing or survey.is_incomplete(request, out):
-        with stop_requested() as stop, compiling_told():
+        with stop_requested() as stop:
             try:
                 short = survey.is_short(request, sum(tile.n_cells for tile in missing) or request.n_cells)
-                here = short and not (scheduler or workers)
+                here = short and alone
                 cluster = (
                     nullcontext() if here else started(request.stiffness, scheduler, workers or PROCESSES, stop.is_set)
                 )

@@ -11,7 +11,8 @@ from rattle.flight.tangent import MOST_BOUNCES, STUCK
 from rattle.numerics.compile import inline, kernel
 
 LANES, GROUP = 192, 16  # lanes are flown in groups, as many as are in use
-GROUPS = LANES // GROUP
+#: All groups, no group or sample, and one flight: of a type that makes no variants of kernels, as numbers in them do.
+GROUPS, NONE, ONCE = np.array([LANES // GROUP, 0, 1])
 SMOOTH, ROUGH, ARCS = range(3)
 ROUGHNESS = 0.75  # of the amplitude at which the contact force changes sign: from there a better guess pays
 HUGE = 1e100  # what a tangent vector may grow to between two looks

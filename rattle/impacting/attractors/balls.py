@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from rattle.attractors.ball import DIRECTIONS, LARGEST, SMALLEST, placed, shrinks
-from rattle.flight.lanes.block import GROUP, GROUPS, LANES, SMOOTH, empty, ended, load, roughest
+from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, SMOOTH, empty, ended, load, roughest
 from rattle.flight.lanes.stages import advance_plain
 from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, Flight, decay64, versines
 from rattle.flight.tangent import flight_tangent
@@ -61,7 +61,7 @@ def fly(b, work, groups, force, paths):
     """One flight of every lane, and its tangent."""
     for i in range(GROUP * groups):
         work.w[i], work.sin0[i], work.cos0[i], b.time[i] = b.w[i], b.sin0[i], b.cos0[i], 0.0
-    advance_plain(b, groups, 1, force, paths)
+    advance_plain(b, groups, ONCE, force, paths)
     for i in range(GROUP * groups):
         x = b.delta[i] * b.time[i]
         work.lost[i] = x * (1.0 - x * decay64(min(x, LONGEST_DECAY)))
@@ -115,11 +115,11 @@ def largest_held(b, work, group, i, level, few, centres):
 @kernel
 def grow(memory, work, centres, cells, paths):
     """Find the radius of every ball, 0 where there is none."""
-    b, n, fresh, force = memory[0], centres.radius.size, 0, SMOOTH
+    b, n, fresh, force = memory[0], centres.radius.size, NONE, SMOOTH
     of, level, few = np.full(GROUPS, -1), np.zeros(GROUPS, np.int64), np.zeros(GROUPS, np.bool_)
     empty(b)
     while True:
-        groups, begun = 0, False
+        groups, begun = NONE, False
         for group in range(GROUPS):
             i = of[group]
             if i >= 0:

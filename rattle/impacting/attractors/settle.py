@@ -21,7 +21,18 @@ from rattle.attractors.samples import (
     mark,
     top_speed,
 )
-from rattle.flight.lanes.block import GROUP, GROUPS, empty, ended, load, made_ready, overflows, roughest, stretched
+from rattle.flight.lanes.block import (
+    GROUP,
+    GROUPS,
+    NONE,
+    empty,
+    ended,
+    load,
+    made_ready,
+    overflows,
+    roughest,
+    stretched,
+)
 from rattle.flight.lanes.stages import advance_plain, advance_tangent
 from rattle.flight.law import DRIFT, contact_force, speed_unit, wrapped
 from rattle.impacting.map.impact_map import Point
@@ -127,7 +138,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
     """Follow the samples `which` until they end, with so many flights between two looks; a sample that makes all its
     impacts is LEFT.
     """
-    b, fresh, groups = memory[0], 0, GROUPS
+    b, fresh, groups = memory[0], NONE, GROUPS
     empty(b)
     while groups > 0:
         fresh = looked_round(b, groups, fresh, which, cells, samples, balls)
@@ -195,7 +206,7 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
     sums[j, batch], zero before, gathers time, ln stretch and ln|det| of sample which[j] after ALIGNMENT impacts,
     footprints[j] the boxes that it visits.
     """
-    b, fresh, groups, watch = memory[0], 0, GROUPS, Watch(least, periods, sums, footprints)
+    b, fresh, groups, watch = memory[0], NONE, GROUPS, Watch(least, periods, sums, footprints)
     empty(b)
     while groups > 0:
         fresh = watched_round(b, groups, fresh, which, cells, samples, balls, watch)

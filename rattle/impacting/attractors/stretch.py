@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES
-from rattle.flight.lanes.block import GROUP, GROUPS, LANES, empty, load, made_ready, roughest
+from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, empty, load, made_ready, roughest
 from rattle.flight.lanes.stages import advance_plain
 from rattle.impacting.attractors.settle import is_captured
 from rattle.impacting.map.iterate import working_block
@@ -35,7 +35,7 @@ def fly(memory, cell, tau, v, looks, cells, sums, paths):
     before, gathers their impacts in equal parts, NaN of one that comes to rest.
     """
     speeds, squares, impulses, fastest = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
-    b, fresh, groups = memory[0], 0, GROUPS
+    b, fresh, groups = memory[0], NONE, GROUPS
     empty(b)
     while groups > 0:
         for i in range(GROUP * groups):
@@ -67,7 +67,7 @@ def fly(memory, cell, tau, v, looks, cells, sums, paths):
         force = roughest(b, groups)
         speeds[:], squares[:], impulses[:], fastest[:] = 0.0, 0.0, 0.0, 0.0
         for _ in range(CHUNK):
-            advance_plain(b, groups, 1, force, paths)
+            advance_plain(b, groups, ONCE, force, paths)
             gather(b, groups, speeds, squares, impulses, fastest)
 
 

@@ -17,7 +17,7 @@ from rattle.attractors.classify import Seen
 from rattle.attractors.samples import Samples
 from rattle.attractors.table import of_samples
 from rattle.errors import parameters
-from rattle.flight.lanes.block import GROUP, GROUPS, empty, made_ready, roughest
+from rattle.flight.lanes.block import GROUP, GROUPS, NONE, empty, made_ready, roughest
 from rattle.flight.lanes.stages import advance_plain, advance_tangent
 from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.attractors.settle import (
@@ -71,7 +71,7 @@ def flown(b, groups):
 @kernel
 def timed_settle(memory, which, flights, cells, samples, balls, paths, meter):
     """`settle`, and what it takes."""
-    b, fresh, groups, room = memory[0], 0, GROUPS, np.empty(2, np.int64)
+    b, fresh, groups, room = memory[0], NONE, GROUPS, np.empty(2, np.int64)
     empty(b)
     while groups > 0:
         began = nanoseconds(room)
@@ -90,7 +90,7 @@ def timed_settle(memory, which, flights, cells, samples, balls, paths, meter):
 @kernel
 def timed_measure(memory, which, cells, samples, balls, watch, paths, meter):
     """`measure`, and what it takes."""
-    b, fresh, groups, room = memory[0], 0, GROUPS, np.empty(2, np.int64)
+    b, fresh, groups, room = memory[0], NONE, GROUPS, np.empty(2, np.int64)
     empty(b)
     while groups > 0:
         began = nanoseconds(room)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from rattle.flight.lanes.block import (
     GROUP,
     GROUPS,
+    NONE,
     block,
     empty,
     ended,
@@ -25,7 +26,7 @@ from rattle.flight.lanes.stages import advance_plain, advance_tangent
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Iterates, Stretched, checked
 
-FLIGHTS = 20  # between two looks at the lanes; divides the round numbers that people ask for
+FLIGHTS = np.int64(20)  # between two looks at the lanes; divides the round numbers that people ask for
 
 
 class _Memory(threading.local):
@@ -55,7 +56,7 @@ def _driver(tangent: bool) -> Any:
         n_plus, n_minus = np.zeros(size, np.int64), np.zeros(size, np.int64)
         status = np.zeros(size, np.int8)
         growth = np.zeros((3, size))
-        fresh, groups = 0, GROUPS
+        fresh, groups = NONE, GROUPS
         empty(b)
         while groups > 0:
             for i in range(GROUP * groups):
