@@ -49,6 +49,11 @@ DRAWN = """() => {
   return map && Bokeh.index.find_one(map) &&
     map.renderers.some((each) => each.name?.startsWith("cells") && each.data_source.data.image.length)
 }"""
+WHOLE = """({delta, epsilon}) => {
+  const map = Bokeh.documents.map((each) => each.get_model_by_name("map")).find((each) => each)
+  const holds = (range, axis) => range.start <= axis.start && range.end >= axis.stop
+  return holds(map.x_range, delta) && holds(map.y_range, epsilon)
+}"""
 IDLE = "() => Bokeh.documents.every((each) => each.is_idle)"
 LISTED = 12  # steps of the event loop, the longest
 POLL_MS = 50  # not at every frame: a browser under load may paint none
@@ -185,7 +190,8 @@ class Visitor:
 
     def _place(self) -> tuple[float, float]:
         """Somewhere on the map of the whole survey, on the screen."""
-        self._on_map("0")
+        self._on_map("0")  # the service sets the window: what is computed before may be anywhere on the page
+        self._page.wait_for_function(WHOLE, arg=PLANE, polling=POLL_MS)
         at = self._chance.uniform(0.45, 0.95), self._chance.uniform(0.03, 0.27)
         x, y = self._page.evaluate(PLACE, at)
         return float(x), float(y)
