@@ -26,6 +26,7 @@ from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
 from rattle.impacting.bifurcations.curves import trace
 from rattle.impacting.gear import Gear
+from rattle.impacting.orbits.period_one import grazing
 from rattle.impacting.orbits.stable import stable_cells
 from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.table import Stretch, intensities_of, one_by_one
@@ -130,6 +131,7 @@ def _of_impacting() -> Parts:
 
     def orbits() -> None:
         Gear(*POINT).orbits()
+        grazing("G1", POINT[0])
         robust_chaos_interval()
         trace("SN1")
 

@@ -43,6 +43,7 @@ if kappa is None:
     gear, table = rattle.Gear(0.5, 0.1, 0.7), rattle.attractors_of(delta, epsilon, beta, count=32)
     cells, stretched = cells_of(delta, epsilon, beta), stretch
     trace("G1", 0.7)
+    rattle.grazing("G2", delta, 0.7)
 else:
     gear, table = StiffGear(0.5, 0.1, 0.7, kappa), classifier.attractors_of(delta, epsilon, beta, kappa, count=32)
     cells, stretched = classifier.cells_of(delta, epsilon, beta, np.full(3, kappa)), one_by_one
