@@ -11,7 +11,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,7 @@ from rattle.impacting.orbits.stable import stable_cells
 from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.table import Stretch, intensities_of, one_by_one
 from rattle.intensity.visit import COLUMNS
-from rattle.numerics.compile import note_in_cache, unless_elsewhere
+from rattle.numerics.compile import can_be_kept, note_in_cache, unless_elsewhere
 
 POINT = 0.6, 0.1, 0.6
 CELL = np.array([POINT[0]]), np.array([POINT[1]]), np.array([POINT[2]])
@@ -40,7 +39,7 @@ NO_ROWS = Attractors(
     *(NONE, NONE, NONE, NONE, NONE, NONE, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING), impacts=NONE, watched=NOTHING
 )
 OF_INTENSITIES = {"stretches", "intensities"}
-HELP = "from rattle.warm import compile_parts; compile_parts({}, intensities={})"
+HELP = "import sys; sys.path[:] = {}; from rattle.warm import compile_parts; compile_parts({}, intensities={})"
 
 Parts = dict[str, Callable[[], Any]]
 
@@ -68,7 +67,8 @@ def compile_together(kappa: float | None = None, *, intensities: bool = True) ->
     ready = note_in_cache(f"{whose}-survey{'-with-intensities' if intensities else ''}")
     if ready.exists():
         return
-    with _help(kappa, intensities) if sys.executable and _processors() > 1 else nullcontext():
+    can_help = can_be_kept() and sys.executable and _processors() > 1
+    with _help(kappa, intensities) if can_help else nullcontext():
         compile_parts(kappa, intensities=intensities)
         for work in _parts(kappa, intensities).values():  # also what the other process is still at
             work()
@@ -99,12 +99,8 @@ def _processors() -> int:
 @contextmanager
 def _help(kappa: float | None, intensities: bool) -> Iterator[None]:
     """Another process that compiles parts until this ends, when it has none left."""
-    where = os.pathsep.join(filter(None, (str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH"))))
-    process = subprocess.Popen(
-        [sys.executable, "-c", HELP.format(kappa, intensities)],
-        env=os.environ | {"PYTHONPATH": where},
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+    nowhere: Any = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+    process = subprocess.Popen([sys.executable, "-c", HELP.format(sys.path, kappa, intensities)], **nowhere)
     try:
         yield
     finally:

@@ -215,7 +215,7 @@ class _EntryCompiler(Compiler):
 
 
 @cache
-def _can_be_kept() -> bool:
+def can_be_kept() -> bool:
     """Whether the cache can be written; numba would take a directory beside the sources, where code can be stale."""
     try:
         os.makedirs(_cache_directory(), exist_ok=True)
@@ -257,10 +257,11 @@ def _alone(path: str, what: str) -> Iterator[None]:
 @contextmanager
 def unless_elsewhere(what: str) -> Iterator[bool]:
     """Whether no other process is at this piece of compiling, which is this one's then; nobody waits for it."""
-    if not _can_be_kept():
+    try:
+        file = os.open(os.path.join(_cache_directory(), f"{what}.part"), os.O_RDWR | os.O_CREAT, 0o600)
+    except OSError:  # nothing can be kept: nobody else does anything for this process
         yield True
         return
-    file = os.open(os.path.join(_cache_directory(), f"{what}.part"), os.O_RDWR | os.O_CREAT, 0o600)
     try:
         yield _locked(file)
     finally:
@@ -331,7 +332,7 @@ def _share(dispatcher: Any) -> None:
     """Let one process at a time compile a kernel: whoever waited loads what the other has compiled. Who only loads it
     neither waits nor is waited for: it may be suspended meanwhile.
     """
-    if not _can_be_kept():
+    if not can_be_kept():
         return
     function = dispatcher.py_func
     files = dispatcher._cache = _SharedCache(function)

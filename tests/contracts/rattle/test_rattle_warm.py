@@ -72,7 +72,7 @@ def done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
 
     monkeypatch.setattr(warm, "_parts", lambda _kappa, _intensities: {name: part(name) for name in "abc"})
     monkeypatch.setattr(compiling, "_cache_directory", lambda: str(tmp_path))
-    compiling._can_be_kept.cache_clear()
+    compiling.can_be_kept.cache_clear()
     return names
 
 
@@ -90,7 +90,9 @@ def test_another_process_helps_until_all_is_done(
     done: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     helps = tmp_path / "helps"
-    told = f"import os, sys, time; open({str(helps)!r}, 'w').write(str(os.getpid())); time.sleep({HANG}) #{{}} {{}}"
+    told = (
+        f"import os, sys, time; open({str(helps)!r}, 'w').write(str(os.getpid())); time.sleep({HANG}) #{{}} {{}} {{}}"
+    )
     monkeypatch.setattr(warm, "HELP", told)
     monkeypatch.setattr(warm, "_processors", lambda: 2)
     parts = warm._parts(None, True) | {"c": lambda: wait_until(lambda: helps.exists() and helps.read_text())}
