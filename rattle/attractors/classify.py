@@ -349,6 +349,7 @@ def begun(
     """Samples (k,) that have made no impact yet, and so many at most; the arrays are followed in place."""
     impacts, status, orbit, gap, pause = (np.zeros(cell.size, np.int64) for _ in range(5))
     limits = np.broadcast_to(limit, cell.shape).astype(np.int64)
+    cell = np.ascontiguousarray(cell)  # another layout would be another variant of each kernel
     return Samples(cell, tau, v, impacts, limits, status, orbit, gap, pause, np.zeros(cell.size))
 
 

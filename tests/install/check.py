@@ -7,6 +7,7 @@ first time.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import shutil
@@ -17,6 +18,7 @@ import time
 import tomllib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from zipfile import ZipFile
@@ -38,6 +40,7 @@ DOCUMENTS = (
     "CONTRIBUTING.md",
     "SECURITY.md",
 )
+CACHE = Path.home() / ".cache" / "gear-rattle-install"
 HANG = 900  # seconds: nothing takes as long unless it hangs
 #: What the lines name: where versions differ most, and what broke before.
 NAMED = ("numpy", "numba", "zarr", "xarray", "dask", "fastapi", "starlette", "sqlalchemy", "panel", "bokeh")
@@ -79,12 +82,16 @@ class Environment:
             self._require_lowest(versions)
         self._put_foreign_packages(python)
         inside = shutil.copy(Path(__file__).with_name("inside.py"), self.where)
-        said = self._run(python, "-I", "-u", str(inside), str(ROOT))
+        said = self._run(python, "-I", "-u", "-X", f"pycache_prefix={self._bytecode}", str(inside), str(ROOT))
         named = ", ".join(f"{name} {versions[name]}" for name in NAMED if name in versions)
         return (
             f"Python {self.python}, {self.which}: {installed - began:.0f} s to install {len(versions) + 1} packages, "
             f"{time.monotonic() - installed:.0f} s ({said.splitlines()[-1]}) to use them: {named}"
         )
+
+    @property
+    def _bytecode(self) -> Path:
+        return CACHE / "bytecode" / self.where.name
 
     def _put_foreign_packages(self, python: str) -> None:
         """Other people's packages of the names that ours have in the checkout; `inside.py` imports both."""
@@ -118,9 +125,10 @@ class Environment:
             **kept,
             "HOME": str(home),
             "XDG_CACHE_HOME": str(home / ".cache"),
-            # Downloads, and kernels of the same code and releases: what another run of this made.
+            # Downloads, bytecode, and kernels of the same code and releases: what another run of this made.
             "RATTLE_CACHE_DIR": os.environ.get("RATTLE_CACHE_DIR") or str(Path.home() / ".cache" / "rattle"),
             "UV_CACHE_DIR": cache,
+            "PYTHONPYCACHEPREFIX": str(self._bytecode),
         }
         try:
             return subprocess.run(
@@ -168,8 +176,7 @@ def main() -> int:
     pythons = interpreters()
     absent = [version for version in PYTHONS if version not in pythons]
     failures = 0
-    with tempfile.TemporaryDirectory(prefix="gear-rattle-") as temporary, _one_for_each_processor() as pool:
-        top = Path(temporary)
+    with _directory() as top, _one_for_each_processor() as pool:
         wheel = build(top)
         jobs = {}
         for which in sys.argv[1:] or RESOLUTIONS:
@@ -188,6 +195,26 @@ def main() -> int:
         print(f"Python {version} is not installed: not checked")
     print(f"{len(jobs) - failures} passed, {failures} failed in {time.monotonic() - began:.0f} s")
     return 1 if failures or not jobs else 0
+
+
+@contextmanager
+def _directory() -> Iterator[Path]:
+    """Somewhere outside the checkout: where the last run was, because bytecode is kept by the path of its source, or
+    another run is there now.
+    """
+    with tempfile.TemporaryDirectory(prefix="gear-rattle-") as temporary:
+        CACHE.mkdir(parents=True, exist_ok=True)
+        with (CACHE / "lock").open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                yield Path(temporary)
+                return
+            top = CACHE / "environments"
+            shutil.rmtree(top, ignore_errors=True)  # of a run that was killed
+            top.mkdir()
+            yield top
+            shutil.rmtree(top)
 
 
 def _one_for_each_processor() -> ThreadPoolExecutor:
