@@ -15,7 +15,6 @@ from waiting import HANG, wait_until
 from rattle import warm
 from rattle.numerics import compile as compiling
 
-
 NEEDED = """
 import logging
 import numpy as np
