@@ -20,7 +20,7 @@ from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, pooled,
 from rattle.attractors.classify import ROOM, Classifier, nothing_seen
 from rattle.attractors.recurrence import mark_footprints, remember_period_one, resolve
 from rattle.attractors.table import Attractors, tabulated
-from rattle.impacting.attractors.classifier import ImpactingClassifier, attractors_of, cells_of
+from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
 from rattle.impacting.bifurcations.curves import trace
@@ -50,13 +50,7 @@ def warm_up(kappa: float | None = None) -> None:
     Of the impacting gear, or of the stiff one with this stiffness; without boundary distance, basins, Γ, manifolds and
     curves, which compile when first used. Processes that do this at the same time divide the work.
     """
-    compile_parts(kappa)
-    if kappa is None:
-        attractors_of(*POINT, count=16)
-    else:
-        from rattle.stiff import attractors_of as stiff_attractors_of
-
-        stiff_attractors_of(*POINT, kappa, count=16)
+    _compile(kappa, intensities=True)
 
 
 def compile_together(kappa: float | None = None, *, intensities: bool = True) -> None:
@@ -69,11 +63,15 @@ def compile_together(kappa: float | None = None, *, intensities: bool = True) ->
         return
     can_help = can_be_kept() and sys.executable and _processors() > 1
     with _help(kappa, intensities) if can_help else nullcontext():
-        compile_parts(kappa, intensities=intensities)
-        for work in _parts(kappa, intensities).values():  # also what the other process is still at
-            work()
+        _compile(kappa, intensities)
     with suppress(OSError):
         ready.touch()
+
+
+def _compile(kappa: float | None, intensities: bool) -> None:
+    compile_parts(kappa, intensities=intensities)
+    for work in _parts(kappa, intensities).values():  # also what another process is still at
+        work()
 
 
 def compile_parts(kappa: float | None = None, *, intensities: bool = True) -> None:

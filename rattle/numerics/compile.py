@@ -37,7 +37,7 @@ log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
 LOCK_POLL_SECONDS, SAID_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 120.0
 OBJECTS = 50_000  # that are made between two collections of garbage; Python's own default is 700
 
-COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py"}  # of what a survey holds
+COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "warm.py"}  # of what a survey holds
 
 
 @cache
@@ -216,7 +216,9 @@ class _EntryCompiler(Compiler):
 
 @cache
 def can_be_kept() -> bool:
-    """Whether the cache can be written; numba would take a directory beside the sources, where code can be stale."""
+    """Whether the cache can be written; says so if not. Numba would take a directory beside the sources, where code can
+    be stale.
+    """
     try:
         os.makedirs(_cache_directory(), exist_ok=True)
         tempfile.TemporaryFile(dir=_cache_directory()).close()
