@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 import typer
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 PROCESSES = 2
 MAX_MESSAGES = 10
+LOOK_SECONDS = 0.1
 
 
 def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
@@ -33,16 +34,16 @@ def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | No
 
 def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
     import workers as survey
-    from service.commands.signals import stop_requested
 
     alone = not (scheduler or workers)
     if alone and survey.is_short(request, request.n_cells):
-        survey.compile_for(request)
+        with _stoppable(out) as stop:
+            _compile(request, stop)
     survey.create_store(request, out)
     done = survey.tiles_done(request, out)
     missing = [tile for tile in survey.tiles_of(request) if tile.index not in done]
     if missing or survey.is_incomplete(request, out):
-        with stop_requested() as stop:
+        with _stoppable(out) as stop:
             try:
                 short = survey.is_short(request, sum(tile.n_cells for tile in missing) or request.n_cells)
                 here = short and alone
@@ -53,12 +54,31 @@ def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | N
             except survey.SurveyError:
                 if not stop.is_set():  # otherwise the stop is what ended the cluster
                     raise
-            if stop.is_set():
-                typer.echo(f"Stopped. {out} keeps every finished tile; the same command resumes it.", err=True)
-                raise typer.Exit(INTERRUPTED)
     else:
         typer.echo(f"{out} is complete.")
     survey.finish_store(out)
+
+
+@contextmanager
+def _stoppable(out: str) -> Iterator[threading.Event]:
+    """An event for a signal that ends the command after this."""
+    from service.commands.signals import stop_requested
+
+    with stop_requested() as stop:
+        yield stop
+        if stop.is_set():
+            typer.echo(f"Stopped. {out} keeps every finished tile; the same command resumes it.", err=True)
+            raise typer.Exit(INTERRUPTED)
+
+
+def _compile(request: AnyRequest, stop: threading.Event) -> None:
+    """Compile what a survey here needs, until that is done or this process shall stop."""
+    from workers import compile_for
+
+    compiling = threading.Thread(target=compile_for, args=(request,), name="kernels", daemon=True)
+    compiling.start()
+    while compiling.is_alive() and not stop.is_set():
+        compiling.join(LOOK_SECONDS)
 
 
 def started(
