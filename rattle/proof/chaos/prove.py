@@ -27,7 +27,7 @@ DIGITS = Fraction(1, 10**4)  # of the entropy that is said
 def certify_chaos(delta: Exact, epsilon: Exact, beta: Exact = "0.6") -> HorseshoeCertificate:
     """Prove that the impacting gear has chaotic motions at one point: a horseshoe, and what its entropy is at least.
 
-    Takes some seconds. Needs the extra `proof`. Raises ParameterError, and NotProvedError where no horseshoe was found;
+    Takes half a minute; needs the extra `proof`. Raises ParameterError, and NotProvedError where none was found:
     then there may still be one. Source: docs/proofs.md.
     """
     parameters = {"delta": exact("delta", delta), "epsilon": exact("epsilon", epsilon), "beta": exact("beta", beta)}

@@ -18,6 +18,7 @@ from rattle.impacting.gear import Gear
 from rattle.impacting.map.iterate import iterate, iterate_tangent
 from rattle.numerics.complex_step import Array
 
+SEED = 1
 STATES, SETTLING, WATCHED = 1500, 400, 200  # motions that are tried, impacts before and in which they are looked at
 CHAOTIC = 0.02  # exponent per forcing period
 KEPT, STEPS, MIDDLE = 400, 72, 36  # motions, their impacts, and the impact at which places are looked for
@@ -25,7 +26,8 @@ PLACES = 24
 SIZES = (0.03, 0.02, 0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4)  # along the unstable direction
 SHAPES = (0.5, 1.0, 2.0, 4.0, 8.0)  # how much longer the other side is
 MOST_STEPS = 16  # of a loop
-TRIED, EACH, MOST_WORDS = 24, 3, 40  # places of which all is worked out; segments with one word; words
+TRIED, EACH, MOST_WORDS = 100, 3, 40  # hubs of which all is worked out; segments with one word; words
+TOGETHER = 2  # hubs of one place that are tried before the next place's
 ROOM = 1.2  # what a set reaches beyond the next, and how much higher the next is
 HIGHEST = 0.95
 UNEVEN, FLAT = 6.0, 0.9  # ratio of stretches in a hub; cosine of an angle in its image
@@ -79,9 +81,8 @@ class Map:
 
     def tangent(self, x: Array) -> Array:
         """DΠ (…, 2, 2), by differences."""
-        moves = NEAR * np.array([[1.0, 0.0], [0.0, 1.0]])
-        columns = [away(self(x + d)[0], self(x - d)[0]) / (2 * NEAR) for d in moves]
-        return np.stack(columns, -1)
+        moves = NEAR * np.eye(2).reshape(2, *(1,) * (x.ndim - 1), 2)
+        return np.moveaxis(away(self(x + moves)[0], self(x - moves)[0]) / (2 * NEAR), 0, -1)
 
 
 def away(x: Array, centre: Array) -> Array:
@@ -104,24 +105,25 @@ def search(gear: Gear) -> Iterator[Found]:
     states, words = _chaotic(gear)
     pi = Map(gear)
     tangents = pi.tangent(states[:-1])
-    guesses: list[tuple[float, int, Box, list[Segment]]] = []
+    guesses: list[tuple[int, float, int, Box, list[Segment]]] = []
     for place, unstable, stable in _places(gear, pi, states, tangents):
+        here = list[tuple[float, Box, list[Segment]]]()
         for size in SIZES:
             for shape in SHAPES:
                 hub = Box(place, np.column_stack([unstable * size, stable * size * shape]))
                 if _is_flat(pi, hub):
                     segments = list(_returns(hub, states, words))
-                    guesses.append(
-                        (growth([len(word) for word in {x.words for x in segments}]), len(guesses), hub, segments)
-                    )
-    guesses.sort(key=lambda x: (-x[0], x[1]))
-    found = [Found(hub, tuple(_loops(pi, hub, segments))) for _, _, hub, segments in guesses[:TRIED]]
+                    here.append((growth([len(word) for word in {x.words for x in segments}]), hub, segments))
+        here.sort(key=lambda x: -x[0])
+        guesses += [(rank // TOGETHER, -h, len(guesses), hub, segments) for rank, (h, hub, segments) in enumerate(here)]
+    guesses.sort(key=lambda x: x[:3])
+    found = [Found(hub, tuple(_loops(pi, hub, segments))) for *_, hub, segments in guesses[:TRIED]]
     yield from sorted(found, key=lambda x: -_growth_of(x.loops))
 
 
 def _chaotic(gear: Gear) -> tuple[Array, NDArray[np.int64]]:
     """Chaotic motions: states (STEPS + 1, k, 2) and Σ⁻ impacts (STEPS, k)."""
-    rng = np.random.default_rng(1)
+    rng = np.random.default_rng(SEED)
     speed = np.sqrt(16 * np.pi * gear.delta * gear.beta) + 2 * np.pi * gear.epsilon
     states = [np.column_stack([rng.uniform(0, 1, STATES), rng.uniform(0, 1.6 * speed, STATES)])]
     for orbit in gear.orbits():
@@ -241,7 +243,7 @@ def _loop(pi: Map, hub: Box, segment: Segment) -> Loop | None:
     lengths = np.zeros(steps)
     target = hub
     for i in range(steps - 1, -1, -1):  # each long enough to reach beyond the next
-        reached = _reach(pi, x[i], unstable[i], target, words[i])
+        reached = _reach(pi, x[i], unstable[i], tangents[i] @ unstable[i], target, words[i])
         if reached is None:
             return None
         lengths[i] = reached
@@ -261,19 +263,16 @@ def _loop(pi: Map, hub: Box, segment: Segment) -> Loop | None:
     return Loop(tuple(boxes), words, strip)
 
 
-def _reach(pi: Map, x: Array, unstable: Array, target: Box, word: int) -> float | None:
+def _reach(pi: Map, x: Array, unstable: Array, stretched: Array, target: Box, word: int) -> float | None:
     """How far from x an edge must be for its image to lie beyond the target, one edge to either side."""
     back = np.linalg.inv(target.sides)
-    first = NEAR * 10
-    image = pi(x + first * unstable)[0]
-    speed = abs(float((back @ away(image, pi(x)[0]))[0])) / first
+    speed = abs(float((back @ stretched)[0]))
     if not speed > 0:
         return None
     sizes = ROOM / speed * GROWTH
-    ends = [pi(x + side * sizes[:, None] * unstable) for side in (-1, 1)]
-    left, right = ((away(end, target.centre) @ back.T)[:, 0] for end, _ in ends)
-    same = (ends[0][1] == word) & (ends[1][1] == word)
-    good = same & (left * right < 0) & (np.minimum(np.abs(left), np.abs(right)) > ROOM)
+    ends, words = pi(x + np.array([[[-1.0]], [[1.0]]]) * sizes[:, None] * unstable)
+    left, right = (away(ends, target.centre) @ back.T)[..., 0]
+    good = (words == word).all(0) & (left * right < 0) & (np.minimum(np.abs(left), np.abs(right)) > ROOM)
     return float(sizes[np.argmax(good)]) if good.any() else None
 
 

@@ -83,9 +83,10 @@ def test_lifetimes_point_to_the_same_crisis():
 
 @deep
 def test_lifetimes_at_a_tangency():
-    """Grebogi, Ott, Yorke (1987): γ = ln λ_s / (2 ln λ_u λ_s)."""
+    """Grebogi, Ott, Yorke (1987): γ = ln λ_s / (2 ln λ_u λ_s). Lifetimes waver about that law, so ε are many."""
     crisis = 0.1108867568417
-    found, error, exponent, exponent_error, chi = crisis_of(0.6, crisis + np.geomspace(4e-6, 6e-5, 5), 200, 20_000, 1)
+    epsilon = crisis + np.geomspace(4e-6, 6e-5, 12)
+    found, error, exponent, exponent_error, chi = crisis_of(0.6, epsilon, 200, 20_000, 1)
     assert abs(found - crisis) < 3 * error
     assert error < 3e-6
     large, small = np.abs(period_one_saddle("A", 0.6, crisis).multipliers)

@@ -233,8 +233,10 @@ def test_where_nothing_is_chaotic_nothing_is_proved():
 
 
 @deep
+@pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("delta", POINTS)
-def test_the_finder_finds_what_is_stored(stored, delta):
+def test_the_finder_finds_one_whatever_motions_it_looks_at(monkeypatch, stored, delta, seed):
+    monkeypatch.setattr(search, "SEED", seed)
     given = stored[delta]["parameters"]
     found = prove.certify_chaos(given["delta"], given["epsilon"], given["beta"])
-    assert found.per_impact > 0.1
+    assert found.per_impact > 0.15
