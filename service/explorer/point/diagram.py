@@ -115,8 +115,8 @@ def table(found: DiagramLines) -> str:
         )
     head = "".join(f"<th scope=col>{title}</th>" for title in ("Event", "Motion", "Where", "Multipliers"))
     return (
-        f"<details><summary>{len(rows)} events, exactly</summary><table><thead><tr>{head}</tr></thead>"
-        f"<tbody>{''.join(rows)}</tbody></table></details>"
+        f'<details><summary>{len(rows)} events, exactly</summary><table aria-label="Events of the diagram">'
+        f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table></details>"
     )
 
 
