@@ -147,7 +147,7 @@ def assert_accessible(page: Page) -> None:
     page.evaluate(_axe())
     found = page.evaluate("() => axe.run({rules: {'target-size': {enabled: true}}})")
     faults = [(rule["id"], node["html"][:120]) for rule in found["violations"] for node in rule["nodes"]]
-    assert not faults
+    assert not faults, faults
     chrome = page.context.new_cdp_session(page)
     chrome.send("Accessibility.enable")
     for node in chrome.send("Accessibility.getFullAXTree")["nodes"]:

@@ -99,13 +99,22 @@ def test_a_form_that_cannot_be_sent_says_why(page: Page, service: str) -> None:
     assert_accessible(page)
 
 
-#: Counts what pictures ask the style of the page for: the style may have to be worked out anew for every answer.
+#: Counts what pictures ask the style of the page for: the style may have to be worked out anew for every answer; and
+#: those that are first drawn while the page is laid out, when nobody is answered.
 COUNTED = """
 window.asked = 0
 const answer = CSSStyleDeclaration.prototype.getPropertyValue
 CSSStyleDeclaration.prototype.getPropertyValue = function (name) {
   window.asked += /^--bk-.*(line|fill|text|hatch|image)-/.test(name)
   return answer.call(this, name)
+}
+window.drawn = {later: 0, atOnce: 0}
+const drawn = new WeakSet(), write = CanvasRenderingContext2D.prototype.fillText
+Error.stackTraceLimit = 100
+CanvasRenderingContext2D.prototype.fillText = function (...what) {
+  if (!drawn.has(this.canvas)) window.drawn[new Error().stack.includes("after_layout") ? "atOnce" : "later"] += 1
+  drawn.add(this.canvas)
+  return write.apply(this, what)
 }
 """
 
@@ -114,6 +123,8 @@ def test_lines_are_switched_and_the_address_says_so(page: Page, service: str) ->
     page.add_init_script(COUNTED)
     open_view(page, service)
     assert page.evaluate("asked") == 0
+    assert page.evaluate("drawn.later") > 0
+    assert page.evaluate("drawn.atOnce") == 0
     assert visible_lines(page) == DEFAULT_LINES
     wait_for_map(page, "renderers.find((each) => each.name === 'G1').data_source.data.xs.length > 0")
     page.get_by_role("checkbox", name="G1").uncheck()

@@ -4,3 +4,16 @@ try {
   const {VisualProperties} = Bokeh.require("core/visuals/visual")
   if ("_get_css_value" in VisualProperties.prototype) VisualProperties.prototype._get_css_value = () => ""
 } catch { }  // another Bokeh: it asks
+
+// A figure is drawn for the first time in a task of its own, not in the one that lays out the page or the point with it.
+try {
+  const {PlotView} = Bokeh.require("models/plots/plot_canvas")
+  const {paint} = PlotView.prototype
+  PlotView.prototype.paint = function() {
+    if (this.was_put_off) return paint.call(this)
+    this.was_put_off = true
+    const {port1, port2} = new MessageChannel()  // a timer would be late where the page is not seen
+    port1.onmessage = () => { port1.close(); this.is_destroyed || paint.call(this) }
+    port2.postMessage(null)
+  }
+} catch { }
