@@ -168,6 +168,9 @@ def _of_classifier(empty: Callable[[], Classifier], stretched: Stretch) -> Parts
     def recurrences() -> None:
         of = empty()
         resolve(NONE, of.cells, of.samples, of.orbits, of.balls, of.grown)
+
+    def footprints() -> None:
+        of = empty()
         mark_footprints(NONE, 1, of.cells, of.samples, nothing_seen(0).prints)
 
     def balance() -> None:
@@ -184,5 +187,5 @@ def _of_classifier(empty: Callable[[], Classifier], stretched: Stretch) -> Parts
         pooled([sums])
         tabulated(of, missed=True)
 
-    every = balls, samples, witnesses, stretches, recurrences, balance, intensities, tables
+    every = balls, samples, witnesses, stretches, recurrences, footprints, balance, intensities, tables
     return {part.__name__: part for part in every}

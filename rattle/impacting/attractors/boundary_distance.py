@@ -221,7 +221,6 @@ def boundary_distances(
     below = e < quiet_limit(d)
     late = below & rests_late(d, e, b)
     found.v[late], found.undecided[late] = np.nan, 0.0
-    highest = sampled_speeds(v_max, d, e, b)
     quiet = np.flatnonzero(below & ~late)
     if quiet.size:
         cells = _Cells(d[quiet], e[quiet], b[quiet], highest[quiet])
