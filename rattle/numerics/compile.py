@@ -6,6 +6,7 @@ it: the first that needs a kernel compiles it, the others wait for its file.
 """
 
 import fcntl
+import gc
 import hashlib
 import inspect
 import logging
@@ -13,6 +14,7 @@ import os
 import platform
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,11 +32,10 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.extending import overload
 
-from rattle.numerics.frugal import frugal
-
 log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
 
 LOCK_POLL_SECONDS, SAID_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 120.0
+OBJECTS = 50_000  # that are made between two collections of garbage; Python's own default is 700
 
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "warm.py"}  # of what a survey holds
 
@@ -98,6 +99,33 @@ def _with_room(function: Callable[..., Any], *arguments: Any) -> Any:
 # a piece is mapped and unmapped every time: 460,000 times, a fifth of a cold start. A frame that says it needs a
 # mebibyte gets a piece of two, and the frames above it share what is left.
 _with_room.__code__ = _with_room.__code__.replace(co_stacksize=1 << 17)
+
+
+class _Collections:
+    """Garbage is collected seldom while a kernel is loaded or compiled: there is next to none among a hundred thousand
+    new objects, and to look for it took a third of a process's start.
+    """
+
+    def __init__(self) -> None:
+        self._lock, self._inside = threading.Lock(), 0
+        self._before = gc.get_threshold()
+
+    def __enter__(self) -> None:
+        with self._lock:
+            self._inside += 1
+            if self._inside == 1:
+                self._before = gc.get_threshold()
+                if 0 < self._before[0] < OBJECTS:  # 0: never
+                    gc.set_threshold(OBJECTS, *self._before[1:])
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._inside -= 1
+            if self._inside == 0:
+                gc.set_threshold(*self._before)
+
+
+_seldom_collected = _Collections()
 
 
 WIDE = '"prefer-vector-width"="512"'
@@ -375,7 +403,7 @@ class Kernel(Inline):
 
     def _first(self, *arguments: Any) -> Any:
         self._run = self._entry
-        with frugal:
+        with _seldom_collected:
             return _with_room(self._entry, *arguments)
 
 

@@ -1,22 +1,13 @@
-"""What is compiled into its callers borrows their arrays; vectors are as wide as pays; what is done for less is the
-same.
-"""
+"""What is compiled into its callers borrows their arrays; vectors are as wide as pays."""
 
-import gc
-import textwrap
-from collections.abc import Callable
 from typing import Any
 
 import numba
 import numpy as np
 import pytest
-from numba.core import ir
-from numba.core.compiler import Flags, run_frontend
 from numba.core.registry import cpu_target
-from numba.core.targetconfig import TargetConfig
 
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.frugal import OBJECTS, OURS, frugal
 
 
 @inline
@@ -79,31 +70,3 @@ def test_vectors_are_wide_where_that_costs_no_clock_and_only_ours(
         function.compile((numba.float64,))
         texts += function.inspect_llvm().values()
     assert ["prefer-vector-width" in text for text in texts] == ["+avx512vbmi2" in features, False]
-
-
-def statements_of(function: Callable[..., Any]) -> list[ir.Stmt]:
-    """The statements of a function as numba has them."""
-    return [each for block in run_frontend(function).blocks.values() for each in block.body]
-
-
-def test_what_numba_lists_is_the_same_for_less() -> None:
-    theirs = ir.Inst._rec_list_vars, TargetConfig.values, TargetConfig.__eq__
-    statements = statements_of(textwrap.indent) + statements_of(textwrap.dedent)
-    listed = [[each.name for each in statement.list_vars()] for statement in statements]
-    assert sum(map(len, listed)) > 100
-    flags, others = Flags(), Flags()
-    flags.nrt = True
-    values = flags.values(), others.values()
-    collected = gc.get_threshold()
-    with frugal:
-        with frugal:
-            pass
-        assert gc.get_threshold()[0] == OBJECTS
-        assert (ir.Inst._rec_list_vars, TargetConfig.values, TargetConfig.__eq__) == tuple(ours for *_, ours in OURS)
-        assert [[each.name for each in statement.list_vars()] for statement in statements] == listed
-        assert (flags.values(), others.values()) == values
-        assert flags != others
-        assert flags == flags.copy()
-        assert (flags == 3) is False
-    assert (ir.Inst._rec_list_vars, TargetConfig.values, TargetConfig.__eq__) == theirs
-    assert gc.get_threshold() == collected

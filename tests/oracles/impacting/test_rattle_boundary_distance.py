@@ -74,7 +74,7 @@ def test_thin_basins_are_not_missed(point):
     table, row, _impacts = classified(ImpactingPlane(*point), tau, v)
     assert set(np.unique(table.kind[row])) == {rattle.KINDS.index("quiet")}
     # among long chaotic transients the last bit of a state decides where it goes: it, or one that is hardly higher
-    v = found.v * (1 + 1e-12 * np.arange(64))
+    v = found.v * (1 + np.linspace(0.0, 1e-12, 64))
     end = gear.iterate(found.tau, v[:, None], 30_000 + np.arange(64))
     assert end.v.max() > 2 * gear.capture_speed  # at rest it would be far below it by now
 
