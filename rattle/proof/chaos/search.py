@@ -18,7 +18,7 @@ from rattle.impacting.gear import Gear
 from rattle.impacting.map.iterate import iterate, iterate_tangent
 from rattle.numerics.complex_step import Array
 
-SEED = 1
+SEED = 1  # of the motions that are looked at
 STATES, SETTLING, WATCHED = 1500, 400, 200  # motions that are tried, impacts before and in which they are looked at
 CHAOTIC = 0.02  # exponent per forcing period
 KEPT, STEPS, MIDDLE = 400, 72, 36  # motions, their impacts, and the impact at which places are looked for
@@ -105,7 +105,7 @@ def search(gear: Gear) -> Iterator[Found]:
     states, words = _chaotic(gear)
     pi = Map(gear)
     tangents = pi.tangent(states[:-1])
-    guesses: list[tuple[int, float, int, Box, list[Segment]]] = []
+    guesses: list[tuple[int, float, Box, list[Segment]]] = []
     for place, unstable, stable in _places(gear, pi, states, tangents):
         here = list[tuple[float, Box, list[Segment]]]()
         for size in SIZES:
@@ -115,8 +115,8 @@ def search(gear: Gear) -> Iterator[Found]:
                     segments = list(_returns(hub, states, words))
                     here.append((growth([len(word) for word in {x.words for x in segments}]), hub, segments))
         here.sort(key=lambda x: -x[0])
-        guesses += [(rank // TOGETHER, -h, len(guesses), hub, segments) for rank, (h, hub, segments) in enumerate(here)]
-    guesses.sort(key=lambda x: x[:3])
+        guesses += [(rank // TOGETHER, -h, hub, segments) for rank, (h, hub, segments) in enumerate(here)]
+    guesses.sort(key=lambda x: x[:2])
     found = [Found(hub, tuple(_loops(pi, hub, segments))) for *_, hub, segments in guesses[:TRIED]]
     yield from sorted(found, key=lambda x: -_growth_of(x.loops))
 
