@@ -20,6 +20,8 @@ from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, pooled,
 from rattle.attractors.classify import ROOM, Classifier, nothing_seen
 from rattle.attractors.recurrence import mark_footprints, remember_period_one, resolve
 from rattle.attractors.table import Attractors, tabulated
+from rattle.flight.first_impact import first_impact
+from rattle.flight.lanes.stages import advance
 from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
@@ -132,7 +134,12 @@ def _of_impacting() -> Parts:
     def known() -> None:
         remember_period_one(*stable_cells(*CELL, ROOM), empty().cells, empty().orbits)
 
-    return _of_classifier(empty, stretch) | {"known": known, "orbits": orbits}
+    def flights() -> None:
+        for each in (first_impact, advance):
+            each.provide()
+
+    *others, (last, tables) = _of_classifier(empty, stretch).items()
+    return {"flights": flights} | dict(others) | {"orbits": orbits, "known": known, last: tables}
 
 
 def _of_stiff(kappa: float) -> Parts:
@@ -187,5 +194,5 @@ def _of_classifier(empty: Callable[[], Classifier], stretched: Stretch) -> Parts
         pooled([sums])
         tabulated(of, missed=True)
 
-    every = balls, samples, witnesses, stretches, recurrences, footprints, balance, intensities, tables
+    every = balls, recurrences, footprints, balance, intensities, stretches, samples, witnesses, tables
     return {part.__name__: part for part in every}

@@ -11,7 +11,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rattle.attractors.samples import Orbits
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit
 from rattle.numerics.compile import inline, kernel
@@ -124,16 +126,8 @@ def between(n_plus):
 
 
 @kernel
-def centres_of(grown, orbits, cells):
-    """The `Centres` of the orbits of every cell from number grown[cell] on, with the largest radius; 0 where Π^k does
-    not contract.
-    """
-    n = 0
-    for cell in range(grown.size):
-        for j in range(grown[cell], orbits.n[cell]):
-            every = between(orbits.n_plus[cell, j])
-            n += (orbits.n_plus[cell, j] + every - 1) // every
-    whole, real = np.empty((4, n), np.int64), np.empty((6, n))
+def fill_centres(grown, orbits, cells, whole, real):
+    """Fill the columns of `centres_of`."""
     n = 0
     for cell in range(grown.size):
         for j in range(grown[cell], orbits.n[cell]):
@@ -153,7 +147,19 @@ def centres_of(grown, orbits, cells):
                     n += 1
                 if i // every * every + every < n_plus:  # else it was the last
                     _status, tau, v, _time, _below = step(tau, v, point)
-    return Centres(whole[0], whole[1], whole[2], whole[3], real[0], real[1], real[2], real[3], real[4], real[5])
+
+
+def centres_of(grown: NDArray[np.int64], orbits: Orbits, cells: Any) -> Centres:
+    """The `Centres` of the orbits of every cell from number grown[cell] on, with the largest radius; 0 where Π^k does
+    not contract.
+    """
+    number = np.arange(orbits.n_plus.shape[1])
+    n_plus = orbits.n_plus[(number >= grown[:, None]) & (number < orbits.n[:, None])]
+    every = between(n_plus)
+    n = int(((n_plus + every - 1) // every).sum())
+    whole, real = np.zeros((4, n), np.int64), np.zeros((6, n))
+    fill_centres(grown, orbits, cells, whole, real)
+    return Centres(*whole, *real)
 
 
 @kernel

@@ -16,7 +16,7 @@ from rattle.attractors.samples import LEFT
 from rattle.numerics.compile import inline, kernel
 
 SAME_FOOTPRINT = 0.2  # two trajectories that share this much of the smaller footprint are on one attractor
-Array = NDArray[np.float64]
+Array, Counts = NDArray[np.float64], NDArray[np.int64]
 BATCHES = 32
 LEAKS_MISSED = 3.0  # a set that loses samples is left by none for so long with probability e^(−3)
 LEAST_GROWTH = 8.0
@@ -108,22 +108,26 @@ def is_chaotic(sums):
 
 
 @kernel
-def are_chaotic(sums):
-    """Whether each of several trajectories is, (k,), from sums (k, BATCHES, 3)."""
-    found = np.empty(sums.shape[0], np.bool_)
+def fill_chaotic(sums, found):
+    """Write to found (k,) whether each of several trajectories is, from sums (k, BATCHES, 3)."""
     for k in range(found.size):
         found[k] = is_chaotic(sums[k])
+
+
+def are_chaotic(sums: Array) -> NDArray[np.bool_]:
+    """Whether each of several trajectories is, (k,), from sums (k, BATCHES, 3)."""
+    found = np.zeros(len(sums), np.bool_)
+    fill_chaotic(sums, found)
     return found
 
 
 @kernel
-def exponents_of(sums, size):
-    """(λ₁, λ₂, 95 % half-width of λ₁) of rows in sets of so many each, (3, n)."""
-    found, begin = np.empty((3, size.size)), 0
+def fill_exponents(sums, size, found):
+    """Write to found (3, n) (λ₁, λ₂, 95 % half-width of λ₁) of rows in sets of so many each."""
+    begin = 0
     for i in range(size.size):
         found[0, i], found[1, i], found[2, i] = exponents(sums[begin : begin + size[i]])
         begin += size[i]
-    return found
 
 
 def pooled(sums: Sequence[Array]) -> Array:
@@ -131,18 +135,14 @@ def pooled(sums: Sequence[Array]) -> Array:
     (trajectories, BATCHES, 3).
     """
     rows = np.concatenate([each.reshape(-1, 3) for each in sums])
-    return np.asarray(exponents_of(rows, np.array([each.size // 3 for each in sums])), np.float64)
+    found = np.zeros((3, len(sums)))
+    fill_exponents(rows, np.array([each.size // 3 for each in sums]), found)
+    return found
 
 
 @kernel
-def standing(cells, status, impacts, first):
-    """How many samples are left in each of these cells (k,), and whether they may still settle, from status and impacts
-    (n_cells, count): others settled later than to begin with, within the first impacts (n_cells,), and what is left has
-    not outlasted them by enough since.
-
-    Were it the same leaking set, LEAKS_MISSED more would have left it by now, at the rate until the last one did.
-    """
-    left, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
+def fill_standing(cells, status, impacts, first, left, leaks):
+    """Fill what `standing` returns; left is zero before."""
     for i in range(cells.size):
         cell, leaked, last, since, before = cells[i], 0, 0, 0, 0
         for k in range(status.shape[1]):
@@ -156,4 +156,17 @@ def standing(cells, status, impacts, first):
             if status[cell, k] == LEFT:
                 since += max(impacts[cell, k] - last, 0)
         leaks[i] = leaked > 0 and leaked * since < LEAKS_MISSED * before
+
+
+def standing(
+    cells: Counts, status: Counts, impacts: Counts, first: NDArray[np.int64]
+) -> tuple[Counts, NDArray[np.bool_]]:
+    """How many samples are left in each of these cells (k,), and whether they may still settle, from status and impacts
+    (n_cells, count): others settled later than to begin with, within the first impacts (n_cells,), and what is left has
+    not outlasted them by enough since.
+
+    Were it the same leaking set, LEAKS_MISSED more would have left it by now, at the rate until the last one did.
+    """
+    left, leaks = np.zeros(cells.size, np.int64), np.zeros(cells.size, np.bool_)
+    fill_standing(cells, status, impacts, first, left, leaks)
     return left, leaks

@@ -1,10 +1,12 @@
 """From a trajectory that came back to where it was, to a stable orbit that its cell knows (compiled)."""
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rattle.attractors.samples import LEFT, ORBIT, capturing_orbit, mark, top_speed
+from rattle.attractors.samples import LEFT, ORBIT, Balls, Orbits, Samples, capturing_orbit, mark, top_speed
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit, wrapped
 from rattle.numerics.compile import inline, kernel
@@ -136,13 +138,9 @@ def remember_period_one(n, n_plus, n_minus, tau, v, trace, cells, orbits):
 
 
 @kernel
-def resolve(which, cells, samples, orbits, balls, grown):
-    """Find the orbits that recurrent samples go to: ORBIT, or LEFT if there is none, to go on with a pause.
-
-    Returns those that wait, in their order: what of a cell comes after an orbit without balls, as those from number
-    grown[cell] on are, or while the cell has no room for one more.
-    """
-    waiting, n = np.empty(which.size, np.int64), 0
+def resolve_all(which, cells, samples, orbits, balls, grown, waiting):
+    """`resolve`, with room for those that wait; how many there are."""
+    n = 0
     for k in which:
         cell = samples.cell[k]
         if orbits.n[cell] > grown[cell] or orbits.n[cell] == orbits.m.shape[1]:
@@ -164,4 +162,16 @@ def resolve(which, cells, samples, orbits, balls, grown):
             samples.pause[k] = 2 * samples.impacts[k] + 2 * gap  # what only seems to recur is tried a few times
         samples.status[k] = ORBIT if orbit >= 0 else LEFT
         samples.orbit[k] = orbit
-    return waiting[:n]
+    return n
+
+
+def resolve(
+    which: NDArray[np.int64], cells: Any, samples: Samples, orbits: Orbits, balls: Balls, grown: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Find the orbits that recurrent samples go to: ORBIT, or LEFT if there is none, to go on with a pause.
+
+    Returns those that wait, in their order: what of a cell comes after an orbit without balls, as those from number
+    grown[cell] on are, or while the cell has no room for one more.
+    """
+    waiting = np.zeros_like(which)
+    return waiting[: resolve_all(which, cells, samples, orbits, balls, grown, waiting)]

@@ -3,8 +3,11 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rattle.numerics.compile import inline, kernel
+
+Array, Counts = NDArray[np.float64], NDArray[np.int64]
 
 QUIET, PERIODIC, CHAOTIC, UNDECIDED = range(1, 5)
 
@@ -33,23 +36,13 @@ def place_of(kind, which, orbits):
 
 
 @kernel
-def rows_of(kind, which, impacts, time, known, row):
-    """The `Rows` of samples, as many in each cell, cell by cell, with their kind, the number of their attractor among
-    those of its cell and kind, impacts and time; every cell also has a row for each of so many known orbits. row is
-    filled with that of every sample.
+def fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row):
+    """Fill the columns of `rows_of`, zero before, with so many orbits in a cell at most, in room (2, places) for what
+    is met in it; how many rows there are.
     """
-    cells, orbits, sets = known.size, 0, 0
-    for i in range(kind.size):
-        orbits = max(orbits, which[i] + 1 if kind[i] == PERIODIC else 0)
-        sets = max(sets, which[i] + 1 if kind[i] == CHAOTIC else 0)
-    most = 0
-    for c in range(cells):
-        orbits = max(orbits, known[c])
-        most += 2 + sets + known[c]
-    most = min(most + cells * orbits, kind.size + most)
-    places, count = 2 + orbits + sets, kind.size // max(cells, 1)
-    whole, watched, n = np.zeros((6, most), np.int64), np.empty(most), 0
-    at, seen = np.empty(places, np.int64), np.zeros(places, np.int64)
+    at, seen, n = room[0], room[1], 0
+    cells, places = known.size, at.size
+    count = kind.size // max(cells, 1)
     for c in range(cells):
         seen[:] = -1
         for i in range(c * count, (c + 1) * count):
@@ -75,4 +68,17 @@ def rows_of(kind, which, impacts, time, known, row):
             whole[4, r] += 1
             whole[5, r] += impacts[i]
             watched[r] = min(watched[r], time[i])
-    return Rows(whole[0, :n], whole[1, :n], whole[2, :n], whole[3, :n], whole[4, :n], whole[5, :n], watched[:n])
+    return n
+
+
+def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Counts, row: Counts) -> Rows:
+    """The `Rows` of samples, as many in each cell, cell by cell, with their kind, the number of their attractor among
+    those of its cell and kind, impacts and time; every cell also has a row for each of so many known orbits. row is
+    filled with that of every sample.
+    """
+    orbits = int(max(which[kind == PERIODIC].max(initial=-1) + 1, known.max(initial=0)))
+    sets = int(which[kind == CHAOTIC].max(initial=-1) + 1)
+    most = kind.size + int(known.sum())  # a row has a sample, or its orbit is known
+    whole, watched, room = np.zeros((6, most), np.int64), np.zeros(most), np.zeros((2, 2 + orbits + sets), np.int64)
+    n = fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row)
+    return Rows(*whole[:, :n], watched[:n])

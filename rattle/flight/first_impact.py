@@ -5,11 +5,13 @@ search of monotone pieces that cannot skip a crossing. docs/kernel.md has the de
 import math
 
 import numpy as np
+from numba.core.types import NamedUniTuple, Tuple, float64, int64
 from numpy import float32 as f32
 
 from rattle.flight.guess import depth, first_guess, in_single, level_of, local_root, refined, taylor
 from rattle.flight.law import (
     TWO_PI,
+    Flight,
     evaluate,
     evaluate_short,
     fourth_derivative,
@@ -20,6 +22,7 @@ from rattle.flight.law import (
 )
 from rattle.flight.proof import arc_in_single, clears_the_gap, is_located, single_turn
 from rattle.numerics.compile import inline, kernel
+from rattle.numerics.shared import shared
 
 OK = 0
 # Not plain 1 and −1, for which the compiler would make variants of every kernel below.
@@ -32,6 +35,10 @@ MOST_STEPS = 100
 BISECTED = 5  # one step in so many halves the bracket: where F is nearly exponential the others are too short
 
 FARTHEST_STEP = 1e-4  # longest last step, of the flight time or of a period
+
+FLIGHT = NamedUniTuple(float64, len(Flight._fields), Flight)
+_SAFE = Tuple((int64, float64, int64, *4 * (float64,)))(int64, float64, FLIGHT, float64)
+_FIRST = Tuple((int64, float64, int64, *2 * (float64,), FLIGHT, *2 * (float64,)))(int64, *6 * (float64,))
 
 
 @inline
@@ -210,7 +217,7 @@ def searched_crossing(tau, flight, lower, upper):
     return NO_IMPACT, 0, s
 
 
-@kernel
+@shared(_SAFE, "rattle safe_impact")
 def safe_impact(wall, tau, flight, beta):
     """The search, with the state at the impact: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
     upper = 0.0 if wall > 0 else 2.0 * beta
@@ -221,7 +228,7 @@ def safe_impact(wall, tau, flight, beta):
     return status, s, target, w1, lost, sin1, cos1
 
 
-@kernel
+@shared(_FIRST, "rattle first_impact")
 def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     """First impact after leaving a wall at phase tau ∈ [0, 1) with velocity w into the gap.
 

@@ -23,9 +23,10 @@ MOST_IMPACTS = 1_000_000
 
 
 @kernel
-def imbalances(cell, periodic, n_plus, tau, v, cells, found):
-    """Write |balance/2πδ − 1| of the motions (n,) to found, NaN of one that cannot be followed."""
-    sums = np.zeros((1, COLUMNS))
+def imbalances(cell, periodic, n_plus, tau, v, cells, sums, found):
+    """Write |balance/2πδ − 1| of the motions (n,) to found, NaN of one that cannot be followed; sums (1, COLUMNS) is
+    worked in.
+    """
     for i in range(cell.size):
         point = point_of(cell[i], cells)
         sums[:] = 0.0
@@ -44,6 +45,6 @@ def impulse_balance_errors(table: Attractors, cells: Any) -> NDArray[np.float64]
     rows = np.flatnonzero((table.kind == PERIODIC) | (table.kind == CHAOTIC))
     found = np.empty(rows.size)
     columns = (x[rows] for x in (table.cell, table.kind == PERIODIC, table.n_plus, table.tau, table.v))
-    imbalances(*columns, cells, found)
+    imbalances(*columns, cells, np.zeros((1, COLUMNS)), found)
     errors[rows] = found
     return errors

@@ -308,8 +308,20 @@ class _OfTheseSources:
         return str(self._line)
 
 
+#: Kernels that others call by name (`rattle.numerics.shared`), and what loads or compiles each.
+called_by_name: dict[str, Callable[[], None]] = {}
+
+
 class _Files(CompileResultCacheImpl):
     _locator_classes: Any = (_OfTheseSources,)
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """What a kernel calls by name is there before its machine code is linked, whose table of symbols has it."""
+        (_name, _kind, (machine_code, _)), *_ = payload
+        for name, provide in called_by_name.items():
+            if f"\0{name}\0".encode() in machine_code:
+                provide()
+        return super().rebuild(target_context, payload)
 
 
 class _SharedCache(FunctionCache):

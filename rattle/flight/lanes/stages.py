@@ -6,7 +6,9 @@ proof of its first impact goes to a second attempt from a scan, together with th
 alone to `first_impact.safe_impact`. docs/kernel.md explains.
 """
 
+import numba
 import numpy as np
+from numba.core.types import boolean, int64, none
 from numpy import float32 as f32
 
 from rattle.flight.first_impact import OK, last_step, safe_impact, stepped
@@ -21,12 +23,13 @@ from rattle.flight.guess import (
     refined,
     taylor,
 )
-from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag, flight32, flight64
+from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, block, flag, flight32, flight64
 from rattle.flight.lanes.rescan import SAFE, second_attempt
 from rattle.flight.law import DRIFT, TWO_PI, evaluate_short, folded, second_derivative
 from rattle.flight.proof import clears_the_gap, is_located, single_turn
 from rattle.flight.tangent import STUCK, carried, rests
 from rattle.numerics.compile import inline, kernel
+from rattle.numerics.shared import shared
 
 Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)
 
@@ -228,46 +231,39 @@ def repair(b, groups, paths):
             search(b, i, paths)
 
 
-def _advance(tangent):
-    # What a cached kernel closes over is part of its key, and a compiled function has another one in every process.
-    @kernel
-    def advance(b, groups, flights, force, paths):
-        """Fly every lane of a block this many times; force is what `roughest` says of them.
-
-        paths counts the flights that went to the scan and to the search.
-        """
-        for _ in range(flights):
-            copy_to_single(b, groups)
-            guess(b, groups)
-            if force >= ROUGH:
-                improve(b, groups)
-            expand(b, groups)
-            choose_wall(b, groups)
-            solve_locally(b, groups)
-            solve_again(b, groups)
-            refine(b, groups)
-            prove(b, groups)
-            if force == ARCS:
-                prove_turns(b, groups)
-            unproved = np.int32(0)
-            for i in range(GROUP * groups):
-                unproved = np.int32(unproved | np.int32(b.proved[i] == ZERO))  # numba makes 64 bits of an or
-            if unproved:
-                second_attempt(b, groups, force, paths)
-            copy_to_double(b, groups)
-            evaluate_in_double(b, groups)
-            if tangent:
-                land_tangent(b, groups)
-                carry(b, groups)
-            else:
-                land_plain(b, groups)
-            unsure = np.int64(0)
-            for i in range(GROUP * groups):
-                unsure |= np.int64(b.sure[i] == 0.0)
-            if unsure:
-                repair(b, groups, paths)
-
-    return advance
-
-
-advance_plain, advance_tangent = _advance(False), _advance(True)
+@shared(none(numba.typeof(block()), *3 * (int64,), boolean, int64[::1]), "rattle advance")
+def advance(memory, groups, flights, force, tangent, paths):
+    """Fly every lane of a block this many times, with its tangent vector or without; force is what `roughest` says
+    of them. paths counts the flights that went to the scan and to the search.
+    """
+    b = memory[0]
+    for _ in range(flights):
+        copy_to_single(b, groups)
+        guess(b, groups)
+        if force >= ROUGH:
+            improve(b, groups)
+        expand(b, groups)
+        choose_wall(b, groups)
+        solve_locally(b, groups)
+        solve_again(b, groups)
+        refine(b, groups)
+        prove(b, groups)
+        if force == ARCS:
+            prove_turns(b, groups)
+        unproved = np.int32(0)
+        for i in range(GROUP * groups):
+            unproved = np.int32(unproved | np.int32(b.proved[i] == ZERO))  # numba makes 64 bits of an or
+        if unproved:
+            second_attempt(b, groups, force, paths)
+        copy_to_double(b, groups)
+        evaluate_in_double(b, groups)
+        if tangent:
+            land_tangent(b, groups)
+            carry(b, groups)
+        else:
+            land_plain(b, groups)
+        unsure = np.int64(0)
+        for i in range(GROUP * groups):
+            unsure |= np.int64(b.sure[i] == 0.0)
+        if unsure:
+            repair(b, groups, paths)

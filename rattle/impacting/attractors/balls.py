@@ -10,7 +10,7 @@ import numpy as np
 
 from rattle.attractors.ball import DIRECTIONS, LARGEST, SMALLEST, placed, shrinks
 from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, SMOOTH, empty, ended, load, roughest
-from rattle.flight.lanes.stages import advance_plain
+from rattle.flight.lanes.stages import advance
 from rattle.flight.law import DRIFT, LONGEST_DECAY, TWO_PI, Flight, decay64, versines
 from rattle.flight.tangent import flight_tangent
 from rattle.numerics.compile import inline, kernel
@@ -19,8 +19,12 @@ ALL = 2 * DIRECTIONS  # as many as a group has lanes
 FEW = 4  # directions at first, in quarter turns, and radii
 RADII = int(math.log2(LARGEST / SMALLEST)) + 1  # that are tried, halving
 
-#: Of a lane: the departure of its flight, its length times δ's loss, the matrix of its flights so far.
-WORK = np.dtype([(name, np.float64, (LANES,)) for name in ("w", "sin0", "cos0", "lost", "a", "b", "c", "d")])
+#: Of a lane: the departure of its flight, its length times δ's loss, the matrix of its flights so far; of a group: the
+#: centre that it is at, −1 for none, how often the radius has been halved, and whether it tries several at a time.
+WORK = np.dtype(
+    [(name, np.float64, (LANES,)) for name in ("w", "sin0", "cos0", "lost", "a", "b", "c", "d")]
+    + [(name, np.int64, (int(GROUPS),)) for name in ("of", "level", "few")]
+)
 
 
 @inline
@@ -57,11 +61,12 @@ def depart(b, work, group, i, level, few, centres):
 
 
 @inline
-def fly(b, work, groups, force, paths):
+def fly(memory, work, groups, force, paths):
     """One flight of every lane, and its tangent."""
+    b = memory[0]
     for i in range(GROUP * groups):
         work.w[i], work.sin0[i], work.cos0[i], b.time[i] = b.w[i], b.sin0[i], b.cos0[i], 0.0
-    advance_plain(b, groups, ONCE, force, paths)
+    advance(memory, groups, ONCE, force, False, paths)
     for i in range(GROUP * groups):
         x = b.delta[i] * b.time[i]
         work.lost[i] = x * (1.0 - x * decay64(min(x, LONGEST_DECAY)))
@@ -114,9 +119,10 @@ def largest_held(b, work, group, i, level, few, centres):
 
 @kernel
 def grow(memory, work, centres, cells, paths):
-    """Find the radius of every ball, 0 where there is none."""
+    """Find the radius of every ball, 0 where there is none; work, a `WORK`, is worked in."""
     b, n, fresh, force = memory[0], centres.radius.size, NONE, SMOOTH
-    of, level, few = np.full(GROUPS, -1), np.zeros(GROUPS, np.int64), np.zeros(GROUPS, np.bool_)
+    of, level, few = work.of, work.level, work.few
+    of[:] = -1
     empty(b)
     while True:
         groups, begun = NONE, False
@@ -146,7 +152,7 @@ def grow(memory, work, centres, cells, paths):
             break
         if begun:
             force = roughest(b, groups)
-        fly(b, work, groups, force, paths)
+        fly(memory, work, groups, force, paths)
 
 
 def enlarge(memory, centres, cells):

@@ -33,7 +33,7 @@ from rattle.flight.lanes.block import (
     roughest,
     stretched,
 )
-from rattle.flight.lanes.stages import advance_plain, advance_tangent
+from rattle.flight.lanes.stages import advance
 from rattle.flight.law import DRIFT, contact_force, speed_unit, wrapped
 from rattle.impacting.map.impact_map import Point
 from rattle.numerics.compile import for_type, inline, kernel
@@ -143,7 +143,7 @@ def settle(memory, which, flights, cells, samples, balls, paths):
     while groups > 0:
         fresh = looked_round(b, groups, fresh, which, cells, samples, balls)
         groups = made_ready(b, groups, fresh == which.size)
-        advance_plain(b, groups, flights, roughest(b, groups), paths)
+        advance(memory, groups, flights, roughest(b, groups), False, paths)
 
 
 @inline
@@ -213,7 +213,7 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
         groups = made_ready(b, groups, fresh == which.size)
         force = roughest(b, groups)
         for flights in STRIDES:
-            advance_tangent(b, groups, flights, force, paths)
+            advance(memory, groups, flights, force, True, paths)
             leave_footprints(b, groups, footprints)
 
 

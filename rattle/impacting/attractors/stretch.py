@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rattle.attractors.chaos import BATCHES
 from rattle.flight.lanes.block import GROUP, GROUPS, LANES, NONE, ONCE, empty, load, made_ready, roughest
-from rattle.flight.lanes.stages import advance_plain
+from rattle.flight.lanes.stages import advance
 from rattle.impacting.attractors.settle import is_captured
 from rattle.impacting.map.iterate import working_block
 from rattle.intensity.visit import COLUMNS, FASTEST, IMPULSE, ON_MINUS, ON_PLUS, SPEED, SQUARE, TIME
@@ -30,11 +30,12 @@ def gather(b, groups, speeds, squares, impulses, fastest):
 
 
 @kernel
-def fly(memory, cell, tau, v, looks, cells, sums, paths):
+def fly(memory, lanes, cell, tau, v, looks, cells, sums, paths):
     """Follow motions (n,) of these cells for so many looks (n,), CHUNK flights each; sums (n, BATCHES, COLUMNS), zero
-    before, gathers their impacts in equal parts, NaN of one that comes to rest.
+    before, gathers their impacts in equal parts, NaN of one that comes to rest. lanes (4, LANES) is worked in.
     """
-    speeds, squares, impulses, fastest = np.zeros(LANES), np.zeros(LANES), np.zeros(LANES), np.zeros(LANES)
+    speeds, squares, impulses, fastest = lanes[0], lanes[1], lanes[2], lanes[3]
+    lanes[:] = 0.0
     b, fresh, groups = memory[0], NONE, GROUPS
     empty(b)
     while groups > 0:
@@ -65,9 +66,9 @@ def fly(memory, cell, tau, v, looks, cells, sums, paths):
                 fresh += 1
         groups = made_ready(b, groups, fresh == cell.size)
         force = roughest(b, groups)
-        speeds[:], squares[:], impulses[:], fastest[:] = 0.0, 0.0, 0.0, 0.0
+        lanes[:] = 0.0
         for _ in range(CHUNK):
-            advance_plain(b, groups, ONCE, force, paths)
+            advance(memory, groups, ONCE, force, False, paths)
             gather(b, groups, speeds, squares, impulses, fastest)
 
 
@@ -78,5 +79,5 @@ def stretch(
     damping is strong: (n, BATCHES, COLUMNS), NaN of one that comes to rest.
     """
     sums = np.zeros((cell.size, BATCHES, COLUMNS))
-    fly(working_block(), cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))
+    fly(working_block(), np.zeros((4, LANES)), cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))
     return sums

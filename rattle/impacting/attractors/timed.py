@@ -18,7 +18,7 @@ from rattle.attractors.samples import Samples
 from rattle.attractors.table import of_samples
 from rattle.errors import parameters
 from rattle.flight.lanes.block import GROUP, GROUPS, NONE, empty, made_ready, roughest
-from rattle.flight.lanes.stages import advance_plain, advance_tangent
+from rattle.flight.lanes.stages import advance
 from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.attractors.settle import (
     CHUNK,
@@ -81,7 +81,7 @@ def timed_settle(memory, which, flights, cells, samples, balls, paths, meter):
         meter[LOOKS] += nanoseconds(room) - began
         meter[FLOWN] -= flown(b, groups)
         began = nanoseconds(room)
-        advance_plain(b, groups, flights, force, paths)
+        advance(memory, groups, flights, force, False, paths)
         meter[FLIGHTS] += nanoseconds(room) - began
         meter[FLOWN] += flown(b, groups)
         meter[OFFERED] += GROUP * groups * flights
@@ -101,7 +101,7 @@ def timed_measure(memory, which, cells, samples, balls, watch, paths, meter):
         meter[FLOWN] -= flown(b, groups)
         for flights in STRIDES:
             began = nanoseconds(room)
-            advance_tangent(b, groups, flights, force, paths)
+            advance(memory, groups, flights, force, True, paths)
             looked = nanoseconds(room)
             leave_footprints(b, groups, watch.footprints)
             meter[FLIGHTS] += looked - began

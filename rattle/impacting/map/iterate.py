@@ -22,7 +22,7 @@ from rattle.flight.lanes.block import (
     stretched,
 )
 from rattle.flight.lanes.rescan import SAFE, SCANNED
-from rattle.flight.lanes.stages import advance_plain, advance_tangent
+from rattle.flight.lanes.stages import advance
 from rattle.numerics.compile import kernel
 from rattle.orbits.iterates import Iterates, Stretched, checked
 
@@ -77,10 +77,7 @@ def _driver(tangent: bool) -> Any:
                     b.who[i] = fresh
                     fresh += 1
             groups = made_ready(b, groups, fresh == size)
-            if tangent:
-                advance_tangent(b, groups, FLIGHTS, roughest(b, groups), paths)
-            else:
-                advance_plain(b, groups, FLIGHTS, roughest(b, groups), paths)
+            advance(memory, groups, FLIGHTS, roughest(b, groups), tangent, paths)
         return status, out_tau, out_v, n_plus, n_minus, growth
 
     return drive

@@ -37,12 +37,14 @@ def largest_eta(delta):
 
 
 @kernel
-def capture_invariant(delta, epsilon, beta):
-    """Largest I = v³/g(τ) that is certain to become quiet; 0 where no quiet motion exists."""
+def invariant_of(delta, epsilon, beta, largest):
+    """As `capture_invariant`; largest (ABREAST,) is worked in."""
     smallest = 2.0 * TWO_PI * delta - TWO_PI * epsilon * math.hypot(TWO_PI, delta)
     if smallest <= 0.0:
         return 0.0
-    rate, largest = max(math.pi, delta), np.zeros(ABREAST)  # (η/I^(1/3))³, of every so many phases
+    rate = max(math.pi, delta)
+    for j in range(ABREAST):
+        largest[j] = 0.0  # (η/I^(1/3))³, of every so many phases
     for i in range(0, PHASES, ABREAST):
         for j in range(ABREAST):
             cosine, sine = COSINES[i + j], SINES[i + j]
@@ -53,16 +55,27 @@ def capture_invariant(delta, epsilon, beta):
     for j in range(ABREAST):
         fastest = max(fastest, largest[j])
     low = (2.0 * beta) ** 1.5 * math.sqrt(smallest)  # bounce height v²/2g ≤ β
-    return min(largest_eta(delta) ** 3 / fastest, low)
+    eta = largest_eta(delta)
+    return min(eta * eta * eta / fastest, low)
 
 
 @kernel
-def capture_invariants(delta, epsilon, beta):
-    """The same for flat arrays."""
-    found = np.empty(delta.size)
+def fill_invariants(delta, epsilon, beta, largest, found):
+    """Write to found what `capture_invariants` returns; largest (ABREAST,) is worked in."""
     for i in range(delta.size):
-        found[i] = capture_invariant(delta[i], epsilon[i], beta[i])
+        found[i] = invariant_of(delta[i], epsilon[i], beta[i], largest)
+
+
+def capture_invariants(delta: Array, epsilon: Array, beta: Array) -> Array:
+    """As `capture_invariant`, for flat arrays."""
+    found = np.zeros(delta.size)
+    fill_invariants(delta, epsilon, beta, np.zeros(ABREAST), found)
     return found
+
+
+def capture_invariant(delta: float, epsilon: float, beta: float) -> float:
+    """Largest I = v³/g(τ) that is certain to become quiet; 0 where no quiet motion exists."""
+    return float(capture_invariants(*(np.array([x]) for x in (delta, epsilon, beta)))[0])
 
 
 def capture_speed(delta: float, epsilon: float, beta: float) -> float:

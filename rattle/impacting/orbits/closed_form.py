@@ -15,6 +15,8 @@ parameter is σ, and p − 4π is computed, not p: no digits cancel, however sma
 import math
 
 import numpy as np
+from numba.core.types import float64, int64
+from numpy.typing import NDArray
 
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
 from rattle.flight.law import DRIFT, TWO_PI, Flight, folded, versines
@@ -22,6 +24,7 @@ from rattle.flight.tangent import flight_tangent
 from rattle.impacting.orbits.limits import SMALL, sine_offset_series
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrowed
+from rattle.numerics.shared import shared
 
 A, B, C, D = np.arange(4)  # of a type that makes no variants of kernels, as the walls
 FOUR_PI = 4.0 * math.pi
@@ -30,6 +33,8 @@ GRAZING_SPEED = 2.5e-7  # at Σ⁻, of that at Σ⁺: a graze, in depth of its s
 SLOW, NEAR = 2.5e-5, 1e-4  # the speed, as a share of that at Σ⁺, and the time by which a graze may be off
 EDGE = 1e-9  # nodes start this close to σ = 0, where the closure is singular
 NODES_PER_SIDE = 160
+MOST_NODES = 2 * NODES_PER_SIDE + 24
+Array = NDArray[np.float64]
 
 
 @inline
@@ -118,18 +123,14 @@ def turning_point(lo, hi, sign, delta, beta):
     return 0.5 * (lo + hi)
 
 
-@kernel
-def nodes(delta, beta):
-    """Increasing σ and ε(σ), between which ε is monotone: a scan that is geometric about the pole, with the turning
-    points added.
-    """
+@shared(int64(float64, float64, *2 * (float64[::1],)), "rattle nodes")
+def fill_nodes(delta, beta, sigma, e):
+    """Fill what `nodes` returns into two arrays of MOST_NODES; how many there are."""
     n = NODES_PER_SIDE
-    sigma = np.empty(2 * n + 24)
     for i in range(n):
         gap = EDGE * (0.5 * (1.0 - 1e-6) / EDGE) ** (i / (n - 1.0))
         sigma[n - 1 - i], sigma[n + i] = -gap, gap
     size = 2 * n
-    e = np.empty(sigma.size)
     for i in range(size):
         e[i] = amplitude(sigma[i], delta, beta)
     for i in range(1, 2 * n - 1):
@@ -146,7 +147,16 @@ def nodes(delta, beta):
             sigma[j], e[j] = sigma[j - 1], e[j - 1]
             j -= 1
         sigma[j], e[j] = new, new_e
-    return sigma[:size], e[:size]
+    return size
+
+
+def nodes(delta: float, beta: float) -> tuple[Array, Array]:
+    """Increasing σ and ε(σ), between which ε is monotone: a scan that is geometric about the pole, with the turning
+    points added.
+    """
+    sigma, e = np.zeros(MOST_NODES), np.zeros(MOST_NODES)
+    n = fill_nodes(delta, beta, sigma, e)
+    return sigma[:n], e[:n]
 
 
 @kernel
@@ -205,15 +215,9 @@ def record(orbit, admissible, tau, v, trace, exists, phase, speed, traces, i):
 
 
 @kernel
-def period_one_cells(order, delta, epsilon, beta, offset):
-    """All admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other: (exists, τ, v,
-    trace), (4, n).
-    """
-    n = delta.size
-    exists = np.zeros((4, n), np.bool_)
-    phase, speed, traces = np.full((4, n), np.nan), np.full((4, n), np.nan), np.full((4, n), np.nan)
-    last = -1
-    sigma, e = np.empty(0), np.empty(0)
+def fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces):
+    """Fill what `period_one_cells` returns, False and NaN before; sigma and e (MOST_NODES,) are worked in."""
+    last, n = -1, 0
     for i in order:
         d, eps, b = delta[i], epsilon[i], beta[i]
         ok, tau, v, trace = single_impact_orbit(-1.0, d, eps, b, offset[i])
@@ -221,13 +225,25 @@ def period_one_cells(order, delta, epsilon, beta, offset):
         ok, tau, v, trace = single_impact_orbit(1.0, d, eps, b, offset[i])
         record(C, ok, tau, v, trace, exists, phase, speed, traces, i)
         if last < 0 or d != delta[last] or b != beta[last]:
-            sigma, e = nodes(d, b)
+            n = fill_nodes(d, b, sigma, e)
         last = i
-        for j in range(sigma.size - 2, -1, -1):
+        for j in range(n - 2, -1, -1):
             if (e[j] - eps) * (e[j + 1] - eps) <= 0.0 and not sigma[j] < 0.0 < sigma[j + 1]:
                 root = solve(0, eps, sigma[j], sigma[j + 1], d, b)
                 ok, tau, v, trace = double_impact_orbit(root, d, eps, b)
                 record(D if e[j + 1] > e[j] else B, ok, tau, v, trace, exists, phase, speed, traces, i)
+
+
+def period_one_cells(
+    order: NDArray[np.int64], delta: Array, epsilon: Array, beta: Array, offset: Array
+) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+    """All admissible A–D of flat parameter arrays, visited so that equal (δ, β) follow each other: (exists, τ, v,
+    trace), (4, n).
+    """
+    exists = np.zeros((4, delta.size), np.bool_)
+    phase, speed, traces = np.full((3, *exists.shape), np.nan)
+    sigma, e = np.zeros((2, MOST_NODES))
+    fill_period_one(order, delta, epsilon, beta, offset, sigma, e, exists, phase, speed, traces)
     return exists, phase, speed, traces
 
 
@@ -264,9 +280,8 @@ def grazing_point(sigma, delta, beta):
 
 
 @kernel
-def grazing_cells(curve, delta, beta):
-    """G1 (curve 0: C grazes) or G2 (1: A grazes) of flat arrays: (ε, τ, trace), NaN where absent."""
-    epsilon, phase, trace = np.full(delta.size, np.nan), np.full(delta.size, np.nan), np.full(delta.size, np.nan)
+def fill_grazing(curve, delta, beta, epsilon, phase, trace):
+    """Fill what `grazing_cells` returns, NaN before."""
     for i in range(delta.size):
         sigma = next_grazing(EDGE, delta[i], beta[i])
         while sigma < 0.5:
@@ -275,6 +290,12 @@ def grazing_cells(curve, delta, beta):
                 epsilon[i], phase[i], trace[i] = eps, tau, trace_of_one_flight(delta[i], x)
                 break
             sigma = next_grazing(sigma * (1.0 + 1e-11), delta[i], beta[i])
+
+
+def grazing_cells(curve: int, delta: Array, beta: Array) -> tuple[Array, Array, Array]:
+    """G1 (curve 0: C grazes) or G2 (1: A grazes) of flat arrays: (ε, τ, trace), NaN where absent."""
+    epsilon, phase, trace = np.full((3, delta.size), np.nan)
+    fill_grazing(curve, delta, beta, epsilon, phase, trace)
     return epsilon, phase, trace
 
 

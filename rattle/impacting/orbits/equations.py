@@ -30,12 +30,11 @@ from rattle.orbits.period_one import multipliers_of
 
 
 @kernel
-def solved(x, gaps, m, multiplier, with_matrix):
-    """The flights (6, k, n) of motions x (k, n + 2) over distances (n,), R (k, n) and J(λ) (k, n, n), if asked for."""
-    k, n = x.shape[0], gaps.size
-    flights, residual = np.empty((6, k, n), np.complex128), np.empty((k, n), np.complex128)
-    size = n if with_matrix else 0
-    matrix = np.zeros((k, size, size), np.complex128)
+def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
+    """Fill the flights (6, k, n) of motions x (k, n + 2) over distances (n,), R (k, n) and J(λ) (k, n, n), zero before
+    and without rows if it is not asked for.
+    """
+    k, n, size = x.shape[0], gaps.size, matrix.shape[1]
     for j in range(k):
         delta, epsilon = x[j, n], x[j, n + 1]
         first = turn(TWO_PI * x[j, 0])
@@ -58,7 +57,6 @@ def solved(x, gaps, m, multiplier, with_matrix):
             matrix[j, i, i] += flights[W0_T0, j, i] + flights[W1_T1, j, i - 1]
             matrix[j, i, after] -= pull * flights[W1, j, i] * later  # ∂w₀/∂t₁
             matrix[j, after, i] += np.divide(flights[DECAY, j, i] * pull * flights[W0, j, i], later)  # ∂w₁/∂t₀
-    return flights, residual, matrix
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,10 @@ class Itinerary:
 
     def _solved(self, x: NDArray, multiplier: complex = 1.0, *, with_matrix: bool = False) -> tuple[NDArray, ...]:
         """Flights (6, …, n), R (…, n) and J(λ) (…, n, n), if asked for."""
-        flights, residual, matrix = solved(batch_of(x), self.gaps, self.m, complex(multiplier), with_matrix)
+        batch, n = batch_of(x), self.n
+        k, size = len(batch), n if with_matrix else 0
+        flights, residual, matrix = (np.zeros(shape, complex) for shape in ((6, k, n), (k, n), (k, size, size)))
+        fill_equations(batch, self.gaps, self.m, complex(multiplier), flights, residual, matrix)
         return like(x, flights, axis=1), like(x, residual), like(x, matrix)
 
     def flights(self, x: NDArray) -> Flights:

@@ -12,7 +12,7 @@ from depth import deep
 from waiting import HANG
 
 import rattle
-from rattle.impacting.map.quiet import capture_invariant
+from rattle.impacting.map.quiet import largest_eta
 
 PACKAGE = Path(rattle.__file__).parent
 
@@ -37,7 +37,7 @@ def test_a_second_process_compiles_nothing_wherever_its_sources_are(tmp_path: Pa
 HOLDING = """
 import sys, time
 import rattle.numerics.compile as c
-from rattle.impacting.map.quiet import capture_invariant
+from rattle.impacting.map.quiet import largest_eta
 
 inside = c._SharedCache.save_overload
 
@@ -49,15 +49,15 @@ def save(self, *arguments):
 
 
 c._SharedCache.save_overload = save
-capture_invariant(0.6, 0.1, 0.6)
+largest_eta(0.6)
 """
 LOADING = HOLDING.replace("save", "load").replace("inside(self", "return inside(self")
 WAITING = """
 import logging
-from rattle.impacting.map.quiet import capture_invariant
+from rattle.impacting.map.quiet import largest_eta
 
 logging.basicConfig(level=logging.INFO, format="%(message)s")
-capture_invariant(0.6, 0.1, 0.6)
+largest_eta(0.6)
 """
 
 
@@ -78,7 +78,7 @@ def at_work(environment: dict[str, str]) -> Iterator[tuple[subprocess.Popen[str]
             assert any(line == "holds\n" for line in holding.stdout)
             with subprocess.Popen([sys.executable, "-uc", WAITING], env=environment, **PIPES) as waiting:
                 try:
-                    assert next(waiting.stdout) == "waiting for another process to compile capture_invariant\n"
+                    assert next(waiting.stdout) == "waiting for another process to compile largest_eta\n"
                     yield holding, waiting
                 finally:
                     waiting.kill()
@@ -114,18 +114,18 @@ def test_a_kernel_whose_process_is_killed_is_compiled_by_who_waits(at_work: Proc
     holding.kill()
     said, _ = waiting.communicate(timeout=HANG)
     assert waiting.returncode == 0
-    assert "compiling capture_invariant" in said
+    assert "compiling largest_eta" in said
 
 
 def test_without_a_cache_every_process_compiles_and_says_how_to_have_one(tmp_path: Path) -> None:
     package = tmp_path / "rattle"
     shutil.copytree(PACKAGE, package, ignore=shutil.ignore_patterns("__pycache__"))
-    code = "from rattle.impacting.map.quiet import capture_invariant; print(capture_invariant(0.6, 0.1, 0.6))"
+    code = "from rattle.impacting.map.quiet import largest_eta; print(largest_eta(0.6))"
     environment = os.environ | {"RATTLE_CACHE_DIR": "/proc/nowhere", "PYTHONPATH": str(tmp_path)}
     command = [sys.executable, "-c", code]
     ran = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=HANG)
     assert ran.returncode == 0, ran.stderr
-    assert float(ran.stdout) == capture_invariant(0.6, 0.1, 0.6)
+    assert float(ran.stdout) == largest_eta(0.6)
     assert ran.stderr.count("RATTLE_CACHE_DIR") == 1
     assert not list(package.rglob("*.nbi"))  # beside the sources it could be stale
 
