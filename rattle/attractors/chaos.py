@@ -16,7 +16,8 @@ from rattle.attractors.samples import LEFT
 from rattle.numerics.compile import inline, kernel
 
 SAME_FOOTPRINT = 0.2  # two trajectories that share this much of the smaller footprint are on one attractor
-Array, Counts = NDArray[np.float64], NDArray[np.int64]
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
 BATCHES = 32
 LEAKS_MISSED = 3.0  # a set that loses samples is left by none for so long with probability e^(−3)
 LEAST_GROWTH = 8.0
@@ -158,9 +159,7 @@ def fill_standing(cells, status, impacts, first, left, leaks):
         leaks[i] = leaked > 0 and leaked * since < LEAKS_MISSED * before
 
 
-def standing(
-    cells: Counts, status: Counts, impacts: Counts, first: NDArray[np.int64]
-) -> tuple[Counts, NDArray[np.bool_]]:
+def standing(cells: Counts, status: Counts, impacts: Counts, first: Counts) -> tuple[Counts, NDArray[np.bool_]]:
     """How many samples are left in each of these cells (k,), and whether they may still settle, from status and impacts
     (n_cells, count): others settled later than to begin with, within the first impacts (n_cells,), and what is left has
     not outlasted them by enough since.

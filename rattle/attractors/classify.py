@@ -108,7 +108,8 @@ class Classifier(ABC):
         pending = np.arange(len(index))
         while pending.size:
             left, leaks = standing(pending, self.status, self.impacts, FIRST * self.longer)
-            pending, left, leaks = (x[left > 0] for x in (pending, left, leaks))
+            some = left > 0
+            pending, left, leaks = pending[some], left[some], leaks[some]
             leaks |= (self.stage[pending] == 0) & (left < self.count) | self.unclear[pending]
             decided = np.zeros(pending.size, np.bool_)
             decided[~leaks] = self.judge(pending[~leaks])

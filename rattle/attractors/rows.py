@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from rattle.numerics.compile import inline, kernel
 
-Array, Counts = NDArray[np.float64], NDArray[np.int64]
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
 
 QUIET, PERIODIC, CHAOTIC, UNDECIDED = range(1, 5)
 
@@ -81,4 +82,4 @@ def rows_of(kind: Counts, which: Counts, impacts: Counts, time: Array, known: Co
     most = kind.size + int(known.sum())  # a row has a sample, or its orbit is known
     whole, watched, room = np.zeros((6, most), np.int64), np.zeros(most), np.zeros((2, 2 + orbits + sets), np.int64)
     n = fill_rows(kind, which, impacts, time, known, orbits, room, whole, watched, row)
-    return Rows(*whole[:, :n], watched[:n])
+    return Rows._make([*whole[:, :n], watched[:n]])

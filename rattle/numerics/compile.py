@@ -342,6 +342,9 @@ class _SharedCache(FunctionCache):
         return found
 
 
+_one_thread = threading.RLock()
+
+
 def _share(dispatcher: Any) -> None:
     """Let one process at a time compile a kernel: whoever waited loads what the other has compiled. Who only loads it
     neither waits nor is waited for: it may be suspended meanwhile.
@@ -358,7 +361,8 @@ def _share(dispatcher: Any) -> None:
         if files.has(signature, dispatcher.targetctx):
             return compile_here(signature)
         directory = _cache_directory()
-        with _alone(os.path.join(directory, f"{name}.lock"), function.__qualname__):
+        # One thread of a process at a time: compiling a kernel may lead to another one, that it calls by name.
+        with _one_thread, _alone(os.path.join(directory, f"{name}.lock"), function.__qualname__):
             return compile_here(signature)
 
     dispatcher.compile = compile_once

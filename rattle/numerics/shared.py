@@ -53,8 +53,10 @@ class Shared(Kernel):
         """Compile or load it, and tell the linker where it is."""
         if self._is_known:
             return
-        self._entry.compile(self._signature)
+        self._entry.compile(self._signature.args)
         found = self._entry.overloads[self._signature.args]
+        if found.signature.return_type != self._signature.return_type:
+            raise TypeError(f"{self._name} returns {found.signature.return_type}, not {self._signature.return_type}")
         binding.add_symbol(self._name, found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
         self._is_known = True
 

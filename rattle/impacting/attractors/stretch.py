@@ -78,6 +78,6 @@ def stretch(
     """What the impacts of chaotic motions (n,) of these cells sum up to, each followed so many times as long as where
     damping is strong: (n, BATCHES, COLUMNS), NaN of one that comes to rest.
     """
-    sums = np.zeros((cell.size, BATCHES, COLUMNS))
-    fly(working_block(), np.zeros((4, LANES)), cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))
+    sums, lanes = np.zeros((cell.size, BATCHES, COLUMNS)), np.zeros((4, LANES))
+    fly(working_block(), lanes, cell, tau, v, np.ceil(LOOKS * longer), cells, sums, np.zeros(2, np.int64))
     return sums
