@@ -8,14 +8,20 @@ contact the wall and the depth beyond it outwards, in the gap wall 0 and Φ. A t
 
 import math
 
+from numba.core.types import Tuple, boolean, float64, int64
+
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
 from rattle.flight.law import DRIFT, TWO_PI, contact_force, evaluate, folded, leaving, versines
 from rattle.numerics.compile import inline, kernel
+from rattle.numerics.shared import shared
 from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end, forcing
 
 GAP = SIGMA_PLUS - SIGMA_PLUS
 QUIET, STUCK = 3, 4  # beside OK: contact that never ends; a motion that cannot be followed farther
 MOST_PIECES = 1_000_000  # of one call
+_MAP = 4 * (float64,)
+_PIECE = Tuple((int64, float64, int64, *2 * (float64,), boolean, *_MAP))(int64, *8 * (float64,))
+_DEPARTURE = Tuple((int64, *3 * (float64,), int64, *_MAP))(*6 * (float64,))
 
 
 @inline
@@ -63,7 +69,7 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
     return OK, horizon, GAP, position + f0, w1, lost
 
 
-@kernel
+@shared(_PIECE, "rattle.stiff piece")
 def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
     """The next piece of a motion, to where it leaves it or to the horizon.
 
@@ -106,7 +112,7 @@ def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
     return STUCK, wall, position, w, n_plus, n_minus, j00, j01, j10, j11
 
 
-@kernel
+@shared(_DEPARTURE, "rattle.stiff departure")
 def departure(tau, v, delta, epsilon, beta, kappa):
     """The return map Π of states that leave Σ⁺ at phase tau with velocity −v < 0, to the next departure from Σ⁺.
 
