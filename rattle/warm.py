@@ -20,19 +20,21 @@ from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, pooled,
 from rattle.attractors.classify import ROOM, Classifier, nothing_seen
 from rattle.attractors.recurrence import mark_footprints, remember_period_one, resolve
 from rattle.attractors.table import Attractors, tabulated
-from rattle.flight.first_impact import first_impact
+from rattle.flight.first_impact import first_impact, safe_impact
 from rattle.flight.lanes.stages import advance
 from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.attractors.stretch import stretch
 from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
 from rattle.impacting.bifurcations.curves import trace
 from rattle.impacting.gear import Gear
+from rattle.impacting.orbits.closed_form import fill_nodes
 from rattle.impacting.orbits.period_one import grazing
 from rattle.impacting.orbits.stable import stable_cells
 from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.table import Stretch, intensities_of, one_by_one
 from rattle.intensity.visit import COLUMNS
 from rattle.numerics.compile import can_be_kept, note_in_cache, unless_elsewhere
+from rattle.numerics.shared import Shared
 
 POINT = 0.6, 0.1, 0.6
 CELL = np.array([POINT[0]]), np.array([POINT[1]]), np.array([POINT[2]])
@@ -134,11 +136,8 @@ def _of_impacting() -> Parts:
     def known() -> None:
         remember_period_one(*stable_cells(*CELL, ROOM), empty().cells, empty().orbits)
 
-    def flights() -> None:
-        for each in (first_impact, advance):
-            each.provide()
-
     *others, (last, tables) = _of_classifier(empty, stretch).items()
+    flights = _of_shared(safe_impact, first_impact, advance, fill_nodes)
     return {"flights": flights} | dict(others) | {"orbits": orbits, "known": known, last: tables}
 
 
@@ -146,11 +145,23 @@ def _of_stiff(kappa: float) -> Parts:
     from rattle.stiff import StiffGear  # not for who has no use for it
     from rattle.stiff.attractors.classifier import StiffClassifier
     from rattle.stiff.attractors.classifier import cells_of as stiff_cells_of
+    from rattle.stiff.map.flow import departure, piece
 
     def empty() -> StiffClassifier:
         return StiffClassifier(stiff_cells_of(*CELL, np.array([kappa])), np.zeros((1, 0)), np.zeros((1, 0)))
 
-    return _of_classifier(empty, one_by_one) | {"orbits": StiffGear(*POINT, kappa).orbits}
+    flights = {"flights": _of_shared(safe_impact, first_impact, piece, departure)}
+    return flights | _of_classifier(empty, one_by_one) | {"orbits": StiffGear(*POINT, kappa).orbits}
+
+
+def _of_shared(*kernels: Shared) -> Callable[[], None]:
+    """Those that others call: to compile the others does not compile them."""
+
+    def provide() -> None:
+        for each in kernels:
+            each.provide()
+
+    return provide
 
 
 def _of_classifier(empty: Callable[[], Classifier], stretched: Stretch) -> Parts:

@@ -217,7 +217,7 @@ def searched_crossing(tau, flight, lower, upper):
     return NO_IMPACT, 0, s
 
 
-@shared(_SAFE, "rattle safe_impact")
+@shared(_SAFE)
 def safe_impact(wall, tau, flight, beta):
     """The search, with the state at the impact: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
     upper = 0.0 if wall > 0 else 2.0 * beta
@@ -228,7 +228,7 @@ def safe_impact(wall, tau, flight, beta):
     return status, s, target, w1, lost, sin1, cos1
 
 
-@shared(_FIRST, "rattle first_impact")
+@shared(_FIRST)
 def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     """First impact after leaving a wall at phase tau ∈ [0, 1) with velocity w into the gap.
 

@@ -308,20 +308,8 @@ class _OfTheseSources:
         return str(self._line)
 
 
-#: Kernels that others call by name (`rattle.numerics.shared`), and what loads or compiles each.
-called_by_name: dict[str, Callable[[], None]] = {}
-
-
 class _Files(CompileResultCacheImpl):
     _locator_classes: Any = (_OfTheseSources,)
-
-    def rebuild(self, target_context: Any, payload: Any) -> Any:
-        """What a kernel calls by name is there before its machine code is linked, whose table of symbols has it."""
-        (_name, _kind, (machine_code, _)), *_ = payload
-        for name, provide in called_by_name.items():
-            if f"\0{name}\0".encode() in machine_code:
-                provide()
-        return super().rebuild(target_context, payload)
 
 
 class _SharedCache(FunctionCache):
@@ -342,9 +330,6 @@ class _SharedCache(FunctionCache):
         return found
 
 
-_one_thread = threading.RLock()
-
-
 def _share(dispatcher: Any) -> None:
     """Let one process at a time compile a kernel: whoever waited loads what the other has compiled. Who only loads it
     neither waits nor is waited for: it may be suspended meanwhile.
@@ -361,8 +346,7 @@ def _share(dispatcher: Any) -> None:
         if files.has(signature, dispatcher.targetctx):
             return compile_here(signature)
         directory = _cache_directory()
-        # One thread of a process at a time: compiling a kernel may lead to another one, that it calls by name.
-        with _one_thread, _alone(os.path.join(directory, f"{name}.lock"), function.__qualname__):
+        with _alone(os.path.join(directory, f"{name}.lock"), function.__qualname__):
             return compile_here(signature)
 
     dispatcher.compile = compile_once
@@ -416,6 +400,12 @@ class Kernel(Inline):
         self._entry = numba.njit(nogil=True, forceinline=False, pipeline_class=_EntryCompiler, **_OPTIONS)(function)
         _share(self._entry)
         self._run = self._first
+
+    def compiled(self, kinds: tuple[Any, ...]) -> Any:
+        """What numba has of it for arguments of these types, compiled or loaded."""
+        with _seldom_collected:
+            _with_room(self._entry.compile, kinds)
+        return self._entry.overloads[kinds]
 
     def _first(self, *arguments: Any) -> Any:
         self._run = self._entry

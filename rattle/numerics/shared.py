@@ -1,31 +1,38 @@
-"""Kernels that other kernels call by name: each is compiled once, and not again into every one of its callers.
+"""Kernels that other kernels call, each compiled once and not again into every one of its callers.
 
-To call by name takes nanoseconds, so it suits what runs for longer. A caller's machine code has the name, which is
-known to the linker before that code is compiled or loaded.
+A caller's machine code names a place, which the linker knows from the import of this module on: where the kernel is,
+once it is compiled or loaded, and what does that on the first call. To call it takes a nanosecond more than a copy, so
+this suits what runs for longer. docs/decisions/0052-shared-kernels.md
 """
 
+import ctypes
 import inspect
 from collections.abc import Callable
 from typing import Any
 
-from llvmlite import binding
+from llvmlite import binding, ir
 from numba.core import types
-from numba.core.cgutils import get_or_insert_function, if_unlikely
+from numba.core.cgutils import gep_inbounds, if_unlikely, is_null, voidptr_t
 from numba.core.registry import cpu_target
 from numba.core.typing.templates import Signature
 from numba.extending import intrinsic
 
-from rattle.numerics.compile import Kernel, called_by_name
+from rattle.numerics.compile import Kernel
+
+KERNEL, PROVIDE = range(2)  # of a place
+PLACE = ir.ArrayType(voidptr_t, 2)
 
 
 class Shared(Kernel):
     """A kernel of one signature, which callers do not copy."""
 
-    def __init__(self, function: Callable[..., Any], signature: Signature, name: str) -> None:
-        """Inside other kernels it goes by this name, which is to be its own."""
+    def __init__(self, function: Callable[..., Any], signature: Signature) -> None:
+        """Inside other kernels its arguments are cast to those of the signature."""
         super().__init__(function)
-        self._name, self._signature, self._is_known = name, signature, False
-        called_by_name[name] = self.provide
+        self._name, self._signature = f"{function.__module__}.{function.__qualname__}", signature
+        self._provide = ctypes.CFUNCTYPE(None)(self.provide)
+        self._place = (ctypes.c_void_p * 2)(None, ctypes.cast(self._provide, ctypes.c_void_p))
+        binding.add_symbol(self._name, ctypes.addressof(self._place))
 
         def call(_context: Any, *_arguments: Any) -> tuple[Signature, Callable[..., Any]]:
             return signature, self._generate
@@ -33,34 +40,40 @@ class Shared(Kernel):
         parameters = inspect.signature(function).parameters.values()
         context = inspect.Parameter("_context", inspect.Parameter.POSITIONAL_OR_KEYWORD)
         call.__signature__ = inspect.Signature([context, *parameters])  # type: ignore[attr-defined] # numba counts them
-        self._by_name: Any = intrinsic(call)
-        self._by_name._register()
+        self._inside_others: Any = intrinsic(call)
+        self._inside_others._register()
 
     @property
     def _numba_type_(self) -> Any:
-        return cpu_target.typing_context.resolve_value_type(self._by_name)
+        return cpu_target.typing_context.resolve_value_type(self._inside_others)
+
+    def provide(self) -> None:
+        """Compile or load it, unless that was done before."""
+        if self._place[KERNEL] is None:
+            found = self.compiled(self._signature.args)
+            is_returned, is_promised = found.signature.return_type, self._signature.return_type
+            if is_returned != is_promised:
+                raise TypeError(f"{self._name} returns {is_returned}, not {is_promised}")
+            self._place[KERNEL] = found.library.get_pointer_to_function(found.fndesc.llvm_func_name)
 
     def _generate(self, context: Any, builder: Any, signature: Signature, arguments: Any) -> Any:
-        self.provide()
+        place = builder.module.globals.get(self._name) or ir.GlobalVariable(builder.module, PLACE, self._name)
+
+        def at(number: int) -> Any:
+            return builder.load(gep_inbounds(builder, place, 0, number))
+
         returned, kinds, calls = signature.return_type, signature.args, context.call_conv
-        function = get_or_insert_function(builder.module, calls.get_function_type(returned, kinds), self._name)
+        with if_unlikely(builder, is_null(builder, at(KERNEL))):
+            builder.call(builder.bitcast(at(PROVIDE), ir.FunctionType(ir.VoidType(), []).as_pointer()), [])
+            with if_unlikely(builder, is_null(builder, at(KERNEL))):  # what is wrong has been printed
+                calls.return_user_exc(builder, RuntimeError, (f"{self._name} cannot be compiled",))
+        function = builder.bitcast(at(KERNEL), calls.get_function_type(returned, kinds).as_pointer())
         status, found = calls.call_function(builder, function, returned, kinds, arguments)
         with if_unlikely(builder, status.is_error):
             calls.return_status_propagate(builder, status)
         return context.get_dummy_value() if returned is types.none else found
 
-    def provide(self) -> None:
-        """Compile or load it, and tell the linker where it is."""
-        if self._is_known:
-            return
-        self._entry.compile(self._signature.args)
-        found = self._entry.overloads[self._signature.args]
-        if found.signature.return_type != self._signature.return_type:
-            raise TypeError(f"{self._name} returns {found.signature.return_type}, not {self._signature.return_type}")
-        binding.add_symbol(self._name, found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
-        self._is_known = True
 
-
-def shared(signature: Signature, name: str) -> Callable[[Callable[..., Any]], Shared]:
-    """A kernel that others call by this name, with arguments that are cast to those of its signature."""
-    return lambda function: Shared(function, signature, name)
+def shared(signature: Signature) -> Callable[[Callable[..., Any]], Shared]:
+    """A kernel of this signature that others call, and do not copy."""
+    return lambda function: Shared(function, signature)

@@ -231,7 +231,7 @@ def repair(b, groups, paths):
             search(b, i, paths)
 
 
-@shared(none(numba.typeof(block()), *3 * (int64,), boolean, int64[::1]), "rattle advance")
+@shared(none(numba.typeof(block()), *3 * (int64,), boolean, int64[::1]))
 def advance(memory, groups, flights, force, tangent, paths):
     """Fly every lane of a block this many times, with its tangent vector or without; force is what `roughest` says
     of them. paths counts the flights that went to the scan and to the search.

@@ -123,7 +123,7 @@ def turning_point(lo, hi, sign, delta, beta):
     return 0.5 * (lo + hi)
 
 
-@shared(int64(float64, float64, *2 * (float64[::1],)), "rattle nodes")
+@shared(int64(float64, float64, *2 * (float64[::1],)))
 def fill_nodes(delta, beta, sigma, e):
     """Fill what `nodes` returns into two arrays of MOST_NODES; how many there are."""
     n = NODES_PER_SIDE

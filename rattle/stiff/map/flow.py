@@ -69,7 +69,7 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
     return OK, horizon, GAP, position + f0, w1, lost
 
 
-@shared(_PIECE, "rattle.stiff piece")
+@shared(_PIECE)
 def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
     """The next piece of a motion, to where it leaves it or to the horizon.
 
@@ -112,7 +112,7 @@ def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
     return STUCK, wall, position, w, n_plus, n_minus, j00, j01, j10, j11
 
 
-@shared(_DEPARTURE, "rattle.stiff departure")
+@shared(_DEPARTURE)
 def departure(tau, v, delta, epsilon, beta, kappa):
     """The return map Π of states that leave Σ⁺ at phase tau with velocity −v < 0, to the next departure from Σ⁺.
 
