@@ -20,14 +20,13 @@ from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, pooled,
 from rattle.attractors.classify import ROOM, Classifier, nothing_seen
 from rattle.attractors.recurrence import mark_footprints, remember_period_one, resolve
 from rattle.attractors.table import Attractors, tabulated
-from rattle.flight.first_impact import first_impact, safe_impact
+from rattle.flight.first_impact import SIGMA_PLUS, first_impact, safe_impact
 from rattle.flight.lanes.stages import advance
 from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.attractors.stretch import stretch
-from rattle.impacting.bifurcations.codimension_two import robust_chaos_interval
-from rattle.impacting.bifurcations.curves import trace
 from rattle.impacting.gear import Gear
-from rattle.impacting.orbits.closed_form import fill_nodes
+from rattle.impacting.orbits.closed_form import EDGE, closure, fill_nodes, grazing_cosine, next_grazing, nodes
+from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.period_one import grazing
 from rattle.impacting.orbits.stable import stable_cells
 from rattle.intensity.balance import impulse_balance_errors
@@ -128,10 +127,15 @@ def _of_impacting() -> Parts:
         return _Unknowing(cells_of(*CELL), np.zeros((1, 0)), np.zeros((1, 0)))
 
     def orbits() -> None:
+        delta, _, beta = POINT
         Gear(*POINT).orbits()
-        grazing("G1", POINT[0])
-        robust_chaos_interval()
-        trace("SN1")
+        grazing("G1", delta, beta)
+        # What a curve is traced with; to trace one would load scipy, in workers that trace none.
+        nodes(delta, beta)
+        next_grazing(EDGE, delta, beta)
+        closure(EDGE, delta, beta)
+        grazing_cosine(delta, beta)
+        Itinerary((SIGMA_PLUS,), 1, beta).residual(np.array([0.0, *POINT[:2]]))
 
     def known() -> None:
         remember_period_one(*stable_cells(*CELL, ROOM), empty().cells, empty().orbits)
