@@ -20,7 +20,7 @@ from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, pooled,
 from rattle.attractors.classify import ROOM, Classifier, nothing_seen
 from rattle.attractors.recurrence import mark_footprints, remember_period_one, resolve
 from rattle.attractors.table import Attractors, tabulated
-from rattle.flight.first_impact import SIGMA_PLUS, first_impact, safe_impact
+from rattle.flight.first_impact import first_impact, safe_impact
 from rattle.flight.lanes.stages import advance
 from rattle.impacting.attractors.classifier import ImpactingClassifier, cells_of
 from rattle.impacting.attractors.stretch import stretch
@@ -135,7 +135,7 @@ def _of_impacting() -> Parts:
         next_grazing(EDGE, delta, beta)
         closure(EDGE, delta, beta)
         grazing_cosine(delta, beta)
-        Itinerary((SIGMA_PLUS,), 1, beta).residual(np.array([0.0, *POINT[:2]]))
+        Itinerary((1,), 1, beta).residual(np.array([0.0, *POINT[:2]]))
 
     def known() -> None:
         remember_period_one(*stable_cells(*CELL, ROOM), empty().cells, empty().orbits)
