@@ -140,9 +140,10 @@ def _of_impacting() -> Parts:
     def known() -> None:
         remember_period_one(*stable_cells(*CELL, ROOM), empty().cells, empty().orbits)
 
-    *others, (last, tables) = _of_classifier(empty, stretch).items()
     flights = _of_shared(safe_impact, first_impact, advance, fill_nodes)
-    return {"flights": flights} | dict(others) | {"orbits": orbits, "known": known, last: tables}
+    classified = _of_classifier(empty, stretch)
+    tables = classified.pop("tables")  # the last: who begins there needs no flights meanwhile
+    return {"flights": flights} | classified | {"orbits": orbits, "known": known, "tables": tables}
 
 
 def _of_stiff(kappa: float) -> Parts:
