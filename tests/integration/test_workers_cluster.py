@@ -1,7 +1,9 @@
 """Surveys on real processes: the same bits as a serial run, whatever is killed, stopped, resumed or poisoned."""
 
+import asyncio
 import gc
 import json
+import logging
 import os
 import shutil
 import signal
@@ -11,14 +13,19 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import dask
 import pytest
 import xarray as xr
 from depth import deep
 from distributed import Client, Worker
+from distributed.batched import BatchedSend
+from distributed.comm import CommClosedError
 from distributed.scheduler import TaskGroup
 from intruders import certificates, listening
+from tornado.ioloop import IOLoop
 from waiting import HANG, wait_until
 
 import workers.certificates
@@ -232,6 +239,28 @@ def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     for url in ("tcp://127.0.0.1:9", "unknown://x", "", "tcp://127.0.0.1:no"):
         with pytest.raises(ClusterLostError, match="no dask scheduler"), connect(url):
             pass
+
+
+def test_a_connection_that_ends_after_its_cluster_was_left_says_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    """dask noticed it in a service that had stopped, and wrote a traceback among its last lines."""
+
+    async def lost(*_: Any, **__: Any) -> int:
+        raise CommClosedError
+
+    async def send() -> None:
+        sends = BatchedSend(interval=0.001, loop=IOLoop.current())
+        sends.start(SimpleNamespace(write=lost, closed=lambda: True))
+        sends.buffer.append("a word")  # `send` would refuse it: the other side ends at this moment
+        sends.waker.set()
+        await sends.stopped.wait()
+
+    handler = logging.StreamHandler()  # as dask's own, which another test may have silenced
+    logging.getLogger("distributed").addHandler(handler)
+    try:
+        asyncio.run(send())
+    finally:
+        logging.getLogger("distributed").removeHandler(handler)
+    assert capfd.readouterr().err == ""
 
 
 def test_a_cluster_of_nobody_is_refused() -> None:

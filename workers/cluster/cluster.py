@@ -55,6 +55,10 @@ NOTES = {
 }
 SPANS = "spans"  # notes that are never given up, however old
 
+# That the other side of a connection has ended is told with a traceback, and whenever it is noticed: also after the
+# cluster was left, when dask is silenced no more.
+logging.getLogger("distributed.batched").setLevel(logging.WARNING)
+
 
 class WarmKernels(WorkerPlugin):
     """Compile or load the kernels before the first tile, also on a worker that was restarted."""
