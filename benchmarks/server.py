@@ -23,7 +23,7 @@ def server(data: Path, *options: str, first: str = "") -> Iterator[tuple[str, ps
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    command = [sys.executable, "-c", f"{first}from service.cli import main; main()", "serve", "--port", str(port)]
+    command = [sys.executable, "-c", f"{first}from gear_rattle.cli import main; main()", "serve", "--port", str(port)]
     here = Path(__file__).parent
     environment = os.environ | {"RATTLE_MAX_JOBS": "1000000", "PYTHONPATH": f"{here.parent}{os.pathsep}{here}"}
     process = subprocess.Popen(

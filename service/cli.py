@@ -33,7 +33,6 @@ from service.commands.tolerance import tolerance
 from service.commands.verify import verify
 
 FAILED, REFUSED = 1, 2
-OBJECTS = 50_000  # that are made between two collections; Python's own default is 700
 
 app = typer.Typer(
     help="Survey the damping-eccentricity plane of an impacting gear model.",
@@ -85,9 +84,7 @@ def main() -> None:
     """Run a command; an error of this project is one sentence and exit status 2, never a traceback."""
     status: list[int] = []
     atexit.register(_leave, status)  # the first, which is called last
-    # Most of what lives is modules: to look for garbage in them took a fifth of a short command, half of it at its end.
-    gc.set_threshold(OBJECTS)
-    atexit.register(gc.freeze)
+    atexit.register(gc.freeze)  # or all modules are looked through for garbage once more
     try:
         _run_command()
     except SystemExit as end:

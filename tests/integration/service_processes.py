@@ -21,7 +21,7 @@ from service.client import Client
 from workers import SurveyRequest, compute_tile, tiles_of
 
 ROOT = Path(__file__).parents[2]
-RATTLE = [sys.executable, "-c", "from service.cli import main; main()"]
+RATTLE = [sys.executable, "-m", "gear_rattle.cli"]
 ENVIRONMENT = {
     **os.environ,
     "PYTHONPATH": str(ROOT),

@@ -15,7 +15,7 @@ from service_processes import OPTIONS
 from waiting import HANG, wait_until
 
 COMMAND = (
-    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from service.cli import main; main()"
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from gear_rattle.cli import main; main()"
 )
 
 
