@@ -14,7 +14,8 @@ from waiting import HANG, wait_until
 EXPLORER = {"RATTLE_EXPLORER": "true"}
 CELLS = either(150, 600)  # a side of the basins of a point
 BESIDE = either(100, 300)  # of another one on the way of its diagram
-#: What a point shows, with fewer cells and steps.
+WINDOW = 80  # cells a side of a window that is computed finer
+#: What a point and a window show, with fewer cells and steps.
 COARSE = f"""
     @patch("service.explorer.point.view")
     def coarse(point):
@@ -27,6 +28,13 @@ COARSE = f"""
     @patch("service.operations.diagrams")
     def few(diagrams):
         diagrams.STEPS = 20
+
+    @patch("service.operations.windows")
+    def small(windows):
+        whole = windows.window_survey
+        def some(request, window, pixels):
+            return whole(request, window, tuple(min(each, {WINDOW}) for each in pixels))
+        windows.window_survey = some
 """
 SURVEY: dict[str, Any] = {
     "name": "small",
