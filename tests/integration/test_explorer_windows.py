@@ -43,7 +43,7 @@ from workers import (
 REQUEST = SurveyRequest(
     delta={"start": 0.5, "stop": 0.8, "num": 12},
     epsilon={"start": 0.05, "stop": 0.2, "num": 12},
-    initial_conditions={"count": 8},
+    initial_conditions={"count": 4},
     tile={"delta": 4, "epsilon": 4},
 )
 WINDOW = Window((0.55, 0.65), (0.08, 0.12))
