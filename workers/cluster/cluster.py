@@ -55,10 +55,6 @@ NOTES = {
 }
 SPANS = "spans"  # notes that are never given up, however old
 
-# That the other side of a connection has ended is told with a traceback, and whenever it is noticed: also after the
-# cluster was left, when dask is silenced no more.
-logging.getLogger("distributed.batched").setLevel(logging.WARNING)
-
 
 class WarmKernels(WorkerPlugin):
     """Compile or load the kernels before the first tile, also on a worker that was restarted."""
@@ -148,6 +144,8 @@ def embedded_cluster(
     if n_workers < 1:
         raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
     with ExitStack() as stack:
+        # The cluster's own silence ends before its event loop, which tells of every lost connection with a traceback.
+        stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         # Python looks for modules there first: in dask's own place, which all accounts share, they could be anybody's.
         scratch = tempfile.TemporaryDirectory(
             prefix="rattle-", dir=dask.config.get("temporary-directory", None), ignore_cleanup_errors=True
