@@ -144,7 +144,8 @@ def embedded_cluster(
     if n_workers < 1:
         raise SurveyError(f"a cluster of {n_workers} processes computes nothing: use 1 or more")
     with ExitStack() as stack:
-        # The cluster's own silence ends before its event loop, which tells of every lost connection with a traceback.
+        # Until its event loop has ended, which tells of every lost connection with a traceback: dask's own option for
+        # it, `silence_logs`, ends before that.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         # Python looks for modules there first: in dask's own place, which all accounts share, they could be anybody's.
         scratch = tempfile.TemporaryDirectory(
@@ -201,7 +202,6 @@ def _cluster(n_workers: int, nannies: list[Nanny]) -> SpecCluster:
         workers={name: {"cls": nanny, "options": worker} for name in range(n_workers)},
         scheduler={"cls": SilentScheduler, "options": scheduler},
         security=part["security"],
-        silence_logs=logging.CRITICAL,
     )
 
 
