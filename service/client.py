@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from html import escape
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
     from workers import AnyRequest, PopulationRequest, SurveyRequest
 
-AXES = ("delta", "epsilon", "beta", "kappa")
+AXES, OF_A_MACHINE = ("delta", "epsilon", "beta", "kappa"), ("rpm", "eccentricity")
+AXIS = ("start", "stop", "num")
 FINAL = ("successful", "failed", "dismissed")
 RECONNECT_SECONDS = 1.0
 READ_SECONDS = 60.0  # several heartbeats of the event stream
@@ -140,8 +141,8 @@ class Client:
             answer = self._http.request(method, path, headers=headers, **kwargs)
         except httpx.HTTPError as error:
             raise ServiceError(f"The service at {self._http.base_url} cannot be reached: {error}") from error
-        except ValueError as error:  # httpx cannot encode NaN as JSON
-            raise ServiceError(f"The request cannot be sent as JSON: {error}") from error
+        except (TypeError, ValueError) as error:  # no JSON has NaN, or an object; no header letters beyond ASCII
+            raise ServiceError(f"The request cannot be sent: {error}") from error
         if answer.is_error:
             raise _response_error(answer)
         return answer
@@ -213,7 +214,7 @@ class Job:
 
         Args:
             progress: called with the data of each event (``progress``, ``cells_done``, ``cells``, …).
-            patience: seconds that the service may be away.
+            patience: seconds that the service may be away, from when that is noticed.
             timeout: seconds to wait at most; the survey goes on afterwards, and can be waited for again.
 
         Raises:
@@ -222,29 +223,36 @@ class Job:
         """
         seen = 0
         deadline = math.inf if timeout is None else time.monotonic() + timeout
-        last_contact = time.monotonic()
+        away = math.inf  # since when
         while True:
             try:
                 if self.refresh().state in FINAL:
                     break
+                away = math.inf
                 if time.monotonic() >= deadline:
-                    raise WaitTimeoutError(f"Survey {self.id} is {self.state} after {timeout:g} s. Wait for it again.")
+                    raise self._too_late(timeout)
                 for number, data in self._news(seen, deadline):
-                    seen, last_contact = number, time.monotonic()
+                    seen = number
                     if progress:
                         progress(data)
-                last_contact = time.monotonic()
             except WaitTimeoutError:
                 raise
             except (httpx.HTTPError, SSEError, ServiceError) as error:
-                lost = time.monotonic() - last_contact > patience
+                away = min(away, time.monotonic())
+                lost = time.monotonic() - away > patience
                 refused = isinstance(error, ResponseError) and error.status < httpx.codes.INTERNAL_SERVER_ERROR
                 if lost or refused:
                     raise _as_service_error(error) from error
+                if time.monotonic() >= deadline:
+                    raise self._too_late(timeout) from error
                 time.sleep(max(0.0, min(RECONNECT_SECONDS, deadline - time.monotonic())))
         if self.state != "successful":
             raise ServiceError(f"{self.kind.capitalize()} {self.id} is {self.state}: {self.document['message']}")
         return self
+
+    def _too_late(self, timeout: float | None) -> WaitTimeoutError:
+        what = f"{self.kind.capitalize()} {self.id}"
+        return WaitTimeoutError(f"{what} is {self.state} after {timeout:g} s. Wait for it again.")
 
     def _news(self, seen: int, deadline: float) -> Iterator[tuple[int, Document]]:
         """Events; of who waits for some time only, what the survey is a moment later: a stream ends when it likes."""
@@ -293,12 +301,28 @@ class Job:
 
 def _body(request: AnyRequest | Mapping[str, Any] | None, fields: Mapping[str, Any]) -> Document:
     given = request if isinstance(request, Mapping) else request.model_dump(mode="json") if request else {}
-    both = {**given, **fields}
-    return {name: _axis(value) if name in AXES else value for name, value in both.items()}
+    body = _with_axes({**given, **fields}, AXES)
+    if isinstance(machine := body.get("machine"), Mapping):
+        body["machine"] = _with_axes(machine, OF_A_MACHINE)
+    return {name: _plain(value) for name, value in body.items()}
+
+
+def _with_axes(fields: Mapping[str, Any], names: Sequence[str]) -> Document:
+    return {name: _axis(value) if name in names else value for name, value in fields.items()}
 
 
 def _axis(value: Any) -> Any:
-    return dict(zip(("start", "stop", "num"), value, strict=True)) if isinstance(value, tuple) else value
+    is_one = isinstance(value, (list, tuple)) and len(value) == len(AXIS)  # else the service says what is wrong
+    return dict(zip(AXIS, value, strict=True)) if is_one else value
+
+
+def _plain(value: Any) -> Any:
+    """With Python's numbers instead of numpy's, of which JSON knows nothing."""
+    if isinstance(value, Mapping):
+        return {name: _plain(each) for name, each in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    return value.item() if getattr(value, "shape", None) == () else value
 
 
 def _as_service_error(error: Exception) -> ServiceError:

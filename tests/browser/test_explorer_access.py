@@ -58,7 +58,7 @@ def test_a_page_that_asks_somebody_else_is_found_out(browser: Browser) -> None:
 
 def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Browser, asking: Asking) -> None:
     url, tokens, process, again = asking
-    with visiting(browser, url, allowed="net::ERR_") as context:
+    with visiting(browser, url, allowed=("net::ERR_",)) as context:
         page = context.new_page()
         page.goto(f"{url}/?theme=dark")
         page.get_by_label("API key").fill(tokens["read"])
@@ -98,3 +98,34 @@ def test_a_key_opens_the_page_and_the_service_ends_while_it_is_open(browser: Bro
             page.get_by_role("button", name="New survey").click()
             expect(page.get_by_text("cells, about")).to_be_visible()
             page.close()
+
+
+#: The first websockets of a tab, so many, ask for a page that is not there.
+LATE = """
+const Socket = WebSocket
+window.WebSocket = class extends Socket {
+  constructor(url, protocols) {
+    const before = Number(sessionStorage.getItem("sockets"))
+    sessionStorage.setItem("sockets", before + 1)
+    super(url, before < %d ? ["bokeh", "nothing"] : protocols)
+  }
+}
+"""
+REFUSED = ("WebSocket connection", "Could not open websocket")
+
+
+@pytest.mark.parametrize(("refused", "opened"), [(2, True), (100, False)])
+def test_a_page_whose_connection_ends_before_it_is_here_is_opened_anew_but_not_for_ever(
+    browser: Browser, service: str, refused: int, opened: bool
+) -> None:
+    with visiting(browser, service, allowed=REFUSED) as context:
+        page = context.new_page()
+        page.add_init_script(LATE % refused)
+        page.goto(f"{service}/?theme=dark")
+        if opened:
+            wait_for_map(page, "renderers.find((each) => each.name === 'names')")
+            assert page.locator("#lost").count() == 0
+            assert "theme=dark" in page.url
+        else:
+            expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_be_visible()
+        assert page.evaluate("Number(sessionStorage.getItem('sockets'))") == (refused + 1 if opened else 4)

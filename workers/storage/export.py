@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from rattle import MissingExtraError
-from workers.errors import reading
+from workers.errors import SurveyError, reading
 from workers.survey.machine import AXES
 from workers.survey.slices import slices_of, third_of
 from workers.survey.values.schema import CELL, FIXED, Form
@@ -78,13 +78,16 @@ def _read(values: xr.DataArray, rows: int) -> None:
 
 
 def table_names(dataset: xr.Dataset, form: Form = Form.CELLS) -> list[str]:
-    """The variables that a table has."""
+    """The variables that a table has. Raises SurveyError if the survey has none of this form."""
     own = OWN_ROWS.get(form, (None,))[0]
 
     def belongs(dims: tuple[Hashable, ...]) -> bool:
         return dims[-2:] == CELL and (dims == CELL if own is None else dims[0] == own)
 
-    return [str(name) for name, values in next(slices_of(dataset)).data_vars.items() if belongs(values.dims)]
+    names = [str(name) for name, values in next(slices_of(dataset)).data_vars.items() if belongs(values.dims)]
+    if not names:
+        raise SurveyError(f"This survey was computed without {form}. The form cells has a row for every cell.")
+    return names
 
 
 def tables(dataset: xr.Dataset, form: Form = Form.CELLS) -> Iterator[dict[str, np.ndarray]]:

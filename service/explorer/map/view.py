@@ -69,6 +69,7 @@ class MapView:
         self._drawn: tuple[Any, ...] = ()
         self._colours: Colouring | None = None
         self._told: AsSeen | None = None
+        self._gone = ""  # a survey of which it has been said that it is not there
         self.map = Map(theme, self.open_point, self.through, self._hover, self.moved, self.reset)
         for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
             self.map.figure.on_change(size, self._on_size)
@@ -146,7 +147,8 @@ class MapView:
         """The survey that is shown may have more to show."""
         if standing is not None:
             self._follow(standing.job)
-        elif self.view.survey and self._job is not None:
+        elif self.view.survey and self._gone != self.view.survey:
+            self._gone = self.view.survey
             self._job, self._request, self._plane = None, None, None
             self._show_nothing("<p>This survey is no longer there. Choose another one.</p>")
             self._shared.atlas.forget(lambda survey_id: survey_id != self.view.survey)

@@ -87,7 +87,7 @@ def head_of(bokeh: Transport) -> str:
         f'<link rel="preload" as="style" href="static/extensions/panel/{name}.css?v={JS_VERSION}">' for name in STYLES
     )
     parts = {"styles": styles, "scripts": f"{scripts}\n{early}", "css": asset("page.css")}
-    parts |= {name: asset(f"{name}.js") for name in ("stops", "print", "visuals")}
+    parts |= {name: asset(f"{name}.js") for name in ("stops", "print", "lost", "visuals")}
     head = asset("head.html")
     for name, text in parts.items():
         head = head.replace(f"{{{name}}}", text)

@@ -9,6 +9,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
+from weakref import WeakSet
 
 from fastapi import FastAPI, Request, Response
 from starlette.concurrency import run_in_threadpool
@@ -29,10 +30,13 @@ from service.settings import Settings
 from service.state import Front
 
 if TYPE_CHECKING:
+    from bokeh.server.session import ServerSession
+
     from service.explorer.page.transport import Transport
 
 TITLE = "gear rattle"
 SIGNED_OUT = "The API key was revoked, or this browser has signed out."
+GONE = "This page is no longer there."
 LOOK_SECONDS, ANSWER_SECONDS = 0.2, 1.0
 #: Nothing from elsewhere, whatever a library would like to load. Bokeh compiles the callbacks of its models.
 CONTENT_SECURITY = "; ".join(
@@ -65,10 +69,10 @@ class Explorer:
         self._loading: asyncio.Future[Transport] | None = None
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
-        self._assets, self._schemes = Assets(self.load), Schemes()
+        self._assets, self._schemes, self._socket = Assets(self.load), Schemes(), _Socket(self.load)
         app.router.routes += [
             Route("/", self._page, methods=["GET"], include_in_schema=False),
-            WebSocketRoute("/ws", _Socket(self.load)),
+            WebSocketRoute("/ws", self._socket),
             Route("/scheme", self._schemes.route, methods=["GET"], include_in_schema=False),
             Route("/static/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             Route("/components/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
@@ -135,6 +139,8 @@ class Explorer:
 
         bokeh = await self.load()
         if len(list(bokeh.context.sessions)) >= self._settings.max_pages:
+            await self._socket.forget_unused(bokeh, UNUSED_MILLISECONDS)
+        if len(list(bokeh.context.sessions)) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
         if self._front.settings.preload and self._warming is None:
             # processes for the first click, which nobody needs where nobody looks
@@ -165,25 +171,26 @@ class Explorer:
         while True:
             await asyncio.sleep(SWEEP_SECONDS)
             if (bokeh := self._loaded()) is not None:
-                await bokeh.context._cleanup_sessions(UNUSED_MILLISECONDS)
+                await self._socket.forget_unused(bokeh, AWAITED_MILLISECONDS)
 
     def _loaded(self) -> Transport | None:
         done = self._loading is not None and self._loading.done() and not self._loading.exception()
         return self._loading.result() if self._loading is not None and done else None
 
 
-async def _forget(bokeh: Transport, token: str) -> None:
-    """End a page that nobody comes back to: what it had computed would be computed on."""
+def _session_of(bokeh: Transport, scope: Scope) -> ServerSession | None:
+    """The page that a websocket is asked for, if it is there."""
     from bokeh.protocol.exceptions import ProtocolError
     from bokeh.util.token import get_session_id
 
     with suppress(ProtocolError, LookupError, ValueError):  # no page of ours
-        bokeh.context.get_session(get_session_id(token)).request_expiration()
-        await bokeh.context._cleanup_sessions(UNUSED_MILLISECONDS)
+        return bokeh.context.get_session(get_session_id("".join(scope["subprotocols"][-1:])))
+    return None
 
 
 SWEEP_SECONDS = 10.0
-UNUSED_MILLISECONDS = 15_000  # without a browser, which may still be on its way
+UNUSED_MILLISECONDS = 15_000  # of a page whose browser has left, which may come back
+AWAITED_MILLISECONDS = 600_000  # of one whose browser has not come yet: it loads the scripts, or was put aside
 LEFT = (1000, 1001)  # codes of RFC 6455: a connection that is no longer needed, a page that was closed or reloaded
 
 
@@ -192,6 +199,15 @@ class _Socket:
 
     def __init__(self, load: Callable[[], Awaitable[Transport]]) -> None:
         self._load = load
+        self._visited: WeakSet[ServerSession] = WeakSet()
+
+    async def forget_unused(self, bokeh: Transport, awaited: float) -> None:
+        """End the pages that nobody comes back to, and those that no browser came to in so many milliseconds."""
+        for session in bokeh.context.sessions:
+            longest = UNUSED_MILLISECONDS if session in self._visited else awaited
+            if session.connection_count == 0 and session.milliseconds_since_last_unsubscribe > longest:
+                session.request_expiration()
+        await bokeh.context._cleanup_sessions(AWAITED_MILLISECONDS)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         from service.explorer.common.viewer import CALLER
@@ -200,6 +216,12 @@ class _Socket:
         caller = scope["state"]["caller"]
         CALLER.set(caller)
         code = 0
+        session = _session_of(bokeh, scope)
+        if session is None:  # Bokeh would make another page, whose parts the browser does not know
+            log.info("a page was refused: it is not there, or no longer")
+            await send({"type": "websocket.close", "code": 1008, "reason": GONE})
+            return
+        self._visited.add(session)
 
         async def noted() -> Message:
             nonlocal code
@@ -210,7 +232,8 @@ class _Socket:
         with scope["app"].state.front.revocations.ending(caller) as visit:
             await bokeh.socket(scope, noted, send)
             if code in LEFT:
-                await _forget(bokeh, "".join(scope["subprotocols"][-1:]))
+                session.request_expiration()  # what it had computed would be computed on
+                await self.forget_unused(bokeh, AWAITED_MILLISECONDS)
         if visit.cancelled_caught:
             with suppress(RuntimeError):  # closed from the other side meanwhile
                 await send({"type": "websocket.close", "code": 1008, "reason": SIGNED_OUT})

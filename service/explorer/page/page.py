@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from html import escape
 from typing import Any
@@ -13,11 +14,11 @@ from bokeh.events import ConnectionLost
 from bokeh.models import CustomJS
 from pydantic import ValidationError
 
-from service.database.tables import Scope, State
-from service.errors import ServiceError
+from service.database.tables import Kind, Scope, State
+from service.errors import ServiceError, UnknownSurveyError
 from service.explorer.common.address import FURTHER, Pair, Pin, View
 from service.explorer.common.lists import SurveyList
-from service.explorer.common.news import Standing
+from service.explorer.common.news import Standing, overall_rate
 from service.explorer.common.viewer import CALLER, Viewer
 from service.explorer.common.watch import on_press
 from service.explorer.families.view import Families
@@ -55,7 +56,7 @@ def open_page(shared: Shared) -> pn.Template:
     config: Any = pn.config
     config.theme = "dark" if theme == "dark" else "default"  # of this page
     page = Page(shared, viewer, view, theme)
-    document.js_on_event(ConnectionLost, CustomJS(code=asset("lost.js")))
+    document.js_on_event(ConnectionLost, CustomJS(code="lost(true)"))
     document.on_session_destroyed(lambda _context: page.end())
     return page.template
 
@@ -116,7 +117,7 @@ class Page:
         self._viewer.start(self._take(standings))
 
     async def _take(self, standings: Sequence[Standing]) -> None:
-        await self._viewer.read(lambda: None)  # whether the key still holds
+        standings = await self._viewer.read(lambda: self._with_asked(standings))  # if the key still holds
         caller = self._viewer.caller
         rows = [row_of(each, self._map.view, caller.owns(each.job), self._map.seen) for each in standings]
 
@@ -132,6 +133,15 @@ class Page:
             self._follow()
 
         self._viewer.change(show)
+
+    def _with_asked(self, standings: Sequence[Standing]) -> Sequence[Standing]:
+        """And the survey of the address, which need not be among the newest."""
+        asked = self._map.view.survey
+        if asked and all(each.job.id != asked for each in standings):
+            with suppress(UnknownSurveyError):
+                job = self._shared.front.database.job(asked, Kind.SURVEY)
+                return [*standings, Standing(job, overall_rate(job), None)]
+        return standings
 
     def _choose(self, survey_id: str) -> None:
         if survey_id in self._standings:

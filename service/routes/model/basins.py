@@ -63,7 +63,7 @@ async def basins(
         speeds,
         needs=(model_at(place.gear).name, Part.POINT),
         what="The basins",
-        advice="Ask for fewer cells a side (resolution).",
+        advice="Ask for fewer cells a side (resolution), or at a larger δ: a motion settles in some 1/δ periods.",
     )
     return Response(png, media_type=PNG, headers=dict(response.headers))
 

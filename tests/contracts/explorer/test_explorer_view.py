@@ -137,6 +137,14 @@ def test_a_survey_that_is_gone_leaves_nothing_of_it(tmp_path: Path) -> None:
 ORBITS = SurveyRequest(**BODY | {"quantities": ["region", "orbits"]})
 
 
+def test_an_address_of_a_survey_that_is_not_there_is_said_to_be_one(tmp_path: Path) -> None:
+    async def body(_front: Front, shown: MapView) -> None:
+        shown.follow(None)
+        assert "no longer there" in shown._title.html
+
+    with_map(tmp_path, body, survey="nothing")
+
+
 def test_the_scale_of_own_limits_is_switched_and_wrong_limits_are_told(tmp_path: Path) -> None:
     async def body(front: Front, shown: MapView) -> None:
         controls = shown._controls

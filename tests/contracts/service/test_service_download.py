@@ -135,6 +135,18 @@ def test_who_cannot_write_parquet_says_so(client: TestClient, running: str, monk
     assert_problem(client.get(f"/v1/surveys/{running}/download.parquet"), 404, "gear-rattle[parquet]")
 
 
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_a_survey_without_what_a_row_is_of_says_so(tmp_path: Path, ending: str) -> None:
+    request = SurveyRequest(**BODY | {"quantities": ["region"]})
+    with front_end(tmp_path) as client:
+        survey_id = str(client.post("/v1/surveys", json=request.model_dump(mode="json")).json()["id"])
+        compute(front_of(client), survey_id, request)
+        path = f"/v1/surveys/{survey_id}/download.{ending}"
+        for form in ("attractors", "orbits"):
+            assert_problem(client.get(path, params={"form": form}), 422, f"computed without {form}")
+        assert client.get(path).status_code == 200
+
+
 @pytest.mark.parametrize("ending", ["nc", "csv", "parquet"])
 def test_what_has_no_numbers_cannot_be_downloaded(client: TestClient, ending: str) -> None:
     assert_problem(client.get(f"/v1/surveys/nothing/download.{ending}"), 404, "no survey")

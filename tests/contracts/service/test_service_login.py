@@ -232,5 +232,6 @@ def test_the_page_does_not_hold_the_key(client: TestClient) -> None:
 
 def test_pages_beyond_the_limit_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mount, "SWEEP_SECONDS", HANG)  # none of them is put away meanwhile
+    monkeypatch.setattr(mount, "UNUSED_MILLISECONDS", 1000 * HANG)
     with front_end(tmp_path, max_pages=2) as client:
         assert [client.get("/").status_code for _ in range(3)] == [200, 200, 503]

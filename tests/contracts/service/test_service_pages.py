@@ -119,6 +119,46 @@ def test_a_page_ends_with_its_browser_or_when_it_is_swept(
     assert failures == []
 
 
+def test_a_browser_that_comes_too_late_is_refused_instead_of_being_given_another_page(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of whose parts it knows nothing: it would stay empty."""
+    with front_end(tmp_path) as client:
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        client.portal.call(client.app.state.explorer._loading.result().context._cleanup_sessions, 0)
+        with (
+            pytest.raises(WebSocketDisconnect) as refused,
+            client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket,
+        ):
+            socket.receive_text()
+        assert refused.value.reason == mount.GONE
+        assert open_pages(client) == []
+    assert not [record for record in caplog.records if record.exc_info]
+
+
+def test_a_page_waits_for_its_browser_longer_than_for_one_that_has_left_unless_others_want_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mount, "UNUSED_MILLISECONDS", -1)
+    with front_end(tmp_path, max_pages=2) as client:
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
+            assert "ACK" in socket.receive_text()
+            (left,) = open_pages(client)
+            socket.close(1006)
+            wait_until(lambda: left.connection_count == 0)
+        client.get("/")
+        explorer = client.app.state.explorer
+        (awaited,) = (page for page in open_pages(client) if page is not left)
+        sweep = explorer._socket.forget_unused, explorer._loading.result()
+        client.portal.call(*sweep, mount.AWAITED_MILLISECONDS)
+        assert open_pages(client) == [awaited]
+        client.get("/")
+        assert len(open_pages(client)) == 2
+        assert client.get("/").status_code == 200
+        assert awaited not in open_pages(client)
+
+
 def test_others_have_their_turn_between_the_parts_of_a_page_and_its_document(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
