@@ -90,7 +90,8 @@ def test_cell(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_survey(monkeypatch: pytest.MonkeyPatch) -> None:
     @contextmanager
     def in_this_process(_: int) -> Iterator[Client]:
-        cluster = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None)
+        alone = {"processes": False, "dashboard_address": "127.0.0.1:0"}  # whoever has the usual port
+        cluster = LocalCluster(n_workers=1, threads_per_worker=1, **alone)
         with cluster, Client(cluster, set_as_default=False) as client:
             yield client
 
