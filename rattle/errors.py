@@ -33,6 +33,8 @@ def require(ok: bool, message: str) -> None:
 
 def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:
     """Return value as a float64 array; raise ParameterError unless it holds real numbers (no text, no bool)."""
+    if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
+        raise ParameterError(f"{name} has masked elements: leave them out, or fill them")
     try:
         array: NDArray[Any] = np.asarray(value)
     except (TypeError, ValueError) as error:

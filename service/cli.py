@@ -8,7 +8,9 @@ import os
 import sys
 import threading
 from contextlib import suppress
+from errno import ENOSPC
 from importlib.metadata import version
+from io import TextIOWrapper
 from typing import Annotated
 
 import typer
@@ -85,6 +87,9 @@ def main() -> None:
     status: list[int] = []
     atexit.register(_leave, status)  # the first, which is called last
     atexit.register(gc.freeze)  # or all modules are looked through for garbage once more
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")  # whatever letters are known there: δ is in every other line
     try:
         _run_command()
     except SystemExit as end:
@@ -109,6 +114,12 @@ def _run_command() -> None:
             f"rattle: {error.name} is not installed. The service needs: pip install 'gear-rattle[service]'", err=True
         )
         raise SystemExit(REFUSED) from error
+    except OSError as error:
+        if error.errno != ENOSPC or error.filename is not None:
+            raise
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left of it is no second error at the end
+        typer.echo(f"rattle: what it prints cannot be written: {error.strerror}", err=True)
+        raise SystemExit(FAILED) from error
     except Exception as error:
         from rattle import RattleError  # loads the compiler: only when it is needed
 

@@ -13,6 +13,7 @@ from rattle.errors import real_array, require
 from rattle.numerics.tables import read_columns
 
 LEAST = 8  # impacts
+SHORTEST = 1e-9  # forcing periods between the first and the last: they are not told apart at less
 LONGEST = 512  # impacts of a period
 REPEATS = 3  # of a period that are seen
 CLOSER, SAME = 1.5, 1e-3  # times; of what is allowed, below which all repeat alike
@@ -49,6 +50,10 @@ def measured(time: ArrayLike, speed: ArrayLike | None = None, wall: ArrayLike | 
     require(times.ndim == 1, f"time must be a list of times, got an array of shape {times.shape}")
     require(times.size >= LEAST, f"there are {times.size} impacts: give {LEAST} at least")
     require(bool(np.isfinite(times).all() and (np.diff(times) > 0).all()), "times must be finite and rise")
+    require(
+        times[-1] - times[0] > SHORTEST,
+        f"all impacts lie within {times[-1] - times[0]:g} forcing periods: in which unit are the times?",
+    )
     speeds, walls = None, None
     if speed is not None:
         speeds = real_array("speed", speed)

@@ -13,7 +13,8 @@ from rattle.errors import ParameterError, RattleError
 def read_columns(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:
     """Those of the columns of these names that a table has, each (n,), in its order; names are not case-sensitive.
 
-    Raises ParameterError on what is no number, and RattleError if the file cannot be read.
+    Raises ParameterError on what is no number, or a column that is there twice, and RattleError if the file cannot be
+    read.
     """
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
@@ -23,6 +24,9 @@ def read_columns(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[np
     header = [name.strip().lower() for name in rows[0]] if rows else []
     table = [(number, row) for number, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)]
     wanted = set(names)
+    for name in wanted:
+        if header.count(name) > 1:
+            raise ParameterError(f"the table {path} has {header.count(name)} columns {name!r}: leave one")
     return {
         name: np.array([_number(path, line, row, column) for line, row in table])
         for column, name in enumerate(header)

@@ -73,10 +73,15 @@ class PeriodOne(NamedTuple):
     multipliers: NDArray[np.complex128]
 
 
+SQUARED = 1e150  # of a trace beyond it the square is no number, and the determinant does not count beside it
+
+
 def multipliers_of(trace: ArrayLike, determinant: ArrayLike) -> NDArray[np.complex128]:
     """Both roots of λ² − trace λ + determinant, the larger modulus first, along a new first axis; no cancellation."""
     t, d = np.broadcast_arrays(np.asarray(trace, np.float64), np.asarray(determinant, np.float64))
-    root = np.sqrt((t * t / 4 - d).astype(np.complex128))
+    with np.errstate(over="ignore"):
+        root = np.sqrt((t * t / 4 - d).astype(np.complex128))
+    root = np.where(np.abs(t) > SQUARED, np.abs(t / 2), root)
     large = t / 2 + np.where(t < 0, -root, root)
     with np.errstate(divide="ignore", invalid="ignore"):
         small = np.where(root.imag != 0, np.conj(large), d / large)

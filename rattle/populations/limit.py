@@ -57,7 +57,8 @@ def design_limit(
     """Up to which number `of` a gear runs quietly with a probability of `share` at least, there and at every safer one:
     the largest epsilon or beta (eccentricity, backlash, rpm of a machine), the least delta (drag).
 
-    given: its other numbers by name, delta, epsilon, beta and kappa or those of a `Machine` with rpm. The probability
+    given: its other numbers by name, delta, epsilon, beta and kappa or those of a `Machine` with rpm; what a drawing
+    says of the number itself is passed over. The probability
     is that of states of [0, 1) × (0, natural speed), the same `count` for every value. First SCANNED values are looked
     at from the safe side on, by default to where nothing is quiet; between two of them the limit is solved for, and the
     interval is where the share is not told from what is asked. A window of rattling narrower than a step of that scan

@@ -32,7 +32,7 @@ def require_writable(out: Path) -> None:
 
     from service.errors import ServiceError
 
-    known = FigureCanvasBase.get_supported_filetypes()
+    known = FigureCanvasBase.get_supported_filetypes().keys() - {"pgf"}  # which needs a TeX
     if out.suffix.removeprefix(".").lower() not in known:
         raise ServiceError(f"The picture {out} has no format: end its name in one of .{', .'.join(sorted(known))}")
     if not out.parent.is_dir():

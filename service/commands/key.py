@@ -99,7 +99,7 @@ def _database(data: Path | None, database_url: str | None, create: bool = False)
     if settings.database_url is None:
         if create:
             directory.path.mkdir(parents=True, exist_ok=True)
-        elif not directory.path.is_dir():
+        elif not directory.has_database:
             raise DataDirectoryError(f"There is no data directory {directory.path}: name that of the service (--data).")
     # Not exclusive, and without the lock of the directory: a service may run.
     with closing(Database(settings.database_url or directory.database_url, exclusive=False)) as database:

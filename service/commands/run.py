@@ -89,6 +89,11 @@ def run(
         draw(out, figure)
 
 
+def _percent(share: float) -> str:
+    """To two digits: 0.22, 100."""
+    return f"{float(f'{100 * share:.2g}'):g}"
+
+
 def _summarise(out: str) -> None:
     import numpy as np
     import zarr  # xarray takes half a second to load
@@ -112,6 +117,6 @@ def _summarise(out: str) -> None:
         filled, audited, wrong, bound = (attributes[name] for name in TOLD)
         summary += (
             f"; {cells - filled - n_failed} computed, {filled} filled: of {audited} audited ones {wrong} disagreed, at "
-            f"most {100 * bound:.2g} % are wrong (95 %)"
+            f"most {_percent(bound)} % are wrong (95 %)"
         )
     typer.echo(summary)

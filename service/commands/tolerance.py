@@ -153,15 +153,19 @@ def _matrix(names: tuple[str, ...], pairs: list[str]) -> Any:
     """The matrix of these correlations."""
     import numpy as np
 
-    matrix = np.eye(len(names))
+    matrix, given = np.eye(len(names)), list[set[int]]()
     for text in pairs:
         try:
             first, second, number = text.split(":")
             i, j = names.index(first), names.index(second)
-            matrix[i, j] = matrix[j, i] = float(number)
+            value = float(number)
         except ValueError:
             known = ", ".join(names)
             raise typer.BadParameter(
                 f"correlation {text!r}: write NAME:NAME:NUMBER, with two of what varies ({known})"
             ) from None
+        if {i, j} in given:
+            raise typer.BadParameter(f"correlation {text!r}: that of {first} and {second} is given twice")
+        given.append({i, j})
+        matrix[i, j] = matrix[j, i] = value
     return matrix

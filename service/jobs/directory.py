@@ -68,11 +68,16 @@ class DataDirectory:
     def __init__(self, path: Path) -> None:
         self.path = path.absolute()
         self.identity = ""
-        self._stores = self.path / "surveys"
+        self._stores, self._database = self.path / "surveys", self.path / "jobs.sqlite"
 
     @property
     def database_url(self) -> URL:
-        return URL.create("sqlite", database=str(self.path / "jobs.sqlite"))
+        return URL.create("sqlite", database=str(self._database))
+
+    @property
+    def has_database(self) -> bool:
+        """Whether a service, or a key for one, has been here."""
+        return self._database.exists()
 
     def store(self, survey_id: str) -> Path | Bucket:
         """Place of a survey's zarr store, whether it exists or not.

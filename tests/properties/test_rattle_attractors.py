@@ -198,6 +198,15 @@ def test_regular_motion_at_tiny_damping_is_not_called_chaotic():
     assert all(a.kind != "chaotic" for a in rattle.Gear(1e-4, 1e-8).attractors(count=8))
 
 
+def test_masked_elements_are_no_data():
+    for call in (rattle.sn1, rattle.quiet_limit, lambda x: rattle.regions(0.6, x)):
+        with pytest.raises(rattle.ParameterError, match="masked elements"):
+            call(np.ma.array([0.4, 0.6], mask=[False, True]))
+    assert rattle.sn1(np.ma.array([0.4, 0.6])).tolist() == rattle.sn1([0.4, 0.6]).tolist()
+    with pytest.raises(rattle.ParameterError, match="masked elements"):
+        rattle.Gear(np.ma.masked, 0.1)
+
+
 @pytest.mark.parametrize("bad", [10**400, "0.5", b"1", True, 0.5 + 3j, None, {}, [0.1, 0.2]])
 def test_what_is_no_real_number_is_refused(bad):
     for call in (

@@ -23,7 +23,11 @@ class Directory:
     """A store on a file system."""
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path).resolve()
+        try:
+            self.path = Path(path).resolve()
+        except OSError as error:  # the working directory is gone
+            where = "go to a directory that is there, or give a whole path"
+            raise SurveyError(f"{path} is nowhere ({error}): {where}") from error
 
     def __str__(self) -> str:
         return str(self.path)

@@ -36,6 +36,14 @@ class Strict(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _plain(cls, given: Any) -> Any:
+        """Numbers of numpy are as good as Python's."""
+        if not isinstance(given, Mapping):
+            return given
+        return {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
+
 
 class Axis(Strict):
     """`num` evenly spaced values from `start` to `stop`, both included."""
@@ -48,8 +56,11 @@ class Axis(Strict):
     @classmethod
     def _triple(cls, given: Any) -> Any:
         """(start, stop, num), as it is shortest in Python."""
-        named = isinstance(given, tuple) and len(given) == len(cls.model_fields)
-        return dict(zip(cls.model_fields, given, strict=True)) if named else given
+        if isinstance(given, tuple) and len(given) == len(cls.model_fields):
+            return cls._plain(dict(zip(cls.model_fields, given, strict=True)))
+        if not isinstance(given, Mapping | cls):
+            raise ValueError("an axis has start, stop and num: a triple in Python, an object with these names in JSON")
+        return given
 
     @model_validator(mode="after")
     def _increasing(self) -> Self:

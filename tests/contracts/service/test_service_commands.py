@@ -1,10 +1,12 @@
 """What commands do with names and paths that people choose."""
 
+import os
 import signal
 import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import zarr
@@ -13,9 +15,12 @@ from waiting import HANG
 
 from service.cli import app
 from service.client import Client
+from service.commands import run as run_command
 from service.commands.drawing import require_writable
 from service.errors import ServiceError
 from workers.bound import ROUNDS
+from workers.errors import SurveyError
+from workers.storage.location import place_of
 
 NAME = "[/x] [red]hi"
 
@@ -29,11 +34,48 @@ def test_a_name_is_shown_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     assert NAME in result.output
 
 
-@pytest.mark.parametrize("name", ["picture", "picture.xyz", "missing/picture.png"])
+@pytest.mark.parametrize("name", ["picture", "picture.xyz", "picture.pgf", "missing/picture.png"])
 def test_a_picture_that_cannot_be_written_is_refused_before_the_survey(name: str, tmp_path: Path) -> None:
     with pytest.raises(ServiceError, match="picture"):
         require_writable(tmp_path / name)
     require_writable(tmp_path / "picture.png")
+
+
+def told(*command: str, **more: Any) -> subprocess.CompletedProcess[str]:
+    """What a command says to a program that reads it."""
+    whole = [sys.executable, "-m", "gear_rattle.cli", *command]
+    return subprocess.run(whole, stderr=subprocess.PIPE, text=True, timeout=HANG, **more)
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+def test_letters_that_a_reader_does_not_know_are_replaced(encoding: str) -> None:
+    environment = os.environ | {"PYTHONIOENCODING": encoding, "COLUMNS": "100"}
+    help_of = told("run", "--help", stdout=subprocess.PIPE, env=environment, errors="replace")
+    assert help_of.returncode == 0, help_of.stderr
+    assert "natural" in help_of.stdout
+    assert "--workers" in help_of.stdout  # and all that follows
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no file that is always full")
+def test_what_cannot_be_printed_is_said_in_a_sentence() -> None:
+    with Path("/dev/full").open("w") as full:
+        refused = told("orbits", "0.6", "0.1", stdout=full)
+    assert refused.returncode == 1
+    assert refused.stderr == "rattle: what it prints cannot be written: No space left on device\n"
+
+
+def test_a_path_is_nowhere_where_the_working_directory_is_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(SurveyError, match="is nowhere"):
+        place_of("survey.zarr")
+
+
+@pytest.mark.parametrize(("share", "words"), [(1.0, "100"), (0.9961, "100"), (0.0022, "0.22"), (1.23e-7, "1.2e-05")])
+def test_a_bound_is_said_to_two_digits(share: float, words: str) -> None:
+    assert run_command._percent(share) == words
 
 
 def test_a_survey_is_joined_where_it_asks_for_families(tmp_path: Path) -> None:

@@ -67,6 +67,7 @@ def test_measured_gears_are_read_from_a_table(tmp_path: Path) -> None:
             [*PLAIN, "--correlation", "beta:delta:0.4"],
             "write NAME:NAME:NUMBER, with two of what varies (epsilon, beta)",
         ),
+        ([*PLAIN, "--correlation", "beta:epsilon:0.4", "--correlation", "epsilon:beta:0.1"], "twice"),
         ([*PLAIN, "--correlation", "beta:epsilon:1"], "no numbers have these correlations"),
         ([*PLAIN, "--shock-phase", "0.1"], "a shock needs --shock-speed"),
         ([*PLAIN, "--gears", "1"], "greater than or equal to 2"),

@@ -132,6 +132,9 @@ BAD = [
     ({"delta": AXIS | {"start": 1.0}}, "below stop"),
     ({"delta": AXIS | {"num": 1}}, "greater than or equal to 2"),
     ({"delta": AXIS | {"num": 61.0}}, "integer"),
+    ({"delta": AXIS | {"num": np.float64(61.0)}}, "integer"),
+    ({"delta": (0.4, 1.0)}, "a triple in Python"),
+    ({"delta": [0.4, 1.0, 61]}, "a triple in Python"),
     ({"delta": AXIS | {"num": 10**9}}, "less than or equal"),
     ({"delta": AXIS | {"start": 1.0, "stop": math.nextafter(1, 2)}}, "not distinct"),
     ({"delta": AXIS | {"start": -1.7e308, "stop": 1.7e308}}, "not distinct"),
@@ -173,6 +176,14 @@ BAD = [
 def test_refused_with_a_reason(fields: dict[str, object], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         survey(**fields)
+
+
+def test_numbers_of_numpy_are_as_good_as_python_s() -> None:
+    axis = (np.float32(0.5), np.float64(1.0), np.int64(3))
+    found = survey(delta=axis, seed=np.uint8(7), initial_conditions={"count": np.int32(4)})
+    plain = survey(delta=(0.5, 1.0, 3), seed=7, initial_conditions={"count": 4})
+    assert found == plain
+    assert found.model_dump_json() == plain.model_dump_json()
 
 
 def test_frozen() -> None:

@@ -33,6 +33,16 @@ def random_points(count, seed):
     return rng.uniform(0.2, 1.5, count), rng.uniform(0, 0.4, count), rng.uniform(0.2, 1.2, count)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("delta", [1e-140, 1e-155])
+def test_multipliers_are_numbers_as_far_as_double_precision_goes(delta):
+    """The larger one of A is −4πε/δ to within δ/ε."""
+    for orbit in rattle.Gear(delta, 0.1).orbits():
+        large, small = orbit.multipliers
+        assert abs(large) == pytest.approx(4 * np.pi * 0.1 / delta, rel=1e-14)
+        assert large * small == pytest.approx(1.0, rel=1e-14)
+
+
 def test_every_orbit_is_a_fixed_point_of_the_map_with_its_multipliers():
     """The closed form and the compiled map are independent derivations of the same motion."""
     delta, epsilon, beta = (x[: either(1000, 2000)] for x in random_points(2000, 8))
