@@ -31,6 +31,11 @@ def _printable(name: str) -> str:
 Name = Annotated[str, Field(max_length=200), AfterValidator(_printable)]
 
 
+def _plain(given: Mapping[str, Any]) -> dict[str, Any]:
+    """With Python's numbers instead of numpy's, which are as good."""
+    return {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
+
+
 class Strict(BaseModel):
     """What cannot be changed, and takes no other fields."""
 
@@ -38,11 +43,8 @@ class Strict(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _plain(cls, given: Any) -> Any:
-        """Numbers of numpy are as good as Python's."""
-        if not isinstance(given, Mapping):
-            return given
-        return {name: value.item() if isinstance(value, np.generic) else value for name, value in given.items()}
+    def _numbers(cls, given: Any) -> Any:
+        return _plain(given) if isinstance(given, Mapping) else given
 
 
 class Axis(Strict):
@@ -57,7 +59,7 @@ class Axis(Strict):
     def _triple(cls, given: Any) -> Any:
         """(start, stop, num), as it is shortest in Python."""
         if isinstance(given, tuple) and len(given) == len(cls.model_fields):
-            return cls._plain(dict(zip(cls.model_fields, given, strict=True)))
+            return _plain(dict(zip(cls.model_fields, given, strict=True)))
         if not isinstance(given, Mapping | cls):
             raise ValueError("an axis has start, stop and num: a triple in Python, an object with these names in JSON")
         return given
