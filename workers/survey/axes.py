@@ -91,7 +91,7 @@ class Axis(Strict):
 def reason(error: ValueError) -> str:
     """Return the first thing that is wrong, without pydantic's preamble."""
     errors = getattr(error, "errors", None)
-    return str(errors()[0]["msg"]) if errors else str(error)
+    return str(errors()[0]["msg"]).removeprefix("Value error, ") if errors else str(error)
 
 
 def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
