@@ -14,7 +14,7 @@ function lost(arrived) {
   said.setAttribute("role", "alert")
   said.textContent = again
     ? "The connection to the service is lost: nothing here changes until it answers again. Then this view comes back by itself."
-    : "This page cannot be opened: its websocket (/ws) ends before the page is here. Does what stands between pass websockets on? Reload to try again."
+    : "This page cannot be opened: its websocket (/ws) ends before the page is here. Is there a proxy that passes none on? Reload to try again."
   document.body.append(said)
   const ask = async () => {
     const answer = await fetch("/v1/health", {cache: "no-store"}).catch(() => null)
