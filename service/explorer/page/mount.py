@@ -190,7 +190,7 @@ def _session_of(bokeh: Transport, scope: Scope) -> ServerSession | None:
 
 SWEEP_SECONDS = 10.0
 UNUSED_MILLISECONDS = 15_000  # of a page whose browser has left, which may come back
-AWAITED_MILLISECONDS = 120_000  # of one whose browser has not come yet: it loads the scripts. Each is told all news meanwhile
+AWAITED_MILLISECONDS = 120_000  # of one whose browser still loads the scripts; each is told all news meanwhile
 LEFT = (1000, 1001)  # codes of RFC 6455: a connection that is no longer needed, a page that was closed or reloaded
 
 
