@@ -9,7 +9,7 @@ from subprocess import Popen
 from typing import NamedTuple
 
 import pytest
-from explorer_support import EXPLORER, place_of, visiting, wait_for_map
+from explorer_support import EXPLORER, place_of, visiting, wait_for, wait_for_map
 from faults import IN_PROCESS, NO_DEADLINE, Faults
 from playwright.sync_api import Browser, expect
 from service_processes import free_port, server
@@ -125,6 +125,7 @@ def test_a_page_whose_connection_ends_before_it_is_here_is_opened_anew_but_not_f
         if opened:
             wait_for_map(page, "renderers.find((each) => each.name === 'names')")
             assert page.locator("#lost").count() == 0
+            wait_for(page, "() => sessionStorage.getItem('rattle_tried') === null")  # the next loss is a first one
             assert "theme=dark" in page.url
         else:
             expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_be_visible()

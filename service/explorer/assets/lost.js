@@ -2,11 +2,15 @@
 // any more, and when the service answers the page is opened anew, with the view of its address.
 const TRIED = "rattle_tried", MOST = 3  // a page that never arrives, as behind a proxy without websockets, is not tried for ever
 
-function lost(arrived) {
+function arrived() {
+  sessionStorage.removeItem(TRIED)
+}
+
+function lost() {
   const page = document.querySelector(".page")
   if (page.inert) return
   page.inert = true
-  const tried = arrived ? 0 : Number(sessionStorage.getItem(TRIED)) + 1
+  const tried = Number(sessionStorage.getItem(TRIED)) + 1
   const again = tried <= MOST
   sessionStorage.setItem(TRIED, again ? tried : 0)
   const said = document.createElement("p")
@@ -28,6 +32,6 @@ function lost(arrived) {
 window.WebSocket = class extends WebSocket {
   constructor(...given) {
     super(...given)
-    this.addEventListener("close", () => Bokeh.documents.length || lost(false))
+    this.addEventListener("close", () => Bokeh.documents.length || lost())
   }
 }

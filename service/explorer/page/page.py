@@ -10,7 +10,7 @@ from typing import Any
 
 import panel as pn
 from bokeh.document import Document
-from bokeh.events import ConnectionLost
+from bokeh.events import ConnectionLost, DocumentReady
 from bokeh.models import CustomJS
 from pydantic import ValidationError
 
@@ -56,7 +56,8 @@ def open_page(shared: Shared) -> pn.Template:
     config: Any = pn.config
     config.theme = "dark" if theme == "dark" else "default"  # of this page
     page = Page(shared, viewer, view, theme)
-    document.js_on_event(ConnectionLost, CustomJS(code="lost(true)"))
+    document.js_on_event(DocumentReady, CustomJS(code="arrived()"))
+    document.js_on_event(ConnectionLost, CustomJS(code="lost()"))
     document.on_session_destroyed(lambda _context: page.end())
     return page.template
 
