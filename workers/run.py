@@ -16,7 +16,7 @@ from workers.errors import SurveyError
 from workers.in_process import compile_for, is_short, run_tiles_here
 from workers.storage.location import Place, place_of
 from workers.storage.store import create_store, finish_store, open_survey, tiles_done
-from workers.survey.axes import reason
+from workers.survey.axes import place_and_reason
 from workers.survey.request import SurveyRequest
 from workers.survey.tiles import Tile, TileRecord, tiles_of
 
@@ -72,8 +72,7 @@ def _request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[
     try:
         return SurveyRequest.model_validate({**given, **fields})
     except ValidationError as error:
-        where = ".".join(str(part) for part in error.errors()[0]["loc"])
-        raise SurveyError(f"{where}: {reason(error)}" if where else reason(error)) from None
+        raise SurveyError(place_and_reason(error)) from None
 
 
 def _run(

@@ -154,10 +154,9 @@ def settings_of(**given: Any) -> Settings:
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        message = first["msg"].removeprefix("Value error, ")
-        raise typer.BadParameter(f"{where}: {message}" if where else message) from error
+        from workers.survey.axes import place_and_reason
+
+        raise typer.BadParameter(place_and_reason(error)) from error
 
 
 def survey_request(
@@ -187,6 +186,7 @@ def survey_request(
     from rattle import RattleError
     from rattle.attractors.speeds import read_speed
     from workers import Axis, SurveyRequest
+    from workers.survey.axes import place_and_reason
 
     given = {name: value for name, value in machine.items() if value is not None}
     asked = {name: value for name, value in (("audit", audit), ("bound", bound)) if value is not None}
@@ -223,9 +223,7 @@ def survey_request(
             fields["quantities"] = tuple(quantity)
         return SurveyRequest(**fields)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise typer.BadParameter(f"{where}: {first['msg']}" if where else first["msg"]) from error
+        raise typer.BadParameter(place_and_reason(error)) from error
     except RattleError as error:
         raise typer.BadParameter(str(error)) from error
 

@@ -112,6 +112,7 @@ def _request(
     from rattle.populations.tolerances import Tolerances
     from workers import PopulationRequest
     from workers.populations.numbers import described
+    from workers.survey.axes import place_and_reason
 
     def read(text: str) -> Any:
         try:
@@ -141,10 +142,7 @@ def _request(
         fields = {"gear": gear, "correlation": rows, "shock": given or None, **asked}
         return PopulationRequest.model_validate(fields)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        message = first["msg"].removeprefix("Value error, ")
-        raise typer.BadParameter(f"{where}: {message}" if where else message) from error
+        raise typer.BadParameter(place_and_reason(error)) from error
     except rattle.RattleError as error:
         raise typer.BadParameter(str(error)) from error
 

@@ -34,6 +34,7 @@ from workers import (
     tiles_of,
 )
 from workers.kinds import place_of_cell
+from workers.survey.axes import place_and_reason
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -400,8 +401,6 @@ def _request_of(job: JobRow) -> AnyRequest:
     try:
         return request_of(job.request)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
         raise ServiceError(
-            f"The request is no longer valid in this version ({where}: {first['msg']}). Submit it anew."
+            f"The request is no longer valid in this version ({place_and_reason(error)}). Submit it anew."
         ) from error

@@ -94,6 +94,12 @@ def reason(error: ValueError) -> str:
     return str(errors()[0]["msg"]).removeprefix("Value error, ") if errors else str(error)
 
 
+def place_and_reason(error: ValidationError) -> str:
+    """Return the same, and of which field."""
+    where = ".".join(str(part) for part in error.errors()[0]["loc"])
+    return f"{where}: {reason(error)}" if where else reason(error)
+
+
 def _number_or_axis(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
     is_axis = isinstance(value, Mapping | tuple | Axis)
     try:
