@@ -128,9 +128,9 @@ def test_a_browser_that_comes_too_late_is_refused_instead_of_being_given_another
         client.portal.call(client.app.state.explorer._loading.result().context._cleanup_sessions, 0)
         with (
             pytest.raises(WebSocketDisconnect) as refused,
-            client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket,
+            client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]),
         ):
-            socket.receive_text()
+            pass
         assert refused.value.reason == mount.GONE
         assert open_pages(client) == []
     assert not [record for record in caplog.records if record.exc_info]
