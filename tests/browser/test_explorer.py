@@ -182,10 +182,12 @@ def test_a_window_of_1e9_at_cod22_is_right(page: Page, service: str, survey_id: 
 
 def assert_fine_regions(page: Page) -> np.ndarray:
     """The finer block holds the regions of its own cells."""
-    source = "renderers.find((each) => each.name === 'fine0').data_source.data"
-    shape = of_map(page, f"{source}.image[0].shape")
-    values = np.array(of_map(page, f"{source}.image.map((each) => Array.from(each))[0]")).reshape(shape)
-    x, y, dw, dh = (of_map(page, f"{source}.{name}[0]") for name in ("x", "y", "dw", "dh"))
+    # In one question: between two the next finer block may come.
+    parts = "[Array.from(image[0]), image[0].shape, x[0], y[0], dw[0], dh[0]]"
+    fine = "renderers.filter((each) => each.name === 'fine0')"
+    data = "{data_source: {data: {image, x, y, dw, dh}}}"
+    values, shape, x, y, dw, dh = of_map(page, f"{fine}.map(({data}) => {parts})[0]")
+    values = np.reshape(values, shape)
     rows, columns = np.linspace(0, shape[0] - 1, 23).astype(int), np.linspace(0, shape[1] - 1, 23).astype(int)
     delta, epsilon = x + (columns + 0.5) * dw / shape[1], y + (rows + 0.5) * dh / shape[0]
     expected = rattle.regions(delta, epsilon[:, None], 0.6)
