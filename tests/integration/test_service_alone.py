@@ -9,6 +9,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
+from depth import deep
 from service_processes import ENVIRONMENT, ROOT, finish, free_port
 from waiting import HANG
 
@@ -80,7 +81,7 @@ def test_several_workers_of_uvicorn_are_refused(tmp_path: Path) -> None:
     assert "start uvicorn without --workers" in said
 
 
-@pytest.mark.parametrize("told", [2, 60])
+@pytest.mark.parametrize("told", [pytest.param(2, marks=deep), 60])
 def test_what_was_committed_outlives_sigkill_at_any_instant(database_url: str, told: int) -> None:
     with running("-c", WRITER, database_url, env=ENVIRONMENT, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None

@@ -12,6 +12,7 @@ import httpx
 import psutil
 import pytest
 import xarray as xr
+from depth import deep
 from faults import NO_DEADLINE, Faults
 from service_processes import REQUEST, client_of, finish, free_port, server, start
 from waiting import HANG, wait_until
@@ -119,6 +120,7 @@ STAGES = {
         """,
 }
 EARLY = ("begun", "opened")
+USUAL = ("begun", "processes")  # one of each kind
 #: Until the signal has come to this process, or for ever in a process that gets none.
 WAIT_FOR_SIGNAL = """
     def wait_for_signal():
@@ -142,7 +144,7 @@ def of_all_workers(pid: int) -> set[Path]:
     return found if len(found := semaphores(pid)) >= 12 else set()
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize("stage", [pytest.param(stage, marks=() if stage in USUAL else deep) for stage in STAGES])
 def test_a_service_that_starts_ends_by_itself_and_leaves_nothing(tmp_path: Path, stage: str) -> None:
     """Without its deadline, at any stage: a cluster is not waited for that has only begun."""
     faults, log = Faults(tmp_path), tmp_path / "log"

@@ -9,8 +9,10 @@ from contextlib import ExitStack
 import pytest
 from hostile import BIG, CONNECTIONS, HEALTH, SURVEY, Service, answer, connected, head, is_alive, read_all, running
 from service_processes import client_of, finish
+from typer.testing import CliRunner
 from waiting import HANG, wait_until
 
+from service.cli import app
 from service.errors import ServiceError
 from service.results import open_results
 
@@ -201,9 +203,9 @@ def test_results_are_read_with_the_key_only(port: int, store: str, token: str, m
 
 
 def test_commands_send_the_key_of_the_environment(port: int, store: str, token: str) -> None:
-    url = f"http://127.0.0.1:{port}"
+    url, run, given = f"http://127.0.0.1:{port}", CliRunner().invoke, {"RATTLE_API_KEY": token}
     refused = finish("list", "--url", url)
     assert refused.returncode == 2
     assert "API key" in refused.stderr
-    assert store.split("/")[-2] in finish("list", "--url", url, settings={"RATTLE_API_KEY": token}).stdout
-    assert "xarray.Dataset" in finish("open", url + store, settings={"RATTLE_API_KEY": token}).stdout
+    assert store.split("/")[-2] in run(app, ["list", "--url", url], env=given).stdout
+    assert "xarray.Dataset" in run(app, ["open", url + store], env=given).stdout

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from depth import deep
 from waiting import HANG
 
 from workers import Group, run_survey
@@ -26,7 +27,9 @@ class Silent(SimpleHTTPRequestHandler):
 
 
 @pytest.mark.skipif(not INSTALLED, reason="node or zarrita is not there: make readers")
-@pytest.mark.parametrize("beta", [0.6, (0.6, 0.7, 2)], ids=["a plane", "a third axis with levels"])
+@pytest.mark.parametrize(
+    "beta", [pytest.param(0.6, marks=deep, id="a plane"), pytest.param((0.6, 0.7, 2), id="a third axis with levels")]
+)
 def test_zarrita_reads_every_array(
     tmp_path: Path, beta: float | tuple[float, float, int], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,7 @@ import subprocess
 import sys
 
 import pytest
+from depth import deep
 from waiting import HANG
 
 #: Bytes of large blocks that the system was asked for each by itself, after larger ones than these were freed.
@@ -28,7 +29,7 @@ print(mallinfo().hblkhd - before)
 
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="another C library than glibc from 2.33 on")
-@pytest.mark.parametrize("serves", [True, False])
+@pytest.mark.parametrize("serves", [True, pytest.param(False, marks=deep)])
 def test_large_arrays_of_a_service_go_back_to_the_system_when_they_are_freed(serves: bool) -> None:
     """By itself glibc takes them from the arena of a thread, once a larger one was freed, and the thread keeps them."""
     asked = ASKED.format(serves=serves)

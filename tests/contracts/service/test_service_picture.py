@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import xarray as xr
+from depth import deep
 from fastapi import Request
 from fastapi.testclient import TestClient
 from matplotlib.colors import LogNorm
@@ -222,7 +223,7 @@ def test_finer_cells_have_the_colours_of_the_map_and_of_codes_those_that_only_th
     assert (axes.get_xlim(), axes.get_ylim()) == (LOOK.delta, LOOK.epsilon)
 
 
-@pytest.mark.parametrize("family", [0, 1])
+@pytest.mark.parametrize("family", [0, pytest.param(1, marks=deep)])
 def test_cells_without_the_family_that_is_chosen_are_dimmed(
     survey: xr.Dataset, family: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

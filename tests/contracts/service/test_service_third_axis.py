@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 import xarray as xr
+from depth import deep
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, compute, front_end, front_of
 from typer.testing import CliRunner
@@ -69,6 +70,7 @@ def test_a_picture_is_of_a_slice(client: TestClient, running: str) -> None:
     assert_problem(client.get(f"/v1/surveys/{plain}/map.png", params={"slice": 0}), 422, "leave slice out")
 
 
+@deep
 def test_downloads_have_all_slices(client: TestClient, running: str, tmp_path: Path) -> None:
     rows = client.get(f"/v1/surveys/{running}/download.csv").text.splitlines()
     assert rows[0].split(",")[:3] == ["delta", "epsilon", "beta"]

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from depth import deep
 from pydantic import ValidationError
 
 import rattle
@@ -73,7 +74,10 @@ def test_computed_cells_are_those_of_the_plain_survey(
         assert refined[name][..., computed].tobytes() == values[..., computed].tobytes(), name
 
 
-@pytest.mark.parametrize("tile", [{"delta": 32, "epsilon": 32}, {"delta": 70, "epsilon": 32}, {"delta": 64}])
+OTHER = [pytest.param(each, marks=deep) for each in ({"delta": 32, "epsilon": 32}, {"delta": 64})]
+
+
+@pytest.mark.parametrize("tile", [{"delta": 70, "epsilon": 32}, *OTHER])
 def test_tiles_do_not_show(refined: dict[str, np.ndarray], tile: dict[str, int]) -> None:
     for name, values in tile_arrays(changed(REFINED, tile=tile)).items():
         assert values.tobytes() == refined[name].tobytes(), name
