@@ -60,7 +60,8 @@ class Settings(BaseSettings):
     max_points_waiting: int = Field(default=16, ge=0, description="parameter points waiting for their turn")
     explorer: bool = Field(default=True, description="the page at /, which takes 2 s of a core after the start")
     preload: bool = Field(
-        default=True, description="kernels from the start, which take 4 s of a core: else when somebody asks for them"
+        default=True,
+        description="kernels and the first map from the start, 5 s of a core: else when somebody asks for them",
     )
     max_windows: int = Field(default=2, ge=1, description="windows of the explorer refined at once; others wait")
     max_pages: int = Field(default=100, ge=1, description="open pages of the explorer")

@@ -20,6 +20,7 @@ Limits = Literal["auto", "robust", "full"]
 LIMITS: tuple[Limits, ...] = ("auto", "robust", "full")
 OVERLAYS = LINES  # what may be drawn over a map
 DEFAULT_OVERLAYS = (*NAMES, POINTS)
+UNCHOSEN: Ranges = (0.4, 1.0), (0.0, 0.3)  # what is seen of (δ, ε) without any survey
 THEMES = ("light", "dark")
 MOST_PINS = 8
 LONGEST = 800  # characters of a value: of pins, 100 each

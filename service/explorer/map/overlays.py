@@ -15,7 +15,7 @@ from rattle import RattleError
 from rattle.models import AnyModel
 from rattle.plot.plane import polyline
 from rattle.populations.plan import MOST_SHARE
-from service.explorer.common.address import OVERLAYS, Pair, Ranges
+from service.explorer.common.address import DEFAULT_OVERLAYS, OVERLAYS, Pair, Ranges
 from service.explorer.common.glyphs import style_of
 from service.explorer.common.lists import Key
 from service.explorer.common.viewer import Viewer
@@ -207,6 +207,15 @@ def pieces_of(name: str, model: AnyModel, delta: Pair, epsilon: Pair) -> tuple[l
     if isinstance(curve, Missing):
         return [], curve.reason
     return split(polyline(curve)) if len(curve) else [], ""
+
+
+def usual_lines(model: AnyModel, window: Ranges) -> None:
+    """Find the lines that a page shows which asks for no others: they are kept. For a thread."""
+    for name in DEFAULT_OVERLAYS:
+        if name != POINTS:
+            pieces_of(name, model, *window)
+        elif _is_offered(name, model):
+            points_in(model, window)
 
 
 def split(line: np.ndarray) -> list[np.ndarray]:

@@ -2,30 +2,40 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import logging
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Protocol
 from weakref import ReferenceType, ref
 
-from rattle.models import Model
+from starlette.concurrency import run_in_threadpool
+
+from rattle import RattleError
+from rattle.models import AnyModel, Impacting, Model
 from service.database.tables import JobRow, State
-from service.explorer.common.address import Limits, Pair, View
+from service.explorer.common.address import UNCHOSEN, Limits, Pair, Ranges, View
 from service.explorer.common.news import News
 from service.explorer.map.colouring import Colouring, colouring
-from service.explorer.map.planes import Atlas, Block, Plane, Room
+from service.explorer.map.overlays import usual_lines
+from service.explorer.map.planes import UNSEEN, Atlas, Block, Plane, Room, box_of, maps_of
+from service.kernels import Part
 from service.operations.overlaid import Overlaid
 from service.state import Front
 from workers import SurveyRequest, map_quantity
 from workers.cluster.window import CLOSED_FORM
 from workers.pictures.look import LARGEST
 
+NEWEST = 100  # surveys among which a page finds one to show
 KEPT = 4  # drawings of finished maps, of a few MiB each: whoever opens a page looks at one of few
 
 EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
 
 BEFOREHAND = "exact, before the survey has come to it"
 WAITING = "exact; the survey waits for its turn"
+
+log = logging.getLogger(__name__)
 
 
 def in_closed_form(request: SurveyRequest, variable: str) -> bool:
@@ -48,6 +58,13 @@ class WithoutSurvey(Protocol):
         """A map of a survey that is in closed form, and what is computed of it. Blocks: for a thread."""
 
 
+def shown_first(jobs: Iterable[JobRow]) -> JobRow | None:
+    """Of surveys, newest first, the one that a page shows which was not asked for any: one with something to show."""
+    readable = [job for job in jobs if job.is_readable]
+    shown = (job for job in readable if job.cells_done or job.state == State.SUCCESSFUL)
+    return next(shown, readable[0] if readable else None)
+
+
 @lru_cache(maxsize=KEPT)
 def drawn(plane: ReferenceType[Plane], limits: Limits | Pair, log: bool, room: Room) -> tuple[Block, Colouring]:
     """What is drawn of a map that stays as it is, by reference: the atlas alone keeps maps."""
@@ -63,13 +80,36 @@ def _drawn(plane: Plane, limits: Limits | Pair, log: bool, room: Room) -> tuple[
 
 @dataclass(frozen=True)
 class Shared:
-    """What all pages of an application have in common."""
+    """What all pages of an application have in common. `looked` is called when a page has a map, in the event loop."""
 
     front: Front
     news: News
     atlas: Atlas
     overlaid: Overlaid
     exact: WithoutSurvey
+    looked: Callable[[], None] = lambda: None
+
+    async def prepare(self) -> None:
+        """Find what a page will show that asks for nothing: the first would wait for all that is loaded on the way."""
+        try:
+            model, window = await run_in_threadpool(self._first)
+            await self.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
+            await run_in_threadpool(usual_lines, model, window)
+        except RattleError as error:  # whoever opens the page is told
+            log.info("the first map cannot be drawn beforehand: %s", error)
+
+    def _first(self) -> tuple[AnyModel, Ranges]:
+        """Draw the map of a page that asks for nothing, if it stays as it is; of which model, and where."""
+        jobs, _ = self.front.database.jobs(NEWEST)
+        job = shown_first(jobs)
+        if job is None:
+            self.exact_map(View(variable=next(iter(maps_of(self.exact.request)))))
+            return Impacting(), UNCHOSEN
+        whole = SurveyRequest.model_validate(job.request)
+        if job.state == State.SUCCESSFUL:
+            self.map_of(job, View(survey=job.id, variable=next(iter(maps_of(whole)))), UNSEEN)
+        request = whole.at(whole.along(0))
+        return request.gear_model, box_of(request.delta.values(), request.epsilon.values())
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[Plane, bool, Block, Colouring]:
         """The map of a survey, whether that is all there is by now, and what is drawn of it. Blocks: for a thread."""

@@ -14,7 +14,7 @@ import panel as pn
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
-from service.explorer.common.address import Entered, Pair, Pin, Ranges, View, numbered
+from service.explorer.common.address import UNCHOSEN, Entered, Pair, Pin, Ranges, View, numbered
 from service.explorer.common.drawings import PAUSE
 from service.explorer.common.heading import Heading
 from service.explorer.common.news import Standing
@@ -128,7 +128,7 @@ class MapView:
         if self._zoomed is not None:
             return self._zoomed
         if self._request is None:
-            return (0.4, 1.0), (0.0, 0.3)
+            return UNCHOSEN
         return box_of(self._request.delta.values(), self._request.epsilon.values())
 
     def choose(self, job: JobRow) -> None:
@@ -291,6 +291,7 @@ class MapView:
         else:
             self._count()
         self._tell_seen()
+        self._shared.looked()
 
     def _tell_seen(self) -> None:
         """The links to pictures are of what is seen."""

@@ -32,6 +32,7 @@ from service.state import Front
 if TYPE_CHECKING:
     from bokeh.server.session import ServerSession
 
+    from service.explorer.map.shared import Shared
     from service.explorer.page.transport import Transport
 
 TITLE = "gear rattle"
@@ -66,6 +67,7 @@ class Explorer:
         self._front: Front | None = None
         self._news: News | None = None
         self._overlaid: Overlaid | None = None
+        self._shared: Shared | None = None
         self._loading: asyncio.Future[Transport] | None = None
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
@@ -102,6 +104,8 @@ class Explorer:
             while self._front.manager.cluster_state == STARTING and self._loading is None:
                 await asyncio.sleep(LOOK_SECONDS)
             await self.load()
+            if self._front.settings.preload and self._shared is not None:
+                await self._shared.prepare()
         except Exception:  # told again to whoever opens the page
             log.exception("the explorer cannot be loaded")
 
@@ -125,12 +129,22 @@ class Explorer:
         assert self._overlaid is not None
         settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
         front = self._front
-        shared = Shared(front, self._news, Atlas(front), self._overlaid, Exact())
+        shared = self._shared = Shared(front, self._news, Atlas(front), self._overlaid, Exact(), self._looked)
         found = _transport_of(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
         adopt_handlers()  # Panel's
         gc.freeze()  # as in service.web.server, for what has just been loaded
         return found
+
+    def _looked(self) -> None:
+        """Start processes for the first click, which nobody needs where nobody looks. Sooner they would take the
+        processors from the first page.
+        """
+        assert self._front is not None
+        if self._front.settings.preload and self._warming is None:
+            from service.explorer.point.work import prepare
+
+            self._warming = asyncio.create_task(prepare(self._front))
 
     async def _page(self, request: Request) -> Response:
         from service.explorer.common.viewer import CALLER
@@ -142,11 +156,6 @@ class Explorer:
             await self._socket.forget_unused(bokeh, UNUSED_MILLISECONDS)
         if len(list(bokeh.context.sessions)) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
-        if self._front.settings.preload and self._warming is None:
-            # processes for the first click, which nobody needs where nobody looks
-            from service.explorer.point.work import prepare
-
-            self._warming = asyncio.create_task(prepare(self._front))
 
         async def parts() -> AsyncIterator[str]:
             scheme = request.cookies.get(COOKIE, "")

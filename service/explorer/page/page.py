@@ -14,7 +14,7 @@ from bokeh.events import ConnectionLost, DocumentReady
 from bokeh.models import CustomJS
 from pydantic import ValidationError
 
-from service.database.tables import Kind, Scope, State
+from service.database.tables import Kind, Scope
 from service.errors import ServiceError, UnknownSurveyError
 from service.explorer.common.address import FURTHER, Pair, Pin, View
 from service.explorer.common.lists import SurveyList
@@ -24,7 +24,7 @@ from service.explorer.common.watch import on_press
 from service.explorer.families.view import Families
 from service.explorer.files import asset
 from service.explorer.further.maps import FurtherMaps
-from service.explorer.map.shared import Shared
+from service.explorer.map.shared import Shared, shown_first
 from service.explorer.map.view import MapView
 from service.explorer.page.form import Form, what_is_wrong
 from service.explorer.page.head import SCHEME, theme_of
@@ -127,9 +127,9 @@ class Page:
             self._list.param.update(rows=rows, ready=True)
             shown = self._map.view.survey
             gone = shown == self._unasked and shown not in self._standings  # news may be older than a deletion
-            if (not shown or gone) and (first := _first(standings)):
-                self._unasked = first
-                self._list.chosen = first
+            if (not shown or gone) and (first := shown_first(each.job for each in standings)):
+                self._unasked = first.id
+                self._list.chosen = first.id
             self._map.follow(self._standings.get(self._map.view.survey))
             self._follow()
 
@@ -279,10 +279,3 @@ class Page:
         self._families.end()
         self._pins.end()
         self._viewer.end()
-
-
-def _first(standings: Sequence[Standing]) -> str:
-    """The newest survey that has something to show."""
-    readable = [each.job for each in standings if each.job.is_readable]
-    shown = (job.id for job in readable if job.cells_done or job.state == State.SUCCESSFUL)
-    return next(shown, readable[0].id if readable else "")

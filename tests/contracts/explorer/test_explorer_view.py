@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,10 @@ from service.database.tables import JobRow, State
 from service.explorer.common.address import Pair, View
 from service.explorer.common.news import News, Standing
 from service.explorer.common.viewer import Viewer
+from service.explorer.map import shared as map_shared
 from service.explorer.map import view as map_view
 from service.explorer.map.closer import block_of
+from service.explorer.map.colouring import colouring
 from service.explorer.map.planes import Atlas
 from service.explorer.map.shared import Shared
 from service.explorer.map.view import MapView
@@ -105,6 +108,46 @@ def assert_nothing_of_another(shown: MapView) -> None:
     assert figure.select_one({"name": "points"}).data_source.data["x"] == []
     assert shown._lines.key.shades == []
     assert "Cell at" not in shown._beside._text.html
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_what_the_first_page_shows_is_found_before_anybody_looks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_there: bool
+) -> None:
+    drawn, lines, looked = list[Any](), list[Any](), list[bool]()
+    monkeypatch.setattr(map_shared, "colouring", lambda *args: drawn.append(args) or colouring(*args))
+    monkeypatch.setattr(map_shared, "usual_lines", lambda *args: lines.append(args))
+
+    async def ready(*_: Any, **__: Any) -> None:
+        """Kernels, which are not what is waited for here."""
+
+    async def body(front: Front, shown: MapView) -> None:
+        monkeypatch.setattr(front.kernels, "require", ready)
+        shown._shared = replace(shown._shared, looked=lambda: looked.append(True))
+        job = done(front, REGIONS) if is_there else None
+        await shown._shared.prepare()
+        assert len(drawn) == 1
+        assert not looked  # and no processes are started for whoever may click
+        if job:
+            shown.choose(job)
+        else:
+            shown.follow(None)
+        await eventually(lambda: cells(shown))
+        assert looked
+        assert lines == [(shown.model, shown.window)]
+        assert len(drawn) == (1 if job else 2)
+
+    with_map(tmp_path, body)
+
+
+def test_what_is_not_there_any_more_is_no_hindrance_beforehand(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView) -> None:
+        survey_id = accepted(front, REGIONS).id
+        front.database.set_state(survey_id, State.RUNNING)
+        front.database.set_state(survey_id, State.SUCCESSFUL)  # its numbers are gone
+        await shown._shared.prepare()
+
+    with_map(tmp_path, body)
 
 
 def test_a_survey_without_numbers_is_not_shown_with_those_of_the_one_before(tmp_path: Path) -> None:

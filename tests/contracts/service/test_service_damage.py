@@ -18,7 +18,7 @@ from service.database import Database, DoneTile
 from service.database.tables import State
 from service.explorer.common.address import View
 from service.explorer.common.news import Standing
-from service.explorer.page.page import _first
+from service.explorer.map.shared import shown_first
 from service.explorer.page.rows import row_of
 from service.settings import Settings
 from workers import Bucket, SurveyRequest, complete, compute_tile, create_store, tiles_of
@@ -223,8 +223,11 @@ def test_the_explorer_lists_a_damaged_one_and_shows_another(tmp_path: Path) -> N
             (ids[0], "accepted", ""),
         ]
         assert "cannot be read" in rows[0]["message"]
-        assert _first(standings) == ids[0]
-        assert _first(standings[:1]) == ""
+        first, second = (each.job for each in standings)
+        shown = shown_first([first, second])
+        assert shown
+        assert shown.id == ids[0]
+        assert shown_first([first]) is None
 
 
 def test_the_surveys_behind_a_damaged_one_run(

@@ -19,7 +19,10 @@ from service_support import front_end
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from waiting import HANG, wait_until
 
+from service.explorer.map.figure import Map
+from service.explorer.map.shared import Shared
 from service.explorer.page import mount
+from service.explorer.point import work
 
 HOST = "127.0.0.1:8000"
 SOCKET = f"ws://{HOST}/ws"
@@ -39,6 +42,43 @@ def test_a_page_is_let_go_of_when_its_browser_leaves(tmp_path: Path) -> None:
             (page,) = open_pages(client)
             assert page.connection_count == 1
         assert page.connection_count == 0  # and so it is swept
+
+
+def test_processes_for_the_first_click_are_started_once_a_page_has_its_map(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = list[str]()
+    cells = Map.cells
+
+    async def prepare(_: Any) -> None:
+        seen.append("processes")
+
+    def drawn(*args: Any) -> None:
+        cells(*args)
+        seen.append("map")
+
+    monkeypatch.setattr(work, "prepare", prepare)
+    monkeypatch.setattr(Map, "cells", drawn)
+    with front_end(tmp_path, preload=True) as client:
+        for pages in (1, 2):
+            client.get("/")
+            wait_until(lambda pages=pages: seen.count("map") == pages and "processes" in seen)
+    assert seen == ["map", "processes", "map"]
+
+
+@pytest.mark.parametrize("preload", [True, False])
+def test_the_first_map_is_found_after_the_start_where_that_is_wanted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, preload: bool
+) -> None:
+    found = list[Shared]()
+
+    async def prepare(shared: Shared) -> None:
+        found.append(shared)
+
+    monkeypatch.setattr(Shared, "prepare", prepare)
+    with front_end(tmp_path, preload=preload) as client:
+        client.portal.call(client.app.state.explorer.prepare)
+    assert len(found) == preload
 
 
 def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path: Path) -> None:
