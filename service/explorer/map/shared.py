@@ -95,7 +95,7 @@ class Shared:
             model, window = await run_in_threadpool(self._first)
             await self.front.kernels.require(model.name, Part.CURVES, patience=math.inf)
             await run_in_threadpool(usual_lines, model, window)
-        except RattleError as error:  # whoever opens the page is told
+        except (RattleError, ValueError, OSError) as error:  # whoever opens the page is told
             log.info("the first map cannot be drawn beforehand: %s", error)
 
     def _first(self) -> tuple[AnyModel, Ranges]:

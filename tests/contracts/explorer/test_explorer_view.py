@@ -1,6 +1,7 @@
 """The map of a page without a browser: what it shows of one survey after another."""
 
 import asyncio
+import sqlite3
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from pathlib import Path
@@ -140,11 +141,15 @@ def test_what_the_first_page_shows_is_found_before_anybody_looks(
     with_map(tmp_path, body)
 
 
-def test_what_is_not_there_any_more_is_no_hindrance_beforehand(tmp_path: Path) -> None:
+@pytest.mark.parametrize("request_in_database", [None, '{"delta": 1}', "{"])
+def test_what_is_damaged_or_gone_is_no_hindrance_beforehand(tmp_path: Path, request_in_database: str | None) -> None:
     async def body(front: Front, shown: MapView) -> None:
         survey_id = accepted(front, REGIONS).id
         front.database.set_state(survey_id, State.RUNNING)
         front.database.set_state(survey_id, State.SUCCESSFUL)  # its numbers are gone
+        if request_in_database:
+            with sqlite3.connect(tmp_path / "jobs.sqlite") as database:
+                database.execute("UPDATE jobs SET request = ?", [request_in_database])
         await shown._shared.prepare()
 
     with_map(tmp_path, body)
