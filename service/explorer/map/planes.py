@@ -253,6 +253,11 @@ def _covered(axis: np.ndarray, cells: int, span: slice) -> Pair:
     return float(begin + span.start * cells * step), float(begin + span.stop * cells * step)
 
 
+def window_of(request: SurveyRequest) -> Ranges:
+    """What the cells of a plane that is asked for will cover."""
+    return box_of(request.delta.values(), request.epsilon.values())
+
+
 def box_of(delta: np.ndarray, epsilon: np.ndarray) -> Ranges:
     """What cells cover: half a cell more on each side."""
     dx, dy = ((axis[-1] - axis[0]) / (2 * max(axis.size - 1, 1)) for axis in (delta, epsilon))

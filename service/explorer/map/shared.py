@@ -16,10 +16,10 @@ from rattle import RattleError
 from rattle.models import AnyModel, Impacting, Model
 from service.database.tables import JobRow, State
 from service.explorer.common.address import UNCHOSEN, Limits, Pair, Ranges, View
-from service.explorer.common.news import News
+from service.explorer.common.news import LISTED, News
 from service.explorer.map.colouring import Colouring, colouring
 from service.explorer.map.overlays import usual_lines
-from service.explorer.map.planes import UNSEEN, Atlas, Block, Plane, Room, box_of, maps_of
+from service.explorer.map.planes import UNSEEN, Atlas, Block, Plane, Room, maps_of, window_of
 from service.kernels import Part
 from service.operations.overlaid import Overlaid
 from service.state import Front
@@ -27,7 +27,6 @@ from workers import SurveyRequest, map_quantity
 from workers.cluster.window import CLOSED_FORM
 from workers.pictures.look import LARGEST
 
-NEWEST = 100  # surveys among which a page finds one to show
 KEPT = 4  # drawings of finished maps, of a few MiB each: whoever opens a page looks at one of few
 
 EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
@@ -100,7 +99,7 @@ class Shared:
 
     def _first(self) -> tuple[AnyModel, Ranges]:
         """Draw the map of a page that asks for nothing, if it stays as it is; of which model, and where."""
-        jobs, _ = self.front.database.jobs(NEWEST)
+        jobs, _ = self.front.database.jobs(LISTED)
         job = shown_first(jobs)
         if job is None:
             self.exact_map(View(variable=next(iter(maps_of(self.exact.request)))))
@@ -109,7 +108,7 @@ class Shared:
         if job.state == State.SUCCESSFUL:
             self.map_of(job, View(survey=job.id, variable=next(iter(maps_of(whole)))), UNSEEN)
         request = whole.at(whole.along(0))
-        return request.gear_model, box_of(request.delta.values(), request.epsilon.values())
+        return request.gear_model, window_of(request)
 
     def map_of(self, job: JobRow, view: View, room: Room) -> tuple[Plane, bool, Block, Colouring]:
         """The map of a survey, whether that is all there is by now, and what is drawn of it. Blocks: for a thread."""

@@ -30,7 +30,7 @@ from service.explorer.map.cursor import Cursor, History
 from service.explorer.map.figure import Map
 from service.explorer.map.overlays import WHOLE, Lines
 from service.explorer.map.picture import AsSeen
-from service.explorer.map.planes import SIDE, Block, Plane, box_of, maps_of
+from service.explorer.map.planes import SIDE, Block, Plane, maps_of, window_of
 from service.explorer.map.readout import in_words
 from service.explorer.map.shared import Shared, in_closed_form
 from service.explorer.point.panel import Above
@@ -129,7 +129,7 @@ class MapView:
             return self._zoomed
         if self._request is None:
             return UNCHOSEN
-        return box_of(self._request.delta.values(), self._request.epsilon.values())
+        return window_of(self._request)
 
     def choose(self, job: JobRow) -> None:
         """Show another survey; the window and the point stay only with the one they were chosen on."""

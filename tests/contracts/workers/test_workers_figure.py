@@ -39,7 +39,7 @@ REQUEST = SurveyRequest(
 EVERYTHING = REQUEST.model_copy(update={"quantities": tuple(Group)})
 Pair = tuple[float, float]
 MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
-USUAL = {*MAPS[::12], "attractor_n_minus"}  # codes, phases, shares, exponents, numbers, and one that is whole
+USUAL = {*MAPS[::6], "attractor_n_minus"}  # codes, phases, shares, exponents, numbers, and one that is whole
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

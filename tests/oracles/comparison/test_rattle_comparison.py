@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from depth import deep
 
 import rattle
 from rattle.comparison import compare, measured, read_csv
@@ -38,7 +37,7 @@ def label_of(attractor: rattle.Attractor) -> tuple[int, int, int] | None:
     return label if attractor.kind == "periodic" else None
 
 
-@pytest.mark.parametrize("noise", [pytest.param(0.0, marks=deep), 0.003])
+@pytest.mark.parametrize("noise", [0.0, 0.003])
 @pytest.mark.parametrize("name", CELLS)
 def test_walls_phase_and_motion_are_found_from_times_alone(name: str, noise: float) -> None:
     gear, rng = CELLS[name], np.random.default_rng(3)
