@@ -4,10 +4,12 @@ import gc
 import logging
 import os
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer.testing
 from depth import DEEP
 from postgres import Postgres, missing
 from xdist.scheduler import LoadFileScheduling
@@ -98,6 +100,14 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
         return str(request.getfixturevalue("postgres_url"))
     (tmp_path / "database").mkdir()
     return f"sqlite:///{tmp_path}/database/jobs.sqlite"
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _commands_are_made_once() -> Iterator[None]:
+    """And not by each that is run in this process: thirty commands with all their options."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.testing, "_get_command", cache(typer.testing._get_command))
+        yield
 
 
 @pytest.fixture(autouse=True)

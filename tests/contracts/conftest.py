@@ -1,6 +1,8 @@
 """What the tests of this folder share."""
 
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from functools import cache
 from typing import Any
 
@@ -8,9 +10,11 @@ import pytest
 import zarr
 from alembic.config import Config
 from alembic.script import ScriptDirectory
+from sqlalchemy import Engine
 from waiting import HANG
 from zarr.storage import MemoryStore
 
+import service.database
 import workers.storage.store
 import workers.survey.template
 from service.database import engine, transactions
@@ -37,6 +41,31 @@ def _migrations_are_loaded_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ScriptDirectory, "from_config", scripts)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _new_databases_are_copies() -> Iterator[None]:
+    """Of the first of their process: to bring nothing to the present takes longer than what most tests do with it."""
+    upgrade, first = service.database.upgrade, sqlite3.connect(":memory:", check_same_thread=False)
+
+    def tables(file: Any) -> list[Any]:
+        return file.execute("SELECT name FROM sqlite_master").fetchall()
+
+    def copied(engine: Engine) -> None:
+        with closing(engine.raw_connection()) as connection:
+            file: Any = connection.driver_connection
+            if engine.dialect.name != "sqlite" or tables(file):
+                upgrade(engine)
+            elif tables(first):
+                file.execute("PRAGMA journal_mode=WAL")
+                first.backup(file)
+            else:
+                upgrade(engine)
+                file.backup(first)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(service.database, "upgrade", copied)
         yield
 
 

@@ -96,7 +96,7 @@ def test_a_service_waits_for_a_full_disk(disk: Path, tmp_path: Path, expected: d
         mount(disk, f"remount,rw,{LARGE}")
         job.wait()
         assert job.document["message"] == ""
-        assert client.call("GET", "/v1/health").json()["status"] == "ok"
+        wait_until(lambda: client.call("GET", "/v1/health").json()["status"] == "ok")
         assert_bit_identical(job.open(), expected)
     assert set(faults.executions()) == set(range(N_TILES))
     assert faults.executions().total() <= N_TILES + 2 * faults.notes("try").total()  # it does not go on against a wall
@@ -124,7 +124,7 @@ def test_a_service_waits_for_its_data_directory(tmp_path: Path, expected: dict[s
         data.rmdir()  # nothing was written there
         away.rename(data)
         job.wait()
-        assert client.call("GET", "/v1/health").json()["status"] == "ok"
+        wait_until(lambda: client.call("GET", "/v1/health").json()["status"] == "ok")
         assert_bit_identical(job.open(), expected)
     assert set(faults.executions()) == set(range(N_TILES))
     assert faults.executions().total() <= N_TILES + 1  # the tile that was at work

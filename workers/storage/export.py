@@ -31,13 +31,15 @@ def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = 
     rows = _rows(dataset)
     with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
         path = Path(directory) / "survey.nc"
-        bare = dataset.drop_vars(list(dataset.data_vars))
-        bare.attrs = {name: value for name, value in dataset.attrs.items() if value is not None}
-        _append(bare, path, "w", rows)
-        for name in dataset.data_vars:
-            one = dataset[[name]]
-            bands = {"epsilon": rows, **dict.fromkeys(third_of(one), 1)}
-            _append(one.chunk(bands) if "epsilon" in one.dims else one, path, "a", rows)
+        bands = {"epsilon": rows, **dict.fromkeys(third_of(dataset), 1)}
+        cut = {
+            name: values.chunk({along: size for along, size in bands.items() if along in values.dims})
+            for name, values in dataset.data_vars.items()
+            if "epsilon" in values.dims
+        }
+        whole = dataset.assign(cut)  # at once: to open the file again for each variable took most of a small survey
+        whole.attrs = {name: value for name, value in dataset.attrs.items() if value is not None}
+        _append(whole, path, "w", rows)
         for group, each in (groups or {}).items():
             _append(each, path, "a", rows, group)
         return path.open("rb")
