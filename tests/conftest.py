@@ -12,6 +12,7 @@ import pytest
 import typer.testing
 from depth import DEEP
 from postgres import Postgres, missing
+from s3_server import S3, s3_server
 from xdist.scheduler import LoadFileScheduling
 
 #: Files in memory, where there is so much room. A run makes 200,000, and to delete as many on a disk took minutes.
@@ -19,7 +20,11 @@ IN_MEMORY, ROOM = Path("/dev/shm"), 4 << 30
 OBJECTS = 100_000  # that are made between two collections of garbage; Python's own default is 700
 
 #: Files that share what takes long to start (a browser with its service, a bucket) run in one process.
-TOGETHER = ("tests/browser/", "tests/integration/test_bucket_")
+TOGETHER = {
+    "tests/browser/": "browser",
+    "tests/integration/test_bucket_": "bucket",
+    "tests/contracts/service/test_service_damage.py": "bucket",
+}
 
 
 class Files(LoadFileScheduling):
@@ -27,7 +32,7 @@ class Files(LoadFileScheduling):
 
     def _split_scope(self, nodeid: str) -> str:
         file = super()._split_scope(nodeid)
-        return next((several for several in TOGETHER if file.startswith(several)), file)
+        return next((shared for several, shared in TOGETHER.items() if file.startswith(several)), file)
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -67,10 +72,9 @@ def _is_like_a_disk(directory: Path) -> bool:
 
 def pytest_collection_finish() -> None:
     """What is loaded now stays: to look through it for garbage again and again took a tenth of the time."""
-    gc.enable()
-    gc.set_threshold(OBJECTS)
-    gc.collect()
     gc.freeze()
+    gc.set_threshold(OBJECTS)
+    gc.enable()
 
 
 @pytest.fixture(scope="session")
@@ -83,6 +87,13 @@ def postgres() -> Iterator[Postgres]:
         yield server
     finally:
         server.close()
+
+
+@pytest.fixture(scope="session")
+def storage() -> Iterator[S3]:
+    """An S3 server of this session, with an empty bucket at its start."""
+    with s3_server() as running:
+        yield running
 
 
 @pytest.fixture

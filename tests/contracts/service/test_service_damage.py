@@ -1,14 +1,13 @@
 """What is damaged is said to be so, and nothing else suffers: rows of the job database, chunks, links in a circle."""
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import obstore
 import pytest
 from depth import either
 from fastapi.testclient import TestClient
-from s3_server import BUCKET, s3_server
+from s3_server import BUCKET, S3
 from service_support import BODY, assert_problem, compute, front_end, front_of, idle_cluster, local_client
 from sqlalchemy import text
 from waiting import wait_until
@@ -37,8 +36,8 @@ Take = Callable[[str, str], None]  # a key away from the store of a survey
 # Stores
 
 
-@contextmanager
-def on_disk(tmp_path: Path, _: pytest.MonkeyPatch) -> Iterator[tuple[TestClient, Take]]:
+@pytest.fixture
+def on_disk(tmp_path: Path) -> Iterator[tuple[TestClient, Take]]:
     with front_end(tmp_path) as client:
 
         def take(survey_id: str, key: str) -> None:
@@ -47,19 +46,18 @@ def on_disk(tmp_path: Path, _: pytest.MonkeyPatch) -> Iterator[tuple[TestClient,
         yield client, take
 
 
-@contextmanager
-def in_a_bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[TestClient, Take]]:
-    with s3_server() as storage:
-        for name, value in storage.settings.items():
-            monkeypatch.setenv(name, value)
-        with front_end(tmp_path, store=f"s3://{BUCKET}/stores") as client:
+@pytest.fixture
+def in_a_bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, storage: S3) -> Iterator[tuple[TestClient, Take]]:
+    for name, value in storage.settings.items():
+        monkeypatch.setenv(name, value)
+    with front_end(tmp_path, store=f"s3://{BUCKET}/damaged") as client:
 
-            def take(survey_id: str, key: str) -> None:
-                store = front_of(client).directory.store(survey_id)
-                assert isinstance(store, Bucket)
-                obstore.delete(store.objects, key)
+        def take(survey_id: str, key: str) -> None:
+            store = front_of(client).directory.store(survey_id)
+            assert isinstance(store, Bucket)
+            obstore.delete(store.objects, key)
 
-            yield client, take
+        yield client, take
 
 
 def with_one_tile(client: TestClient) -> str:
@@ -74,54 +72,50 @@ def with_one_tile(client: TestClient) -> str:
     return survey_id
 
 
-@pytest.mark.parametrize("where", [on_disk, in_a_bucket])
-def test_a_chunk_that_was_computed_and_is_lost_is_no_fill_value(
-    where: Callable[[Path, pytest.MonkeyPatch], AbstractContextManager[tuple[TestClient, Take]]],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with where(tmp_path, monkeypatch) as (client, take):
-        survey_id = with_one_tile(client)
-        store = f"/v1/surveys/{survey_id}/store"
-        done = ("region/c/0/1", "status/c/0/1", "attractor_lyapunov/c/0/0/0/1", "delta/c/0", "region/zarr.json")
-        nothing = (
-            "region/c/0/0",
-            "region/c/1/1",
-            "region/c/0/2",
-            "region/c/0/1/0",
-            "region/c/9",
-            "region/c",
-            "x/c/0/1",
-        )
-        assert [client.get(f"{store}/{key}").status_code for key in done] == [200] * len(done)
-        for key in done:
-            take(survey_id, key)
-        for key in done:
-            lost = client.get(f"{store}/{key}")
-            assert_problem(lost, 503, key, "verify")
-            assert int(lost.headers["retry-after"]) > 0
-            assert client.head(f"{store}/{key}").status_code == 503
-        for key in nothing:
-            assert_problem(client.get(f"{store}/{key}"), 404)
+@pytest.mark.parametrize("where", ["on_disk", "in_a_bucket"])
+def test_a_chunk_that_was_computed_and_is_lost_is_no_fill_value(where: str, request: pytest.FixtureRequest) -> None:
+    client, take = request.getfixturevalue(where)
+    survey_id = with_one_tile(client)
+    store = f"/v1/surveys/{survey_id}/store"
+    done = ("region/c/0/1", "status/c/0/1", "attractor_lyapunov/c/0/0/0/1", "delta/c/0", "region/zarr.json")
+    nothing = (
+        "region/c/0/0",
+        "region/c/1/1",
+        "region/c/0/2",
+        "region/c/0/1/0",
+        "region/c/9",
+        "region/c",
+        "x/c/0/1",
+    )
+    assert [client.get(f"{store}/{key}").status_code for key in done] == [200] * len(done)
+    for key in done:
+        take(survey_id, key)
+    for key in done:
+        lost = client.get(f"{store}/{key}")
+        assert_problem(lost, 503, key, "verify")
+        assert int(lost.headers["retry-after"]) > 0
+        assert client.head(f"{store}/{key}").status_code == 503
+    for key in nothing:
+        assert_problem(client.get(f"{store}/{key}"), 404)
 
 
 def test_a_chunk_of_a_level_that_is_lost_is_no_fill_value_either(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    on_disk: tuple[TestClient, Take], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where it was asked for while there were no levels yet."""
     monkeypatch.setattr(grid, "LARGEST", 3)
     monkeypatch.setattr(grid, "LEAST", 2)
-    with on_disk(tmp_path, monkeypatch) as (client, take):
-        survey_id = str(client.post("/v1/surveys", json=BODY).json()["id"])
-        front, key = front_of(client), "levels/1/region_occurs/c/0/0"
-        here = f"/v1/surveys/{survey_id}/store/{key}"
-        compute(front, survey_id, REQUEST)
-        assert client.get(here).status_code == 404
-        complete(REQUEST, front.directory.store(survey_id))
-        front.database.set_state(survey_id, State.SUCCESSFUL)
-        assert client.get(here).status_code == 200
-        take(survey_id, key)
-        assert_problem(client.get(here), 503, "verify")
+    client, take = on_disk
+    survey_id = str(client.post("/v1/surveys", json=BODY).json()["id"])
+    front, key = front_of(client), "levels/1/region_occurs/c/0/0"
+    here = f"/v1/surveys/{survey_id}/store/{key}"
+    compute(front, survey_id, REQUEST)
+    assert client.get(here).status_code == 404
+    complete(REQUEST, front.directory.store(survey_id))
+    front.database.set_state(survey_id, State.SUCCESSFUL)
+    assert client.get(here).status_code == 200
+    take(survey_id, key)
+    assert_problem(client.get(here), 503, "verify")
 
 
 def test_links_in_a_circle_are_a_problem_of_the_survey(tmp_path: Path) -> None:
