@@ -18,11 +18,13 @@ ifdef UV
 environment = test -x $(1)/bin/python || $(UV) venv --quiet --no-project --python $(PYTHON) $(1)
 # Like pip, it then keeps bytecode where Python may not write it later.
 install = $(UV) pip install --quiet $(if $(PYTHONDONTWRITEBYTECODE),--compile-bytecode) --python $(1)/bin/python
+uninstall = $(UV) pip uninstall --quiet --python $(1)/bin/python
 else
 environment = $(PYTHON) -m venv $(1)
 # An environment that uv has made, where uv is gone now, has no pip yet.
 install = { $(1)/bin/python -m pip --version || $(1)/bin/python -m ensurepip; } > /dev/null 2>&1; \
 	$(1)/bin/python -m pip install --quiet --disable-pip-version-check
+uninstall = $(1)/bin/python -m pip uninstall --quiet --yes --disable-pip-version-check
 endif
 
 # What pytest makes of the tests' assertions is kept beside them: to make it takes each of its processes 3 s.
@@ -48,10 +50,11 @@ test-deep: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 test-under-load: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 	$(KEPT) $(BIN)/python tests/under_load.py
 
-# Lines and branches that the tests see, package by package; what runs compiled is not seen.
+# Lines and branches that the tests see, package by package; what runs compiled is not seen. What measures them goes again:
+# numba loads it where it is, and every process starts 30 ms later.
 coverage: bytecode kernels $(S3_INSTALLED) $(CF_INSTALLED)
 	$(call install,$(VENV)) --requirement tests/coverage.txt
-	$(KEPT) $(BIN)/python tests/covered.py
+	$(KEPT) $(BIN)/python tests/covered.py; status=$$?; $(call uninstall,$(VENV)) --requirement tests/coverage.txt; exit $$status
 
 # The wheel in clean environments, on every Python that is there, with the newest and the lowest releases it allows.
 test-install: $(INSTALLED)

@@ -137,7 +137,7 @@ def test_lines_are_switched_and_the_address_says_so(page: Page, service: str) ->
     expect(page.get_by_role("checkbox", name="G2")).to_be_checked()
 
 
-def test_what_is_pointed_at_is_read(page: Page, service: str) -> None:
+def test_what_is_pointed_at_is_read_and_zooming_shows_more_than_the_survey_has(page: Page, service: str) -> None:
     open_view(page, service)
     beside = page.locator(".beside")
     for delta, epsilon in either(((0.6, 0.1), (0.9, 0.05)), ((0.6, 0.1), (0.5, 0.06), (0.9, 0.05), (0.8, 0.25))):
@@ -145,10 +145,6 @@ def test_what_is_pointed_at_is_read(page: Page, service: str) -> None:
         expect(beside).to_contain_text(f"region here{region_at(delta, epsilon)}")
         for orbit in rattle.Gear(delta, epsilon).orbits():
             expect(beside).to_contain_text(f"{orbit.name}{'stable' if orbit.stable else 'unstable'}")
-
-
-def test_zooming_shows_more_than_the_survey_has(page: Page, service: str) -> None:
-    open_view(page, service)
     page.mouse.move(*place_of(page, 0.6, 0.06))
     for _ in range(8):
         page.mouse.wheel(0, -400)

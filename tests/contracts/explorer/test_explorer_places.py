@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from service_support import IN_A_THREAD, points_in
 from test_explorer_view import REGIONS, STIFF, accepted, cells, done, with_map
 from waiting import eventually
 
@@ -130,4 +131,5 @@ def test_a_click_with_shift_goes_through(tmp_path: Path) -> None:
         keys.data = {"steps": [0], "number": [0], "word": ["point nonsense"]}
         assert shown.view.point == (0.7, 0.09)
 
-    with_map(tmp_path, body)
+    with points_in(IN_A_THREAD):
+        with_map(tmp_path, body)

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import pytest
 from fastapi.testclient import TestClient
-from service_support import assert_problem, front_end
+from service_support import IN_A_THREAD, assert_problem, front_end
 
 import rattle
 from rattle import Machine
@@ -22,7 +22,7 @@ MACHINE = {"inertia": 0.003, "drag": 0.0005, "backlash": 1e-4, "eccentricity": 1
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    with front_end(tmp_path_factory.mktemp("data")) as client:
+    with front_end(tmp_path_factory.mktemp("data"), points=IN_A_THREAD) as client:
         yield client
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from fastapi.testclient import TestClient
-from service_support import BODY, assert_problem, front_end, front_of, key
+from service_support import BODY, IN_A_THREAD, assert_problem, front_end, front_of, key
 from typer.testing import CliRunner
 
 from service.cli import app
@@ -39,7 +39,7 @@ POPULATION: dict[str, Any] = {
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    with front_end(tmp_path_factory.mktemp("data"), max_count=64) as client:
+    with front_end(tmp_path_factory.mktemp("data"), points=IN_A_THREAD, max_count=64) as client:
         yield client
 
 
