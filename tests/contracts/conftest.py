@@ -47,24 +47,27 @@ def _migrations_are_loaded_once() -> Iterator[None]:
 @pytest.fixture(autouse=True, scope="session")
 def _new_databases_are_copies() -> Iterator[None]:
     """Of the first of their process: to bring nothing to the present takes longer than what most tests do with it."""
-    upgrade, first = service.database.upgrade, sqlite3.connect(":memory:", check_same_thread=False)
+    upgrade = service.database.upgrade
 
-    def tables(file: Any) -> list[Any]:
-        return file.execute("SELECT name FROM sqlite_master").fetchall()
+    def is_new(file: Any) -> bool:
+        return not file.execute("SELECT name FROM sqlite_master").fetchall()
 
     def copied(engine: Engine) -> None:
+        if engine.dialect.name != "sqlite":
+            upgrade(engine)
+            return
         with closing(engine.raw_connection()) as connection:
             file: Any = connection.driver_connection
-            if engine.dialect.name != "sqlite" or tables(file):
+            if not is_new(file):
                 upgrade(engine)
-            elif tables(first):
-                file.execute("PRAGMA journal_mode=WAL")
-                first.backup(file)
-            else:
+            elif is_new(first):
                 upgrade(engine)
                 file.backup(first)
+            else:
+                file.execute("PRAGMA journal_mode=WAL")
+                first.backup(file)
 
-    with pytest.MonkeyPatch.context() as patch:
+    with closing(sqlite3.connect(":memory:", check_same_thread=False)) as first, pytest.MonkeyPatch.context() as patch:
         patch.setattr(service.database, "upgrade", copied)
         yield
 

@@ -31,13 +31,8 @@ def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = 
     rows = _rows(dataset)
     with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
         path = Path(directory) / "survey.nc"
-        bands = {"epsilon": rows, **dict.fromkeys(third_of(dataset), 1)}
-        cut = {
-            name: values.chunk({along: size for along, size in bands.items() if along in values.dims})
-            for name, values in dataset.data_vars.items()
-            if "epsilon" in values.dims
-        }
-        whole = dataset.assign(cut)  # at once: to open the file again for each variable took most of a small survey
+        # at once: to open the file again for each variable took most of a small survey
+        whole = dataset.chunk({"epsilon": rows, **dict.fromkeys(third_of(dataset), 1)})
         whole.attrs = {name: value for name, value in dataset.attrs.items() if value is not None}
         _append(whole, path, "w", rows)
         for group, each in (groups or {}).items():
