@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -54,24 +55,37 @@ def warm_up(kappa: float | None = None) -> None:
     curves, which compile when first used. Processes that do this at the same time divide the work.
     """
     _compile(kappa, intensities=True)
+    _note_compiled(kappa, intensities=True)
+
+
+def is_compiled(kappa: float | None = None, *, intensities: bool = True) -> bool:
+    """Whether what `warm_up` runs, with intensities or without, is in the cache: loaded at once."""
+    return _note(kappa, intensities).exists()
+
+
+def _note(kappa: float | None, intensities: bool) -> Path:
+    whose = "impacting" if kappa is None else "stiff"
+    return note_in_cache(f"{whose}-survey{'-with-intensities' if intensities else ''}")
+
+
+def _note_compiled(kappa: float | None, *, intensities: bool) -> None:
+    with suppress(OSError):
+        _note(kappa, intensities).touch()
 
 
 def compile_together(kappa: float | None = None, *, intensities: bool = True) -> None:
     """Compile what a survey needs, with intensities or without, unless that was done before; with the help of another
     process if there is a processor for it.
     """
-    whose = "impacting" if kappa is None else "stiff"
-    ready = note_in_cache(f"{whose}-survey{'-with-intensities' if intensities else ''}")
-    if ready.exists():
+    if is_compiled(kappa, intensities=intensities):
         return
     can_help = can_be_kept() and sys.executable and _processors() > 1
     with _help(kappa, intensities) if can_help else nullcontext():
-        _compile(kappa, intensities)
-    with suppress(OSError):
-        ready.touch()
+        _compile(kappa, intensities=intensities)
+    _note_compiled(kappa, intensities=intensities)
 
 
-def _compile(kappa: float | None, intensities: bool) -> None:
+def _compile(kappa: float | None, *, intensities: bool) -> None:
     compile_parts(kappa, intensities=intensities)
     for work in _parts(kappa, intensities).values():  # also what another process is still at
         work()

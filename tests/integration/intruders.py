@@ -4,6 +4,7 @@ import asyncio
 import os
 import socket
 import ssl
+import stat
 from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
@@ -45,10 +46,17 @@ def listening(pid: int) -> dict[tuple[str, int], int]:
 
 
 def named_sockets(pid: int) -> list[str]:
-    """Sockets of a process and those that it has started which others could find in the file system."""
+    """Sockets of a process and those that it has started which other accounts could find in the file system."""
     process = psutil.Process(pid)
     every = (process, *process.children(recursive=True))
-    return [str(each.laddr) for one in every for each in one.net_connections("unix") if each.laddr]
+    found = {str(each.laddr) for one in every for each in one.net_connections("unix") if each.laddr}
+    return [each for each in found if not (each.startswith("/") and is_private(Path(each).parent))]
+
+
+def is_private(directory: Path) -> bool:
+    """Whether no other account may enter it."""
+    there = directory.stat()
+    return there.st_uid == os.getuid() and stat.S_IMODE(there.st_mode) == 0o700
 
 
 def refusal(port: int) -> str:

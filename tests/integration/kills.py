@@ -14,9 +14,8 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
-import psutil
 import xarray as xr
-from service_processes import FIELDS, answers, assert_bit_identical, client_of, free_port, serial_run, start
+from service_processes import FIELDS, answers, assert_bit_identical, client_of, forked, free_port, serial_run, start
 from waiting import wait_until
 
 from service.client import Job
@@ -76,8 +75,7 @@ def _ended(job: Job) -> bool:
 
 
 def _kill_a_worker(pid: int, rng: random.Random) -> int:
-    workers = [each for each in psutil.Process(pid).children() if "spawn_main" in " ".join(each.cmdline())]
-    if not workers:
+    if not (workers := forked(pid)):
         return 0
     rng.choice(workers).kill()
     return 1

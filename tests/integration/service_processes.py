@@ -14,6 +14,7 @@ from typing import Any
 
 import httpx
 import numpy as np
+import psutil
 import xarray as xr
 from waiting import HANG, wait_until
 
@@ -106,6 +107,14 @@ def client_of(port: int, key: str | None = None) -> Iterator[Client]:
     url = f"http://127.0.0.1:{port}"
     with Client(url, http=httpx.Client(base_url=url, timeout=HANG), key=key) as client:
         yield client
+
+
+def forked(pid: int) -> list[psutil.Process]:
+    """The workers of a process: children of the one that they are forked from."""
+    with suppress(psutil.NoSuchProcess):
+        servers = [each for each in psutil.Process(pid).children() if "forkserver" in " ".join(each.cmdline())]
+        return [worker for each in servers for worker in each.children()]
+    return []
 
 
 def written_in(store: Path) -> dict[str, bytes]:

@@ -1,7 +1,6 @@
 """An embedded cluster executes what its own processes send, and nothing that another account of the machine does."""
 
 import os
-import stat
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -10,7 +9,7 @@ from pathlib import Path
 import pytest
 from depth import either
 from distributed import Client, Worker
-from intruders import CERTIFICATE_REQUIRED, anybody, intrude, listening, named_sockets, refusal, stranger
+from intruders import CERTIFICATE_REQUIRED, anybody, intrude, is_private, listening, named_sockets, refusal, stranger
 from service_processes import free_port, get, server
 from waiting import wait_until
 
@@ -34,7 +33,10 @@ def cluster(shared: Path) -> Iterator[Client]:
         patch.setattr(tempfile, "tempdir", str(shared))
         with embedded_cluster(WORKERS) as client:
             yield client
-    assert [each.name for each in shared.iterdir()] == ["dask-scratch-space"]
+    left = {each.name: each for each in shared.iterdir()}
+    assert left.pop("dask-scratch-space")
+    # of multiprocessing, as long as this process lives
+    assert all(name.startswith("pymp-") and is_private(each) for name, each in left.items()), left
 
 
 @pytest.fixture(scope="module")
@@ -77,8 +79,7 @@ def test_modules_are_taken_from_no_place_of_others(cluster: Client, shared: Path
         assert inside
         assert shared / "dask-scratch-space" not in inside
         for path in inside:
-            (private,) = (each for each in (path, *path.parents) if each.parent == shared)
-            assert stat.S_IMODE(private.stat().st_mode) == 0o700
+            assert is_private(next(each for each in (path, *path.parents) if each.parent == shared))
 
 
 def test_a_service_listens_for_http_and_for_its_own_certificate_only(tmp_path: Path) -> None:

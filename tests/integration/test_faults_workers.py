@@ -118,7 +118,7 @@ DEADLY_WRITES = """
 
 
 @pytest.fixture(scope="module")
-def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Faults]:
+def environment(own_fork_server: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Faults]:  # noqa: ARG001
     """Faults in every worker of this module."""
     faults = Faults(tmp_path_factory.mktemp("faults"))
     row, column = ENDLESS_CELL

@@ -19,7 +19,7 @@ COMMAND = (
 )
 
 
-@pytest.mark.parametrize("delay", [pytest.param(0.0, marks=deep), 0.7])
+@pytest.mark.parametrize("delay", [pytest.param(0.0, marks=deep), 0.7, pytest.param(1.4, marks=deep)])
 def test_while_the_cluster_starts(tmp_path: Path, delay: float) -> None:
     faults, out = Faults(tmp_path), tmp_path / "survey.zarr"
     faults.hold(0)  # it cannot be done before the signal comes
@@ -43,4 +43,4 @@ def test_while_the_cluster_starts(tmp_path: Path, delay: float) -> None:
 
 def begun(run: subprocess.Popen[str]) -> bool:
     assert run.poll() is None
-    return len(psutil.Process(run.pid).children()) >= 3  # multiprocessing's tracker and two workers
+    return len(psutil.Process(run.pid).children()) >= 2  # multiprocessing's tracker, and what workers are forked from

@@ -91,7 +91,8 @@ def test_a_busy_service_ends_by_itself_with_its_tiles(tmp_path: Path) -> None:
     assert (written > 0).sum() == 4 * MIDDLE
 
 
-#: A word for every stage of a start at which a signal may come; the last two as a cluster starts.
+#: A word for every stage of a start at which a signal may come; the last two as a cluster starts, before and after its
+#: workers are there.
 STAGES = {
     "begun": """
         @patch("service.web.server")
@@ -106,7 +107,7 @@ STAGES = {
     "processes": """
         @patch("workers.survey.tiles")
         def processes(tiles):
-            if "--multiprocessing-fork" in sys.orig_argv:  # a worker, before it says that it is there
+            if "multiprocessing.forkserver" in sys.orig_argv[-1]:  # what workers are forked from, as it loads
                 note("processes")
                 wait_for_signal()
         """,
@@ -120,7 +121,7 @@ STAGES = {
         """,
 }
 EARLY = ("begun", "opened")
-USUAL = ("begun", "processes")  # one of each kind
+USUAL = ("begun", "processes", "warming")  # one of each kind
 #: Until the signal has come to this process, or for ever in a process that gets none.
 WAIT_FOR_SIGNAL = """
     def wait_for_signal():
@@ -155,7 +156,7 @@ def test_a_service_that_starts_ends_by_itself_and_leaves_nothing(tmp_path: Path,
         process = start("serve", *arguments, settings=settings, stderr=stderr)
         try:
             wait_until(lambda: faults.notes(stage) or process.poll() is not None)
-            found = set() if stage in EARLY else wait_until(lambda: of_all_workers(process.pid))
+            found = wait_until(lambda: of_all_workers(process.pid)) if stage == "warming" else set()
             children = psutil.Process(process.pid).children(recursive=True)
             process.send_signal(signal.SIGTERM)
             if stage in EARLY:  # nobody ever lets the others go on

@@ -22,6 +22,7 @@ from distributed.scheduler import DEFAULT_EXTENSIONS
 from distributed.utils import silence_logging_cmgr
 
 import rattle
+from workers.cluster import forks
 from workers.cluster.parts import SilentScheduler, SilentWorker
 from workers.errors import ClusterLostError, SurveyError
 
@@ -154,6 +155,7 @@ def embedded_cluster(
         settings = {
             **NOTES,
             "temporary-directory": stack.enter_context(scratch),
+            "distributed.worker.multiprocessing-method": forks.METHOD,
             # dask drops a worker for good that is not back after it, and a busy machine starts one in half a minute.
             "distributed.deploy.lost-worker-timeout": RETURN_SECONDS,
         }
@@ -163,6 +165,7 @@ def embedded_cluster(
         starting.enter_context(_given_up(should_stop, nannies))
         try:
             with _interrupts_blocked():
+                forks.prepare(should_stop)
                 cluster = stack.enter_context(_cluster(n_workers, nannies))
                 client = stack.enter_context(Client(cluster, set_as_default=False))
             client.register_plugin(WarmKernels())
@@ -194,7 +197,7 @@ def _cluster(n_workers: int, nannies: list[Nanny]) -> SpecCluster:
         "memory_limit": MEMORY_LIMIT,
         "dashboard": False,
         "silence_logs": logging.CRITICAL,
-        "env": ONE_THREAD,
+        "env": {**os.environ, **ONE_THREAD},  # what is forked has that of long ago
         "extensions": {},  # none but spans
         "preload": __name__,  # imported before the heart has to beat
     }
