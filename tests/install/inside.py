@@ -17,6 +17,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -169,11 +170,20 @@ def notebook_is_right() -> None:
         assert "<table" in shown._repr_html_(), shown
 
 
+def workers_are_loaded() -> None:
+    """What workers are forked from finds the modules: it says nothing of those that it does not find."""
+    needed = f"{workers.__name__}.cluster.runner"
+    assert needed not in sys.modules
+    import_module("gear_rattle.loaded")
+    assert needed in sys.modules
+
+
 def main() -> None:
     is_installed(Path(sys.argv[1]))
     is_the_version_of(Path(sys.argv[1]))
     command_is_right()
     notebook_is_right()
+    workers_are_loaded()
     with served() as url, httpx.Client(base_url=url, timeout=HANG) as client:
         survey_is_right(client)
         page_is_right(client)
