@@ -53,10 +53,31 @@ def _one(name: str, test: str, file: str, old: str, new: str) -> Protection:
 PROTECTIONS = (
     _one(
         "a killed worker may take long to come back",
-        f"{WORKERS}::test_workers_killed_at_random",
+        "tests/integration/test_workers_forks.py::test_they_end_with_what_would_tell_of_their_end",
         "workers/cluster/cluster.py",
         '"distributed.deploy.lost-worker-timeout": RETURN_SECONDS',
         '"distributed.deploy.lost-worker-timeout": 0.1',
+    ),
+    _one(
+        "workers have the environment of now",
+        "tests/integration/test_workers_forks.py::test_they_have_the_environment_of_now",
+        "workers/cluster/cluster.py",
+        '"env": {**os.environ, **ONE_THREAD}',
+        '"env": ONE_THREAD',
+    ),
+    _one(
+        "what loads for nobody ends",
+        f"{ENDS}::test_a_service_that_starts_ends_by_itself_and_leaves_nothing",
+        "gear_rattle/loaded.py",
+        "signal.setitimer(signal.ITIMER_REAL, LOOK_SECONDS, LOOK_SECONDS)",
+        "signal.setitimer(signal.ITIMER_REAL, 0)",
+    ),
+    _one(
+        "a start of workers is given up while what they need is loaded",
+        f"{ENDS}::test_a_service_that_starts_ends_by_itself_and_leaves_nothing",
+        "workers/cluster/forks.py",
+        "        if should_stop():\n",
+        "        if False:\n",
     ),
     _one(
         "a silent worker is replaced",
@@ -140,7 +161,7 @@ PROTECTIONS = (
         "tests/contracts/service/test_service_pages.py::test_a_page_ends_with_its_browser_or_when_it_is_swept",
         "service/explorer/page/mount.py",
         "            if code in LEFT:\n",
-        "            if False:\n",
+        "        if False:\n",
     ),
     _one(
         "a tile apart goes on after the cell that killed it",
@@ -547,7 +568,7 @@ PROTECTIONS = (
         f"{REVOCATION}::test_one_question_is_for_all_of_them_and_none_for_none",
         "service/access/revocation.py",
         "            if not self._open:\n",
-        "            if False:\n",
+        "        if False:\n",
     ),
     _one(
         "what waits is not sent to who may no longer be here",

@@ -19,7 +19,7 @@ from pathlib import Path
 from mutations import PROTECTIONS, Protection
 
 ROOT = Path(__file__).parents[2]
-COPIED = ("rattle", "workers", "service", "tests", "pyproject.toml", "docker-compose.yml")
+COPIED = ("rattle", "gear_rattle", "workers", "service", "tests", "pyproject.toml", "docker-compose.yml")
 SECONDS = 150
 
 
