@@ -161,7 +161,7 @@ PROTECTIONS = (
         "tests/contracts/service/test_service_pages.py::test_a_page_ends_with_its_browser_or_when_it_is_swept",
         "service/explorer/page/mount.py",
         "            if code in LEFT:\n",
-        "        if False:\n",
+        "            if False:\n",
     ),
     _one(
         "a tile apart goes on after the cell that killed it",
@@ -568,7 +568,7 @@ PROTECTIONS = (
         f"{REVOCATION}::test_one_question_is_for_all_of_them_and_none_for_none",
         "service/access/revocation.py",
         "            if not self._open:\n",
-        "        if False:\n",
+        "            if False:\n",
     ),
     _one(
         "what waits is not sent to who may no longer be here",
