@@ -13,7 +13,7 @@ LOOK_SECONDS = 0.1
 
 def _load() -> None:
     from rattle.warm import is_compiled, warm_up
-    from workers.cluster import cluster, runner  # noqa: F401
+    from workers.cluster import cluster, runner  # noqa: F401 - what is forked uses them
 
     if is_compiled():  # or the workers divide the work
         warm_up()
@@ -24,7 +24,7 @@ def _end_unless_child_of(parent: int, *_: object) -> None:
         os._exit(1)
 
 
-before = signal.signal(signal.SIGALRM, partial(_end_unless_child_of, os.getppid()))
+_before = signal.signal(signal.SIGALRM, partial(_end_unless_child_of, os.getppid()))
 signal.setitimer(signal.ITIMER_REAL, LOOK_SECONDS, LOOK_SECONDS)  # nobody waits for what is loaded for nobody
 gc.disable()  # nothing of it is ever garbage
 with suppress(Exception):  # the workers say it
@@ -32,4 +32,4 @@ with suppress(Exception):  # the workers say it
 gc.freeze()  # what is looked through is copied: it shall stay shared
 gc.enable()
 signal.setitimer(signal.ITIMER_REAL, 0)
-signal.signal(signal.SIGALRM, before)
+signal.signal(signal.SIGALRM, _before)

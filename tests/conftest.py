@@ -19,11 +19,10 @@ from xdist.scheduler import LoadFileScheduling
 IN_MEMORY, ROOM = Path("/dev/shm"), 4 << 30
 OBJECTS = 100_000  # that are made between two collections of garbage; Python's own default is 700
 
-#: Files that share what takes long to start (a browser with its service, a bucket, workers) run in one process.
+#: Files that share what takes long to start (a browser with its service, a bucket) run in one process.
 TOGETHER = {
     "tests/browser/": "browser",
     "tests/integration/test_bucket_": "bucket",
-    "tests/integration/test_workers_": "workers",
     "tests/contracts/service/test_service_damage.py": "bucket",
 }
 

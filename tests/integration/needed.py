@@ -13,5 +13,4 @@ def note_needed(path: Path) -> None:
     log.setLevel(logging.DEBUG)
     log.addFilter(lambda record: record.msg.startswith("needs") and needed.append(record.args[0]))
     rattle.warm_up()
-    path.with_suffix(".new").write_text("\n".join(needed))
-    path.with_suffix(".new").rename(path)
+    path.write_text("\n".join(needed))
