@@ -5,7 +5,7 @@ import sys
 from importlib.metadata import version
 
 REFUSED = 2
-OBJECTS = 200_000  # that are made between two collections of garbage; Python's own default is 700
+OBJECTS = 400_000  # that are made between two collections of garbage; Python's own default is 700
 
 # Most of what lives is modules: to look for garbage in them took a fifth of a short command, and of a worker's start.
 # Here, because a worker that starts by itself (all do but on Linux) runs this file before it loads anything.

@@ -30,6 +30,7 @@ from llvmlite.binding import Linkage
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.runtime import rtsys
 from numba.extending import overload
 
 log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
@@ -324,7 +325,11 @@ class _SharedCache(FunctionCache):
         return name is not None and os.path.exists(files._data_path(name))
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        found = super().load_overload(sig, target_context)
+        # Not as numba does it, which first loads all that it compiles with, scipy's linear algebra too: 0.3 s, and what
+        # compiles loads it by itself.
+        rtsys.initialize(target_context)
+        with self._guard_against_spurious_io_errors():
+            found = self._load_overload(sig, target_context)
         if found is None:
             log.info("compiling %s", self._py_func.__qualname__)
         return found

@@ -33,7 +33,7 @@ log = logging.getLogger("rattle.numerics.compile")
 log.setLevel(logging.DEBUG)
 log.addFilter(lambda record: record.msg.startswith("needs") and needed.append(record.args[0]))
 kappa = KAPPA
-warm.compile_parts(kappa)
+warm.warm_up(kappa)
 parts = len(needed)
 assert parts > 10
 delta, epsilon, beta = np.full(3, 0.5), np.array([0.01, 0.1, 0.2]), np.full(3, 0.7)
