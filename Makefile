@@ -14,6 +14,8 @@ CF_INSTALLED := $(CF)/.installed
 
 # uv if it is there, else pip; neither has to be asked for.
 UV := $(shell uv --version > /dev/null 2>&1 && command -v uv)
+# Whom the system trusts, behind a proxy with a certificate of its own too: as pip does.
+export UV_SYSTEM_CERTS ?= 1
 ifdef UV
 environment = test -x $(1)/bin/python || $(UV) venv --quiet --no-project --python $(PYTHON) $(1)
 # Like pip, it then keeps bytecode where Python may not write it later.
