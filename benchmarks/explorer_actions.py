@@ -15,7 +15,6 @@ import argparse
 import json
 import os
 import random
-import shutil
 import sys
 import tempfile
 import time
@@ -28,7 +27,7 @@ from typing import Any
 
 import httpx
 import psutil
-from explorer_times import FLAGS, PLACE, wait_until
+from explorer_times import CHROMIUM, FLAGS, PLACE, wait_until
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, TimeoutError, sync_playwright
 from server import server
 
@@ -241,7 +240,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--actions", type=int, default=1000)
     parser.add_argument("--every", type=int, default=200, help="actions between two readings of the memory")
-    parser.add_argument("--chromium", default=shutil.which("chromium"))
+    parser.add_argument("--chromium", default=CHROMIUM)
     parser.add_argument("--data", type=Path, help="keep the service's data here")
     given = parser.parse_args()
     longest: defaultdict[str, list[tuple[float, ...]]] = defaultdict(list)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,7 +21,7 @@ from typing import Any
 
 import httpx
 from explorer_actions import DRAWN, IDLE, POLL_MS
-from explorer_times import FLAGS, PLACE
+from explorer_times import CHROMIUM, FLAGS, PLACE
 from PIL import Image
 from playwright.sync_api import Browser, Page, Request, sync_playwright
 from server import server
@@ -269,7 +268,7 @@ def main() -> None:
     parser.add_argument("views", nargs="*", choices=[*VIEWS, []], help="all of them if none is named")
     parser.add_argument("--kept", type=Path, help="each screen as it was, here")
     parser.add_argument("--data", type=Path, help="keep the service's data here, and use what is there")
-    parser.add_argument("--chromium", default=shutil.which("chromium"))
+    parser.add_argument("--chromium", default=CHROMIUM)
     given = parser.parse_args()
     names = given.views or list(VIEWS)
     with tempfile.TemporaryDirectory() as temporary, sync_playwright() as playwright:
