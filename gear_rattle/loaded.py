@@ -21,6 +21,7 @@ def _load() -> None:
 
 def _end_unless_child_of(parent: int, *_: object) -> None:
     if os.getppid() != parent:
+        signal.setitimer(signal.ITIMER_REAL, 0)  # or what `coverage` writes at the end is interrupted for ever
         os._exit(1)
 
 

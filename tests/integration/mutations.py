@@ -73,6 +73,13 @@ PROTECTIONS = (
         "signal.setitimer(signal.ITIMER_REAL, 0)",
     ),
     _one(
+        "what loads for nobody ends once",
+        "tests/integration/test_workers_forks.py::test_what_loads_for_nobody_ends_once",
+        "gear_rattle/loaded.py",
+        "signal.setitimer(signal.ITIMER_REAL, 0)  # or",
+        "#",
+    ),
+    _one(
         "a start of workers is given up while what they need is loaded",
         f"{ENDS}::test_a_service_that_starts_ends_by_itself_and_leaves_nothing",
         "workers/cluster/forks.py",

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from multiprocessing import get_context
 from pathlib import Path
@@ -34,6 +36,20 @@ def _compiled_before() -> None:
 def cluster(own_fork_server: None) -> Iterator[Client]:  # noqa: ARG001
     with embedded_cluster(2) as client:
         yield client
+
+
+#: A process without its parent whose end takes longer than until the next look; its status is how often it ended.
+ENDS_SLOWLY = """
+import os, time
+parents, times, end = [1], [], os._exit
+os.getppid = lambda: parents.pop() if parents else 2
+def slowly(_):
+    times.append(1)
+    time.sleep(0 if len(times) > 1 else 0.5)
+    end(len(times))
+os._exit = slowly
+import gear_rattle.loaded
+"""
 
 
 def pids(client: Client) -> set[int]:
@@ -84,6 +100,11 @@ def test_they_end_with_what_would_tell_of_their_end(
     wait_until(lambda: not any(psutil.pid_exists(pid) for pid in before))
     wait_until(lambda: len(cluster.nthreads()) == 2)
     assert {each.pid for each in forked(os.getpid())} == pids(cluster)
+
+
+def test_what_loads_for_nobody_ends_once() -> None:
+    """However long that takes: as long as nothing is written, it is looked again, and written again from the start."""
+    assert subprocess.run([sys.executable, "-c", ENDS_SLOWLY], timeout=HANG).returncode == 1
 
 
 @deep
