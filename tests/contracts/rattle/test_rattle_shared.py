@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from depth import deep
 from waiting import HANG
 
 MODULE = """
@@ -80,6 +81,7 @@ def test_it_is_compiled_once_for_all_that_call_it(run, tmp_path):
     assert run(CALLS) == ([found], "")
 
 
+@deep
 def test_a_function_that_only_numba_keeps_finds_it_too(run):
     code = "from halves import another; print(another(1.0), sum(another.stats.cache_hits.values()))"
     run(code)

@@ -319,6 +319,7 @@ def test_slots_that_are_being_moved_when_a_run_is_killed(
     assert slots_in(path).equals(slots_in(followed))
 
 
+@deep
 def test_a_tile_that_is_computed_again_is_joined_again(followed: Path, apart: Path, tmp_path: Path) -> None:
     """Computed, its slots are by share: the families are taken from the store before, and come back after it."""
     request, path = by_family(TILES[1]), tmp_path / "survey.zarr"

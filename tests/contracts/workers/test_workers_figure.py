@@ -39,7 +39,9 @@ REQUEST = SurveyRequest(
 EVERYTHING = REQUEST.model_copy(update={"quantities": tuple(Group)})
 Pair = tuple[float, float]
 MAPS = [quantity.name for quantity in QUANTITIES if quantity.per_cell]
-USUAL = {*MAPS[::6], "attractor_n_minus"}  # codes, phases, shares, exponents, numbers, and one that is whole
+#: Codes, phases, shares, exponents, numbers, and one that is whole.
+USUAL = {"region", "attractor_kind", "attractor_phase", "quiet_fraction", "lyapunov_max", "sample_energy", "status"}
+USUAL |= {"attractor_n_minus"}
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -128,8 +128,15 @@ EDITS: dict[str, Callable[[dict[str, Any]], Any]] = {
 }
 
 
-#: What else of a variable's description may be edited than its type.
-OTHERS = {"another fill value", "another shape", "no checksum"}
+#: What else of a variable's description may be edited than its type, and of the survey's than its request.
+OTHERS = {
+    "another fill value",
+    "another shape",
+    "no checksum",
+    "another survey's hash",
+    "another version",
+    "another date",
+}
 
 
 @pytest.mark.parametrize(
@@ -142,7 +149,9 @@ def test_edits_of_the_root_are_named_and_mended(store: Path, change: Callable[[d
 
 
 @pytest.mark.parametrize(
-    "content", [pytest.param(b"", marks=deep), b"[]", b"{", b"\xff", b"[" * 100_000, None], ids=str
+    "content",
+    [*(pytest.param(each, marks=deep) for each in (b"", b"{")), b"[]", b"\xff", b"[" * 100_000, None],
+    ids=str,
 )
 @pytest.mark.parametrize("key", [ROOT, OWN])
 def test_a_root_that_is_none(store: Path, key: str, content: bytes | None) -> None:

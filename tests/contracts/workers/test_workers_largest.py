@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from depth import deep
 
 from rattle.plot.colours import KIND_COLOURS, colour
 from workers import Axis, SurveyError, SurveyRequest, complete, create_store, open_family, open_survey, run_tiles_here
@@ -102,6 +103,7 @@ def test_families_have_the_names_and_colours_of_their_motions(stored: Path) -> N
     assert colours[chaos] == colour("chaotic")
 
 
+@deep
 def test_slices_have_families_of_their_own(tmp_path: Path) -> None:
     path = tiles_only(THIRD, tmp_path / "survey.zarr")
     complete(THIRD, path)

@@ -245,6 +245,7 @@ def test_families_are_joined_over_filled_cells(tmp_path: Path) -> None:
         assert int(table.cells[0]) >= (kind == QUIET).any(axis=0).sum()
 
 
+@deep
 def test_slices_and_machines_are_refined_as_planes(tmp_path: Path) -> None:
     fields: dict[str, Any] = {
         "quantities": ("region", "attractors"),

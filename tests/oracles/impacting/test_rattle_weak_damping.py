@@ -96,7 +96,10 @@ def test_a_manifold_is_dense_and_smooth_in_speeds_too():
 
 @pytest.mark.parametrize(
     ("point", "least"),
-    [((0.064223, 0.0021966, 0.12535), 0.3326), ((0.0065641, 4.3347e-4, 0.005052), 0.012196)],
+    [
+        pytest.param((0.064223, 0.0021966, 0.12535), 0.3326, marks=deep),
+        ((0.0065641, 4.3347e-4, 0.005052), 0.012196),
+    ],
 )
 def test_the_margin_is_that_of_a_grid_of_long_simulations(point, least):
     gear = rattle.Gear(*point)

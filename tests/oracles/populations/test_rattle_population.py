@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from depth import deep
 
 import rattle
 from rattle.attractors.speeds import NATURAL
@@ -93,6 +94,7 @@ def test_the_powers_are_those_of_the_machines() -> None:
     assert watts.value in found.gears.energy * np.asarray(found.power)[:, None]
 
 
+@deep
 def test_gears_pass_whose_share_of_quiet_runs_is_large_enough() -> None:
     plan = of(PAPER, gears=24, count=1, pairs=0, share=0.8, judged=24)
     found = computed(plan, 0, 24)
@@ -124,6 +126,7 @@ def test_gears_pass_whose_margin_is_large_enough() -> None:
     assert {PASSES, FAILS} <= set(found.verdict)
 
 
+@deep
 def test_a_margin_of_a_machine_is_a_speed_in_metres_a_second() -> None:
     plan = of(GIVEN, gears=2, count=1, pairs=0, margin=1e-3, judged=2)
     points = plan.tolerances.points(plan.values(np.arange(1)))

@@ -62,7 +62,7 @@ def test_enclosures_hold_the_motions_in_40_digits(motions):
 
 
 def test_the_checker_proves_what_the_finder_does(motions):
-    for orbit in motions:
+    for orbit in either(motions[::2], motions):
         said = check.check(rattle.certify(orbit).json())
         verdict = "attracting" if orbit.stable else "saddle"
         assert said.startswith(f"P({', '.join(map(str, orbit.label))}), {verdict}, at delta = ")
