@@ -13,8 +13,10 @@ import zarr
 from depth import deep
 from faults import REQUEST, Faults
 from service_processes import assert_bit_identical, client_of, finish, free_port, server
+from typer.testing import CliRunner, Result
 from waiting import wait_until
 
+from service.cli import app
 from service.errors import ResponseError
 from workers import SurveyError, create_store, examine, finish_store, tiles_done
 from workers.cluster.runner import compute_and_write
@@ -149,6 +151,11 @@ def store(tmp_path: Path) -> Path:
     return path
 
 
+def verify(path: Path) -> Result:
+    """The command, in this process."""
+    return CliRunner().invoke(app, ["verify", str(path)])
+
+
 def flip(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
@@ -158,7 +165,7 @@ def flip(path: Path) -> None:
 def test_damaged_and_lost_chunks_are_found_and_computed_again(
     store: Path, tmp_path: Path, expected: dict[str, np.ndarray]
 ) -> None:
-    assert finish("verify", str(store)).returncode == 0
+    assert verify(store).exit_code == 0
     flip(store / "attractor_phase" / "c" / "0" / "2" / "3")
     (store / "lyapunov_max" / "c" / "3" / "3").write_bytes(b"")
     lost = "orbit_exists"
@@ -190,7 +197,7 @@ def test_damaged_and_lost_chunks_are_found_and_computed_again(
     again = finish("run", *OPTIONS, "--out", str(store), settings=faults.environment)
     assert again.returncode == 0, again.stderr
     assert faults.executions() == dict.fromkeys(damage, 1)
-    assert finish("verify", str(store)).returncode == 0
+    assert verify(store).exit_code == 0
     assert_bit_identical(xr.open_zarr(store), expected)
     assert np.array_equal(xr.open_zarr(store)["delta"], REQUEST.delta.values())
     assert examine(store).whole
