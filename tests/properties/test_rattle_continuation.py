@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from depth import either
+from depth import deep, either
 
 import rattle
 from rattle.curves import bifurcation_curve, trace
@@ -65,6 +65,7 @@ def flights_agree(orbit, tolerance=1e-9):
     return True
 
 
+@deep
 def test_points_solve_the_impact_law():
     for found in branches():
         for i in np.flatnonzero(found.admissible):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from depth import DEEP
+from depth import DEEP, deep
 
 import rattle
 from workers import Axis, Group, SurveyRequest, create_store, finish_store, tiles_of
@@ -56,6 +56,7 @@ def test_a_cell_is_what_the_library_says(survey: xr.Dataset) -> None:
     assert set(np.unique(survey.crisis_side)) >= {1, 2, 3}
 
 
+@deep
 def test_tiles_do_not_show(survey: xr.Dataset, tmp_path: Path) -> None:
     other = REQUEST.model_copy(update={"tile": REQUEST.tile.model_copy(update={"delta": 1, "epsilon": 4})})
     again = survey_of(other, tmp_path / "survey.zarr")

@@ -135,7 +135,9 @@ def test_a_run_that_is_killed_while_it_joins_is_resumed(
     assert_same(finished(request, path), whole)
 
 
-@pytest.mark.parametrize("lost", ["families/cells/c/0", "attractor_family/c/0/0/0", "families/m/zarr.json"])
+@pytest.mark.parametrize(
+    "lost", ["families/cells/c/0", pytest.param("attractor_family/c/0/0/0", marks=deep), "families/m/zarr.json"]
+)
 def test_damage_is_found_and_joined_anew(whole: Path, tmp_path: Path, lost: str) -> None:
     request = survey(*TILES[0])
     path = Path(shutil.copytree(whole, tmp_path / "survey.zarr"))
@@ -253,6 +255,7 @@ def assert_same_table(first: Path, second: Path) -> None:
     assert read(first)[1].equals(read(second)[1])
 
 
+@deep
 @pytest.mark.parametrize("tile", [pytest.param(TILES[1], marks=deep), TILES[2]])  # the former in blocks, above
 def test_tiles_do_not_show_in_slots(followed: Path, tmp_path: Path, tile: tuple[int, int]) -> None:
     path = finished(by_family(tile), tmp_path / "survey.zarr")

@@ -180,6 +180,7 @@ def test_curves_outside_the_map_are_left_out(tmp_path: Path) -> None:
     assert {text.get_text() for text in axes.texts} == {"I"}
 
 
+@deep
 def test_another_backlash_has_other_curves(tmp_path: Path, whole: xr.Dataset) -> None:
     request = REQUEST.model_copy(update={"beta": 0.5, "quantities": (Group.REGION,)})
     other = survey_figure(survey(tmp_path / "survey.zarr", request)).axes[0]

@@ -186,7 +186,7 @@ def test_a_damaged_root_of_another_survey_is_not_ours(store: Path) -> None:
         "region",
         pytest.param("status", marks=deep),
         "delta",
-        "curves/G1/point_delta",
+        pytest.param("curves/G1/point_delta", marks=deep),
         "checksums/tiles",
         "codimension_two",
     ],

@@ -223,6 +223,7 @@ def test_a_run_that_stopped_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
             xr.testing.assert_identical(one.drop_attrs(), other.drop_attrs())
 
 
+@deep
 def test_families_are_joined_over_filled_cells(tmp_path: Path) -> None:
     """C's family is where the closed form has it stable, filled or not, and has one slot."""
     request = changed(REFINED, quantities=(*REFINED.quantities, "families"), tile={"delta": 32, "epsilon": 32})

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from depth import deep
 from pydantic import ValidationError
 
 from rattle.models import Stiff
@@ -107,6 +108,7 @@ def test_stiffness_may_be_the_third_axis() -> None:
     assert "kappa 10000.0" in computing.described(request, last)
 
 
+@deep
 def test_tiles_of_any_shape_and_order_make_the_same_store(store: Path, tmp_path: Path) -> None:
     request = REQUEST.model_copy(update={"tile": SurveyRequest(**FIELDS | {"tile": {"delta": 2, "epsilon": 3}}).tile})
     create_store(request, tmp_path / "s.zarr")

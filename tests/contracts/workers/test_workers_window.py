@@ -134,12 +134,11 @@ def test_meanwhile_a_cell_shows_its_neighbour_of_the_level_before() -> None:
 @pytest.mark.parametrize(
     ("variable", "index"),
     [
-        ("region", 0), ("orbit_velocity", 3), ("attractor_m", 1), ("quiet_fraction", 0), ("attractor_lyapunov", 1),
-        ("crisis_side", 0),
+        ("region", 0), ("quiet_fraction", 0), ("attractor_lyapunov", 1), ("crisis_side", 0),
         *(
             pytest.param(*each, marks=deep)
             for each in (("orbit_stable", 2), ("orbit_multiplier", 1), ("fraction_error", 0), ("sum_rule_error", 0),
-                         ("status", 0))
+                         ("status", 0), ("orbit_velocity", 3), ("attractor_m", 1))
         ),
     ],
 )  # fmt: skip

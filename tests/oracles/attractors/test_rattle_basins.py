@@ -116,6 +116,7 @@ def test_states_followed_in_several_calls_keep_their_attractors(point):
     assert len(pairs.T) == rows.max() + 1 == whole.max() + 1 == parts.table.kind.size > 2, gear
 
 
+@deep
 def test_finer_cells_are_better_cells():
     point, errors = (0.6, 0.1), []
     for n in either((25, 100, 400), (50, 200, 800)):

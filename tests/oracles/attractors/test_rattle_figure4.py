@@ -53,7 +53,9 @@ def brute_force(epsilon, side=40, settle=20_000):
     return {k: n / side**2 for k, n in Counter(labels).items()}
 
 
-@pytest.mark.parametrize("epsilon", [0.067, pytest.param(0.0725, marks=deep), pytest.param(0.0835, marks=deep), 0.0945])
+@pytest.mark.parametrize(
+    "epsilon", [0.067, *(pytest.param(epsilon, marks=deep) for epsilon in (0.0725, 0.0835, 0.0945))]
+)
 def test_the_papers_other_four_by_brute_force(epsilon):
     found, reference = fractions(epsilon), brute_force(epsilon)
     for name in set(found) | set(reference):

@@ -183,6 +183,7 @@ def test_chaos_between_g1_and_the_crisis():
         assert spread[-1] > 5 * spread[0]  # it grows
 
 
+@deep
 def test_hysteresis():
     """P(2,2,1) ends at its graze at 0.08707; from below it is not reached before P(3,3,2) ends, at 0.0876 or later."""
     found = diagram((0.6, 0.0855), (0.6, 0.0905), steps=50)

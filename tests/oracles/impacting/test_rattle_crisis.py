@@ -47,6 +47,7 @@ def corner_leaves(delta, epsilon):
     raise AssertionError("undecided")
 
 
+@deep
 def test_the_corner_at_0762():
     found = corner()
     assert found.epsilon == pytest.approx(0.0974223487, abs=1e-8)

@@ -69,6 +69,7 @@ def test_c_ends_at_a_graze() -> None:
     assert changes_of(found, C) == [(False, "graze", pytest.approx(g1, abs=2e-9))]
 
 
+@deep
 def test_causes_are_the_events_of_the_diagram() -> None:
     """Pseudo-arclength continuation of the branches meets the same saddle-nodes, flips and grazes."""
     ends = (0.6, 0.12), (0.6, 0.16)

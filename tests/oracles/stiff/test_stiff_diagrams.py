@@ -170,7 +170,9 @@ def test_saddle_nodes_flips_and_letters() -> None:
         assert min(abs((t - there.times[0] + 0.5) % 1 - 0.5) for t, _ in states) < 1e-9
 
 
-@pytest.mark.parametrize(("span", "kinds"), [((0.055, 0.0795), {"SN": 1, "PD": 3}), ((0.14, 0.15), {"GR": 1})])
+@pytest.mark.parametrize(
+    ("span", "kinds"), [((0.055, 0.0795), {"SN": 1, "PD": 3}), pytest.param((0.14, 0.15), {"GR": 1}, marks=deep)]
+)
 def test_events_converge_to_those_of_the_impacting_model(span, kinds) -> None:
     """As κ^(−1/2): SN1, SN2, PD1 and flips of twice and four times the period; C's graze, which is G1 in the limit."""
     ends = (0.6, span[0]), (0.6, span[1])
