@@ -17,7 +17,7 @@ from xdist.scheduler import LoadFileScheduling
 
 #: Files in memory, where there is so much room. A run makes 200,000, and to delete as many on a disk took minutes.
 IN_MEMORY, ROOM = Path("/dev/shm"), 4 << 30
-OBJECTS = 100_000  # that are made between two collections of garbage; Python's own default is 700
+OBJECTS = 300_000  # that are made between two collections of garbage; Python's own default is 700
 
 #: Files that share what takes long to start (a browser with its service, a bucket) run in one process.
 TOGETHER = {

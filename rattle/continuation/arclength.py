@@ -6,6 +6,7 @@ turning of the curve. Source: H. B. Keller, Numerical solution of bifurcation an
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from rattle.numerics.complex_step import Array, Function, derivatives
 MOST_CORRECTIONS = 8
 SMALLEST_CORRECTION = 1e-13  # relative to the unknowns and their scale
 QUADRATIC_CORRECTION = 1e-8  # from here one more would be below rounding, if the last one was much larger
+LARGEST_CORRECTION = 0.3
+LARGE_CORRECTION = 1e-3  # beyond which the equations are prepared anew: it takes as long as to evaluate them
 ACCEPTED_CORRECTION = 1e-11  # what rounding may leave where the equations are nearly singular
 SHORTEST_STEP = 1e-10
 LARGEST_TURN = 0.2  # radians between steps
@@ -34,8 +37,9 @@ def plane_scale(delta: float) -> float:
 
 @dataclass(frozen=True)
 class Problem:
-    """What is followed: the equations (…, N + 1) → (…, N), a preparation that may rescale them at a point, and the
-    sizes of the unknowns there that count as small, 1 or (N + 1,).
+    """What is followed: the equations (…, N + 1) → (…, N), a preparation that may rescale them at a point or at points
+    (…, N + 1), around each of which (…, N + 1, N + 1) are asked for then, and the sizes of the unknowns at a point that
+    count as small, 1 or (N + 1,).
     """
 
     equations: Function
@@ -80,7 +84,8 @@ def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] |
     x, scale = x.copy(), problem.scale(x)
     size, right = np.inf, np.zeros(x.size)
     for i in range(MOST_CORRECTIONS):
-        problem.prepare(x)
+        if size > LARGE_CORRECTION:
+            problem.prepare(x)
         value, jacobian = derivatives(problem.equations, x)
         matrix = with_row(jacobian, constraint)
         np.negative(value, out=right[:-1])
@@ -91,13 +96,57 @@ def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] |
         except np.linalg.LinAlgError:
             return None
         last, size = size, float((np.abs(step) / (scale + np.abs(x))).max())
-        if size > 0.3 or (i > 2 and size > last and last > ACCEPTED_CORRECTION):
+        if _diverges(i, size, last):
             return None
         x += step
-        quadratic = size < QUADRATIC_CORRECTION and size < 1e-3 * last
-        if size < SMALLEST_CORRECTION or quadratic or (size < ACCEPTED_CORRECTION and size > 0.1 * last):
+        if _has_converged(size, last):
             return x, i + 1
     return None
+
+
+def _diverges(i: int, size: Any, last: Any) -> Any:
+    """Whether correction number i, of this size after one of the last, is given up; of one solution or of several."""
+    return (size > LARGEST_CORRECTION) | ((i > 2) & (size > last) & (last > ACCEPTED_CORRECTION))
+
+
+def _has_converged(size: Any, last: Any) -> Any:
+    quadratic = (size < QUADRATIC_CORRECTION) & (size < 1e-3 * last)
+    return (size < SMALLEST_CORRECTION) | quadratic | ((size < ACCEPTED_CORRECTION) & (size > 0.1 * last))
+
+
+def with_values(problem: Problem, guesses: Array, index: int) -> Array:
+    """The solutions near guesses (k, N + 1) that have their unknown number `index`, all at once; NaN where is none."""
+    x, found = guesses.copy(), np.full(guesses.shape, np.nan)
+    fixed = np.zeros(x.shape[-1])
+    fixed[index] = 1.0
+    active, last = np.arange(len(x)), np.full(len(x), np.inf)
+    for i in range(MOST_CORRECTIONS):
+        if not active.size:
+            break
+        at = x[active]
+        problem.prepare(at)
+        value, jacobian = derivatives(problem.equations, at)
+        matrix, right = np.empty((*at.shape, at.shape[-1])), np.zeros(at.shape)
+        matrix[:, :-1], matrix[:, -1], right[:, :-1] = jacobian, fixed, -value
+        step = _solved_each(matrix, right)
+        scale = np.stack([np.broadcast_to(problem.scale(each), each.shape) for each in at])
+        size = (np.abs(step) / (scale + np.abs(at))).max(axis=-1)
+        x[active] += step
+        good = np.isfinite(size) & ~_diverges(i, size, last)
+        done = good & _has_converged(size, last)
+        found[active[done]] = x[active[done]]
+        active, last = active[good & ~done], size[good & ~done]
+    return found
+
+
+def _solved_each(matrix: Array, right: Array) -> Array:
+    """The solutions (k, n) of systems (k, n, n); not a number where one has none."""
+    try:
+        return np.asarray(np.linalg.solve(matrix, right[..., None])[..., 0], np.float64)
+    except np.linalg.LinAlgError:
+        if len(matrix) == 1:
+            return np.full(right.shape, np.nan)
+        return np.concatenate([_solved_each(*each) for each in zip(matrix[:, None], right[:, None], strict=True)])
 
 
 def with_value(problem: Problem, x: Array, index: int, value: float) -> Array | None:

@@ -46,7 +46,7 @@ def condition(itinerary: Equations, kind: Kind, impact: int | None = None) -> Pr
     def prepare(x: Array) -> None:
         left, _, right = np.linalg.svd(itinerary.jacobian(x, multiplier))
         side = np.sign(np.linalg.det(left @ right))  # of the null vectors, so that det changes no sign
-        borders[:] = side * left[:, -1], right[-1]
+        borders[:] = (side[..., None] * left[..., -1])[..., None, :], right[..., None, -1, :]
 
     def equations(x: NDArray) -> NDArray:
         residual, jacobian = itinerary.with_jacobian(x, multiplier)

@@ -20,6 +20,7 @@ from rattle.continuation.arclength import (
     root_between,
     tangent_at,
     with_value,
+    with_values,
 )
 from rattle.errors import require, require_number, require_pair
 from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of
@@ -129,16 +130,24 @@ class Curve:
 def crossings(problem: Problem, points: Array, index: int, value: float) -> list[Array]:
     """The solutions with this δ (index −2) or ε (−1) on a followed piece (k, N), each once."""
     found: list[Array] = []
-    d = points[:, index] - value
-    for i in np.flatnonzero((d[:-1] <= 0) & (d[1:] >= 0) | (d[:-1] >= 0) & (d[1:] <= 0)):
-        rise = d[i + 1] - d[i]
-        share = -d[i] / rise if rise else 0.0
-        x = with_value(problem, points[i] + share * (points[i + 1] - points[i]), index, value)
+    for guess in _between(points, index, value):
+        x = with_value(problem, guess, index, value)
         if x is None:
             continue
         near = SAME_POINT * plane_scale(x[-2])
         if not any(np.max(np.abs((x - other)[-2:])) < near for other in found):
             found.append(x)
+    return found
+
+
+def _between(points: Array, index: int, value: float) -> Array:
+    """Where the chords of a followed piece (k, N) have this δ (index −2) or ε (−1): (any, N)."""
+    d = points[:, index] - value
+    i = np.flatnonzero((d[:-1] <= 0) & (d[1:] >= 0) | (d[:-1] >= 0) & (d[1:] <= 0))
+    rise = d[i + 1] - d[i]
+    share = np.where(rise != 0.0, -d[i] / np.where(rise != 0.0, rise, 1.0), 0.0)
+    found = points[i] + share[:, None] * (points[i + 1] - points[i])
+    found[:, index] = value
     return found
 
 
@@ -219,14 +228,18 @@ def pieces(
     found: list[Piece] = []
     twins = partial(_periods_later, times)
     follower = Follower(problem, window.bounds, lambda x: left(x) is None, window.step, twins)
-    for guess in starts:
-        x = with_value(problem, guess, guess.size - 2, guess[-2])
-        if x is None or not follower.inside(x) or any(_on(problem, piece, x, times) for piece in found):
+    guesses = [*starts]
+    solved = with_values(problem, np.array(guesses), -2) if guesses else np.empty((0, 2))
+    solved = solved[~np.isnan(solved[:, 0])]
+    while len(solved):
+        x, solved = solved[0], solved[1:]
+        if not follower.inside(x):
             continue
         new = _both_ways(follower, x, lambda y: window.left(y) or left(y))
         # rounding may have ended one a little before its end, and this start have been beyond
-        found = [piece for piece in found if not _on(problem, new, piece.points[len(piece.points) // 2], times)]
+        found = [piece for piece in found if not _on(problem, new, piece.points[None, len(piece.points) // 2], times)]
         found.append(new)
+        solved = solved[~_on(problem, new, solved, times)]
     return sorted(found, key=lambda piece: (piece.points[0, -2], piece.points[0, -1]))
 
 
@@ -237,10 +250,15 @@ def _periods_later(times: int | None, start: Array, x: Array) -> Array:
     return twin[None]
 
 
-def _on(problem: Problem, piece: Piece, x: Array, times: int | None) -> bool:
-    """Whether a solution is on a piece already, some forcing periods earlier or later perhaps."""
-    found = crossings(problem, piece.points, -2, x[-2])
-    return any(np.max(np.abs(_periods_later(times, x, y)[0] - y)) < SAME_SOLUTION for y in found)
+def _on(problem: Problem, piece: Piece, solved: Array, times: int | None) -> NDArray[np.bool_]:
+    """Which of several solutions (k, N) are on a piece already, some forcing periods earlier or later perhaps."""
+    on = np.zeros(len(solved), bool)
+    guesses = [_between(piece.points, -2, x[-2]) for x in solved]
+    whose = np.repeat(np.arange(len(solved)), [len(each) for each in guesses])
+    if whose.size:
+        for i, y in zip(whose, with_values(problem, np.concatenate(guesses), -2), strict=True):
+            on[i] |= bool(np.max(np.abs(_periods_later(times, solved[i], y)[0] - y)) < SAME_SOLUTION)
+    return on
 
 
 def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:

@@ -71,9 +71,10 @@ def folds(delta: float, beta: float) -> list[Array]:
     return zeros(lambda at: at.saddle_node, delta, beta)
 
 
-def grazes(delta: float, beta: float) -> list[Array]:
+@lru_cache(maxsize=256)
+def grazes(delta: float, beta: float) -> tuple[Array, ...]:
     """Members of the family whose speed at Σ⁻ is 0."""
-    return zeros(lambda at: at.u, delta, beta)
+    return tuple(zeros(lambda at: at.u, delta, beta))
 
 
 @lru_cache(maxsize=256)

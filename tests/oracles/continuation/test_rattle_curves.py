@@ -15,6 +15,9 @@ from mpmath import mp, mpf
 
 import rattle
 from rattle import curves
+from rattle.continuation.arclength import with_value, with_values
+from rattle.continuation.conditions import condition
+from rattle.impacting.bifurcations.registry import CURVES
 
 SEED = int(os.environ.get("CURVES_SEED", 2009))
 NAMES = ("SN1", "SN2", "PD1", "PD2", "PDC", "G1", "G2")
@@ -305,3 +308,20 @@ def test_regions_beside_a_curve(name, rng):
             steps = {"SN1": [(1, 2)], "SN2": [(2, 3)], "PD1": [(3, 4)], "PD2": [(4, 3), (3, 4), (5, 5)]}
             steps |= {"G1": [(2, 5), (3, 5), (4, 5)], "G2": [(1, 5)]}
             assert (both[0][0], both[1][0]) in steps[name], place
+
+
+@pytest.mark.parametrize("name", ["SN2", "PD1", "G1"])
+def test_solutions_near_several_guesses_are_those_near_each(name, rng):
+    """One that leads nowhere has none, and changes none of the others."""
+    definition = CURVES[name]
+    problem = condition(definition.itinerary(0.6), definition.kind, definition.impact)
+    guesses = np.array([x for d in np.linspace(0.42, 0.7, 8) for x in definition.starts(d, 0.6)])
+    guesses = np.concatenate([guesses + size * rng.standard_normal(guesses.shape) for size in (0.0, 1e-3, 0.1, 0.3)])
+    found = with_values(problem, guesses, -2)
+    alone = [with_value(problem, guess, -2, guess[-2]) for guess in guesses]
+    assert [x is None for x in alone] == np.isnan(found).any(axis=-1).tolist()
+    assert 0 < sum(x is None for x in alone) < len(guesses) / 2
+    for one, x in zip(alone, found, strict=True):
+        if one is not None:
+            np.testing.assert_allclose(x, one, rtol=0, atol=1e-12)
+            assert x[-2] == one[-2]
