@@ -9,7 +9,7 @@ from subprocess import Popen
 from typing import NamedTuple
 
 import pytest
-from depth import either
+from depth import deep
 from explorer_support import EXPLORER, place_of, visiting, wait_for, wait_for_map
 from faults import IN_PROCESS, NO_DEADLINE, Faults
 from playwright.sync_api import Browser, expect
@@ -115,7 +115,7 @@ window.WebSocket = class extends Socket {
 REFUSED = ("WebSocket connection", "Could not open websocket")
 
 
-@pytest.mark.parametrize(("refused", "opened"), [(either(1, 2), True), (100, False)])
+@pytest.mark.parametrize(("refused", "opened"), [pytest.param(2, True, marks=deep), (100, False)])
 def test_a_page_whose_connection_ends_before_it_is_here_is_opened_anew_but_not_for_ever(
     browser: Browser, service: str, refused: int, opened: bool
 ) -> None:

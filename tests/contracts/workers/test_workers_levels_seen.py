@@ -6,6 +6,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 import xarray as xr
+from depth import either
 from matplotlib.colors import to_rgb
 
 from rattle import KINDS
@@ -119,7 +120,7 @@ def test_an_island_is_in_the_picture() -> None:
         return found
 
     sea = pixels(None)
-    for at in ((700, 301), (1299, 1099)):
+    for at in either(((1299, 1099),), ((700, 301), (1299, 1099))):
         assert (pixels(at) & ~sea).sum() > 0
 
 
