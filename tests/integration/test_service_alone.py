@@ -9,7 +9,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
-from depth import DEEP, deep
+from depth import deep
 from service_processes import ENVIRONMENT, ROOT, finish, free_port
 from waiting import HANG
 
@@ -64,12 +64,10 @@ def assert_refused(data: Path, database_url: str | None, words: str) -> None:
 
 
 def test_a_second_service_is_refused_by_data_directory_and_by_database(tmp_path: Path, database_url: str) -> None:
-    in_a_file = database_url.startswith("sqlite")
-    if DEEP or not in_a_file:  # test_service_database.py refuses a second one of either kind, in the process
-        with closing(Database(database_url)) as database:  # held by this process, in place of a first service
-            assert_refused(tmp_path / "second", database_url, "Another service uses the job database")
-            assert database.jobs(1) == ([], 0)
-    if in_a_file:  # the same on PostgreSQL
+    with closing(Database(database_url)) as database:  # held by this process, in place of a first service
+        assert_refused(tmp_path / "second", database_url, "Another service uses the job database")
+        assert database.jobs(1) == ([], 0)
+    if database_url.startswith("sqlite"):  # the same on PostgreSQL
         with DataDirectory(tmp_path / "first").locked():
             assert_refused(tmp_path / "first", None, "Another server uses the data directory")
 
