@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator
 from multiprocessing import forkserver
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -22,3 +24,10 @@ def own_fork_server() -> Iterator[None]:
     forkserver._forkserver._stop()
     yield
     forkserver._forkserver._stop()
+
+
+@pytest.fixture
+def short_path() -> Iterator[Path]:
+    """For `TMPDIR`, which sockets are below: their names have 107 bytes, of which `tmp_path` may take too many."""
+    with TemporaryDirectory() as directory:
+        yield Path(directory)

@@ -50,6 +50,14 @@ def slowly(_):
 os._exit = slowly
 import gear_rattle.loaded
 """
+#: How many processes are forked, and what one answers.
+ASKS_ONE = """
+import os
+from service_processes import forked
+from workers import embedded_cluster
+with embedded_cluster(1) as client:
+    print(len(forked(os.getpid())), client.submit(abs, -3).result())
+"""
 
 
 def pids(client: Client) -> set[int]:
@@ -105,6 +113,22 @@ def test_they_end_with_what_would_tell_of_their_end(
 def test_what_loads_for_nobody_ends_once() -> None:
     """However long that takes: as long as nothing is written, it is looked again, and written again from the start."""
     assert subprocess.run([sys.executable, "-c", ENDS_SLOWLY], timeout=HANG).returncode == 1
+
+
+@pytest.mark.parametrize(("length", "expected"), [(75, "1 3"), (76, "0 3")])
+def test_where_sockets_have_no_names_they_start_by_themselves(short_path: Path, length: int, expected: str) -> None:
+    """As deep in the directories of a cluster's job; the socket's name must be shorter than 108 bytes."""
+    named = short_path / ("é" + "d" * (length - len(os.fsencode(short_path)) - len("/é".encode())))
+    named.mkdir()
+    told = subprocess.run(
+        [sys.executable, "-c", ASKS_ONE],
+        env=os.environ | {"TMPDIR": str(named), "PYTHONPATH": os.pathsep.join(sys.path)},
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=HANG,
+    )
+    assert len(os.fsencode(named)) == length
+    assert told.stdout.split() == expected.split()
 
 
 @deep

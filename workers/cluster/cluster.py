@@ -155,7 +155,7 @@ def embedded_cluster(
         settings = {
             **NOTES,
             "temporary-directory": stack.enter_context(scratch),
-            "distributed.worker.multiprocessing-method": forks.METHOD,
+            "distributed.worker.multiprocessing-method": forks.method(),
             # dask drops a worker for good that is not back after it, and a busy machine starts one in half a minute.
             "distributed.deploy.lost-worker-timeout": RETURN_SECONDS,
         }

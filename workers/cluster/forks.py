@@ -3,11 +3,12 @@
 A worker that starts by itself loads modules and kernels for a second and a half of a processor; one that is forked is
 there at once, also in the place of one that was killed. The process is multiprocessing's fork server: the first cluster
 starts it, the next ones find it there, and it ends with ours. Where Python has none, or that of macOS, whose libraries
-do not bear a fork, workers start by themselves.
+do not bear a fork, or its socket would have too long a name, workers start by themselves.
 """
 
 import os
 import sys
+import tempfile
 from collections.abc import Callable
 from concurrent.futures import Future, wait
 from multiprocessing import get_context, set_forkserver_preload
@@ -21,6 +22,14 @@ from workers.errors import SurveyError
 METHOD = "forkserver" if sys.platform == "linux" else "spawn"
 LOOK_SECONDS = 0.1  # between two questions whether it shall still be waited for
 LOADED = "gear_rattle.loaded"
+LONGEST_NAME = 107  # bytes of a socket's, on Linux
+NAMED = len("/pymp-12345678/listener-12345678")  # below the directory of temporary files, the fork server's
+
+
+def method() -> str:
+    """How workers start, as multiprocessing calls it: by a fork server if there is one, and its socket has a name."""
+    fits = len(os.fsencode(tempfile.gettempdir())) + NAMED <= LONGEST_NAME
+    return METHOD if fits else "spawn"
 
 
 def prepare(should_stop: Callable[[], bool]) -> None:
@@ -32,7 +41,7 @@ def prepare(should_stop: Callable[[], bool]) -> None:
     Raises:
         SurveyError: it shall not.
     """
-    if METHOD != "forkserver":
+    if method() != "forkserver":
         return
     distributed.utils._forkserver_preload_set = True  # dask would have it load other things, and load them here too
     set_forkserver_preload([LOADED])
