@@ -32,8 +32,8 @@ from rattle.impacting.crisis.side import CRISIS_SIDES, crisis_side
 from rattle.impacting.gear import FirstImpact, Gear
 from rattle.impacting.map.gamma import GammaPiece
 from rattle.impacting.map.iterate import iterate, iterate_tangent
-from rattle.impacting.orbits.limits import flip, quiet_limit, sn1
-from rattle.impacting.orbits.period_one import Grazing, grazing, period_one, regions
+from rattle.impacting.orbits.limits import quiet_limit
+from rattle.impacting.orbits.period_one import Grazing, flip, grazing, period_one, regions, sn1
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.intensity.intensity import Intensity
 from rattle.intensity.spectrum import Density, Lines

@@ -27,11 +27,11 @@ from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.gear import Gear
 from rattle.impacting.map.iterate import iterate_tangent
 from rattle.impacting.map.quiet import rests_late
-from rattle.impacting.orbits.period_one import period_one
+from rattle.impacting.orbits.period_one import missing_limits, period_one
 from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.table import Intensities, intensities_of, one_by_one
 from rattle.orbits.iterates import Returned
-from rattle.orbits.period_one import PeriodOne
+from rattle.orbits.period_one import MissingLimit, PeriodOne
 from rattle.stiff.attractors.classifier import cells_of as stiff_cells_of
 from rattle.stiff.attractors.classifier import classify as stiff_classify
 from rattle.stiff.attractors.families import plane as stiff_plane
@@ -42,11 +42,12 @@ Rows = tuple[Attractors, NDArray[np.bool_], NDArray[np.int64]]
 
 
 class Limits(NamedTuple):
-    """Eccentricities at one damping: A and C are born, C flips, quiet motion ends; None: not there, or not known."""
+    """Eccentricities at one damping: A and C are born, C flips, quiet motion ends; None where `missing` says why."""
 
     sn1: float | None
     flip: float | None
     quiet_limit: float
+    missing: tuple[MissingLimit, ...]
 
 
 class Model(StrEnum):
@@ -143,7 +144,7 @@ class Impacting:
     def limits(self, delta: float) -> Limits:
         """SN1, flip and quiet limit at one damping."""
         gear = self.gear(delta, 0.0)
-        return Limits(gear.sn1, gear.flip, gear.quiet_limit)
+        return Limits(gear.sn1, gear.flip, gear.quiet_limit, missing_limits(gear.delta, gear.beta))
 
     def describe(self, name: str) -> str:
         """What happens on a curve. Raises ParameterError."""
@@ -256,11 +257,12 @@ class Stiff:
     def limits(self, delta: float) -> Limits:
         """SN1 and quiet limit at one damping."""
         gear = self.gear(delta, 0.0)
+        flip = MissingLimit("flip", "not computed at one damping for stiff walls; the curve PDC has it", None)
         try:
             born = gear.sn1
-        except RattleError:
-            return Limits(None, None, gear.quiet_limit)
-        return Limits(born, None, gear.quiet_limit)
+        except RattleError as error:
+            return Limits(None, None, gear.quiet_limit, (MissingLimit("sn1", f"none: {error}", None), flip))
+        return Limits(born, None, gear.quiet_limit, (flip,))
 
     def describe(self, name: str) -> str:
         """What happens on a curve. Raises ParameterError."""

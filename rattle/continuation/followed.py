@@ -46,7 +46,7 @@ class Followed:
     """The part of a branch that shows it."""
 
     def _caption(self: HasPoints) -> str:
-        events = ", ".join(str(each.kind) for each in self.events) or "none"
+        events = ", ".join(f"{each.kind}{'' if each.admissible else ' (virtual)'}" for each in self.events) or "none"
         return f"branch of {motion(*self.label)}, {len(self)} points; events: {events}; ends: {', '.join(self.ends)}"
 
     def _columns(self: HasPoints) -> Columns:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rattle.attractors.basins import Basins, Range, basins
 from rattle.attractors.classify import BUDGET
@@ -25,8 +25,8 @@ from rattle.impacting.map.gamma import GammaPiece, gamma
 from rattle.impacting.map.iterate import iterate
 from rattle.impacting.map.quiet import capture_invariant, capture_speed
 from rattle.impacting.map.trajectory import trajectory
-from rattle.impacting.orbits import limits
-from rattle.impacting.orbits.period_one import orbits_at, regions
+from rattle.impacting.orbits.limits import quiet_limit
+from rattle.impacting.orbits.period_one import flip, orbits_at, regions, sn1
 from rattle.impacting.orbits.periodic import PeriodicOrbit, period_one_saddle, periodic_orbit
 from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
@@ -75,19 +75,21 @@ class Gear(Rattling):
         return html_of_point(self)
 
     @property
-    def sn1(self) -> float:
-        """ε at which A and C are born at this damping (paper 4.1)."""
-        return float(limits.sn1(self.delta))
+    def sn1(self) -> float | None:
+        """ε at which A and C are born at this damping (paper 4.1); None where they are not born so (`rattle.sn1`)."""
+        return _number_or_none(sn1(self.delta, self.beta))
 
     @property
-    def flip(self) -> float:
-        """ε above which C is unstable at this damping (PDC, not in the paper)."""
-        return float(limits.flip(self.delta))
+    def flip(self) -> float | None:
+        """ε at which C loses stability at this damping (PDC, not in the paper); None where it ends before, in grazing
+        G1, or does not exist (`rattle.flip`).
+        """
+        return _number_or_none(flip(self.delta, self.beta))
 
     @property
     def quiet_limit(self) -> float:
         """ε from which permanent contact is impossible at this damping."""
-        return float(limits.quiet_limit(self.delta))
+        return float(quiet_limit(self.delta))
 
     @property
     def capture_speed(self) -> float:
@@ -271,3 +273,7 @@ class Gear(Rattling):
 def _phase(phase: float) -> float:
     """One finite phase folded into [0, 1)."""
     return float(law.folded(require_finite("phase", phase)))
+
+
+def _number_or_none(limit: NDArray[np.float64]) -> float | None:
+    return None if np.isnan(limit) else float(limit)

@@ -73,6 +73,17 @@ class PeriodOne(NamedTuple):
     multipliers: NDArray[np.complex128]
 
 
+class MissingLimit(NamedTuple):
+    """A limit that is not stated at a damping.
+
+    limit: sn1 or flip. reason: why, and what happens instead. epsilon: where that happens; None if at no eccentricity.
+    """
+
+    limit: str
+    reason: str
+    epsilon: float | None
+
+
 SQUARED = 1e150  # of a trace beyond it the square is no number, and the determinant does not count beside it
 
 

@@ -127,7 +127,7 @@ def contact_force() -> Finding:
     never = float((least / top).mean())
     phase = np.linspace(0, 1, 1001)
     at = float(formulas.acceleration(phase, 0.0, 0.4, 0.2).min())
-    born = np.minimum(rattle.sn1(delta), np.nan_to_num(rattle.grazing("G2", delta).epsilon, nan=np.inf))
+    born = np.fmin(rattle.sn1(delta), rattle.grazing("G2", delta).epsilon)  # the one that there is
     return Finding(
         "contact force",
         "Neither positive g nor (3.13) holds throughout Figure 7's plane",

@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 
 from rattle.crisis import Crisis, CrisisCurve, crisis_curve
 from rattle.curves import codimension_two, trace
-from rattle.impacting.orbits.limits import sn1
+from rattle.impacting.orbits.limits import sn1_formula
 from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.manifolds import manifold
 from rattle.plot.drawing import Drawing, new_figure
@@ -63,7 +63,7 @@ def _plane(axes: Axes, curve: CrisisCurve) -> None:
 def _beside_end(axes: Axes, curve: CrisisCurve) -> None:
     """ε − SN1 against the distance from COD22."""
     (end,) = (point for point in codimension_two(curve.beta) if point.name == "COD22")
-    offset, gap = curve.delta - end.delta, curve.epsilon - sn1(curve.delta)
+    offset, gap = curve.delta - end.delta, curve.epsilon - sn1_formula(curve.delta)
     near = gap < 2e-3 * end.epsilon
     axes.plot(1e4 * offset[near], gap[near], ".-", color=CRISIS)
     axes.axvline(0.0, color="black", lw=0.5)

@@ -7,7 +7,7 @@ from rattle.errors import require
 from rattle.flight.law import wrapped
 from rattle.impacting.bifurcations.branches import branch
 from rattle.impacting.gear import Gear
-from rattle.impacting.orbits.limits import quiet_limit, sn1
+from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.plot.drawing import Drawing, new_figure
@@ -60,7 +60,7 @@ def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
     truth = {str(event.kind): event.epsilon for event in branch(limit, "epsilon", span).events}
     found: dict[str, list[tuple[float, float]]] = {"SN1": [], "SN2": [], "PD1": [], "quiet limit": []}
     for kappa in STIFFNESSES:
-        found["SN1"].append((kappa, saddle_node_1(delta, float(kappa), beta).epsilon - float(sn1(delta))))
+        found["SN1"].append((kappa, saddle_node_1(delta, float(kappa), beta).epsilon - float(sn1_formula(delta))))
         found["quiet limit"].append((kappa, float(stiff_quiet_limit(delta, kappa) - quiet_limit(delta))))
         if kappa < 1e3:
             continue

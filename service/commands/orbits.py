@@ -5,6 +5,7 @@ from __future__ import annotations
 from service.commands.at_point import Point, at_point
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
+NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}  # of the limits
 
 
 @at_point()
@@ -17,16 +18,19 @@ def orbits(point: Point) -> None:
     from rattle.orbits.period_one import in_words
 
     gear, machine = point.gear, point.machine
-    names = ("SN1", "flip", "quiet limit")
-    limits = [
-        (name, value) for name, value in zip(names, model_at(gear).limits(gear.delta), strict=True) if value is not None
-    ]
+    found = model_at(gear).limits(gear.delta)
+    limits = [(name, value) for field, name in NAMES.items() if (value := getattr(found, field)) is not None]
     console = Console(highlight=False, width=WIDTH)
     console.print(f"{point.words}: {in_words(gear.region())}")
     console.print(", ".join(f"{name} at epsilon = {value:.10g}" for name, value in limits))
     if machine is not None:
         length = machine.units.length
         console.print(", ".join(f"{name} at an eccentricity of {value * length:.6g} m" for name, value in limits))
+    for each in found.missing:
+        where = "" if each.epsilon is None else f" at epsilon = {each.epsilon:.10g}"
+        if each.epsilon is not None and machine is not None:
+            where += f", an eccentricity of {each.epsilon * machine.units.length:.6g} m"
+        console.print(f"{NAMES[each.limit]}: {each.reason}{where}")
     speed = "speed" if machine is None else "speed, m/s"
     unit = 1.0 if machine is None else machine.units.velocity
     table = Table("orbit", "P(m, n+, n-)", "phase", speed, "multipliers", "stable", box=None)

@@ -59,12 +59,15 @@ def _points(curve: Curve) -> dict[str, Any]:
 def orbits_document(gear: AnyGear) -> dict[str, Any]:
     """What the body of `GET /v1/orbits` says of a point, by its gear."""
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
-        limits = model_at(gear).limits(gear.delta)._asdict()
+        limits = model_at(gear).limits(gear.delta)
         region, orbits = gear.region(), gear.orbits()
     return {
         "region": region,
         "region_name": REGIONS[region],
-        **{name: None if value is None else number(value) for name, value in limits.items()},
+        "sn1": _limit(limits.sn1),
+        "flip": _limit(limits.flip),
+        "quiet_limit": _limit(limits.quiet_limit),
+        "missing": [each._asdict() | {"epsilon": _limit(each.epsilon)} for each in limits.missing],
         "orbits": [
             {
                 "name": orbit.name,
@@ -86,6 +89,10 @@ def intensities(
 ) -> list[tuple[Attractor, Intensity]]:
     """The attractors of a point, and how hard each rattles."""
     return [(each, gear.intensity(each)) for each in gear.attractors(count, v_max, seed, budget)]
+
+
+def _limit(value: float | None) -> float | None:
+    return None if value is None else number(value)
 
 
 def _complex(value: complex) -> dict[str, float | None]:

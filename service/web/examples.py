@@ -133,8 +133,15 @@ ORBITS: dict[str, Any] = {
     "region": 4,
     "region_name": "IV",
     "sn1": 0.05964305819304494,
-    "flip": 0.20552585488857852,
+    "flip": None,
     "quiet_limit": 0.19012105088161357,
+    "missing": [
+        {
+            "limit": "flip",
+            "reason": "none at this damping: C ends in grazing G1",
+            "epsilon": 0.14445277698,
+        }
+    ],
     "orbits": [
         {
             "name": "A",

@@ -29,7 +29,7 @@ def orbits():
     for k in range(PLACES):
         beta = 0.6 if k % 3 == 0 else float(rng.uniform(0.2, 1.2))
         delta = float(beta * rng.uniform(0.5, 1.25))
-        epsilon = float(rattle.sn1(delta) * rng.uniform(1.05, 2.2))
+        epsilon = float(rattle.sn1(delta, virtual=True) * rng.uniform(1.05, 2.2))
         gear = rattle.Gear(delta, epsilon, beta)
         starts = [(orbit.tau, orbit.v, 1) for orbit in gear.orbits()]
         starts += [(a.tau, a.v, a.n_plus) for a in gear.attractors(64) if a.kind == "periodic" and a.m > 1]

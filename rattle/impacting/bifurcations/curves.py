@@ -102,7 +102,7 @@ def bifurcation_curve(
     itinerary, x, impact = _begun_on_sigma_plus(event)
     m, n_plus, n_minus = itinerary.m, itinerary.walls.count(1), itinerary.walls.count(-1)
     return traced(
-        f"{event.kind} of P({m},{n_plus},{n_minus})",
+        f"{'' if event.admissible else 'virtual '}{event.kind} of P({m},{n_plus},{n_minus})",
         itinerary.beta,
         condition(itinerary, event.kind, impact),
         [x],

@@ -9,7 +9,7 @@ import numpy as np
 from rattle.continuation.conditions import Kind
 from rattle.impacting.orbits import closed_form
 from rattle.impacting.orbits.equations import Itinerary
-from rattle.impacting.orbits.limits import flip, sine_offset, sn1
+from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
 from rattle.numerics.complex_step import Array
 
 FINER, FINEST = 33, 12  # members between two neighbours of the family, one of which is near a zero; so often
@@ -92,7 +92,7 @@ def loses_stability(x: Array, beta: float) -> bool:
 def one_impact(kind: Kind, delta: float) -> list[Array]:
     """SN1 (τ = 3/4) or PDC (the flip of C)."""
     offset = float(sine_offset(delta))
-    epsilon = float(sn1(delta) if kind is Kind.SADDLE_NODE else flip(delta))
+    epsilon = float(sn1_formula(delta) if kind is Kind.SADDLE_NODE else flip_formula(delta))
     if not np.isfinite(epsilon) or epsilon == 0.0:
         return []
     cosine = np.sqrt((epsilon - offset) * (epsilon + offset)) if kind is Kind.FLIP else 0.0

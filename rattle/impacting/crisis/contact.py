@@ -14,7 +14,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import NDArray
 
 from rattle.errors import RattleError
-from rattle.impacting.orbits.limits import sn1
+from rattle.impacting.orbits.limits import sn1_formula
 from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.saddles import Array, Local, eigenvectors, local_manifold
 
@@ -48,7 +48,7 @@ class Crisis:
     @property
     def gap(self) -> float:
         """ε above SN1."""
-        return self.epsilon - float(sn1(self.delta))
+        return self.epsilon - float(sn1_formula(self.delta))
 
 
 class Frame:
@@ -128,7 +128,7 @@ def solve(delta: float, beta: float, gap: float, window: tuple[float, float], n:
 
     bracket: how far off, relative to gap, it may be at first. Raises RattleError if there is none.
     """
-    floor = float(sn1(delta))
+    floor = float(sn1_formula(delta))
 
     def m(x: float) -> float:
         return frame(delta, floor + x, beta).least(window, n)[0]
@@ -142,10 +142,10 @@ def solve_delta(
     """The contact at SN1 + gap near delta, which is off by about bracket and moves by `most` at once; as `solve`."""
 
     def m(x: float) -> float:
-        return frame(x, float(sn1(x)) + gap, beta).least(window, n)[0]
+        return frame(x, float(sn1_formula(x)) + gap, beta).least(window, n)[0]
 
     found = _root(m, delta, bracket, most / delta)
-    return _labelled(found, float(sn1(found)) + gap, beta, window, n)
+    return _labelled(found, float(sn1_formula(found)) + gap, beta, window, n)
 
 
 def _root(m: Callable[[float], float], x: float, half: float, most: float) -> float:

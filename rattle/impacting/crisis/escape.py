@@ -20,7 +20,7 @@ from rattle.impacting.crisis.contact import Crisis
 from rattle.impacting.map.impact_map import impact_tangent
 from rattle.impacting.map.iterate import iterate_tangent
 from rattle.impacting.map.quiet import LONGEST_REST, impacts_to_rest, longest_rest
-from rattle.impacting.orbits.limits import quiet_limit, sn1
+from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.iterates import fold
 from rattle.orbits.saddles import Array
@@ -161,11 +161,11 @@ def chaotic_part(delta: float, epsilon: float, beta: float, settle: int = SETTLE
 
 def is_chaotic(contact: Crisis) -> bool:
     """Whether what attracts W^u(A) just below the contact is chaotic."""
-    floor, gap = float(sn1(contact.delta)), contact.gap
+    floor, gap = float(sn1_formula(contact.delta)), contact.gap
     return any(chaotic_part(contact.delta, floor + gap * (1.0 - x), contact.beta) > SHARE for x in BELOW)
 
 
 def outlived(contact: Crisis) -> bool:
     """Whether chaos outlives the contact."""
-    epsilon = float(sn1(contact.delta)) + contact.gap * (1.0 + ABOVE)
+    epsilon = float(sn1_formula(contact.delta)) + contact.gap * (1.0 + ABOVE)
     return chaotic_part(contact.delta, epsilon, contact.beta) > FEW

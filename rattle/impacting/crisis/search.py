@@ -8,7 +8,7 @@ from rattle.errors import RattleError, require_number
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.crisis.contact import Crisis, frame, solve
 from rattle.impacting.crisis.escape import SAMPLES, Followed, escapes, is_chaotic, outlived, saddle_at
-from rattle.impacting.orbits.limits import quiet_limit, sn1
+from rattle.impacting.orbits.limits import quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import period_one
 from rattle.orbits.saddles import Array
 
@@ -36,7 +36,7 @@ def end_of_curve(beta: float) -> float:
 
 def _gaps(delta: float, beta: float) -> Array:
     """ε − SN1 that are tried: those at which A exists, up to the quiet limit."""
-    floor, top = float(sn1(delta)), float(quiet_limit(delta))
+    floor, top = float(sn1_formula(delta)), float(quiet_limit(delta))
     first = LOWEST * floor * min(0.02, max(SMALLEST, (1.0 - delta / end_of_curve(beta)) ** 2))
     last = top * (1.0 - 1e-9) - floor
     if delta >= WEAK:
@@ -51,7 +51,7 @@ def _gaps(delta: float, beta: float) -> Array:
 
 def _followed(delta: float, beta: float, gap: float, density: int) -> Followed:
     """W^u(A) at SN1 + gap, by so many samples per unit of ln s. Raises RattleError where nothing is decidable."""
-    a = saddle_at(delta, float(sn1(delta)) + gap, beta)
+    a = saddle_at(delta, float(sn1_formula(delta)) + gap, beta)
     return Followed(a, int(SAMPLES + density * np.log(a.multiplier[0])), a.first_excursion)
 
 
@@ -73,14 +73,14 @@ def _runs(delta: float, beta: float, gap: float) -> list[Array]:
     s, gone = found.s[0], found.at_rest[0]
     edges = np.flatnonzero(np.diff(np.concatenate([[False], gone, [False]]).astype(int))).reshape(-1, 2)
     if not edges.size:
-        raise RattleError(f"W^u(A) does not escape at epsilon = {sn1(delta) + gap}")
+        raise RattleError(f"W^u(A) does not escape at epsilon = {sn1_formula(delta) + gap}")
     runs = sorted(edges, key=lambda ends: ends[0] - ends[1])
     return [np.asarray(s[max(first - 1, 0) : last + 1], np.float64) for first, last in runs]
 
 
 def _orbit(delta: float, beta: float, gap: float, s: float) -> tuple[int, list[int]]:
     """Steps after which W(s) first meets Σ⁻, and after which from there it enters the series of W^s(A)."""
-    here = frame(delta, float(sn1(delta)) + gap, beta)
+    here = frame(delta, float(sn1_formula(delta)) + gap, beta)
     states, met, entries, inside, farthest = here.unstable.image(np.array([s]), 0)[1], -1, [], True, 0.0
     for j in range(MOST_STEPS + int(20.0 / np.log(here.unstable.multiplier))):
         ok, states, _, bounces = here.unstable.map(states, 1)
@@ -113,8 +113,8 @@ def _contact(delta: float, beta: float, low: float, high: float, run: Array) -> 
     """Of the returns to A that the orbit in the middle of a run makes, that which touches at the least ε."""
     met, entries = _orbit(delta, beta, high, float(run[run.size // 2]))
     if not entries:
-        raise RattleError(f"the orbit that escapes at epsilon = {sn1(delta) + high} does not return to A")
-    here = frame(delta, float(sn1(delta)) + high, beta)
+        raise RattleError(f"the orbit that escapes at epsilon = {sn1_formula(delta) + high} does not return to A")
+    here = frame(delta, float(sn1_formula(delta)) + high, beta)
     run = run * here.unstable.multiplier**met
     found, last = [], RattleError("")
     for n in entries:
@@ -164,7 +164,7 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
     gaps = _gaps(delta, beta)
     if gaps.size < 2:
         raise RattleError(f"there is no A below the quiet limit at delta = {delta}, beta = {beta}")
-    gone = np.asarray(escapes(delta, float(sn1(delta)) + gaps, beta), np.bool_)
+    gone = np.asarray(escapes(delta, float(sn1_formula(delta)) + gaps, beta), np.bool_)
     reasons = []
     for i in np.flatnonzero(gone[1:] & ~gone[:-1])[::-1]:
         try:
@@ -183,5 +183,5 @@ def boundary_crisis(delta: float, beta: float = 0.6) -> Crisis:
         reasons.append("W^u(A) escapes from where A is born")
     raise RattleError(
         f"no chaotic attractor ends in a contact with A at delta = {delta}, beta = {beta}: "
-        + ("; ".join(reasons) or f"W^u(A) stays up to epsilon = {sn1(delta) + gaps[-1]:.7f}")
+        + ("; ".join(reasons) or f"W^u(A) stays up to epsilon = {sn1_formula(delta) + gaps[-1]:.7f}")
     )

@@ -1,6 +1,8 @@
-"""Limits in closed form in the (δ, ε) plane: SN1, the flip of C (PDC) and the quiet limit.
+"""Limits as formulas in the (δ, ε) plane: SN1, the flip of C (PDC) and the quiet limit.
 
-All take damping δ > 0 (scalar or array, dimensionless) and return ε of the same shape.
+All take damping δ > 0 (scalar or array, dimensionless) and return ε of the same shape. The quiet limit holds
+everywhere. The other two solve the equations of A and C, whose motion may have to pass Σ⁻ there:
+`rattle.impacting.orbits.period_one` has them where they hold.
 """
 
 from __future__ import annotations
@@ -37,16 +39,16 @@ def sine_offset(delta: ArrayLike) -> FloatArray:
     return np.where(d < SMALL, series, exact)
 
 
-def sn1(delta: ArrayLike) -> FloatArray:
-    """Saddle-node SN1 at which A and C are born: ε = |2 − δ coth(δ/2)| (paper 4.1)."""
+def sn1_formula(delta: ArrayLike) -> FloatArray:
+    """Return ε of the saddle-node SN1 of A and C, |2 − δ coth(δ/2)| (paper 4.1), virtual or not."""
     return np.abs(sine_offset(_damping(delta)))
 
 
-def flip(delta: ArrayLike) -> FloatArray:
-    """Flip PDC at which C loses stability: ε² = SN1² + (δ² coth(δ/2)/2π)². Not in the paper."""
+def flip_formula(delta: ArrayLike) -> FloatArray:
+    """Return ε of the flip PDC of C, ε² = SN1² + (δ² coth(δ/2)/2π)², virtual or not. Not in the paper."""
     d = _damping(delta)
     with np.errstate(over="ignore"):  # it is beyond double precision from δ = 3e154 on
-        return np.hypot(sn1(d), d * (2.0 - sine_offset(d)) / (2 * np.pi))
+        return np.hypot(sn1_formula(d), d * (2.0 - sine_offset(d)) / (2 * np.pi))
 
 
 def quiet_limit(delta: ArrayLike) -> FloatArray:

@@ -1,5 +1,5 @@
 """A–D over whole parameter arrays, with multipliers and stability; the regions that they make; their grazing curves G1
-(C touches Σ⁻) and G2 (A touches).
+(C touches Σ⁻) and G2 (A touches); SN1 and the flip of C where these motions happen.
 
 On the P(1,1,1) family of `rattle.impacting.orbits.closed_form` the orbit grazes where its speed at Σ⁻ vanishes. There
 it is also A or C, so v = 2πδ, and the multipliers on the non-square-root side are those of A or C: trace 1 + E − 4π(1 −
@@ -15,10 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rattle.errors import parameters, require
 from rattle.impacting.orbits import closed_form
-from rattle.impacting.orbits.limits import sine_offset
-from rattle.orbits.period_one import N_MINUS, NAMES, Orbit, PeriodOne, classify, multipliers_of
+from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
+from rattle.orbits.period_one import N_MINUS, NAMES, MissingLimit, Orbit, PeriodOne, classify, multipliers_of
 
 CURVES = ("G1", "G2")
+BESIDE, LARGEST = 1.0 + 1e-9, np.finfo(np.float64).max  # above SN1; of ε
 
 
 class Grazing(NamedTuple):
@@ -103,3 +104,93 @@ def regions(delta: ArrayLike, epsilon: ArrayLike, beta: ArrayLike = 0.6) -> NDAr
     δ > 0, ε ≥ 0, β > 0, dimensionless. Raises ParameterError. Source: paper, section 5.2 and Figure 7.
     """
     return classify(period_one(delta, epsilon, beta))
+
+
+def sn1(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDArray[np.float64]:
+    """Return the eccentricity of the saddle-node SN1, at which A and C are born as ε grows.
+
+    Parameters
+    ----------
+    delta, beta : array_like
+        Damping and half-backlash, both > 0 and dimensionless; they broadcast.
+    virtual : bool, default False
+        Return the formula also where the motion of SN1 would have to pass Σ⁻ and does not happen. It does not depend
+        on beta.
+
+    Returns
+    -------
+    ndarray
+        ε, of the broadcast shape. NaN where A and C are not born in SN1: beyond COD22, A begins in grazing
+        `grazing("G2", delta, beta)`, if at all, and C does not exist.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite or not greater than 0, or the shapes do not broadcast.
+
+    Notes
+    -----
+    ε = δ coth(δ/2) − 2, Mason and Piiroinen (2009), equation (4.1).
+    """
+    return _where_c_exists(sn1_formula(delta), delta, beta, virtual)
+
+
+def flip(delta: ArrayLike, beta: ArrayLike = 0.6, virtual: bool = False) -> NDArray[np.float64]:
+    """Return the eccentricity of the flip PDC, at which C loses stability as ε grows.
+
+    Parameters
+    ----------
+    delta, beta : array_like
+        Damping and half-backlash, both > 0 and dimensionless; they broadcast.
+    virtual : bool, default False
+        Return the formula also where C would have to pass Σ⁻ and does not happen. It does not depend on beta.
+
+    Returns
+    -------
+    ndarray
+        ε, of the broadcast shape. NaN where C does not flip: beyond COD20 it ends as a stable motion in grazing
+        `grazing("G1", delta, beta)`, and beyond COD22 it does not exist.
+
+    Raises
+    ------
+    ParameterError
+        If a number is not finite or not greater than 0, or the shapes do not broadcast.
+
+    Notes
+    -----
+    ε² = SN1² + (δ² coth(δ/2)/2π)². The paper does not have this curve.
+    """
+    return _where_c_exists(flip_formula(delta), delta, beta, virtual)
+
+
+def _where_c_exists(epsilon: ArrayLike, delta: ArrayLike, beta: ArrayLike, virtual: bool) -> NDArray[np.float64]:
+    """These eccentricities (of the shape of delta) where C is admissible or, if virtual, everywhere; else NaN."""
+    d, _, b = parameters(delta, 0.0, beta)
+    e = np.broadcast_to(epsilon, d.shape)
+    if virtual:
+        return e.copy()
+    exists = period_one(d, np.where(np.isfinite(e), e, 0.0), b).exists[NAMES.index("C")]
+    return np.where(exists, e, np.nan)
+
+
+def missing_limits(delta: float, beta: float) -> tuple[MissingLimit, ...]:
+    """What happens instead of SN1 and of the flip of C, for those of the two that do not happen at this damping."""
+    born, end = not np.isnan(sn1(delta, beta)), float(grazing("G1", delta, beta).epsilon)
+    found = []
+    if not born:
+        begin, formula = float(grazing("G2", delta, beta).epsilon), float(sn1_formula(delta))
+        if np.isnan(begin) and period_one(delta, min(formula * BESIDE, LARGEST), beta).exists[NAMES.index("A")]:
+            begin = formula  # at COD22, where rounding decides whether the motion of SN1 grazes
+        found.append(
+            MissingLimit("sn1", "none at this damping: A and C do not exist", None)
+            if np.isnan(begin)
+            else MissingLimit("sn1", "none at this damping: C does not exist, A begins in grazing G2", begin)
+        )
+    if np.isnan(flip(delta, beta)):
+        if not born:
+            found.append(MissingLimit("flip", "none at this damping: C does not exist", None))
+        elif np.isnan(end):
+            found.append(MissingLimit("flip", "none at this damping: C ends before it", None))
+        else:
+            found.append(MissingLimit("flip", "none at this damping: C ends in grazing G1", end))
+    return tuple(found)

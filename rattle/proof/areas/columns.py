@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rattle.errors import NotProvedError
 from rattle.impacting.map.quiet import capture_speed
-from rattle.impacting.orbits.limits import flip, quiet_limit, sn1
+from rattle.impacting.orbits.limits import flip_formula, quiet_limit, sn1_formula
 from rattle.impacting.orbits.period_one import CURVES, grazing, period_one
 from rattle.orbits.period_one import NAMES, classify
 from rattle.proof.areas.block import ABSENT, ATTRACTING, CAPTURED, LOUD, QUIET, REGIONS, SADDLE, Block
@@ -148,7 +148,7 @@ def _spans(kind: str, delta: float, beta: float, epsilon: Ends) -> list[Span]:
 def _places(delta: float, beta: float, epsilon: Ends) -> NDArray[np.float64]:
     """ε in steps, and beside where A and C begin, flip and graze: what lies between may be narrower than a step."""
     low, high = (float(end) for end in epsilon)
-    known = [sn1(delta), flip(delta), *(grazing(curve, delta, beta).epsilon for curve in CURVES)]
+    known = [sn1_formula(delta), flip_formula(delta), *(grazing(curve, delta, beta).epsilon for curve in CURVES)]
     beside = np.ravel(np.multiply.outer(np.array(known, np.float64), [1 - BESIDE, 1 + BESIDE]))
     return np.unique([*np.linspace(low, high, SEEN), *beside[(beside > low) & (beside < high)]])
 

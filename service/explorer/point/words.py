@@ -82,8 +82,9 @@ def where(gear: AnyGear) -> str:
         )
     else:
         quiet = f" Quiet running is possible, as it is up to an eccentricity of {number(gear.quiet_limit)}."
-    if model.in_closed_form and gear.epsilon < gear.sn1:
-        return f"{at}{backlash}{quiet} Rattle with one impact a period, P(1,1,0), begins at ε = {number(gear.sn1)}."
+    born = gear.sn1 if model.in_closed_form else None
+    if born is not None and gear.epsilon < born:
+        return f"{at}{backlash}{quiet} Rattle with one impact a period, P(1,1,0), begins at ε = {number(born)}."
     return f"{at}{backlash}{quiet}"
 
 

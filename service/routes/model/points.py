@@ -81,12 +81,21 @@ class OrbitDocument(BaseModel):
     stable: bool
 
 
+class MissingLimit(BaseModel):
+    """A limit that is not there at this damping, and what happens instead."""
+
+    limit: Literal["sn1", "flip"]
+    reason: str = Field(description="such as: none at this damping: C ends in grazing G1")
+    epsilon: float | None = Field(description="where that happens; null if at no eccentricity")
+
+
 class OrbitsInSI(BaseModel):
     """Limits and speeds of a machine."""
 
     sn1: float | None = Field(description="eccentricity in m, as are the other limits")
     flip: float | None
     quiet_limit: float | None
+    missing: list[float | None] = Field(description="eccentricities in m of the missing limits, in their order")
     velocities: list[float | None] = Field(description="of the departures of the orbits, m/s along the line of action")
 
 
@@ -95,9 +104,10 @@ class Orbits(Point):
 
     region: int = Field(ge=1, lt=len(rattle.REGIONS), description="1…5 = I…V, more for another set of orbits")
     region_name: str = Field(description="I…V, or the orbits that exist where they are another set, such as ABD")
-    sn1: float | None = Field(description="epsilon above which A and C exist; null where they are not born so")
-    flip: float | None = Field(description="epsilon above which C is unstable; null for the stiff model")
+    sn1: float | None = Field(description="epsilon at which A and C are born; null where `missing` says why")
+    flip: float | None = Field(description="epsilon at which C loses stability; null where `missing` says why")
     quiet_limit: float | None = Field(description="epsilon above which nothing is quiet")
+    missing: list[MissingLimit] = Field(description="limits that are null, and what happens instead")
     orbits: list[OrbitDocument]
     si: OrbitsInSI | None = Field(description="the same of a machine; null without one")
 
@@ -161,7 +171,11 @@ def _orbits_in_si(place: Place, found: dict[str, Any]) -> OrbitsInSI | None:
         return None if value is None else number(value * unit)
 
     limits = {name: of(found[name], units.length) for name in ("sn1", "flip", "quiet_limit")}
-    return OrbitsInSI(**limits, velocities=[of(orbit["v"], units.velocity) for orbit in found["orbits"]])
+    return OrbitsInSI(
+        **limits,
+        missing=[of(each["epsilon"], units.length) for each in found["missing"]],
+        velocities=[of(orbit["v"], units.velocity) for orbit in found["orbits"]],
+    )
 
 
 @router.get(

@@ -152,6 +152,12 @@ def test_a_set_of_orbits_that_is_no_region_is_named() -> None:
     assert ": region III." in words.where(rattle.Gear(0.6, 0.07))
 
 
+def test_the_birth_of_rattle_is_told_where_it_happens() -> None:
+    assert "P(1,1,0), begins at ε = 0.05964." in words.where(rattle.Gear(0.6, 0.05))
+    for beyond_cod22 in (rattle.Gear(0.8, 0.1), rattle.Gear(0.05, 1e-4, 0.001)):
+        assert "begins" not in words.where(beyond_cod22)
+
+
 def test_a_legend_of_many_basins_names_the_largest() -> None:
     found = rattle.Gear(0.6, 0.089).basins(40)
     many = replace(

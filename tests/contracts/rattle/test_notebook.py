@@ -101,6 +101,16 @@ def test_curves_and_periodic_motions_become_tables() -> None:
     assert (motion.to_dataframe().departure == motion.times).all()
 
 
+def test_what_is_virtual_on_a_branch_is_called_so() -> None:
+    c = next(orbit for orbit in GEAR.orbits() if orbit.name == "C")
+    followed = rattle.branch(c, "epsilon", (GEAR.epsilon, 0.25))  # beyond G1, to where C would flip
+    graze, flip = followed.events
+    assert (str(graze.kind), graze.admissible, str(flip.kind), flip.admissible) == ("GR", True, "PD", False)
+    assert "events: GR, PD (virtual); ends" in repr(followed)
+    assert rattle.curves.bifurcation_curve(flip).name == "virtual PD of P(1,1,0)"
+    assert rattle.curves.bifurcation_curve(graze).name == "GR of P(1,1,1)"
+
+
 def test_a_diagram_tells_what_happens_where() -> None:
     diagram = rattle.diagram((0.6, 0.055), (0.6, 0.061), steps=3, count=8)
     assert len(repr(diagram)) < 200

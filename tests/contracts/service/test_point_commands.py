@@ -47,6 +47,48 @@ def test_a_machine_is_the_point_that_it_is() -> None:
     assert "epsilon = 0.0002, beta = 0.002, kappa = 50000.0" in stiff
 
 
+@pytest.mark.parametrize(
+    ("point", "lines"),
+    [
+        (
+            ["0.6", "0.18"],
+            [
+                "SN1 at epsilon = 0.05964305819, quiet limit at epsilon = 0.1901210509",
+                "flip: none at this damping: C ends in grazing G1 at epsilon = 0.144452777",
+            ],
+        ),
+        (["0.5", "0.1"], ["SN1 at epsilon = 0.04149408254, flip at epsilon = 0.1676723452, quiet limit at epsilon = "]),
+        (
+            ["0.8", "0.1"],
+            [
+                "quiet limit at epsilon = 0.2526085729",
+                "SN1: none at this damping: C does not exist, A begins in grazing G2 at epsilon = 0.1080528758",
+                "flip: none at this damping: C does not exist",
+            ],
+        ),
+        (
+            ["0.05", "0.02", "--beta", "0.001"],
+            [
+                "quiet limit at epsilon = 0.0159149904",
+                "SN1: none at this damping: A and C do not exist",
+                "flip: none at this damping: C does not exist",
+            ],
+        ),
+    ],
+)
+def test_a_limit_that_is_virtual_is_not_printed(point: list[str], lines: list[str]) -> None:
+    printed = said("orbits", *point).splitlines()[1:]
+    assert [line[: len(start)] for line, start in zip(printed, lines, strict=False)] == lines
+    assert printed[len(lines)].split()[:2] == ["orbit", "P(m,"]
+
+
+def test_the_end_of_c_in_a_machine_is_in_metres() -> None:
+    machine = rattle.Machine(**SI | {"backlash": 300e-6})
+    end = float(rattle.grazing("G1", machine.delta, machine.beta).epsilon)
+    where = f"at epsilon = {end:.10g}, an eccentricity of {end * machine.units.length:.6g} m"
+    assert f"flip: none at this damping: C ends in grazing G1 {where}" in said("orbits", *options(backlash=300e-6))
+
+
 def test_attractors_are_printed_with_what_they_rattle() -> None:
     machine = rattle.Machine(**SI)
     known = machine.attractors(32)

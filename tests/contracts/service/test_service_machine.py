@@ -105,17 +105,26 @@ def test_what_cannot_be_meant_is_refused(client: TestClient, route: str, query: 
 
 
 def test_orbits_of_a_machine_are_those_of_its_point_and_in_its_units(client: TestClient) -> None:
-    machine = rattle.Machine(**SI)
-    of_machine = found(client, "orbits", **SI)
+    given = SI | {"drag": 5e-4, "backlash": 300e-6}  # C ends in grazing G1 there
+    machine = rattle.Machine(**given)
+    of_machine = found(client, "orbits", **given)
     of_point = found(client, "orbits", delta=machine.delta, epsilon=machine.epsilon, beta=machine.beta)
     si = of_machine.pop("si")
     assert of_point.pop("si") is None
     assert of_machine == of_point
     assert si["velocities"] == [orbit.v * machine.units.velocity for orbit in machine.gear.orbits()]
     assert si["quiet_limit"] == machine.gear.quiet_limit * machine.units.length
+    assert machine.gear.sn1 is not None
     assert si["sn1"] == machine.gear.sn1 * machine.units.length
+    assert (of_point["flip"], si["flip"]) == (None, None)
+    (missing,) = of_point["missing"]
+    end = float(rattle.grazing("G1", machine.delta, machine.beta).epsilon)
+    assert missing == {"limit": "flip", "reason": "none at this damping: C ends in grazing G1", "epsilon": end}
+    assert si["missing"] == [end * machine.units.length]
     stiff = found(client, "orbits", **SI, stiffness=1e6)
     assert stiff["si"]["flip"] is None
+    assert [each["limit"] for each in stiff["missing"]] == ["sn1", "flip"]
+    assert stiff["si"]["missing"] == [None, None]
 
 
 def test_basins_of_a_machine_are_those_of_its_point(client: TestClient) -> None:

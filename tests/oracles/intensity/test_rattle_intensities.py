@@ -7,7 +7,7 @@ import pytest
 
 import rattle
 from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED, Attractors
-from rattle.impacting.orbits.limits import flip, sn1
+from rattle.impacting.orbits.limits import flip_formula, sn1_formula
 from rattle.intensity.table import Intensities
 from rattle.models import AnyModel, model_of
 
@@ -60,7 +60,7 @@ def test_a_stable_c_has_one_impact_of_speed_2_pi_delta() -> None:
     delta = np.array([2e-3, 0.1, 0.6, 0.75])
     for each in delta:
         model = model_of(5 * each)
-        epsilon = 0.5 * float(sn1(each) + flip(each))
+        epsilon = 0.5 * float(sn1_formula(each) + flip_formula(each))
         table = model.attractors_of(each, epsilon, 64)
         rattles = model.intensities_of(each, epsilon, table)
         row = np.flatnonzero((table.m == 1) & (table.n_plus == 1) & (table.n_minus == 0))

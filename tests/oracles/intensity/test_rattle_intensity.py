@@ -7,7 +7,7 @@ import pytest
 from pieces import CELLS, contact_force, nodes, stable_orbits
 
 import rattle
-from rattle.impacting.orbits.limits import flip, sn1
+from rattle.impacting.orbits.limits import flip_formula, sn1_formula
 from rattle.models import model_of
 from rattle.stiff import StiffGear, from_limit
 
@@ -21,7 +21,7 @@ def chaos(name: str) -> rattle.Attractor:
 
 @pytest.mark.parametrize("delta", [2e-3, 0.1, 0.6, 0.75])
 def test_a_and_c_have_one_impact_of_speed_2_pi_delta(delta: float) -> None:
-    gear = rattle.Gear(delta, 0.5 * float(sn1(delta) + flip(delta)), 5 * delta)
+    gear = rattle.Gear(delta, 0.5 * float(sn1_formula(delta) + flip_formula(delta)), 5 * delta)
     found = {orbit.name: gear.intensity(orbit) for orbit in gear.orbits() if orbit.n_minus == 0}
     assert set(found) == {"A", "C"}
     speed = 2 * math.pi * delta

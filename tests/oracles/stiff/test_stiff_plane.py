@@ -116,7 +116,7 @@ def test_sn1_is_the_fold_of_the_shortest_contact() -> None:
     """At κ = 1e5 and large damping folds of contacts that swing two or three times have speeds nearer to 2πδ."""
     delta = np.linspace(0.9, 1.2, 4)
     np.testing.assert_array_equal(regions(delta, 0.25, 1.2, 1e5), rattle.regions(delta, 0.25, 1.2))
-    off = [[saddle_node_1(x, kappa, 1.2).epsilon - float(rattle.sn1(x)) for x in delta] for kappa in (1e5, 1e7)]
+    off = [[saddle_node_1(x, kappa, 1.2).epsilon - float(rattle.sn1(x, 1.2)) for x in delta] for kappa in (1e5, 1e7)]
     np.testing.assert_allclose(np.divide(*off), 10.0, rtol=0.05)
 
 
@@ -182,4 +182,4 @@ def test_regions_of_weakly_damped_steel_are_those_of_the_limit(delta):
     np.testing.assert_array_equal(found, rattle.regions(delta, epsilon, beta))
     assert len(set(found.ravel())) > 3
     assert regions(0.002, 0.0005, 0.001, 1e5) == rattle.regions(0.002, 0.0005, 0.001)
-    assert saddle_node_1(delta, 1e7, 3 * delta).epsilon == pytest.approx(float(rattle.sn1(delta)), rel=2e-3)
+    assert saddle_node_1(delta, 1e7, 3 * delta).epsilon == pytest.approx(float(rattle.sn1(delta, 3 * delta)), rel=2e-3)
