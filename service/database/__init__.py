@@ -66,9 +66,10 @@ class Database(Surveys, Keys):
         current = is_current(self._reader)  # refuses what is not ours before anything is touched
         if current and not exclusive:
             return
-        self._hold = hold(self._reader, self._is_ours)
+        self._hold = hold(self._reader)
         upgrade(self._reader)
         if exclusive:
+            self._write_with(self._hold.writer)
             with self._write() as (_, service):
                 service.epoch += 1
             self._epoch = service.epoch

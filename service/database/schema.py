@@ -14,18 +14,7 @@ if TYPE_CHECKING:
     from alembic.config import Config
 
 VERSIONS = "alembic_version"
-FIRST = "0001"
 
-#: Tables and columns of the databases that were made before there were migrations.
-_UNVERSIONED = {
-    "jobs": {
-        *("number", "id", "name", "state", "message", "request", "content_hash", "idempotency_key", "body_hash"),
-        *("n_cells", "n_tiles", "cells_done", "tiles_done", "cells_failed", "last_event"),
-        *("created", "started", "finished"),
-    },
-    "tiles": {"job", "index", "cells", "seconds", "failed", "failures"},
-    "events": {"job", "id", "kind", "data", "at"},
-}
 _PRESENT = {name: set(table.columns.keys()) for name, table in Table.metadata.tables.items()}
 
 
@@ -46,7 +35,7 @@ def is_current(engine: Engine) -> bool:
         scripts = ScriptDirectory.from_config(_config())
         head = scripts.get_current_head()
         if revision is None:
-            if tables - {VERSIONS} and not _has(present, _UNVERSIONED):
+            if tables - {VERSIONS}:
                 raise _foreign(engine, "another program")
         elif revision not in {script.revision for script in scripts.walk_revisions()}:
             raise _foreign(engine, f"a newer version, or another program (its schema is {revision!r}, known is {head})")
@@ -69,9 +58,6 @@ def upgrade(engine: Engine) -> None:
     with engine.execution_options(writes=True).begin() as connection:
         config = _config()
         config.attributes["connection"] = connection
-        tables = set(inspect(connection).get_table_names())
-        if VERSIONS not in tables and _UNVERSIONED.keys() <= tables:
-            command.stamp(config, FIRST)
         command.upgrade(config, "head")
 
 

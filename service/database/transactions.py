@@ -11,7 +11,12 @@ from sqlalchemy.orm import Session
 
 from service.database.engine import BUSY_SECONDS
 from service.database.tables import ServiceRow
-from service.errors import UnavailableError
+from service.errors import DataDirectoryError, UnavailableError
+
+TAKEN = (
+    "Another service has used the job database meanwhile, so this one writes no more. "
+    "Stop one of them, and start the other again."
+)
 
 
 class Transactions:
@@ -29,9 +34,13 @@ class Transactions:
         self._on_change = on_change
         self._require = require or (lambda: None)
         self._reader = engine
-        self._writer = engine.execution_options(writes=True)
+        self._write_with(engine)
         self._epoch: int | None = None
         self._writing = threading.Lock()
+
+    def _write_with(self, engine: Engine) -> None:
+        """Write through this engine from now on."""
+        self._writer = engine.execution_options(writes=True)
 
     @contextmanager
     def _read(self) -> Iterator[Session]:
@@ -48,12 +57,13 @@ class Transactions:
         """
         self._require()
         with self._turn(), Session(self._writer, expire_on_commit=False) as session, session.begin():
-            service = session.scalars(select(ServiceRow).with_for_update()).one()
+            try:
+                service = session.scalars(select(ServiceRow).with_for_update()).one()
+            except DataDirectoryError as error:  # a lost connection is opened anew, and another service has the lock
+                raise UnavailableError(TAKEN) from error
             if self._epoch not in (None, service.epoch):
-                raise UnavailableError(
-                    "Another service has used the job database meanwhile, so this one writes no more. "
-                    "Stop one of them, and start the other again."
-                )
+                session.connection().invalidate()  # lets go of the lock, if this connection has it
+                raise UnavailableError(TAKEN)
             yield session, service
 
     @contextmanager
@@ -75,7 +85,3 @@ class Transactions:
         """Note which data directory has the stores."""
         with self._write() as (_, service):
             service.directory = identity
-
-    def _is_ours(self) -> bool:
-        with self._read() as session:
-            return session.scalar(select(ServiceRow.epoch)) == self._epoch

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import re
@@ -14,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from filelock import FileLock, Timeout
 from sqlalchemy import URL
 
 from service.errors import DataDirectoryError, DirectoryAwayError
@@ -100,17 +100,16 @@ class DataDirectory:
         """
         try:
             self._stores.mkdir(parents=True, exist_ok=True)
-            lock = (self.path / "lock").open("a+")
+            lock = FileLock(self.path / "lock", timeout=0, thread_local=False)
+            lock.acquire()
+        except Timeout as error:
+            raise DataDirectoryError(
+                f"Another server uses the data directory {self.path}. Stop it, or give this one another directory. "
+                "One service is one process: start uvicorn without --workers."
+            ) from error
         except OSError as error:
             raise DataDirectoryError(f"The data directory {self.path} cannot be used: {error}") from error
         with lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                raise DataDirectoryError(
-                    f"Another server uses the data directory {self.path}. Stop it, or give this one another directory. "
-                    "One service is one process: start uvicorn without --workers."
-                ) from error
             yield
 
     def identify(self, known: str | None = None) -> None:

@@ -1,21 +1,15 @@
 """What the tests of this folder share."""
 
-import sqlite3
 from collections.abc import Iterator
-from contextlib import closing
 from functools import cache
 from typing import Any
 
 import pytest
 import zarr
-from alembic.config import Config
-from alembic.script import ScriptDirectory
 from fastapi.routing import APIRoute, _EffectiveRouteContext
-from sqlalchemy import Engine
 from waiting import HANG
 from zarr.storage import MemoryStore
 
-import service.database
 import workers.storage.store
 import workers.survey.template
 from service.database import engine, transactions
@@ -32,20 +26,6 @@ def _databases_are_waited_for() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _migrations_are_loaded_once() -> Iterator[None]:
-    """And not for each of a thousand databases, three times."""
-    load, loaded = ScriptDirectory.from_config, dict[str | None, ScriptDirectory]()
-
-    def scripts(config: Config) -> ScriptDirectory:
-        where = config.get_main_option("script_location")
-        return loaded.get(where) or loaded.setdefault(where, load(config))
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ScriptDirectory, "from_config", scripts)
-        yield
-
-
-@pytest.fixture(autouse=True, scope="session")
 def _routes_are_made_once() -> Iterator[None]:
     """And not for each of two hundred applications, in which they are the same: it takes a tenth of a second."""
     make, made = _EffectiveRouteContext.from_api_route, dict[int, _EffectiveRouteContext]()
@@ -57,34 +37,6 @@ def _routes_are_made_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(_EffectiveRouteContext, "from_api_route", route)
-        yield
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _new_databases_are_copies() -> Iterator[None]:
-    """Of the first of their process: to bring nothing to the present takes longer than what most tests do with it."""
-    upgrade = service.database.upgrade
-
-    def is_new(file: Any) -> bool:
-        return not file.execute("SELECT name FROM sqlite_master").fetchall()
-
-    def copied(engine: Engine) -> None:
-        if engine.dialect.name != "sqlite":
-            upgrade(engine)
-            return
-        with closing(engine.raw_connection()) as connection:
-            file: Any = connection.driver_connection
-            if not is_new(file):
-                upgrade(engine)
-            elif is_new(first):
-                upgrade(engine)
-                file.backup(first)
-            else:
-                file.execute("PRAGMA journal_mode=WAL")
-                first.backup(file)
-
-    with closing(sqlite3.connect(":memory:", check_same_thread=False)) as first, pytest.MonkeyPatch.context() as patch:
-        patch.setattr(service.database, "upgrade", copied)
         yield
 
 

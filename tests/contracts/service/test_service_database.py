@@ -1,19 +1,16 @@
 """Many threads, or two services, on one job database: what was promised to each of them holds."""
 
 import signal
-import sys
-import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from postgres import Postgres
 from sqlalchemy import select, text
 from sqlalchemy.exc import SQLAlchemyError
-from waiting import HANG, wait_until
+from waiting import HANG
 
 from service.database import Database, DoneTile, NewJob
 from service.database.engine import UNPOOLED, open_engine
@@ -23,7 +20,6 @@ from service.database.tables import AnsweredRow, Scope, State
 from service.errors import ConflictError, DataDirectoryError, QueueFullError, UnavailableError, UnknownSurveyError
 
 THREADS = 12
-HOLD = sys.modules["service.database.hold"]  # of the package, it is the function
 
 
 def new(key: str | None = None, body: str = "b", owner: str | None = None, tiles: int = 4) -> NewJob:
@@ -212,15 +208,13 @@ def kill_session(url: str, pid: int) -> None:
         connection.execute(text(f"SELECT pg_terminate_backend({pid}, {HANG * 1000:.0f})"))
 
 
-def test_a_lost_lock_is_taken_again_and_meanwhile_nothing_is_lost(
-    postgres_url: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(HOLD, "LOOK_SECONDS", 0.05)
+def test_a_lost_lock_is_taken_again_by_the_next_write(postgres_url: str) -> None:
     database = Database(postgres_url)
     (pid,) = holders(postgres_url)
     kill_session(postgres_url, pid)
     survey_id = database.accept(new(), 1).id  # nobody else came: this service may go on
-    assert wait_until(lambda: holders(postgres_url)) != [pid]
+    (again,) = holders(postgres_url)
+    assert again != pid
     with pytest.raises(DataDirectoryError, match="Another service"):
         Database(postgres_url)
     database.set_state(survey_id, State.RUNNING)
@@ -228,24 +222,7 @@ def test_a_lost_lock_is_taken_again_and_meanwhile_nothing_is_lost(
     assert holders(postgres_url) == []
 
 
-class Looks(threading.Event):
-    """Between two looks at the lock a service waits until the test says so, or until its end."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.due = threading.Event()
-
-    def set(self) -> None:
-        super().set()
-        self.due.set()
-
-    def wait(self, timeout: float | None = None) -> bool:  # noqa: ARG002 - that of a real one
-        self.due.wait()
-        return self.is_set()
-
-
-def test_a_lock_that_another_service_took_is_not_taken_back(postgres_url: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(HOLD, "threading", SimpleNamespace(Event=Looks, Thread=threading.Thread))
+def test_a_lock_that_another_service_took_is_not_taken_back(postgres_url: str) -> None:
     first = Database(postgres_url)
     kill_session(postgres_url, holders(postgres_url)[0])
     second = Database(postgres_url)
@@ -253,10 +230,9 @@ def test_a_lock_that_another_service_took_is_not_taken_back(postgres_url: str, m
         first.accept(new(), 9)
     assert second.accept(new(), 9).number == 1
     second.close()
-    first._hold._released.due.set()  # the first one looks again, and leaves the database to whoever starts next
-    wait_until(lambda: not first._hold._thread.is_alive())
     with pytest.raises(UnavailableError, match="Another service"):
         first.accept(new(), 9)
+    assert holders(postgres_url) == []  # the first one leaves the database to the next service that starts
     Database(postgres_url).close()
     first.close()
 
@@ -274,5 +250,5 @@ def test_a_crash_of_the_database_server_loses_nothing_that_was_committed(postgre
         postgres.start()
     assert database.tiles_done(survey_id) == {0}
     assert database.set_state(survey_id, State.RUNNING)
-    assert wait_until(lambda: holders(postgres_url))
+    assert holders(postgres_url)
     database.close()
