@@ -92,6 +92,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.add_route("/help", lambda _: RedirectResponse("/help/"), include_in_schema=False)
         app.mount("/help", StaticFiles(directory=DOCUMENTS, html=True), name="help")
     app.state.explorer = Explorer(app, settings) if settings.explorer else None
+    app.state.on_start = lambda: None  # what serves it may have something to do
     return app
 
 
@@ -133,6 +134,7 @@ def _lifespan(
             explorer = app.state.explorer.running(app.state.front, overlaid) if settings.explorer else nullcontext()
             try:
                 async with app.state.front.kernels.running(), app.state.front.revocations.running(), explorer:
+                    app.state.on_start()
                     yield
             finally:
                 await run_in_threadpool(manager.stop)

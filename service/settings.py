@@ -24,6 +24,7 @@ class Settings(BaseSettings):
     port: int = Field(default=8000, ge=0, le=65535)
     insecure: bool = Field(default=False, description="let everybody in who reaches the service")
     require_keys: bool = Field(default=False, description="ask for API keys on loopback too, as behind a proxy")
+    behind_proxy: bool = Field(default=False, description="a proxy in front has TLS and cuts off slow clients")
     allowed_hosts: Annotated[tuple[str, ...], NoDecode] = Field(
         default=(), description="further names of this service, after commas; for requests without a key"
     )
@@ -41,8 +42,7 @@ class Settings(BaseSettings):
     max_header_bytes: int = Field(default=16 * 1024, ge=1024, description="request line and headers of one request")
     max_headers: int = Field(default=100, ge=16, description="header lines of one request")
     max_connections: int = Field(default=512, ge=1, description="open connections; one more is answered with 503")
-    request_seconds: float = Field(default=20.0, gt=0, description="from the first byte of a request to its last")
-    unread_seconds: float = Field(default=30.0, gt=0, description="longest wait for a client that does not read")
+    idle_seconds: int = Field(default=20, ge=1, description="an idle connection is kept open for this long")
     max_cells: int = Field(default=1_000_000, ge=1, description="cells of one survey")
     max_tiles: int = Field(default=20_000, ge=1, description="tiles of one survey; each is a file per variable")
     max_count: int = Field(default=4096, ge=1, description="initial conditions of one cell")

@@ -13,9 +13,6 @@ if TYPE_CHECKING:
     from service.database import Database
     from service.settings import Settings
 
-#: What a page of the explorer may say at once; it says little.
-MAX_MESSAGE_BYTES = 1 << 20
-
 
 def serve(
     host: Annotated[str | None, typer.Option(help="Address to listen on.", show_default="127.0.0.1")] = None,
@@ -39,15 +36,13 @@ def serve(
     RATTLE_MAX_CELLS. On another address than those of this machine only, every request needs an API key (`rattle key
     add`). TLS is left to a proxy in front.
     """
-    import uvicorn
-
+    from service.access.origins import is_loopback
     from service.app import create_app
     from service.commands.options import settings_of
     from service.commands.signals import stop_requested
     from service.jobs.opening import opened
     from service.observability.logs import log_config
-    from service.web.protocol import protocol_of
-    from service.web.server import Server
+    from service.web.server import run
 
     settings = settings_of(
         host=host, port=port, data=data, store=store, scheduler=scheduler, workers=workers, insecure=insecure or None
@@ -57,25 +52,15 @@ def serve(
         require_keys(settings, database)
     if settings.insecure:
         typer.echo(f"Everybody who reaches {settings.host} may use this service: no keys are asked.", err=True)
-    app = create_app(settings)
-    config = uvicorn.Config(
-        app,
-        host=settings.host,
-        port=settings.port,
-        http=protocol_of(settings),
-        h11_max_incomplete_event_size=settings.max_header_bytes,
-        ws_max_size=MAX_MESSAGE_BYTES,
-        ws_per_message_deflate=False,  # of maps, in the event loop, while everybody waits
-        proxy_headers=False,  # who sends a request is who connects
-        server_header=False,
-        log_config=log_config(settings.log_format),
-        access_log=False,  # RequestLogMiddleware says more
-        timeout_graceful_shutdown=settings.shutdown_seconds,
-    )
+    if not (is_loopback(settings.host) or settings.behind_proxy):
+        typer.echo(
+            f"Other machines reach this service at {settings.host} without a proxy: there is no TLS, and slow clients "
+            "are not cut off. Put Caddy or nginx in front (docs/operations.md) and set RATTLE_BEHIND_PROXY=true.",
+            err=True,
+        )
     with stop_requested() as asked_to_stop:  # uvicorn raises the signal again after a clean shutdown
-        server = Server(config, app, asked_to_stop)
-        server.run()
-    if not server.started:
+        started = run(create_app(settings), settings, log_config(settings.log_format), asked_to_stop)
+    if not started:
         raise typer.Exit(1)
 
 

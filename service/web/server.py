@@ -1,4 +1,4 @@
-"""The process of a service: it ends within seconds of SIGTERM, whatever is at work."""
+"""Run the application by uvicorn, on an address that is taken first, and end within seconds of a signal."""
 
 from __future__ import annotations
 
@@ -7,99 +7,155 @@ import ctypes
 import gc
 import logging
 import os
+import signal
 import socket
 import threading
 from contextlib import suppress
 from types import FrameType
+from typing import Any
 
 import psutil
 import uvicorn
 from fastapi import FastAPI
 
 from service.errors import AddressError
+from service.settings import Settings
 
 #: From the signal to the end of everything that is still at work.
 STOP_SECONDS = 3.0
-
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
 #: The process that removes the semaphores of the others when they are gone.
 TRACKER = "multiprocessing.resource_tracker"
 OBJECTS = 50_000  # that are made between two collections of garbage: to look through them takes 15 ms, all at once
-
-#: What is larger, in bytes, goes back to the system when it is freed. glibc moves this limit up to 32 MiB by itself;
+#: Larger blocks, in bytes, go back to the system when they are freed. glibc moves this limit up to 32 MiB by itself;
 #: then each of the arenas that threads allocate from keeps what arrays took: a service grew for hours.
 LARGE = 1 << 18
 M_MMAP_THRESHOLD = -3  # of malloc.h
+#: A message of a page of the explorer is small.
+MAX_MESSAGE_BYTES = 1 << 20
 
 log = logging.getLogger("uvicorn.error")
 
 
-class Server(uvicorn.Server):
-    """uvicorn's server, whose surveys stop while open requests end, not after them.
+def run(app: FastAPI, settings: Settings, log_config: dict[str, Any], asked_to_stop: threading.Event) -> bool:
+    """Serve the application until SIGINT or SIGTERM. Return whether it has started.
 
-    Args:
-        config: of uvicorn.
-        app: the application.
-        asked_to_stop: set if a signal came before this server listened for them.
+    Parameters
+    ----------
+    app
+        The application, whose lifespan calls ``app.state.on_start`` once ``app.state.front`` is there.
+    settings
+        Address and limits.
+    log_config
+        For `logging.config.dictConfig`.
+    asked_to_stop
+        Set by a signal that arrives before the server handles signals.
+
+    Raises
+    ------
+    AddressError
+        Nothing can listen at the address; nothing has been started.
     """
+    return_large_blocks()
+    sockets = bind(settings.host, settings.port)
+    server = uvicorn.Server(
+        uvicorn.Config(
+            app,
+            http="h11",
+            h11_max_incomplete_event_size=settings.max_header_bytes,
+            limit_concurrency=settings.max_connections,
+            timeout_keep_alive=settings.idle_seconds,
+            timeout_graceful_shutdown=settings.shutdown_seconds,
+            ws_max_size=MAX_MESSAGE_BYTES,
+            ws_per_message_deflate=False,  # of maps, in the event loop, while everybody waits
+            proxy_headers=False,  # who sends a request is who connects
+            server_header=False,
+            log_config=log_config,
+            access_log=False,  # RequestLogMiddleware says more
+        )
+    )
 
-    def __init__(self, config: uvicorn.Config, app: FastAPI, asked_to_stop: threading.Event) -> None:
-        super().__init__(config)
-        self._app = app
-        self._asked_to_stop = asked_to_stop
-        with suppress(OSError, AttributeError, TypeError):  # another C library, which has no such limit
-            ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Begin to answer.
-
-        Raises:
-            AddressError: the address cannot be listened at; nothing has been started.
-        """
-        sockets = sockets or await self._bound()
-        await super().startup(sockets)
-        self._log_started_message(sockets)
-        if self._asked_to_stop.is_set():
-            self.should_exit = True
+    def begin() -> None:
+        _end_with_signals(app)
+        if asked_to_stop.is_set():
+            server.should_exit = True
             return
+        for each in sockets:
+            host, port = each.getsockname()[:2]
+            log.info("listening at http://%s:%d", f"[{host}]" if ":" in host else host, port)
         gc.set_threshold(OBJECTS)
         gc.freeze()  # or every full collection looks through all modules again, and nothing is answered meanwhile
-        front = self._app.state.front
-        if front.settings.preload:
-            front.kernels.begin(load=True)  # before anybody asks for what needs them
-        # the first who opens the explorer shall not wait for it; a reference, or the task may be collected
-        if explorer := self._app.state.explorer:
-            self._preparing = asyncio.ensure_future(explorer.prepare())
+        if settings.preload:
+            app.state.front.kernels.begin(load=True)  # before anybody asks for what needs them
+        if explorer := app.state.explorer:  # the first who opens the explorer shall not wait for it
+            app.state.preparing = asyncio.ensure_future(explorer.prepare())  # a reference, or it may be collected
 
-    async def _bound(self) -> list[socket.socket]:
-        """The sockets of the address, at which nobody listens yet."""
-        config, loop = self.config, asyncio.get_running_loop()
-        try:
-            server = await loop.create_server(asyncio.Protocol, config.host, config.port, start_serving=False)
-        except OSError as error:
-            raise AddressError(
-                f"Nothing can listen at port {config.port} of {config.host} ({error.strerror}). Stop what does, or "
-                "choose another (--port, --host)."
-            ) from error
-        bound = [each.dup() for each in server.sockets]
-        server.close()
-        return bound
+    app.state.on_start = begin
+    server.run(sockets)
+    return server.started
 
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Begin to end; what cannot be interrupted is killed in time."""
-        deadline = threading.Timer(STOP_SECONDS, _end_now)
-        deadline.daemon = True
-        deadline.start()
-        super().handle_exit(sig, frame)
 
-    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End requests and surveys at the same time."""
-        if front := getattr(self._app.state, "front", None):
-            front.end()
-        await super().shutdown(sockets)
+def return_large_blocks() -> None:
+    """Let glibc return freed arrays to the system; other C libraries have no such limit."""
+    with suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
+
+
+def bind(host: str, port: int) -> list[socket.socket]:
+    """Return sockets bound to every address of a host; they do not listen yet, so nobody connects before the start.
+
+    Raises
+    ------
+    AddressError
+        An address is taken, not of this machine, or unknown.
+    """
+    bound: list[socket.socket] = []
+    try:
+        for family, kind, protocol, _, address in socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        ):
+            each = socket.socket(family, kind, protocol)
+            bound.append(each)
+            each.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            if family == socket.AF_INET6:
+                each.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            each.bind(address if port or len(bound) == 1 else (address[0], bound[0].getsockname()[1], *address[2:]))
+    except OSError as error:
+        for each in bound:
+            each.close()
+        raise AddressError(
+            f"Nothing can listen at port {port} of {host} ({error.strerror}). Stop what does, or "
+            "choose another (--port, --host)."
+        ) from error
+    return bound
+
+
+def _end_with_signals(app: FastAPI) -> None:
+    """Begin to end surveys, requests and the process with the signal, and not after uvicorn has ended its connections.
+
+    Runs inside the lifespan: uvicorn's own handlers are in place and are called after this one.
+    """
+    loop = asyncio.get_running_loop()
+
+    def stop_at(number: signal.Signals) -> None:
+        uvicorns = signal.getsignal(number)
+
+        def stop(received: int, frame: FrameType | None) -> None:
+            deadline = threading.Timer(STOP_SECONDS, _end_now)
+            deadline.daemon = True
+            deadline.start()
+            loop.call_soon_threadsafe(app.state.front.end)
+            if callable(uvicorns):
+                uvicorns(received, frame)
+
+        signal.signal(number, stop)
+
+    for number in SIGNALS:
+        stop_at(number)
 
 
 def _end_now() -> None:
-    """Nothing is lost by it: tiles are files that appear whole, and the job database keeps what it has committed."""
+    """Kill what is still busy. Nothing is lost: tiles are files that appear whole, and the database has committed."""
     log.warning("still busy after %g s: ending now", STOP_SECONDS)
     for child in psutil.Process().children(recursive=True):
         with suppress(psutil.Error):

@@ -142,7 +142,8 @@ NO_DEADLINE = """
     @patch("service.web.server")
     def patient(server):
         server.STOP_SECONDS = 1e6
-        after(server.Server, "__init__", lambda self, config, *_: setattr(config, "timeout_graceful_shutdown", None))
+        config = server.uvicorn.Config
+        after(config, "__init__", lambda self, *_, **__: setattr(self, "timeout_graceful_shutdown", None))
 """
 
 

@@ -385,14 +385,14 @@ PROTECTIONS = (
         "what is open ends with the service",
         f"{ENDS}::test_a_busy_service_ends_by_itself_with_its_tiles",
         "service/web/server.py",
-        "            front.end()\n",
-        "            pass\n",
+        "            loop.call_soon_threadsafe(app.state.front.end)\n",
+        "",
     ),
     _one(
         "what does not end is killed in time",
         f"{ENDS}::test_what_cannot_be_ended_is_killed_in_time",
         "service/web/server.py",
-        "        deadline.start()\n",
+        "            deadline.start()\n",
         "",
     ),
     _one(
@@ -455,7 +455,7 @@ PROTECTIONS = (
         "a signal that comes early is not forgotten",
         f"{ENDS}::test_a_service_that_starts_ends_by_itself_and_leaves_nothing",
         "service/web/server.py",
-        "        if self._asked_to_stop.is_set():\n",
+        "        if asked_to_stop.is_set():\n",
         "        if False:\n",
     ),
     _one(
@@ -469,8 +469,8 @@ PROTECTIONS = (
         "an address is taken before anything starts",
         f"{ENDS}::test_a_port_that_is_taken_is_told_before_anything_starts",
         "service/web/server.py",
-        "        sockets = sockets or await self._bound()\n",
-        "",
+        "    sockets = bind(settings.host, settings.port)\n",
+        "    sockets = []\n",
     ),
     _one(
         "an embedded cluster asks for its certificate",

@@ -4,6 +4,7 @@ import os
 import pwd
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
@@ -12,15 +13,18 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import httpx
 import numpy as np
 import postgres
 import pytest
 import yaml
 from depth import either
-from service_processes import REQUEST, ROOT, assert_bit_identical, client_of, free_port, serial_run
+from service_processes import REQUEST, ROOT, assert_bit_identical, client_of, free_port, serial_run, server
 from waiting import HANG, SELDOM, wait_until
 
 import rattle.numerics.compile
+from service.client import Client
+from service.errors import ResponseError, ServiceError
 
 SERVICES: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
 PASSWORD = "of this test only"
@@ -31,7 +35,7 @@ class Here:
 
     def __init__(self, directory: Path) -> None:
         self.directory = directory
-        self.front, self.database = free_port(), free_port()
+        self.front, self.database, self.proxy = free_port(), free_port(), free_port()
         scheduler = free_port()
         self.table = {
             r"\bscheduler(?=:8786)": "127.0.0.1",
@@ -43,6 +47,8 @@ class Here:
             r"^/data$": str(directory / "data"),
             r"^/tmp$": str(directory / "tmp"),
             r"^\$\{POSTGRES_PASSWORD:\?.*\}$": PASSWORD,
+            r"^\$\{RATTLE_SITE:-http://:\d+\}$": f"http://127.0.0.1:{self.proxy}",
+            r"^/etc/caddy/Caddyfile$": str(directory / "Caddyfile"),
         }
         #: What the images bring, for processes without one.
         self.image = {
@@ -52,6 +58,7 @@ class Here:
             "PGHOST": "127.0.0.1",
             "PGPORT": str(self.database),
             "HOME": str(directory),
+            "RATTLE_FRONT": f"127.0.0.1:{self.front}",
             # Beside the other tests: neither the page nor the kernels of points, which nobody asks for.
             "RATTLE_EXPLORER": "false",
             "RATTLE_PRELOAD": "false",
@@ -75,17 +82,19 @@ class Here:
         )
 
     @contextmanager
-    def started(self, name: str, number: int = 0, prefix: tuple[str, ...] = (), *more: str) -> Iterator[None]:
+    def started(
+        self, name: str, number: int = 0, prefix: tuple[str, ...] = (), *more: str, check: bool = True
+    ) -> Iterator[None]:
         """A service's command, healthy by its own check if it has one."""
         with (self.directory / f"{name}{number}.log").open("w") as log:
             command = [*prefix, *self.words(SERVICES[name]["command"]), *more]
             environment = self.environment(name)
             process = subprocess.Popen(command, env=environment, cwd=self.directory, stdout=log, stderr=log)
         try:
-            check = SERVICES[name]["healthcheck"].get("test")
-            if check:
-                assert check[0] == "CMD"
-                wait_until(lambda: self._healthy(name, process, self.words(check[1:])), SELDOM)
+            test = SERVICES[name]["healthcheck"].get("test") if check else None
+            if test:
+                assert test[0] == "CMD"
+                wait_until(lambda: self._healthy(name, process, self.words(test[1:])), SELDOM)
             yield
             assert process.poll() is None, (self.directory / f"{name}{number}.log").read_text()
         finally:
@@ -168,3 +177,34 @@ def test_a_survey_through_everything(tmp_path: Path) -> None:
                 assert_bit_identical(dataset, expected)
         assert list((tmp_path / "data" / "surveys").iterdir())
         assert not (tmp_path / "data" / "jobs.sqlite").exists()
+
+
+SLOW = {
+    "half a header": b"GET /v1/health HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ",
+    "a body that does not come": b"POST /v1/surveys HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 9\r\n\r\n",
+}
+
+
+@pytest.mark.skipif(shutil.which("caddy") is None, reason="Caddy is not installed (apt-get install caddy)")
+def test_the_proxy_cuts_off_slow_clients_and_passes_on_what_the_front_says(tmp_path: Path) -> None:
+    here = Here(tmp_path)
+    caddyfile = (ROOT / SERVICES["proxy"]["configs"][0]["target"].replace("/etc/caddy", "deploy")).read_text()
+    short = re.sub(r"read_(header|body) \d+s", r"read_\1 1s", caddyfile)  # or the test would take long
+    assert short.count(" 1s\n") == 2
+    (tmp_path / "Caddyfile").write_text(short.replace("http_port 8000", f"http_port {here.proxy}"))
+    with server(tmp_path / "data", here.front), here.started("proxy", check=False), client_of(here.proxy) as client:
+        wait_until(lambda: is_reached(client))
+        with pytest.raises(ResponseError, match="API key"):  # what comes through a proxy needs one
+            client.call("GET", "/v1/surveys")
+        for name, sent in SLOW.items():
+            with socket.create_connection(("127.0.0.1", here.proxy), timeout=HANG) as connection:
+                connection.sendall(sent)
+                assert not connection.recv(2**16).startswith(b"HTTP/1.1 2"), name  # the end, whatever it says
+
+
+def is_reached(client: Client) -> bool:
+    """Whether the proxy listens, and reaches the front."""
+    try:
+        return bool(client.call("GET", "/v1/health").json())
+    except (ServiceError, httpx.TransportError):
+        return False

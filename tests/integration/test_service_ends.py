@@ -97,7 +97,7 @@ STAGES = {
     "begun": """
         @patch("service.web.server")
         def begun(server):
-            after(server.Server, "__init__", lambda *_: [note("begun"), wait_for_signal()])
+            after(server, "bind", lambda *_: [note("begun"), wait_for_signal()])
         """,
     "opened": """
         @patch("service.jobs.manager")

@@ -32,9 +32,11 @@ def test_the_database_is_reached_by_the_front_only() -> None:
     assert {name for name, each in SERVICES.items() if "database" in each["networks"]} == {"postgres", "front"}
 
 
-def test_only_the_front_is_published_on_loopback_and_asks_for_keys() -> None:
+def test_only_the_proxy_is_published_on_loopback_and_the_front_asks_for_keys() -> None:
     published = {name: each["ports"] for name, each in SERVICES.items() if "ports" in each}
-    assert published == {"front": ["127.0.0.1:8000:8000"]}
+    assert published == {"proxy": ["${RATTLE_PUBLISH:-127.0.0.1:8000:8000}"]}
+    outside = {name for name, each in COMPOSE["networks"].items() if not (each or {}).get("internal")}
+    assert {name for name, each in SERVICES.items() if outside & set(each["networks"])} == {"proxy"}
     assert not any("network_mode" in each for each in SERVICES.values())
     assert "--insecure" not in SERVICES["front"]["command"]
     assert SERVICES["front"]["environment"]["RATTLE_REQUIRE_KEYS"] == "true"

@@ -10,14 +10,13 @@ from waiting import HANG
 
 #: Bytes of large blocks that the system was asked for each by itself, after larger ones than these were freed.
 ASKED = """
-import ctypes, threading, uvicorn
-from fastapi import FastAPI
-from service.web.server import Server
+import ctypes
+from service.web.server import return_large_blocks
 class Info(ctypes.Structure):
     names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
     _fields_ = [(name, ctypes.c_size_t) for name in names.split()]
 if {serves}:
-    Server(uvicorn.Config(FastAPI()), FastAPI(), threading.Event())
+    return_large_blocks()
 mallinfo = ctypes.CDLL(None).mallinfo2
 mallinfo.restype = Info
 freed = bytearray(24 << 20)
