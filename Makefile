@@ -90,8 +90,9 @@ screenshots: $(INSTALLED)
 areas: $(INSTALLED)
 	$(BIN)/rattle certify --areas areas.jsonl --processes 2 --figure docs/images/areas.png
 
+# How fast this machine is. MEASURED names some of: kernel cell survey curves global peers start.
 bench: $(INSTALLED)
-	$(BIN)/rattle bench
+	PYTHONPATH=benchmarks $(BIN)/python -m bench $(MEASURED)
 
 $(SURVEY): pyproject.toml constraints.txt
 	$(call environment,$(VENV))

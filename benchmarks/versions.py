@@ -1,7 +1,7 @@
 """What a cell costs in several versions of this repository, in turns: `python benchmarks/versions.py DIRECTORY …`.
 
-Each directory is a checkout, such as `git worktree add DIRECTORY COMMIT` makes. The cells are those of `rattle bench
-survey`; milliseconds of the processor per cell are the least of the turns, impacts on Σ⁺ are counted. Prints JSON.
+Each directory is a checkout, such as `git worktree add DIRECTORY COMMIT` makes. The cells are those of `make bench
+MEASURED=survey`; milliseconds of the processor per cell are the least of the turns, impacts on Σ⁺ are counted. Prints JSON.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ import os
 import subprocess
 import sys
 
+from bench.cells import BETA, COUNT, NAMES, TURNS, V_MAX, WHOLE, classes
+
 from rattle import toolchain
-from service.bench.cells import BETA, COUNT, NAMES, TURNS, V_MAX, WHOLE, classes
 
 ANSWER = f"""
 import json, sys, time

@@ -17,7 +17,6 @@ import typer
 
 from service.commands import key
 from service.commands.attractors import attractors
-from service.commands.bench import bench
 from service.commands.certify import certify
 from service.commands.compare import compare
 from service.commands.curves import curves
@@ -78,7 +77,6 @@ app.command()(tolerance)
 app.command()(limit)
 app.command()(paper)
 app.command()(curves)
-app.command()(bench)
 app.add_typer(key.app, name="key")
 
 

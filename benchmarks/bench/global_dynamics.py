@@ -1,4 +1,4 @@
-"""What `rattle bench global` measures: basins, their boundaries, manifolds, the crisis, a bifurcation diagram."""
+"""What `make bench MEASURED=global` measures: basins, their boundaries, manifolds, the crisis, a bifurcation diagram."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from functools import partial
 from typing import Any
 
 import rattle
+from bench.measure import NANO, best_of_two
 from rattle.crisis import boundary_crisis
 from rattle.impacting.orbits.periodic import period_one_saddle
 from rattle.orbits.manifolds import manifold
-from service.bench.measure import NANO, best_of_two
 
 DELTA, EPSILON = 0.6, 0.1
 SIDE = 1000  # cells of a basin, each way

@@ -1,4 +1,4 @@
-"""What `rattle bench` measures. A figure is the best of several turns: the machine can only make it slower.
+"""What `make bench` measures. A figure is the best of several turns: the machine can only make it slower.
 
 What is to be compared takes its turns one after the other, so that a machine that is busy for a while slows them all.
 """
@@ -185,7 +185,7 @@ def _workload_a(thin: int) -> Callable[[], list[float]]:
 @contextmanager
 def _elsewhere(thin: int) -> Iterator[Callable[[], list[float]]]:
     """Another process, compiled for x86-64-v3, that measures workload A when asked."""
-    command = [sys.executable, "-c", f"from service.bench.measure import answer; answer({thin})"]
+    command = [sys.executable, "-c", f"from bench.measure import answer; answer({thin})"]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, env=os.environ | X86_64_V3) as child:
         asked, answered = child.stdin, child.stdout

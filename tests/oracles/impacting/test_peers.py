@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from bench import peers
 
 import rattle
-from service.bench import peers
 
 COUNT = 40
 AGREEMENT = 1e-9

@@ -1,4 +1,4 @@
-"""`rattle bench`: every part prints whole tables of positive figures. How large they are is no contract."""
+"""`make bench`: every part prints whole tables of positive figures. How large they are is no contract."""
 
 import io
 import math
@@ -8,30 +8,20 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bench import cells, curves, global_dynamics, measure, peers
+from bench.__main__ import Part, app
 from depth import deep
 from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
 import workers
-from rattle.impacting.attractors.timed import Parts
-from service.bench import cells, curves, global_dynamics, measure, peers
-from service.cli import app
-from service.commands.bench import Part
 
-PARTS = (
-    "flights of samples",
-    "looks at lanes between flights",
-    "idle lanes",
-    "tangent vectors",
-    "orbits by Newton's method",
-    "the rest, in Python",
-)
 TINY = ["--thin", "512", "--row", "2", "--sample", "4", "--count", "4", "--side", "8", "--workers", "1"]
 
 
 def printed(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> str:
     monkeypatch.setenv("COLUMNS", "200")
-    result = CliRunner().invoke(app, ["bench", *arguments])
+    result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     return result.output
 
@@ -110,13 +100,11 @@ def test_survey_table(monkeypatch: pytest.MonkeyPatch) -> None:
     cost = measure.SurveyCost(100, 2, 10.0, 15.0, 1.0, 0.5, 3.5, 200.0, 400.0)
     monkeypatch.setattr(measure, "survey", lambda *_: cost)
     monkeypatch.setattr(cells, "TURNS", 1)
-    monkeypatch.setattr(cells, "parts", lambda *_: Parts(6.0, 1.0, 1.0, 1.0, 0.5, 0.5))
     table = rows(printed(monkeypatch, "survey", "--sample", "4", "--count", "4", "--workers", "2"))
     assert table["processes computing"] == ["15.00 s", "75.00 %"]
     assert table["idle at the end, no tile left"] == ["3.50 s", "17.50 %"]
     assert table["cells per second"][0] == "10.0"
     assert table["1000 × 1000 cells would take, without the idle end"][0] == "22.92 h"
-    assert [table[part][1] for part in PARTS] == ["60.0 %", "10.0 %", "10.0 %", "10.0 %", "5.0 %", "5.0 %"]
     assert [float(x) for x in table[cells.WHOLE][3:]] == pytest.approx(
         [sum(float(table[name][0].rstrip(" %")) / 100 * float(table[name][i]) for name in cells.NAMES) for i in (3, 4)],
         rel=0.05,  # the rarest class is printed as 1.3 % of the cells
@@ -149,7 +137,6 @@ def test_classes_beside_an_older_version(monkeypatch: pytest.MonkeyPatch) -> Non
         measure, "survey", lambda *_: measure.SurveyCost(100, 2, 10.0, 15.0, 1.0, 0.5, 3.5, 200.0, 400.0)
     )
     monkeypatch.setattr(cells, "costs", lambda *_: half)
-    monkeypatch.setattr(cells, "parts", lambda *_: Parts(6.0, 1.0, 1.0, 1.0, 0.5, 0.5))
     table = rows(printed(monkeypatch, "survey"))
     assert all(table[name][-2:] == ["1.00", "0.50"] for name in (*cells.NAMES, cells.WHOLE))
 

@@ -1,4 +1,4 @@
-"""What `rattle bench curves` measures."""
+"""What `make bench MEASURED=curves` measures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from itertools import count
 
 import rattle
-from service.bench.measure import PLANE, best
+from bench.measure import PLANE, best
 
 MAGNIFIED = (0.74, 0.78), (0.092, 0.1)  # (δ, ε) of Figure 8
 

@@ -1,4 +1,4 @@
-"""What the cells of a survey cost: by part, and by how near they are to the quiet limit, beside an older version.
+"""What the cells of a survey cost, by how near they are to the quiet limit, beside an older version.
 
 Cells are drawn at random from the plane of Figure 7, as many from each class of ε over the quiet limit, and a class
 counts as often as it is met: the costly classes have few cells. Every class is one block, as a tile is.
@@ -12,14 +12,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from service.bench.measure import PLANE
+from bench.measure import PLANE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
-
-    from rattle.impacting.attractors.timed import Parts
 
 BETA, V_MAX, COUNT, PER_CLASS = 0.6, 7.0, 64, 128
 DRAWN, TURNS = 20_000, 3
@@ -119,15 +117,3 @@ def costs(sampled: Sequence[Sampled], count: int = COUNT) -> list[ClassCost]:
     each_class = zip(sampled, least, of_all, strict=True)
     found = [ClassCost(each.name, cost, (cells, hits, time_)) for each, cost, (cells, hits, time_) in each_class]
     return [*found, ClassCost(WHOLE, whole, (1.0, 1.0, 1.0))]
-
-
-def parts(sampled: Sequence[Sampled], count: int = COUNT) -> Parts:
-    """Milliseconds of the processor per cell of the plane that every part takes: see `Parts`."""
-    from rattle.impacting.attractors.timed import Parts, timed_attractors
-
-    total = np.zeros(len(Parts._fields))
-    for each in sampled:
-        delta, epsilon = each.delta, each.epsilon
-        turns = [timed_attractors(delta, epsilon, BETA, count, V_MAX)[1] for _ in range(TURNS + 1)][1:]
-        total += each.share * 1e3 / delta.size * np.array(min(turns, key=sum))
-    return Parts(*total.tolist())

@@ -95,7 +95,7 @@ def missing() -> dict[str, str]:
 
 def workload(count: int) -> Starts:
     """The first `count` states of the benchmark's workload A: δ = 0.6, ε = 0.1, v in (0.5, 7)."""
-    from service.bench.measure import workloads
+    from bench.measure import workloads
 
     return Starts(*(x[:count] for x in workloads()["A"]))
 

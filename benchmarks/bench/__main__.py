@@ -1,4 +1,4 @@
-"""``rattle bench``: how fast this machine is at what a survey costs."""
+"""How fast this machine is at what a survey costs: ``PYTHONPATH=benchmarks python -m bench``."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from rattle.impacting.attractors.timed import Parts
-    from service.bench.cells import ClassCost, Reference
-    from service.bench.measure import Outcome
+    from bench.cells import ClassCost, Reference
+    from bench.measure import Outcome
 
 
 class Part(StrEnum):
@@ -29,6 +28,10 @@ class Part(StrEnum):
     START = "start"
 
 
+app = typer.Typer(add_completion=False)
+
+
+@app.command()
 def bench(
     parts: Annotated[list[Part] | None, typer.Argument(help="What to measure.", show_default="all")] = None,
     count: Annotated[int, typer.Option(min=1, help="Initial conditions per cell, of cell and survey.")] = 64,
@@ -47,8 +50,8 @@ def bench(
 
     cell: milliseconds per cell, and the impacts that every outcome costs.
 
-    survey: cells per second, where the processes' time goes, and peak memory; the processor time of a cell by part,
-    measured by a clock in the kernels; and by ε over the quiet limit, beside an older version's.
+    survey: cells per second, where the processes' time goes, and peak memory; and the processor time of a cell by ε
+    over the quiet limit, beside an older version's.
 
     curves: seconds to trace Figures 7 and 8, for branches of motions and for a period-doubling cascade.
 
@@ -79,7 +82,7 @@ def bench(
 def _kernel(thin: int) -> Iterable[Table]:
     from rich.table import Table
 
-    from service.bench import measure
+    from bench import measure
 
     table = Table("workload", "plain", "with tangent", "scanned", "searched", title="kernel: ns per impact, one thread")
     for rate in measure.rates(thin):
@@ -99,7 +102,7 @@ def _kernel(thin: int) -> Iterable[Table]:
 def _cell(count: int, row: int, sample: int) -> Iterable[Table]:
     from rich.table import Table
 
-    from service.bench import measure
+    from bench import measure
 
     table = Table("cell (δ, ε)", "ms", "outcome: share × impacts on Σ⁺", title=f"cell: {count} initial conditions")
     for name, milliseconds, outcomes in measure.cells(count, row):
@@ -122,31 +125,12 @@ def _described(outcomes: list[Outcome]) -> str:
 
 
 def _survey(side: int, count: int, workers: int, tile: int | None, sample: int) -> Iterable[Table]:
-    from service.bench import cells
+    from bench import cells
 
     yield from _processes(side, count, workers, tile)
     per_class = min(sample, cells.PER_CLASS)
     sampled, comparable = cells.classes(per_class), (count, per_class) == (cells.COUNT, cells.PER_CLASS)
-    yield _parts(cells.parts(sampled, count), count)
     yield _classes(cells.costs(sampled, count), cells.F2F9D81 if comparable else None)
-
-
-def _parts(parts: Parts, count: int) -> Table:
-    from rich.table import Table
-
-    whole = sum(parts)
-    table = Table("part", "ms", "share", title=f"survey: processor time of a cell, {count} initial conditions")
-    described = {
-        "flights of samples": parts.flights,
-        "looks at lanes between flights": parts.looks,
-        "idle lanes": parts.idle,
-        "tangent vectors": parts.tangent,
-        "orbits by Newton's method": parts.newton,
-        "the rest, in Python": parts.rest,
-    }
-    for name, milliseconds in described.items():
-        table.add_row(name, f"{milliseconds:.4f}", f"{100 * milliseconds / whole:.1f} %")
-    return table
 
 
 def _classes(costs: list[ClassCost], reference: Reference | None) -> Table:
@@ -167,7 +151,7 @@ def _classes(costs: list[ClassCost], reference: Reference | None) -> Table:
 def _processes(side: int, count: int, workers: int, tile: int | None) -> Iterable[Table]:
     from rich.table import Table
 
-    from service.bench import measure
+    from bench import measure
 
     cost = measure.survey(side, count, workers, tile)
     title = f"survey: plane of Figure 7, {side} × {side} cells, {count} initial conditions, {workers} processes"
@@ -191,7 +175,7 @@ def _processes(side: int, count: int, workers: int, tile: int | None) -> Iterabl
 def _curves() -> Iterable[Table]:
     from rich.table import Table
 
-    from service.bench.curves import bifurcations
+    from bench.curves import bifurcations
 
     table = Table("what", "seconds", "points", title="curves: one core, kernels compiled")
     for name, seconds, points in bifurcations():
@@ -202,7 +186,7 @@ def _curves() -> Iterable[Table]:
 def _global() -> Iterable[Table]:
     from rich.table import Table
 
-    from service.bench import global_dynamics
+    from bench import global_dynamics
 
     table = Table("what", "seconds", "", title="global: δ = 0.6, ε = 0.1; one core, kernels compiled")
     for name, seconds, makes in global_dynamics.times():
@@ -214,7 +198,7 @@ def _peers() -> Iterable[Table]:
     from rich.markup import escape
     from rich.table import Table
 
-    from service.bench import peers
+    from bench import peers
 
     columns = ("peer", "ns per impact", "rattle", "ratio", "largest error: phase", "speed", "compared", "lost")
     table = Table(*columns, title="peers: one thread, δ = 0.6, ε = 0.1")
@@ -230,9 +214,13 @@ def _peers() -> Iterable[Table]:
 def _start() -> Iterable[Table]:
     from rich.table import Table
 
-    from service.bench import measure
+    from bench import measure
 
     table = Table("process", "seconds", title="start: a new process")
     for name, seconds in measure.start():
         table.add_row(name, f"{seconds:.2f}")
     yield table
+
+
+if __name__ == "__main__":
+    app(prog_name="bench")
