@@ -1,4 +1,4 @@
-"""What `make bench MEASURED=global` measures: basins, their boundaries, manifolds, the crisis, a bifurcation diagram."""
+"""Measured speed of global dynamics: basins, their boundaries, manifolds, the crisis, a bifurcation diagram."""
 
 from __future__ import annotations
 
