@@ -32,7 +32,7 @@ from service.explorer.map.overlays import WHOLE, Lines
 from service.explorer.map.picture import AsSeen
 from service.explorer.map.planes import SIDE, Block, Plane, maps_of, window_of
 from service.explorer.map.readout import in_words
-from service.explorer.map.shared import Shared, in_closed_form
+from service.explorer.map.shared import Shared, in_closed_form, usual_variable
 from service.explorer.point.panel import Above
 from service.explorer.point.state import marks_of, stands_for
 from workers import SurveyRequest
@@ -60,6 +60,7 @@ class MapView:
         on_pointed: Callable[[Pair], None] = lambda _at: None,
     ) -> None:
         self._shared, self._viewer, self.view, self._remember = shared, viewer, view, remember
+        self._has_chosen_variable = bool(view.variable)
         self._on_pointed = on_pointed
         self._job: JobRow | None = None
         self._whole: SurveyRequest | None = None  # of the survey that is chosen, which may have no numbers yet
@@ -168,9 +169,9 @@ class MapView:
             self._job, self._request, self._plane = job, None, None
             self._show_nothing(f"<p>{UNREADABLE}</p>")
             return
-        if self._job is None or self._job.id != job.id:
+        is_other, self._job = self._job is None or self._job.id != job.id, job
+        if is_other:
             self._offer(SurveyRequest.model_validate(job.request))
-        self._job = job
         if self._drawing is None or self._drawing.done():
             self._drawing = self._viewer.start(self._keep_drawing())
 
@@ -180,7 +181,8 @@ class MapView:
         maps = maps_of(request)
         self._cut(request, self.view.slice)
         self.map.in_si(request.machine)
-        variable = self.view.variable if self.view.variable in maps else next(iter(maps))
+        stays = self._has_chosen_variable and self.view.variable in maps
+        variable = self.view.variable if stays else usual_variable(request, self._has_ended)
         self._maps = maps
         self._controls.offer_variables(maps, variable)
         self._change(variable=variable)
@@ -299,7 +301,17 @@ class MapView:
             self._told = self.seen
             self._remember(self.view)
 
+    @property
+    def _has_ended(self) -> bool:
+        """Whether no more of the survey will come; of what needs no survey too."""
+        return self._job is None or State(self._job.state).final
+
+    def show_usual_variable(self) -> None:
+        """Let the next survey decide which map is shown, whatever was chosen before."""
+        self._has_chosen_variable = False
+
     def _on_variable(self) -> None:
+        self._has_chosen_variable = True
         self._change(variable=self._controls.variable, index=0, limits="auto")
         self._offer_index()
         self._draw_anew()
