@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 FIRST = "index.md"
 #: A list of pages, of which only Sphinx makes links.
-TOCTREE = re.compile(r"^```\{toctree\}\n(?:^:[^\n]*\n)*(.*?)^```\n", re.MULTILINE | re.DOTALL)
+TOCTREE = re.compile(r"^```\{toctree\}\n:hidden:\n:caption: ([^\n]*)\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
 <title>{title}</title><style>
@@ -51,8 +51,8 @@ def page_of(document: Path) -> str:
     """Return a document as a page."""
 
     def linked(tree: re.Match[str]) -> str:
-        names = (name for name in tree[1].split() if (document.parent / f"{name}.md").is_file())
-        return "".join(f"- [{name}]({name}.md)\n" for name in names)
+        names = (name for name in tree[2].split() if (document.parent / f"{name}.md").is_file())
+        return f"## {tree[1]}\n\n" + "".join(f"- [{name}]({name}.md)\n" for name in names)
 
     text = TOCTREE.sub(linked, document.read_text(encoding="utf-8"))
     title = next(iter(re.findall(r"^# (.+)$", text, re.MULTILINE)), "gear-rattle")

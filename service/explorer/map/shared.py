@@ -46,12 +46,12 @@ def in_closed_form(request: SurveyRequest, variable: str) -> bool:
     return request.model is Model.IMPACTING and found.group in CLOSED_FORM
 
 
-def usual_variable(request: SurveyRequest, has_ended: bool) -> str:
-    """Return the map of a survey that is shown unless another one is chosen: the first one that it has, and while it is
+def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
+    """Return the map of a survey that is shown unless another one is chosen: the first that it has, and while it is
     computed one that fills in.
     """
     first, *others = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
-    if has_ended or not in_closed_form(request, first):
+    if not is_computed or not in_closed_form(request, first):
         return first
     filling = [name for name in others if not in_closed_form(request, name)]
     return USUAL_FILLING if USUAL_FILLING in filling else next(iter(filling), first)
@@ -114,11 +114,11 @@ class Shared:
         jobs, _ = self.front.database.jobs(LISTED)
         job = shown_first(jobs)
         if job is None:
-            self.exact_map(View(variable=usual_variable(self.exact.request, True)))
+            self.exact_map(View(variable=usual_variable(self.exact.request, False)))
             return Impacting(), UNCHOSEN
         whole = SurveyRequest.model_validate(job.request)
         if job.state == State.SUCCESSFUL:
-            self.map_of(job, View(survey=job.id, variable=usual_variable(whole, True)), UNSEEN)
+            self.map_of(job, View(survey=job.id, variable=usual_variable(whole, False)), UNSEEN)
         request = whole.at(whole.along(0))
         return request.gear_model, window_of(request)
 

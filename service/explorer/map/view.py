@@ -169,8 +169,10 @@ class MapView:
             self._job, self._request, self._plane = job, None, None
             self._show_nothing(f"<p>{UNREADABLE}</p>")
             return
-        is_other, self._job = self._job is None or self._job.id != job.id, job
-        if is_other:
+        known = self._job if self._job is not None and self._job.id == job.id else None
+        self._job = job
+        begins = known is not None and known.state != job.state and self._is_computed
+        if known is None or (begins and not self._has_chosen_variable):
             self._offer(SurveyRequest.model_validate(job.request))
         if self._drawing is None or self._drawing.done():
             self._drawing = self._viewer.start(self._keep_drawing())
@@ -182,7 +184,7 @@ class MapView:
         self._cut(request, self.view.slice)
         self.map.in_si(request.machine)
         stays = self._has_chosen_variable and self.view.variable in maps
-        variable = self.view.variable if stays else usual_variable(request, self._has_ended)
+        variable = self.view.variable if stays else usual_variable(request, self._is_computed)
         self._maps = maps
         self._controls.offer_variables(maps, variable)
         self._change(variable=variable)
@@ -302,9 +304,9 @@ class MapView:
             self._remember(self.view)
 
     @property
-    def _has_ended(self) -> bool:
-        """Whether no more of the survey will come; of what needs no survey too."""
-        return self._job is None or State(self._job.state).final
+    def _is_computed(self) -> bool:
+        """Whether the survey that is shown is at work."""
+        return self._job is not None and self._job.state == State.RUNNING
 
     def show_usual_variable(self) -> None:
         """Let the next survey decide which map is shown, whatever was chosen before."""

@@ -33,7 +33,7 @@ def head_of(bokeh: Transport) -> str:
     resources.components = [name for name in resources.components if name not in UNUSED]
     scripts, styles = bundle_resources([], resources)
     early = "\n".join(
-        f'<link rel="preload" as="style" href="static/extensions/panel/{name}.css?v={JS_VERSION}">' for name in STYLES
+        f'<link rel="prefetch" as="style" href="static/extensions/panel/{name}.css?v={JS_VERSION}">' for name in STYLES
     )
     parts = {"styles": styles, "scripts": f"{scripts}\n{early}", "css": asset("page.css")}
     parts |= {name: asset(f"{name}.js") for name in ("theme", "stops", "print", "lost", "visuals", "open")}
