@@ -21,7 +21,7 @@ FIRST = "index.md"
 TOCTREE = re.compile(r"^```\{toctree\}\n:hidden:\n:caption: ([^\n]*)\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>{title}</title><style>
+<link rel="icon" href="data:,"><title>{title}</title><style>
 :root {{ color-scheme: light dark }}
 body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 56rem; margin: 1rem auto 4rem; padding: 0 1rem }}
 pre, table {{ overflow-x: auto; display: block }} pre {{ padding: .6rem; border: 1px solid #8888 }}

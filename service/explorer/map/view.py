@@ -14,6 +14,7 @@ import panel as pn
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
+from service.errors import MissingError
 from service.explorer.common.address import UNCHOSEN, Entered, Pair, Pin, Ranges, View, numbered
 from service.explorer.common.drawings import PAUSE
 from service.explorer.common.heading import Heading
@@ -41,6 +42,7 @@ from workers.survey.machine import SurveyedMachine
 
 #: What does not stay when another survey is chosen.
 OF_A_SURVEY = {"delta": None, "epsilon": None, "point": None, "machine": None, "slice": 0, "family": None}
+BEGINS = "<p class=faint>The first cells of this survey are being computed.</p>"
 WAITS = "<p class=faint>This survey waits for its turn.</p>"
 
 
@@ -247,7 +249,8 @@ class MapView:
                 partial(self._shared.map_of, job, view, self.map.pixels)
             )
         except RattleError as error:
-            text = f'<p class="notice" role="alert">{escape(str(error))}</p>'
+            begins = isinstance(error, MissingError) and job.state == State.RUNNING and not job.cells_done
+            text = BEGINS if begins else f'<p class="notice" role="alert">{escape(str(error))}</p>'
             self._viewer.change(lambda: show(lambda: self._show_nothing(text)))
             return True
         await self._viewer.changed(lambda: show(lambda: self._draw(plane, block, colours, view)))
