@@ -126,6 +126,8 @@ def page_is_right(client: httpx.Client) -> None:
     for each in assets:
         assert client.get(f"/{each}").status_code == 200, each
     (token,) = set(re.findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
+    for path in ("/docs", "/redoc", "/docs/static/swagger-ui-bundle.js", "/docs/static/redoc.standalone.js", "/help/"):
+        assert client.get(path).status_code == 200, path
     named = client.get("/page", params={"bokeh-session-id": "of-another-page"})
     assert token not in named.text
     assert '"token"' in named.text  # a page of its own all the same
