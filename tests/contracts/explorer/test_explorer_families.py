@@ -17,7 +17,7 @@ from service.explorer.common.address import Pin, View
 from service.explorer.families.told import longest
 from service.explorer.families.view import Families
 from service.explorer.further.difference import Difference
-from service.explorer.map.colouring import colouring
+from service.explorer.map.colouring import colouring, layers_of
 from service.explorer.map.picture import picture_query
 from service.explorer.map.readout import in_words
 from service.explorer.map.view import MapView
@@ -160,9 +160,8 @@ def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path
                 "undecided",
                 "only quiet",
             ]
-        shown.choose(front.database.job(survey_id))
-        shown._controls._variable.value = "lyapunov_max"
-        await eventually(lambda: any(each["label"] == "only quiet" for each in shown._lines.key.shades))
+        exponents, _ = atlas.plane(front.database.job(survey_id), "lyapunov_max", 0)
+        assert "only quiet" in layers_of(exponents, exponents.block())  # as in the figure of a survey
 
     with_families(tmp_path, body)
 
