@@ -10,6 +10,7 @@ COPY rattle rattle
 COPY workers workers
 COPY service service
 COPY gear_rattle gear_rattle
+COPY docs docs
 RUN /venv/bin/pip install --no-cache-dir --no-deps --force-reinstall .
 
 FROM python:3.11-slim

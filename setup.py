@@ -29,7 +29,18 @@ def moved(source: str) -> str:
 
 
 class BuildMoved(build_py):
-    """Copy modules, and in them the new names."""
+    """Copy modules, and in them the new names; and the documents as they are, where the site is not built."""
+
+    def run(self) -> None:
+        super().run()
+        if not Path("service/help/index.html").is_file():
+            for source in (path for kind in ("md", "png", "svg", "webp") for path in Path("docs").rglob(f"*.{kind}")):
+                self.copy_file(str(source), str(self._made(Path(self.build_lib, HOME, "service/help"), source)))
+
+    def _made(self, where: Path, source: Path) -> Path:
+        found = where / source.relative_to("docs")
+        self.mkpath(str(found.parent))
+        return found
 
     def build_module(self, module: str, module_file: str, package: str) -> tuple[str, bool]:
         outfile, copied = super().build_module(module, module_file, package)

@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 from anyio import CapacityLimiter
 from fastapi import Depends, FastAPI
+from fastapi_offline import FastAPIOffline
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.body_limit import RequestBodyLimitMiddleware
 from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import RedirectResponse
-from starlette.staticfiles import StaticFiles
 
 import rattle
 import workers
 from service import compilation
-from service.access.middleware import AccessMiddleware, caller_of
+from service.access.middleware import REFERENCE_ASSETS, AccessMiddleware, caller_of
 from service.access.revocation import Revocations
 from service.explorer.page.mount import Explorer
 from service.jobs.broadcast import Broadcast
@@ -35,6 +35,7 @@ from service.settings import Settings
 from service.state import Front
 from service.web import problems
 from service.web.conditional import AnyTagMiddleware
+from service.web.documents import documents_of
 from service.web.head import HeadMiddleware
 from service.web.queries import refuse_unknown
 
@@ -47,7 +48,8 @@ READING: dict[str, Any] = {
     "allow_headers": ["Authorization", "If-None-Match", "Range"],
     "expose_headers": ["Content-Disposition", "Content-Range", "ETag", "Link", "Retry-After"],
 }
-DOCUMENTS = Path(__file__).with_name("help")
+DOCUMENTS = Path(__file__).with_name("help")  # of a wheel; `make docs` puts a site there
+SOURCES = Path(__file__).parents[1] / "docs"  # of a checkout
 WORKERS_NICE = 5  # answers come before tiles; at 19, beside two busy programs, a worker has 1.4 % of a core
 
 Cluster = Callable[[], AbstractContextManager["Client"]]
@@ -65,7 +67,7 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
     """
     settings = settings or Settings()
     metrics = Metrics()
-    app = FastAPI(
+    app = FastAPIOffline(
         title="gear rattle",
         summary="Surveys of the damping-eccentricity plane of an impacting gear model.",
         version=rattle.__version__,
@@ -73,6 +75,8 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         responses=problems.declared(*problems.ANYWHERE),
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
+        static_url=REFERENCE_ASSETS,
+        swagger_ui_parameters={"validatorUrl": None},  # by default another host is asked whether the document is valid
     )
     app.add_middleware(AnyTagMiddleware)
     app.add_middleware(HeadMiddleware)
@@ -88,9 +92,9 @@ def create_app(settings: Settings | None = None, cluster: Cluster | None = None)
         app.include_router(
             router, dependencies=[Depends(caller_of), Depends(refuse_unknown)], responses=problems.declared(401)
         )
-    if (DOCUMENTS / "index.html").is_file():  # `make docs` puts them there
+    if (documents := documents_of(DOCUMENTS, SOURCES)) is not None:
         app.add_route("/help", lambda _: RedirectResponse("/help/"), include_in_schema=False)
-        app.mount("/help", StaticFiles(directory=DOCUMENTS, html=True), name="help")
+        app.mount("/help", documents, name="help")
     app.state.explorer = Explorer(app, settings) if settings.explorer else None
     app.state.on_start = lambda: None  # what serves it may have something to do
     return app

@@ -18,8 +18,8 @@ from fastapi import Depends, Request
 
 from service.access.revocation import Revocations
 from service.database import Database
-from service.database.tables import JobRow, Kind
-from service.errors import UnavailableError
+from service.database.tables import JobRow, Kind, State
+from service.errors import MissingError, UnavailableError
 from service.jobs.broadcast import Broadcast
 from service.jobs.directory import DataDirectory
 from service.jobs.manager import JobManager
@@ -55,6 +55,23 @@ class Front:
             DirectoryAwayError: the data directory is not there.
         """
         return self.database.job(survey_id, kind), self.directory.store(survey_id)
+
+    def with_numbers(self, survey_id: str) -> tuple[JobRow, Path | Bucket]:
+        """A survey, and the place of its store, which is there. Blocks: for a thread.
+
+        Raises:
+            MissingError: it has no numbers yet, or its store is gone.
+            UnknownSurveyError, DirectoryAwayError: as `stored`.
+        """
+        job, place = self.stored(survey_id)
+        if place.exists():
+            return job, place
+        if job.cells_done or job.state == State.SUCCESSFUL:
+            raise MissingError(
+                f"The store of survey {survey_id} is gone: it was moved or deleted. Bring it back, or POST "
+                f"/v1/surveys/{survey_id}/verify computes it anew."
+            )
+        raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
 
     @cached_property
     def windows(self) -> CapacityLimiter:

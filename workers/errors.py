@@ -34,6 +34,11 @@ def reading(what: str) -> Iterator[None]:
         yield
     except (RattleError, MemoryError):
         raise
+    except FileNotFoundError as error:
+        raise DamageError(
+            f"{what} cannot be read, for its store is gone ({error}): bring it back, or the command that made it, or "
+            "POST /v1/surveys/ID/verify, computes it anew"
+        ) from error
     except Exception as error:
         raise DamageError(
             f"{what} cannot be read ({str(error) or type(error).__name__}): if its store is damaged, the command that "

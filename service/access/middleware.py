@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Annotated
 
 from fastapi import Depends, Request, Security
@@ -23,20 +24,46 @@ from service.errors import ForbiddenError, UnauthorizedError
 from service.settings import Settings
 from service.web import problems
 
+#: Scripts and styles of /docs and /redoc.
+REFERENCE_ASSETS = "/docs/static"
+REFERENCE = frozenset(
+    {
+        *("/docs", "/docs/oauth2-redirect", "/redoc", "/openapi.json"),
+        *(f"{REFERENCE_ASSETS}/{name}" for name in ("swagger-ui-bundle.js", "swagger-ui.css", "favicon.png")),
+        f"{REFERENCE_ASSETS}/redoc.standalone.js",
+    }
+)
 #: Answered without a key: whether the service lives, and how to use it.
-OPEN = frozenset({"/v1/health", "/v1/ready", "/openapi.json", "/docs", "/docs/oauth2-redirect", "/redoc", LOGIN})
+OPEN = frozenset({"/v1/health", "/v1/ready", *REFERENCE, LOGIN})
 #: Written to without a key: to show one, and to put it away.
 LOGIN_PATHS = frozenset({LOGIN, LOGOUT})
 EXPLORER = "/"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 LONGEST_TARGET = 8192
 
+#: Pages of ours, such as /docs and /help, load nothing from another host, whose scripts could use the session's cookie.
+CONTENT_SECURITY = "; ".join(
+    (
+        "default-src 'self'",
+        "script-src 'self' 'unsafe-inline'",
+        "style-src 'self' 'unsafe-inline'",
+        "img-src 'self' data:",
+        "font-src 'self' data:",
+        "worker-src 'self' blob:",
+        "object-src 'none'",
+        "base-uri 'self'",
+        "form-action 'self'",
+        "frame-ancestors 'self'",
+    )
+)
 #: A page of another site shall neither take answers for something else, nor embed them, nor frame a page of ours.
 RESPONSE_HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Cross-Origin-Resource-Policy": "same-origin",
-    "Content-Security-Policy": "frame-ancestors 'self'",
+    "Content-Security-Policy": CONTENT_SECURITY,
 }
+
+log = logging.getLogger(__name__)
 
 BEARER = HTTPBearer(
     scheme_name="key",
@@ -86,6 +113,7 @@ class AccessMiddleware:
             scope.setdefault("state", {})["caller"] = await self._caller(scope, headers, method)
         except (RattleError, SQLAlchemyError, HTTPException) as error:
             if scope["type"] == "websocket":
+                log.warning("a websocket was refused: %s", error)
                 await send({"type": "websocket.close", "code": 1008, "reason": ""})
             elif isinstance(error, UnauthorizedError) and self._is_page(scope["path"]) and method in SAFE_METHODS:
                 there = login_url(EXPLORER, scope["query_string"].decode("ascii", "replace"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import socket
 from collections.abc import Collection
 from ipaddress import IPv4Address, IPv6Address, ip_address
@@ -17,6 +18,8 @@ if TYPE_CHECKING:  # not there where surveys are computed without a service
 #: What proxies add, beside everything that begins with x-forwarded.
 FORWARDED = frozenset({"forwarded", "x-real-ip", "x-client-ip", "true-client-ip", "cf-connecting-ip", "via"})
 WILDCARDS = ("0.0.0.0", "::")
+
+log = logging.getLogger(__name__)
 
 
 def is_loopback(host: str) -> bool:
@@ -74,7 +77,37 @@ def require_same_origin(headers: Headers) -> None:
     else:
         same = site in ("same-origin", "none")
     if not same:
-        raise ForbiddenError("A page of another site may not write here. Send this request from a program.")
+        said = "A page of another site may not write here. Send this request from a program."
+        raise ForbiddenError(f"{said} {_host_advice(origin, headers)}" if site is None and origin else said)
+
+
+def require_root(headers: Headers) -> None:
+    """Refuse to make a page that would not work where its browser has it, and log why.
+
+    Raises:
+        ForbiddenError: a proxy has it below a path, or names another host here than the browser does.
+    """
+    host, slash, path = headers.get("rattle-address", "").partition("/")
+    why = ""
+    if slash + path not in ("", "/"):
+        why = (
+            f"This page is at {slash + path!r}, and works at the root of a host only: set the proxy before the service "
+            "to pass on a host name or a port of its own, from / to /."
+        )
+    elif host and host.lower() != headers.get("host", "").lower() and "sec-fetch-site" not in headers:
+        why = _host_advice(host, headers)
+    if why:
+        log.warning("the explorer cannot be opened: %s", why)
+        raise ForbiddenError(why)
+
+
+def _host_advice(there: str, headers: Headers) -> str:
+    """What to set where a browser names this service in another way than a request does."""
+    return (
+        f"The browser has this page from {there!r}, and the request says that its host is {headers.get('host', '')!r}. "
+        "If both are this service, set the proxy before it to pass on the Host header (nginx: proxy_set_header Host "
+        "$http_host; Apache: ProxyPreserveHost On)."
+    )
 
 
 def _address(text: str) -> IPv4Address | IPv6Address | None:

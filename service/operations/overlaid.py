@@ -14,7 +14,7 @@ from service.operations.design_limits import DesignLimits
 from service.operations.windows import Windows, inside, is_coarse
 from service.state import Front
 from workers import SurveyError, SurveyRequest
-from workers.pictures.look import CRISIS, LIMIT, SURVEY_ONLY, Finer, Look, Over
+from workers.pictures.look import CRISIS, LIMIT, Finer, Look, Over, is_of_survey_only
 from workers.pictures.planes import numbers
 
 Line = np.ndarray
@@ -69,7 +69,7 @@ class Overlaid:
 
     async def _finer(self, request: SurveyRequest, asked: Asked) -> Finer | None:
         look, pixels = asked.look, asked.pixels
-        if look.delta is None or look.epsilon is None or pixels is None or asked.variable in SURVEY_ONLY:
+        if look.delta is None or look.epsilon is None or pixels is None or is_of_survey_only(asked.variable, request):
             return None
         if not is_coarse(request.delta.values(), request.epsilon.values(), (look.delta, look.epsilon), pixels):
             return None

@@ -96,9 +96,7 @@ async def _file(
 
 
 async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket, dict[str, str]]:
-    job, place = await run_in_threadpool(front.stored, survey_id)
-    if not await run_in_threadpool(place.exists):
-        raise MissingError(f"Survey {job.id} is {job.state} and has no numbers yet. Try again once it runs.")
+    job, place = await run_in_threadpool(front.with_numbers, survey_id)
     return place, {
         "ETag": picture_tag(job.id, job.last_event, ending),
         "Cache-Control": REVALIDATE,

@@ -17,7 +17,7 @@ from starlette.concurrency import run_in_threadpool
 import rattle
 from rattle.populations.plan import MOST_SHARE
 from service.database.tables import JobRow
-from service.errors import LimitError, MissingError, UnavailableError
+from service.errors import LimitError, UnavailableError
 from service.kernels import Part
 from service.operations.notebook import PACKAGE
 from service.operations.overlaid import Asked, Overlaid
@@ -181,9 +181,7 @@ async def sheet(request: Request, front: FrontState, survey_id: SurveyId, asked:
 
 
 async def _answer(request: Request, front: Front, survey_id: str, asked: Asked, form: Form, media: str) -> Response:
-    job, place = await run_in_threadpool(front.stored, survey_id)
-    if not await run_in_threadpool(place.exists):
-        raise MissingError(f"Survey {survey_id} is {job.state} and has no numbers yet. Try again once it runs.")
+    job, place = await run_in_threadpool(front.with_numbers, survey_id)
     if asked.has_caption:
         asked = replace(asked, look=asked.look.with_caption(_caption(job, str(request.url))))
     headers = {

@@ -13,6 +13,7 @@ from depth import deep
 from explorer_support import EXPLORER, place_of, visiting, wait_for, wait_for_map
 from faults import IN_PROCESS, NO_DEADLINE, Faults
 from playwright.sync_api import Browser, expect
+from proxy import proxy
 from service_processes import free_port, server
 from typer.testing import CliRunner
 from waiting import HANG
@@ -131,3 +132,28 @@ def test_a_page_whose_connection_ends_before_it_is_here_is_opened_anew_but_not_f
         else:
             expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_be_visible()
         assert page.evaluate("Number(sessionStorage.getItem('sockets'))") == (refused + 1 if opened else 4)
+
+
+#: As over plain HTTP, where a browser does not say of which site a request is.
+PLAIN = {b"Sec-Fetch-Site: same-origin\r\n": b""}
+
+
+@pytest.mark.parametrize(
+    ("path", "replaced", "said"),
+    [
+        ("/rattle/", {b" /rattle/": b" /"}, "'/rattle/', and works at the root of a host only"),
+        ("/rattle", {b" /rattle/": b" /", b" /rattle ": b" / "}, "works at the root of a host only"),
+        ("/", PLAIN | {b"\r\nHost: ": b"\r\nHost: localhost\r\nX-Host: "}, "proxy_set_header Host $http_host"),
+        ("/", {b"Upgrade: websocket\r\n": b""}, "must pass on websockets"),
+    ],
+)
+def test_behind_a_proxy_that_is_set_up_wrong_the_page_says_what_to_set(
+    browser: Browser, service: str, path: str, replaced: dict[bytes, bytes], said: str
+) -> None:
+    complaints = ("Failed to load resource", "WebSocket connection", "Could not open websocket", "404", "MIME type")
+    with proxy(int(service.rpartition(":")[2]), replaced) as port:
+        there = f"http://127.0.0.1:{port}"
+        with visiting(browser, there, allowed=complaints) as context:
+            page = context.new_page()
+            page.goto(there + path)
+            expect(page.get_by_role("alert").filter(has_text=said)).to_be_visible()

@@ -51,8 +51,8 @@ def test_the_scale_of_colours_is_whole_and_chosen(page: Page, service: str, surv
     expect(page.locator(".keys")).not_to_contain_text("zero or below")
     page.wait_for_url(lambda url: "log=1" not in url and ",1.0" in url)
     page.get_by_label("Map", exact=True).select_option("attractor phase")
-    expect(page.locator(".keys")).to_contain_text("not periodic")
-    expect(page.get_by_text("of those of a cell by falling share")).to_be_visible()
+    expect(page.locator(".keys")).to_contain_text("no periodic attractor in this slot")
+    expect(page.get_by_text("slot 0, by family")).to_be_visible()
     x, y = place_of(page, 0.42, 0.1)
     page.mouse.click(x - 40, y)  # a number of the axis
     page.get_by_role("checkbox", name="SN1", exact=True).uncheck()

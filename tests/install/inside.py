@@ -125,8 +125,10 @@ def page_is_right(client: httpx.Client) -> None:
     assert any("panel" in each for each in assets), page.text
     for each in assets:
         assert client.get(f"/{each}").status_code == 200, each
-    (token,) = set(re.findall(r'"token":\s*"([^"]+)"', page.text))
-    named = client.get("/", params={"bokeh-session-id": "of-another-page"})
+    (token,) = set(re.findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
+    for path in ("/docs", "/redoc", "/docs/static/swagger-ui-bundle.js", "/docs/static/redoc.standalone.js", "/help/"):
+        assert client.get(path).status_code == 200, path
+    named = client.get("/page", params={"bokeh-session-id": "of-another-page"})
     assert token not in named.text
     assert '"token"' in named.text  # a page of its own all the same
     where = url.replace("http", "ws", 1) + "/ws"

@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from rattle.curves import NAMES
-from workers.survey.values.schema import OF_PERIODIC
+from workers.survey.values.quantities import QUANTITIES
+from workers.survey.values.schema import OF_PERIODIC, SLOT
 
 if TYPE_CHECKING:  # a second for who draws, not for who asks
     import xarray as xr
     from matplotlib.colors import Normalize
+
+    from workers.survey.request import SurveyRequest
 
 Pair = tuple[float, float]
 Span = Literal["auto", "robust", "full"]
@@ -27,6 +30,8 @@ CRISIS, LIMIT, POINTS = "crisis", "design_limit", "points"
 LARGEST, SHARE = "largest_family", "family_fraction"
 #: Maps that only a survey has: windows are not computed finer for them.
 SURVEY_ONLY = frozenset({LARGEST, SHARE, *OF_PERIODIC})
+#: Of a survey whose slots are those of families too, which windows do not join.
+IN_SLOTS = frozenset(quantity.name for quantity in QUANTITIES if SLOT in quantity.dims)
 AMONG, WHICH = "among", ("all", "rattling")
 LINES = (*NAMES, CRISIS, LIMIT, POINTS)
 #: Styles of those lines that are no bifurcation curves, as `rattle.plot.plane.STYLES` has them.
@@ -34,6 +39,11 @@ OWN_STYLES: dict[str, tuple[str, Any]] = {CRISIS: ("#00695c", (0, (4, 1.5))), LI
 USUAL_SHARE = 0.9  # the least P(quiet) of a design limit
 COVERED = 0xC4 / 0xFF  # how much is covered of the cells in which a chosen family is not
 OPACITY = 0.3  # opacity of the interval of a design limit
+
+
+def is_of_survey_only(variable: str, request: SurveyRequest) -> bool:
+    """Return whether windows of a map are not computed finer: they have nothing that is its."""
+    return variable in SURVEY_ONLY or (variable in IN_SLOTS and request.slots_follow_families)
 
 
 @dataclass(frozen=True)

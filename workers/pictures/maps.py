@@ -18,22 +18,55 @@ from rattle.plot.drawing import new_figure
 from workers.errors import SurveyError, reading
 from workers.pictures.largest import FLAG_COLOURS
 from workers.pictures.levels import OpenGroup, overview, part_for
-from workers.pictures.look import COVERED, LARGEST, NOTHING_OVER, POINTS, SHARE, USUAL, Finer, Form, Look, Over
+from workers.pictures.look import (
+    AMONG,
+    COVERED,
+    LARGEST,
+    NOTHING_OVER,
+    POINTS,
+    SHARE,
+    USUAL,
+    WHICH,
+    Finer,
+    Form,
+    Look,
+    Over,
+)
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
-from workers.pictures.planes import numbers, plane_of, with_periodic
+from workers.pictures.planes import SLOT_ORDER, UNJOINED, numbers, plane_of, with_periodic
 from workers.survey.levels.grid import centres, halvings
 from workers.survey.levels.reduce import pooled
+from workers.survey.request import BY_FAMILY, BY_FRACTION
 from workers.survey.slices import value_along
 from workers.survey.values.evaluate import FAILED
-from workers.survey.values.schema import FIXED, OF_PERIODIC, is_phase
+from workers.survey.values.quantities import QUANTITIES
+from workers.survey.values.schema import FIXED, OF_PERIODIC, SLOT, Group, is_phase
 
+ONLY_QUIET, EMPTY_SLOT = "only quiet", "empty slot"
 NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"
-#: What it means that a computed cell of a map has no value, or the value 0, if that is not a number among others.
+#: Words of a map for computed cells without a value.
 WITHOUT_VALUE = {
     "basin_entropy": "undecided",
     "boundary_basin_entropy": "no boundary, or undecided",
     "boundary_distance": "undecided",
-    **dict.fromkeys(OF_PERIODIC, "not periodic"),
+    "boundary_distance_phase": "no such impact",
+    "watched_periods": "all samples settled",
+    "attractor_lyapunov": f"quiet, or {EMPTY_SLOT}",
+    **dict.fromkeys(("lyapunov_max", "sum_rule_error", "impulse_balance_error"), ONLY_QUIET),
+    **dict.fromkeys(OF_PERIODIC, "no periodic attractor in this slot"),
+    **{
+        each.name: f"undecided, or {EMPTY_SLOT}" if SLOT in each.dims else "undecided"
+        for each in QUANTITIES
+        if each.group is Group.INTENSITY
+    },
+}
+#: The same of a variable that is not listed, by what it is of.
+WITHOUT_VALUE_OF = {SLOT: EMPTY_SLOT, "orbit": "no such orbit"}
+#: What is in a slot of attractors, by what decides it.
+SLOTS = {
+    BY_FRACTION: "attractor {}, of those of a cell by falling share",
+    BY_FAMILY: "slot {}, by family: a cell's other attractors are in other slots",
+    UNJOINED: "attractor {}, of those of a cell by falling share until families are joined",
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
 FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow
@@ -77,7 +110,7 @@ def map_picture(
         shown["status"].load()
     figure = new_figure(7.0, 5.2)
     axes = figure.add_subplot()
-    draw_map(axes, shown, plane, WITHOUT_VALUE.get(variable, "none"), look, over.finer)
+    draw_map(axes, shown, plane, look=look, finer=over.finer)
     if look.family is not None:
         _dim_others(axes, dataset, look.family)
     third = "".join(f", {name} = {value:g}" for name, value in value_along(dataset).items())
@@ -101,27 +134,45 @@ def title_of(plane: xr.DataArray) -> str:
     if np.iscomplexobj(plane):
         name = f"|{name}|"
     along = (dim for dim, value in plane.coords.items() if not value.dims and dim not in FIXED)
-    chosen = ", ".join(_chosen(str(dim), plane.coords[dim].item()) for dim in along)
+    chosen = ", ".join(_chosen(str(dim), plane.coords[dim].item(), plane) for dim in along)
     return f"{name} ({chosen})" if chosen else name
 
 
-def _chosen(dim: str, value: object) -> str:
-    """What a map is of: an attractor is known by its place in its cell alone."""
-    return f"attractor {value}, of those of a cell by falling share" if dim == "attractor" else f"{dim} {value}"
+def _chosen(dim: str, value: object, plane: xr.DataArray) -> str:
+    """Say which map of several it is: an attractor is known by its slot in its cell alone."""
+    if dim != SLOT:
+        return f"{dim} {value}"
+    return SLOTS[plane.attrs.get(SLOT_ORDER, BY_FRACTION)].format(value)
+
+
+def without_value(plane: xr.DataArray) -> str:
+    """Return what it means that a computed cell of a map has no value, in words."""
+    words = (words for dim, words in WITHOUT_VALUE_OF.items() if dim in plane.coords)
+    return WITHOUT_VALUE.get(str(plane.name)) or next(words, "no value")
+
+
+def meanings_of(plane: xr.DataArray) -> list[str]:
+    """Return what the codes of a map mean, in words."""
+    meanings = [each.replace("_", " ") for each in plane.attrs["flag_meanings"].split()]
+    if plane.name == LARGEST:
+        meanings[0] = ONLY_QUIET if plane.coords[AMONG] == WHICH[1] else "undecided"
+    elif SLOT in plane.coords:
+        meanings[0] = EMPTY_SLOT
+    return meanings
 
 
 def draw_map(
     axes: Axes,
     dataset: xr.Dataset,
     plane: xr.DataArray,
-    nothing: str = "none",
+    nothing: str = "",
     look: Look = USUAL,
     finer: Finer | None = None,
 ) -> None:
     """Draw a map with its colour bar; cells without a value are told apart: to be computed, failed, none.
 
     Args:
-        nothing: what it means that a computed cell has no value.
+        nothing: what it means that a computed cell has no value; by default in the words of `without_value`.
         look: its window, and what its colours span.
         finer: cells that are drawn over those of the survey.
 
@@ -132,7 +183,7 @@ def draw_map(
     if reach > FARTHEST_DRAWN:
         raise SurveyError(f"axes up to {reach:g} cannot be drawn, only up to {FARTHEST_DRAWN:g}: read the numbers")
     values = numbers(plane)
-    layers = valueless_layers(str(plane.name), values, np.asarray(dataset["status"]), nothing)
+    layers = valueless_layers(str(plane.name), values, np.asarray(dataset["status"]), nothing or without_value(plane))
     valueless = np.logical_or.reduce([mask for mask, _ in layers.values()])
     for mask, colour in layers.values():
         _cells(axes, dataset, np.where(mask, 1.0, np.nan), ListedColormap([colour]), Normalize(0, 1))
@@ -237,14 +288,14 @@ def colours_of_codes(plane: xr.DataArray) -> Sequence[str]:
 def scale_of(plane: xr.DataArray, values: np.ndarray) -> tuple[Colormap, Normalize, Sequence[float] | None, list[str]]:
     """Return colour map, norm, ticks and tick labels that suit a variable."""
     if "flag_meanings" in plane.attrs:
-        meanings = plane.attrs["flag_meanings"].replace("not_computed", "none").split()
+        meanings = meanings_of(plane)
         colours = colours_of_codes(plane)
         first = 0 if (values == 0).any() else 1
         codes = [code for code in range(first, len(meanings)) if _is_listed(plane, code, values)] or [first]
         cmap = ListedColormap([colours[code] for code in codes])
         between = [(low + high) / 2 for low, high in pairwise(codes)]
         norm = BoundaryNorm([codes[0] - 0.5, *between, codes[-1] + 0.5], cmap.N)
-        return cmap, norm, codes, [meanings[code].replace("_", " ") for code in codes]
+        return cmap, norm, codes, [meanings[code] for code in codes]
     if plane.dtype == bool:
         return (
             ListedColormap([CODE_COLOURS[0], CODE_COLOURS[1]]),

@@ -8,11 +8,16 @@ import numpy as np
 
 from rattle.attractors.table import PERIODIC
 from workers.errors import SurveyError
+from workers.survey.families import FAMILY
+from workers.survey.request import BY_FAMILY, BY_FRACTION
 from workers.survey.slices import require_slice, third_of
-from workers.survey.values.schema import CELL, OF_PERIODIC
+from workers.survey.values.schema import CELL, OF_PERIODIC, SLOT
 
 if TYPE_CHECKING:  # half a second for who reads a survey, not for who starts a service
     import xarray as xr
+
+#: Attribute of a map of a slot of attractors: what decides which attractor is in it. UNJOINED: by family, in the end.
+SLOT_ORDER, UNJOINED = "slot_order", "unjoined"
 
 
 def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray:
@@ -31,7 +36,14 @@ def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray
                 f"{variable} has {plane.sizes[first]} maps: use an index from 0 to {plane.sizes[first] - 1}"
             )
         plane = plane.isel({first: index, **{dim: 0 for dim in others if dim}})
-    return plane
+    return plane.assign_attrs({SLOT_ORDER: _order_of_slots(dataset)}) if first == SLOT else plane
+
+
+def _order_of_slots(dataset: xr.Dataset) -> str:
+    """Return what decides in which slot an attractor of a survey is, as far as its tiles are by now."""
+    if "family" not in dataset[SLOT].attrs.get("long_name", ""):
+        return BY_FRACTION
+    return BY_FAMILY if FAMILY in dataset else UNJOINED
 
 
 def with_periodic(dataset: xr.Dataset, plane: xr.DataArray, index: int) -> xr.DataArray:

@@ -147,6 +147,14 @@ def manifest_of(place: Place) -> Manifest | None:
     return None
 
 
+def require_there(place: Place) -> None:
+    """Raise StorageError if a store that was there is gone, which is no damage: it may come back."""
+    if not place.occupied():
+        raise StorageError(
+            f"{place} is gone: it was moved or deleted. Bring it back, or run the survey again to compute it anew"
+        )
+
+
 def examine(where: str | Path | Place) -> Integrity:
     """Read every file of a survey's store.
 

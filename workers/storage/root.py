@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from workers.errors import SurveyError
-from workers.storage.integrity import read_sealed
+from workers.storage.integrity import read_sealed, require_there
 from workers.storage.location import Place
 from workers.survey.seals import ROOT, sealed
 
@@ -38,5 +38,6 @@ def tell(place: Place, told: Mapping[str, Any]) -> None:
 
 def _root(place: Place) -> dict[str, Any]:
     if (root := read_sealed(place, ROOT)) is None:
+        require_there(place)
         raise SurveyError(f"{ROOT} of {place} is damaged: run the survey again to repair it")
     return root

@@ -24,6 +24,7 @@ from workers.storage.integrity import (
     manifest_of,
     read,
     read_sealed,
+    require_there,
     whole_tile,
 )
 from workers.storage.location import Place, place_of
@@ -96,6 +97,8 @@ def _require_same(request: AnyRequest, place: Place) -> Manifest:
     manifest = manifest_of(place)
     if manifest is not None and manifest.content_hash == request.content_hash():
         return manifest
+    if manifest is None:
+        require_there(place)
     attributes = _attributes(place)
     if manifest is None and "content_hash" not in attributes:
         raise SurveyError(f"{place} holds something that is not a survey: choose another path")
@@ -155,7 +158,8 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
     place = _place(path, request)
     for key, content in _encoded(request, tile, values):
         if not place.exists():  # a deleted survey would come back, in pieces
-            raise StorageError(f"the store {path} is gone")
+            require_there(place)
+            raise StorageError(f"{ROOT} of {place} is gone: run the survey again to repair it")
         place.put(key, content)
 
 
@@ -234,6 +238,7 @@ def finish_store(where: str | Path | Place) -> None:
     """
     place = place_of(where)
     if (manifest := manifest_of(place)) is None:
+        require_there(place)
         raise SurveyError(f"{place} holds something that is not a survey: choose another path")
     with place.writing():
         if missing := _missing_cells(place):
@@ -265,6 +270,7 @@ def added_to_store(where: str | Path | Place, added: Template, there: Mapping[st
     place = place_of(where)
     root, own = read_sealed(place, ROOT), read_sealed(place, OWN)
     if root is None or own is None:
+        require_there(place)
         raise SurveyError(f"{place} is damaged: run the survey again to repair it")
     files = {key: content for key, content in added.items() if key != ROOT}
     own["attributes"]["files"] |= files_of(files) | dict(there)
@@ -348,6 +354,7 @@ def bands(place: Place, name: str) -> Iterator[np.ndarray]:
     except SurveyError:
         raise
     except Exception as error:  # what a codec raises of a damaged chunk
+        require_there(place)
         raise SurveyError(f"{place} is damaged ({error}): run the survey again to repair it") from error
 
 

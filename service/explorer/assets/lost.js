@@ -18,7 +18,9 @@ function lost() {
   said.setAttribute("role", "alert")
   said.textContent = again
     ? "The connection to the service is lost: nothing here changes until it answers again. Then this view comes back by itself."
-    : "This page cannot be opened: its websocket (/ws) ends before the page is here. Is there a proxy that passes none on? Reload to try again."
+    : "This page cannot be opened: its websocket (/ws) ends before the page is here. A proxy before the service must pass on "
+      + "websockets (nginx: proxy_http_version 1.1; proxy_set_header Upgrade $http_upgrade; proxy_set_header Connection upgrade) "
+      + "and the Host header (proxy_set_header Host $http_host). Reload to try again."
   document.body.append(said)
   const ask = async () => {
     const answer = await fetch("/v1/health", {cache: "no-store"}).catch(() => null)

@@ -19,7 +19,7 @@ from service.explorer.map.figure import Map
 from service.explorer.map.planes import Block, Plane, Room, box_of
 from service.operations.windows import Windows, inside, is_coarse
 from workers import Frame
-from workers.pictures.look import SURVEY_ONLY as OF_SURVEYS
+from workers.pictures.look import is_of_survey_only
 from workers.pictures.planes import numbers
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
@@ -74,7 +74,7 @@ class Closer:
             self.seen = partial(plane.block, window, pixels)
         self._on_seen()
         is_coarser = is_coarse(plane.delta, plane.epsilon, window, pixels)
-        if is_coarser and (variable is None or variable in OF_SURVEYS):
+        if is_coarser and (variable is None or is_of_survey_only(variable, plane.request)):
             self._say(SURVEY_ONLY)
         elif is_coarser and variable is not None:
             self._zoom.start(plane, variable, index, window, pixels)

@@ -13,7 +13,7 @@ from service.explorer.map.planes import UNSEEN, Block, Plane, Room
 from workers.pictures.figure import region_places, widest_of
 from workers.pictures.largest import OTHERS
 from workers.pictures.look import LARGEST, limits_of, positive
-from workers.pictures.maps import WITHOUT_VALUE, ZERO, colours_of_codes, scale_of, title_of, valueless_layers
+from workers.pictures.maps import ZERO, colours_of_codes, scale_of, title_of, valueless_layers, without_value
 
 SHADES = 256
 #: Families have a name on the map where they are so wide, a share of it, and no other name is so near: pixels.
@@ -54,12 +54,7 @@ class Colouring:
 def layers_of(plane: Plane, block: Block) -> dict[str, tuple[np.ndarray, str]]:
     """Which cells have no value, and the colour for each reason."""
     variable = str(plane.plane.name)
-    return valueless_layers(variable, block.values, block.status, _nothing(plane))
-
-
-def _nothing(plane: Plane) -> str:
-    """What it means that a computed cell has no value."""
-    return WITHOUT_VALUE.get(str(plane.plane.name), "none")
+    return valueless_layers(variable, block.values, block.status, without_value(plane.plane))
 
 
 def _share(block: Block, code: int, shown: np.ndarray, computed: int) -> float:
@@ -91,7 +86,7 @@ def colouring(plane: Plane, block: Block, limits: Limits | Pair, log: bool, room
     shown = values[reasons == 0].astype(float)
     cmap, norm, codes, labels = scale_of(plane.plane, shown)
     computed = int((block.status != 0).sum())
-    nothing = _nothing(plane)
+    nothing = without_value(plane.plane)
     shades = tuple(
         Shade(label, colour, float((reasons == number).sum() / reasons.size))
         if block.without is None or label != nothing

@@ -14,14 +14,13 @@ import numpy as np
 import xarray as xr
 
 from service.database.tables import JobRow, State
-from service.errors import MissingError
 from service.explorer.common.address import Chosen, Pair, Ranges
 from service.state import Front
 from workers import SurveyRequest, open_survey
 from workers.errors import reading
 from workers.pictures.largest import open_maps
 from workers.pictures.levels import Part, Seen, of_cells, of_level, part_for
-from workers.pictures.look import LARGEST, SHARE, WHICH
+from workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH
 from workers.pictures.planes import numbers, plane_of, with_periodic
 from workers.storage.store import has_added
 from workers.survey.levels.grid import GROUP, centres, halvings, levels_of
@@ -35,7 +34,7 @@ ENLARGED = 200  # points along an axis of an enlarged window
 SIDE = 512  # cells along an axis that are drawn at once, unless the screen is known to have room for more
 BAND = 1 << 20  # numbers that are read at a time
 SLICE_SECONDS = 1.0  # of reading, after which what is known is drawn
-Key = tuple[str, str, int, int]
+Key = tuple[str, str, int, int, bool]
 Room = tuple[int, int]  # pixels along (delta, epsilon)
 UNSEEN: Room = (700, 550)  # of a map whose browser has not said it
 
@@ -68,9 +67,7 @@ class Plane:
     is_kept = True  # in memory, all cells
 
     def __init__(self, front: Front, job: JobRow, variable: str, index: int, number: int = 0) -> None:
-        place = front.directory.store(job.id)
-        if not place.exists():
-            raise MissingError(f"The survey is {job.state} and has no numbers yet.")
+        _, place = front.with_numbers(job.id)
         self.id, self.number = job.id, job.number
         self._front = front
         request = SurveyRequest.model_validate(job.request)
@@ -289,13 +286,13 @@ class Atlas:
 
     def plane(self, job: JobRow, variable: str, index: int, number: int = 0) -> tuple[Plane, bool]:
         """A map, of a third axis the one of this slice, and whether all that is there of it has been read; if not, ask
-        again.
+        again. One of slots is read anew when the survey has ended: they may have been moved.
 
         Raises:
             MissingError: the survey has no numbers yet.
             SurveyError: it has no such map, or cannot be read.
         """
-        key = (job.id, variable, index, number)
+        key = (job.id, variable, index, number, variable in IN_SLOTS and job.state == State.SUCCESSFUL)
         with self._lock:
             plane = self._planes.get(key)
             if plane is not None:

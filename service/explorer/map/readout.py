@@ -17,7 +17,7 @@ from service.explorer.design.axes import written
 from service.explorer.design.fields import NUMBERS, in_unit
 from service.explorer.map.planes import Block, Plane
 from workers import QUANTITIES
-from workers.pictures.maps import WITHOUT_VALUE, title_of
+from workers.pictures.maps import meanings_of, title_of, without_value
 from workers.survey.families import FAMILY
 from workers.survey.machine import SurveyedMachine
 from workers.survey.values.evaluate import FAILED, KINDS, STATUS
@@ -76,8 +76,8 @@ def finer_value(plane: Plane, finer: Block | None, delta: float, epsilon: float)
     value = finer.at(delta, epsilon) if finer is not None else None
     if value is None:
         return None
-    nothing = WITHOUT_VALUE.get(str(plane.plane.name), "none")
-    return f"{title_of(plane.plane)}, computed here", nothing if np.isnan(value) else _value(value, plane.plane)
+    here = without_value(plane.plane) if np.isnan(value) else _value(value, plane.plane)
+    return f"{title_of(plane.plane)}, computed here", here
 
 
 def in_words(plane: Plane, delta: float, epsilon: float, window: Ranges, finer: Block | None = None) -> str:
@@ -92,15 +92,15 @@ def in_words(plane: Plane, delta: float, epsilon: float, window: Ranges, finer: 
     if status in (0, FAILED):
         said = STATUS[status].replace("_", " ")
     elif np.isnan(value):
-        said = WITHOUT_VALUE.get(str(plane.plane.name), "none")
+        said = without_value(plane.plane)
     else:
         said = _value(value, plane.plane)
     return f"{place}: {title_of(plane.plane)}, {said}"
 
 
 def _value(number: float, variable: xr.DataArray) -> str:
-    if meanings := variable.attrs.get("flag_meanings"):
-        return str(meanings).split()[int(number)].replace("_", " ")
+    if "flag_meanings" in variable.attrs:
+        return meanings_of(variable)[int(number)]
     return _number(bool(number) if variable.dtype == bool else number)
 
 

@@ -31,6 +31,7 @@ KEPT = 4  # drawings of finished maps, of a few MiB each: whoever opens a page l
 
 EXACT = "exact at β = 0.6, without any survey: click a point to see its motions, basins and diagram"
 
+USUAL_FILLING = "quiet_fraction"  # what a survey that is computed shows, if it has that
 BEFOREHAND = "exact, before the survey has come to it"
 WAITING = "exact; the survey waits for its turn"
 
@@ -43,6 +44,17 @@ def in_closed_form(request: SurveyRequest, variable: str) -> bool:
         return False
     found = map_quantity(variable, 0, request)
     return request.model is Model.IMPACTING and found.group in CLOSED_FORM
+
+
+def usual_variable(request: SurveyRequest, is_computed: bool) -> str:
+    """Return the map of a survey that is shown unless another one is chosen: the first that it has, and while it is
+    computed one that fills in.
+    """
+    first, *others = [name for name in maps_of(request) if name not in ("status", LARGEST)] or ["status"]
+    if not is_computed or not in_closed_form(request, first):
+        return first
+    filling = [name for name in others if not in_closed_form(request, name)]
+    return USUAL_FILLING if USUAL_FILLING in filling else next(iter(filling), first)
 
 
 class WithoutSurvey(Protocol):
@@ -102,11 +114,11 @@ class Shared:
         jobs, _ = self.front.database.jobs(LISTED)
         job = shown_first(jobs)
         if job is None:
-            self.exact_map(View(variable=next(iter(maps_of(self.exact.request)))))
+            self.exact_map(View(variable=usual_variable(self.exact.request, False)))
             return Impacting(), UNCHOSEN
         whole = SurveyRequest.model_validate(job.request)
         if job.state == State.SUCCESSFUL:
-            self.map_of(job, View(survey=job.id, variable=next(iter(maps_of(whole)))), UNSEEN)
+            self.map_of(job, View(survey=job.id, variable=usual_variable(whole, False)), UNSEEN)
         request = whole.at(whole.along(0))
         return request.gear_model, window_of(request)
 

@@ -14,6 +14,7 @@ import panel as pn
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
 from service.database.tables import UNREADABLE, JobRow, State
+from service.errors import MissingError
 from service.explorer.common.address import UNCHOSEN, Entered, Pair, Pin, Ranges, View, numbered
 from service.explorer.common.drawings import PAUSE
 from service.explorer.common.heading import Heading
@@ -32,7 +33,7 @@ from service.explorer.map.overlays import WHOLE, Lines
 from service.explorer.map.picture import AsSeen
 from service.explorer.map.planes import SIDE, Block, Plane, maps_of, window_of
 from service.explorer.map.readout import in_words
-from service.explorer.map.shared import Shared, in_closed_form
+from service.explorer.map.shared import Shared, in_closed_form, usual_variable
 from service.explorer.point.panel import Above
 from service.explorer.point.state import marks_of, stands_for
 from workers import SurveyRequest
@@ -41,6 +42,7 @@ from workers.survey.machine import SurveyedMachine
 
 #: What does not stay when another survey is chosen.
 OF_A_SURVEY = {"delta": None, "epsilon": None, "point": None, "machine": None, "slice": 0, "family": None}
+BEGINS = "<p class=faint>The first cells of this survey are being computed.</p>"
 WAITS = "<p class=faint>This survey waits for its turn.</p>"
 
 
@@ -60,6 +62,7 @@ class MapView:
         on_pointed: Callable[[Pair], None] = lambda _at: None,
     ) -> None:
         self._shared, self._viewer, self.view, self._remember = shared, viewer, view, remember
+        self._has_chosen_variable = bool(view.variable)
         self._on_pointed = on_pointed
         self._job: JobRow | None = None
         self._whole: SurveyRequest | None = None  # of the survey that is chosen, which may have no numbers yet
@@ -168,9 +171,11 @@ class MapView:
             self._job, self._request, self._plane = job, None, None
             self._show_nothing(f"<p>{UNREADABLE}</p>")
             return
-        if self._job is None or self._job.id != job.id:
-            self._offer(SurveyRequest.model_validate(job.request))
+        known = self._job if self._job is not None and self._job.id == job.id else None
         self._job = job
+        begins = known is not None and known.state != job.state and self._is_computed
+        if known is None or (begins and not self._has_chosen_variable):
+            self._offer(SurveyRequest.model_validate(job.request))
         if self._drawing is None or self._drawing.done():
             self._drawing = self._viewer.start(self._keep_drawing())
 
@@ -180,7 +185,8 @@ class MapView:
         maps = maps_of(request)
         self._cut(request, self.view.slice)
         self.map.in_si(request.machine)
-        variable = self.view.variable if self.view.variable in maps else next(iter(maps))
+        stays = self._has_chosen_variable and self.view.variable in maps
+        variable = self.view.variable if stays else usual_variable(request, self._is_computed)
         self._maps = maps
         self._controls.offer_variables(maps, variable)
         self._change(variable=variable)
@@ -243,7 +249,8 @@ class MapView:
                 partial(self._shared.map_of, job, view, self.map.pixels)
             )
         except RattleError as error:
-            text = f'<p class="notice" role="alert">{escape(str(error))}</p>'
+            begins = isinstance(error, MissingError) and job.state == State.RUNNING and not job.cells_done
+            text = BEGINS if begins else f'<p class="notice" role="alert">{escape(str(error))}</p>'
             self._viewer.change(lambda: show(lambda: self._show_nothing(text)))
             return True
         await self._viewer.changed(lambda: show(lambda: self._draw(plane, block, colours, view)))
@@ -299,7 +306,17 @@ class MapView:
             self._told = self.seen
             self._remember(self.view)
 
+    @property
+    def _is_computed(self) -> bool:
+        """Whether the survey that is shown is at work."""
+        return self._job is not None and self._job.state == State.RUNNING
+
+    def show_usual_variable(self) -> None:
+        """Let the next survey decide which map is shown, whatever was chosen before."""
+        self._has_chosen_variable = False
+
     def _on_variable(self) -> None:
+        self._has_chosen_variable = True
         self._change(variable=self._controls.variable, index=0, limits="auto")
         self._offer_index()
         self._draw_anew()

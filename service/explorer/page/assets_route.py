@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
@@ -12,8 +11,6 @@ from starlette.types import Message, Receive, Scope, Send
 if TYPE_CHECKING:
     from service.explorer.page.transport import Transport
 
-#: Seconds: so long nobody asks for anything, and so long at most, until a browser is taken to have what it needs.
-QUIET, LONGEST = 0.08, 0.6
 FOREVER = "private, max-age=31536000, immutable"  # an address with a version never means anything else
 MOST_KEPT = 16 << 20  # bytes
 
@@ -25,24 +22,8 @@ class Assets:
         self._load = load
         self._kept: dict[tuple[str, bytes], list[Message]] = {}
         self._size = 0
-        self._at_work, self._asked = 0, 0.0
-
-    async def quiet(self) -> None:
-        """Wait until a browser that has just got the head of its page has got what the head asks for."""
-        loop = asyncio.get_running_loop()
-        began = loop.time()
-        while (now := loop.time()) < began + LONGEST and (self._at_work or now < max(began, self._asked) + QUIET):
-            await asyncio.sleep(0.005)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        self._at_work += 1
-        try:
-            await self._answer(scope, receive, send)
-        finally:
-            self._at_work -= 1
-            self._asked = asyncio.get_running_loop().time()
-
-    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
         key = (scope["path"], scope["query_string"])
         headers = Headers(scope=scope)
         whole = scope["method"] == "GET" and "range" not in headers and "if-none-match" not in headers

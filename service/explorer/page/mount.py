@@ -9,20 +9,19 @@ from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
-from weakref import WeakSet
 
 from fastapi import FastAPI, Request, Response
 from starlette.concurrency import run_in_threadpool
-from starlette.responses import StreamingResponse
+from starlette.responses import HTMLResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import Message, Receive, Scope, Send
 
 from service.access import login
+from service.access.origins import require_root
 from service.errors import UnavailableError
-from service.explorer.common.address import View
 from service.explorer.common.news import News
 from service.explorer.page.assets_route import Assets
-from service.explorer.page.head import COOKIE, SCHEME, Schemes, body_of, following, head_of, is_known
+from service.explorer.page.head import SCHEME, body_of, head_of
 from service.jobs.manager import STARTING
 from service.observability.logs import adopt_handlers
 from service.operations.overlaid import Overlaid
@@ -56,6 +55,8 @@ CONTENT_SECURITY = "; ".join(
     )
 )
 
+PAGE_HEADERS = {"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"}
+
 log = logging.getLogger(__name__)
 
 
@@ -71,11 +72,11 @@ class Explorer:
         self._loading: asyncio.Future[Transport] | None = None
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
-        self._assets, self._schemes, self._socket = Assets(self.load), Schemes(), _Socket(self.load)
+        self._assets, self._socket = Assets(self.load), _Socket(self.load)
         app.router.routes += [
-            Route("/", self._page, methods=["GET"], include_in_schema=False),
+            Route("/", self._first, methods=["GET"], include_in_schema=False),
             WebSocketRoute("/ws", self._socket),
-            Route("/scheme", self._schemes.route, methods=["GET"], include_in_schema=False),
+            Route("/page", self._page, methods=["GET"], include_in_schema=False),
             Route("/static/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             Route("/components/{path:path}", self._assets, methods=["GET"], include_in_schema=False),
             *login.ROUTES,
@@ -146,41 +147,32 @@ class Explorer:
 
             self._warming = asyncio.create_task(prepare(self._front))
 
+    async def _first(self, _request: Request) -> Response:
+        """What asks for a page, which takes memory until its browser leaves: nobody gets one who runs no script."""
+        await self.load()
+        return HTMLResponse(self._head, headers=PAGE_HEADERS)
+
     async def _page(self, request: Request) -> Response:
         from service.explorer.common.viewer import CALLER
 
-        assert self._front is not None
-
+        require_root(request.headers)
         bokeh = await self.load()
         if len(list(bokeh.context.sessions)) >= self._settings.max_pages:
-            await self._socket.forget_unused(bokeh, UNUSED_MILLISECONDS)
+            await forget_unused(bokeh)
         if len(list(bokeh.context.sessions)) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
-
-        async def parts() -> AsyncIterator[str]:
-            scheme = request.cookies.get(COOKIE, "")
-            given = request.query_params
-            query = {name: [value.encode() for value in given.getlist(name)] for name in given}
-            view = View.parse(query)
-            async with self._schemes.asked() as (page, answer):
-                yield following(self._head, view, scheme, page)
-                await self._assets.quiet()
-                if not is_known(view, scheme):
-                    with suppress(TimeoutError):
-                        scheme = await asyncio.wait_for(answer, ANSWER_SECONDS)
-            CALLER.set(request.state.caller)
-            SCHEME.set(scheme)
-            # one that is begun is finished, and swept if the browser has left: nobody else would end it
-            yield body_of(await asyncio.shield(bokeh.document(request)))
-
-        headers = {"Content-Security-Policy": CONTENT_SECURITY, "Cache-Control": "no-store"}
-        return StreamingResponse(parts(), media_type="text/html", headers=headers)
+        CALLER.set(request.state.caller)
+        SCHEME.set(request.headers.get("rattle-theme", ""))
+        at_root = Request({**request.scope, "path": "/", "raw_path": b"/"}, request.receive)
+        # one that is begun is finished, and swept if the browser has left: nobody else would end it
+        body = body_of(await asyncio.shield(bokeh.document(at_root)))
+        return HTMLResponse(body, headers=PAGE_HEADERS)
 
     async def _sweep(self) -> None:
         while True:
             await asyncio.sleep(SWEEP_SECONDS)
             if (bokeh := self._loaded()) is not None:
-                await self._socket.forget_unused(bokeh, AWAITED_MILLISECONDS)
+                await forget_unused(bokeh)
 
     def _loaded(self) -> Transport | None:
         done = self._loading is not None and self._loading.done() and not self._loading.exception()
@@ -198,9 +190,13 @@ def _session_of(bokeh: Transport, scope: Scope) -> ServerSession | None:
 
 
 SWEEP_SECONDS = 10.0
-UNUSED_MILLISECONDS = 15_000  # of a page whose browser has left, which may come back
-AWAITED_MILLISECONDS = 120_000  # of one whose browser still loads the scripts; each is told all news meanwhile
+UNUSED_MILLISECONDS = 15_000  # of a page whose browser is still to come, or has left and may come back
 LEFT = (1000, 1001)  # codes of RFC 6455: a connection that is no longer needed, a page that was closed or reloaded
+
+
+async def forget_unused(bokeh: Transport) -> None:
+    """End the pages that no browser has come to, or that nobody comes back to."""
+    await bokeh.context._cleanup_sessions(UNUSED_MILLISECONDS)
 
 
 class _Socket:
@@ -208,15 +204,6 @@ class _Socket:
 
     def __init__(self, load: Callable[[], Awaitable[Transport]]) -> None:
         self._load = load
-        self._visited: WeakSet[ServerSession] = WeakSet()
-
-    async def forget_unused(self, bokeh: Transport, awaited: float) -> None:
-        """End the pages that nobody comes back to, and those that no browser came to in so many milliseconds."""
-        for session in bokeh.context.sessions:
-            longest = UNUSED_MILLISECONDS if session in self._visited else awaited
-            if session.connection_count == 0 and session.milliseconds_since_last_unsubscribe > longest:
-                session.request_expiration()
-        await bokeh.context._cleanup_sessions(AWAITED_MILLISECONDS)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         from service.explorer.common.viewer import CALLER
@@ -230,7 +217,6 @@ class _Socket:
             log.info("a page was refused: it is not there, or no longer")
             await send({"type": "websocket.close", "code": 1008, "reason": GONE})
             return
-        self._visited.add(session)
 
         async def noted() -> Message:
             nonlocal code
@@ -242,7 +228,7 @@ class _Socket:
             await bokeh.socket(scope, noted, send)
             if code in LEFT:
                 session.request_expiration()  # what it had computed would be computed on
-                await self.forget_unused(bokeh, AWAITED_MILLISECONDS)
+                await forget_unused(bokeh)
         if visit.cancelled_caught:
             with suppress(RuntimeError):  # closed from the other side meanwhile
                 await send({"type": "websocket.close", "code": 1008, "reason": SIGNED_OUT})

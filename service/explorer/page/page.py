@@ -211,6 +211,7 @@ class Page:
 
             def choose() -> None:
                 self._standings[survey_id] = Standing(job, None, None)
+                self._map.show_usual_variable()
                 self._list.chosen = survey_id
 
             self._viewer.change(choose)

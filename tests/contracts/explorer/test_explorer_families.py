@@ -2,6 +2,7 @@
 
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from urllib.parse import parse_qs
 
@@ -16,12 +17,16 @@ from service.explorer.common.address import Pin, View
 from service.explorer.families.told import longest
 from service.explorer.families.view import Families
 from service.explorer.further.difference import Difference
-from service.explorer.map.colouring import colouring
+from service.explorer.map.colouring import colouring, layers_of
 from service.explorer.map.picture import picture_query
+from service.explorer.map.readout import in_words
 from service.explorer.map.view import MapView
 from service.state import Front
 from workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
-from workers.pictures.look import LARGEST, SHARE
+from workers.pictures.largest import open_maps
+from workers.pictures.look import LARGEST, SHARE, is_of_survey_only
+from workers.pictures.maps import meanings_of
+from workers.pictures.planes import plane_of
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -118,6 +123,45 @@ def test_one_that_is_chosen_is_told_of_and_the_others_dimmed(tmp_path: Path) -> 
         assert shown.map._others.data["image"] == []
         assert len(families.which.options) == 1
         assert not families._said.html
+
+    with_families(tmp_path, body)
+
+
+def test_an_empty_slot_is_not_taken_for_a_cell_without_attractors(tmp_path: Path) -> None:
+    async def body(front: Front, shown: MapView, _families: Families) -> None:
+        survey_id = accepted(front, REQUEST).id
+        compute(front, survey_id, REQUEST)
+        atlas, store = shown._shared.atlas, front.directory.store(survey_id)
+        before, _ = atlas.plane(front.database.job(survey_id), "attractor_kind", 0)
+        found = colouring(before, before.block(), "auto", False)
+        assert "by falling share until families are joined" in found.title
+        complete(REQUEST, store)
+        front.database.set_state(survey_id, State.SUCCESSFUL)
+        stored = open_survey(store)
+        kinds = stored.attractor_kind.values
+        (slot,) = np.flatnonzero(
+            ((kinds == 0) & (kinds > 0).any(axis=0)).any(axis=(1, 2)) & (kinds > 0).any(axis=(1, 2))
+        )[:1]
+        plane, _ = atlas.plane(front.database.job(survey_id), "attractor_kind", int(slot))
+        np.testing.assert_array_equal(plane.values, kinds[slot])  # slots as they are since the join
+        found = colouring(plane, plane.block(), "auto", False)
+        assert f"slot {slot}, by family: a cell's other attractors are in other slots" in found.title
+        shades = {each.label: each.share for each in found.shades}
+        assert "none" not in shades
+        assert shades["empty slot"] == pytest.approx((kinds[slot] == 0).mean())
+        i, j = np.argwhere((kinds[slot] == 0) & (kinds > 0).any(axis=0))[0]
+        assert in_words(plane, plane.delta[j], plane.epsilon[i], plane.box).endswith(", empty slot")
+        moved, _ = atlas.plane(front.database.job(survey_id), "attractor_kind", 0)
+        np.testing.assert_array_equal(moved.values, kinds[0])  # read anew: they have been moved
+        assert is_of_survey_only("attractor_kind", REQUEST)  # windows are not joined
+        assert not is_of_survey_only("attractor_kind", REQUEST.model_copy(update={"slots_by": "fraction"}))
+        with open_maps(partial(open_survey, store), LARGEST) as dataset:
+            assert [meanings_of(plane_of(dataset, LARGEST, which))[0] for which in (0, 1)] == [
+                "undecided",
+                "only quiet",
+            ]
+        exponents, _ = atlas.plane(front.database.job(survey_id), "lyapunov_max", 0)
+        assert "only quiet" in layers_of(exponents, exponents.block())  # as in the figure of a survey
 
     with_families(tmp_path, body)
 

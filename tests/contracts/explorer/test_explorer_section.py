@@ -74,9 +74,9 @@ def test_gaps_are_where_a_map_has_no_value(exact: Exact) -> None:
     plane = exact.plane("orbit_velocity", 2)  # C
     found = profile_of(plane, ((0.45, 0.02), (0.95, 0.28)))
     lengths, none = np.diff(found.at), np.isnan(found.values)
-    assert 0 < found.gaps["none"] < 1
-    assert found.gaps["none"] == pytest.approx(lengths[none].sum())
-    assert f"Gaps: {found.gaps['none']:.2g} of the way: none" in in_words(found)
+    assert 0 < found.gaps["no such orbit"] < 1
+    assert found.gaps["no such orbit"] == pytest.approx(lengths[none].sum())
+    assert f"Gaps: {found.gaps['no such orbit']:.2g} of the way: no such orbit" in in_words(found)
     low, high = spanned(found)
     assert low < np.nanmin(found.values) <= np.nanmax(found.values) < high
     drawn = np.repeat(found.values, 2)

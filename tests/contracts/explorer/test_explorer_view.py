@@ -25,8 +25,8 @@ from service.explorer.map import shared as map_shared
 from service.explorer.map import view as map_view
 from service.explorer.map.closer import block_of
 from service.explorer.map.colouring import colouring
-from service.explorer.map.planes import Atlas
-from service.explorer.map.shared import Shared
+from service.explorer.map.planes import Atlas, maps_of
+from service.explorer.map.shared import Shared, usual_variable
 from service.explorer.map.view import MapView
 from service.explorer.page.rows import row_of
 from service.explorer.places.exact import Exact, ExactPlane
@@ -348,6 +348,59 @@ def test_without_any_survey_the_plane_is_shown_as_it_is_known(tmp_path: Path) ->
     with_map(tmp_path, body)
 
 
+@pytest.mark.parametrize(
+    ("asked", "filling"),
+    [
+        ({"quantities": ["region", "orbits", "attractors"]}, "quiet_fraction"),
+        ({"quantities": ["region", "basins"]}, "basin_entropy"),
+        ({"quantities": ["region", "orbits"]}, "region"),  # no other is there
+        ({"quantities": ["grazing"]}, "status"),
+        ({"quantities": ["region", "attractors"], "model": "stiff", "kappa": 1e4}, "region"),  # which fills in, too
+    ],
+)
+def test_the_usual_map_of_a_survey_that_is_computed_is_one_that_fills_in(asked: dict[str, Any], filling: str) -> None:
+    request = SurveyRequest(**BODY | asked)
+    assert usual_variable(request, True) == filling
+    assert usual_variable(request, False) == next(iter(maps_of(request)))
+
+
+def test_a_map_that_nobody_chose_fills_in_from_where_its_survey_begins(tmp_path: Path) -> None:
+    asked = SurveyRequest(**BODY)
+
+    async def body(front: Front, shown: MapView) -> None:
+        job = accepted(front, asked)
+        shown.choose(job)
+        await eventually(lambda: cells(shown))
+        assert shown.view.variable == "region"
+        front.database.set_state(job.id, State.RUNNING)
+        shown.follow(Standing(front.database.job(job.id), None, None))
+        await eventually(lambda: "The first cells of this survey" in shown._title.html)
+        assert shown.view.variable == shown._controls.variable == "quiet_fraction"
+        for number in (0, 1):
+            compute(front, job.id, asked, slice(number, number + 1))
+            shown.follow(Standing(front.database.job(job.id), None, None))
+            left = 1 - front.database.job(job.id).cells_done / asked.n_cells
+            await eventually(lambda left=left: shown._colours and shown._colours.shades[0].share == pytest.approx(left))
+            assert shown._colours is not None
+            assert "ends quiet" in shown._colours.title
+            assert shown._colours.shades[0].label == "not computed"
+        shown._controls._variable.value = "region"
+        await eventually(lambda: "before the survey has come" in shown._title.html)
+        front.database.set_state(job.id, State.ACCEPTED)  # it waits for its turn again
+        shown.follow(Standing(front.database.job(job.id), None, None))
+        front.database.set_state(job.id, State.RUNNING)
+        shown.follow(Standing(front.database.job(job.id), None, None))
+        assert shown.view.variable == "region"  # which was chosen
+        shown.show_usual_variable()  # as where another survey has been submitted
+        shown.choose(accepted(front, asked.model_copy(update={"beta": 0.5})))
+        assert shown.view.variable == "region"
+        front.database.set_state(shown.view.survey, State.RUNNING)
+        shown.follow(Standing(front.database.job(shown.view.survey), None, None))
+        assert shown.view.variable == "quiet_fraction"
+
+    with_map(tmp_path, body)
+
+
 def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path) -> None:
     """Of what is computed already all is read, and of the other cells what is known of them."""
     asked = SurveyRequest(**BODY | {"beta": 0.5})
@@ -356,6 +409,7 @@ def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path
         job = accepted(front, asked)
         shown.choose(job)
         await eventually(lambda: cells(shown) and "waits for its turn" in shown._title.html)
+        assert shown.view.variable == "region"
         plane = shown._plane
         assert plane is not None
         delta, epsilon = asked.delta.values(), asked.epsilon.values()
@@ -377,4 +431,4 @@ def test_closed_forms_of_a_survey_are_shown_before_it_is_computed(tmp_path: Path
         assert shown._plane is not None
         assert np.count_nonzero(shown._plane.status) == 6  # the cells of a tile
 
-    with_map(tmp_path, body)
+    with_map(tmp_path, body, variable="region")

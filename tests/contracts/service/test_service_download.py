@@ -16,6 +16,7 @@ from service_support import BODY, assert_problem, compute, front_end, front_of
 
 from service.database import DoneTile
 from service.database.tables import State
+from service.errors import MissingError
 from service.explorer.map.colouring import colouring
 from service.explorer.map.planes import Atlas
 from service.explorer.page.form import in_words
@@ -152,6 +153,22 @@ def test_what_has_no_numbers_cannot_be_downloaded(client: TestClient, ending: st
     assert_problem(client.get(f"/v1/surveys/nothing/download.{ending}"), 404, "no survey")
     waiting = client.post("/v1/surveys?force=true", json=BODY | {"seed": 9}).json()["id"]
     assert_problem(client.get(f"/v1/surveys/{waiting}/download.{ending}"), 404, "no numbers yet")
+
+
+def test_a_store_that_was_moved_away_is_said_to_be_gone(tmp_path: Path) -> None:
+    request = SurveyRequest(**BODY | {"quantities": ["region"]})
+    with front_end(tmp_path) as client:
+        front = front_of(client)
+        survey_id = str(client.post("/v1/surveys", json=request.model_dump(mode="json")).json()["id"])
+        compute(front, survey_id, request)
+        Path(str(front.directory.store(survey_id))).rename(tmp_path / "moved")
+        for state in (State.RUNNING, State.SUCCESSFUL):
+            front.database.set_state(survey_id, state)
+            for ending in ("map.png", "download.nc", "download.csv"):
+                refused = client.get(f"/v1/surveys/{survey_id}/{ending}")
+                assert_problem(refused, 404, "is gone: it was moved or deleted. Bring it back, or POST")
+            with pytest.raises(MissingError, match="is gone"):
+                Atlas(front).plane(front.database.job(survey_id), "region", 0)
 
 
 def test_a_map_of_a_survey_that_runs_grows_by_the_tiles_that_are_new(client: TestClient, running: str) -> None:

@@ -1,6 +1,9 @@
 """The documents at /help, where they are installed."""
 
+import re
+import shutil
 from pathlib import Path
+from urllib.parse import urljoin, urlsplit
 
 import pytest
 from service_support import front_end
@@ -10,6 +13,7 @@ import service.app
 
 def test_documents_are_shown_where_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(service.app, "DOCUMENTS", tmp_path / "help")
+    monkeypatch.setattr(service.app, "SOURCES", tmp_path / "docs")
     with front_end(tmp_path / "one") as client:
         assert client.get("/help/").status_code == 404
     (tmp_path / "help" / "tutorials").mkdir(parents=True)
@@ -24,3 +28,33 @@ def test_documents_are_shown_where_they_are(tmp_path: Path, monkeypatch: pytest.
         assert client.get("/help/%2e%2e/secret").status_code == 404
         assert client.get("/help/nowhere").status_code == 404
         assert "/help" not in client.get("/openapi.json").text
+
+
+@pytest.mark.parametrize("where", ["DOCUMENTS", "SOURCES"])
+def test_documents_are_pages_before_a_site_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    monkeypatch.setattr(service.app, "DOCUMENTS", tmp_path / "help")
+    if where == "DOCUMENTS":  # as a wheel has them
+        shutil.copytree(service.app.SOURCES, tmp_path / "help", ignore=shutil.ignore_patterns("site", "generated"))
+        monkeypatch.setattr(service.app, "SOURCES", tmp_path / "docs")
+    with front_end(tmp_path / "data") as client:
+        todo, asked, seen = ["/help/"], {"/help/"}, dict[str, str]()
+        while todo:  # every page that is linked, and every picture
+            answer = client.get(todo.pop())
+            assert answer.status_code == 200, answer.url
+            here = str(answer.url)
+            seen[here.partition("/help/")[2]] = answer.text if "html" in answer.headers["content-type"] else ""
+            assert "default-src 'self'" in answer.headers["content-security-policy"]
+            links = re.findall(r'(?:href|src)="([^"#]+)', seen[here.partition("/help/")[2]])
+            paths = {urlsplit(urljoin(here, link)).path for link in links if not link.startswith("https:")}
+            todo += [path for path in paths if path.startswith("/help/") and path not in asked]
+            asked |= paths
+        assert {"", "explorer.md", "how-to/surveys.md", "images/survey.png", "decisions/README.md"} <= set(seen)
+        assert "<h1" in seen["explorer.md"]
+        assert "<table>" in seen["how-to/surveys.md"]
+        assert "toctree" not in seen[""]
+        assert 'id="slots"' in seen["families.md"]  # links lead to headings
+        assert client.get("/help/../service/app.py").status_code == 404
+        assert client.get("/help/%2e%2e/service/app.py").status_code == 404
+        assert client.get("/help/nowhere.md").status_code == 404

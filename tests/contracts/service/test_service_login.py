@@ -202,24 +202,28 @@ def test_the_websocket_of_a_page_needs_a_key_and_a_page(client: TestClient) -> N
 
 
 def test_assets_are_closed_like_the_page(client: TestClient) -> None:
-    assert_problem(client.get("/static/js/bokeh.min.js"), 401)
+    for path in ("/static/js/bokeh.min.js", "/page"):
+        assert_problem(client.get(path), 401)
 
 
 def test_where_no_key_is_asked_the_page_is_open_to_its_own_names_only(tmp_path: Path) -> None:
     with front_end(tmp_path) as client:
+        assert client.get("/page?theme=dark").status_code == 200
         page = client.get("/?theme=dark")
         assert page.status_code == 200
         assert "connect-src 'self'" in page.headers["content-security-policy"]
         assert page.headers["cache-control"] == "no-store"
         assert client.get("/static/js/bokeh.min.js").status_code == 200
-        assert_problem(client.get("/", headers={"Host": "evil.example"}), 403)
+        for path in ("/", "/page"):
+            assert_problem(client.get(path, headers={"Host": "evil.example"}), 403)
         assert "https://" not in "".join(part for part in page.text.split("<script") if "src=" in part[:60])
 
 
 def test_the_page_does_not_hold_the_key(client: TestClient) -> None:
     token = token_of(client)
     sign_in(client, token)
-    page = client.get("/")
+    assert token not in client.get("/").text
+    page = client.get("/page")
     assert page.status_code == 200
     assert token not in page.text
     assert "Sign out" in page.text
@@ -234,4 +238,4 @@ def test_pages_beyond_the_limit_wait(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(mount, "SWEEP_SECONDS", HANG)  # none of them is put away meanwhile
     monkeypatch.setattr(mount, "UNUSED_MILLISECONDS", 1000 * HANG)
     with front_end(tmp_path, max_pages=2) as client:
-        assert [client.get("/").status_code for _ in range(3)] == [200, 200, 503]
+        assert [client.get("/page").status_code for _ in range(3)] == [200, 200, 503]

@@ -167,7 +167,9 @@ def test_no_page_of_another_site_is_allowed_to_read(local: TestClient) -> None:
         assert not [name for name in response.headers if name.startswith("access-control-")]
         assert response.headers["x-content-type-options"] == "nosniff"
         assert response.headers["cross-origin-resource-policy"] == "same-origin"
-        assert response.headers["content-security-policy"] == "frame-ancestors 'self'"
+        policy = response.headers["content-security-policy"].split("; ")
+        assert {"default-src 'self'", "frame-ancestors 'self'"} < set(policy)
+        assert not [each for each in policy if "http" in each or "*" in each or "eval" in each]
 
 
 def test_a_page_of_an_origin_in_the_settings_reads_and_does_not_write(tmp_path: Path) -> None:
@@ -191,8 +193,41 @@ def test_an_origin_is_named_in_full(origin: str) -> None:
         Settings(cors_origins=(origin,))
 
 
-def test_websockets_are_refused_like_writes(local: TestClient, client: TestClient) -> None:
+@pytest.mark.parametrize(
+    ("address", "headers", "said"),
+    [
+        ("testclient/rattle/", {}, "'/rattle/', and works at the root of a host only: set the proxy"),
+        ("testclient/rattle", {"Sec-Fetch-Site": "same-origin"}, "'/rattle', and works at the root"),
+        ("gears.example/", {}, "proxy_set_header Host $http_host"),
+        ("127.0.0.1:8443/", {}, "proxy_set_header Host $http_host"),
+    ],
+)
+def test_a_page_behind_a_proxy_that_is_set_up_wrong_says_what_to_set(
+    local: TestClient, caplog: pytest.LogCaptureFixture, address: str, headers: dict[str, str], said: str
+) -> None:
+    refused = local.get("/page", headers={"Rattle-Address": address, **headers})
+    assert_problem(refused, 403, said)
+    assert said in caplog.text
+
+
+def test_a_page_behind_a_proxy_that_is_set_up_well_is_opened(local: TestClient) -> None:
+    for headers in ({}, {"Rattle-Address": HERE.removeprefix("http://") + "/"}):
+        assert local.get("/page", headers=headers).status_code == 200
+    site = {"Sec-Fetch-Site": "same-origin", "Rattle-Address": "gears.example/"}  # a browser has looked already
+    assert local.get("/page", headers=site).status_code == 200
+
+
+def test_a_write_that_a_proxy_has_changed_is_told_of_the_proxy(local: TestClient) -> None:
+    sent = local.post("/v1/surveys", json=BODY, headers={"Origin": "http://gears.example"})
+    assert_problem(sent, 403, "proxy_set_header Host $http_host")
+
+
+def test_websockets_are_refused_like_writes(
+    local: TestClient, client: TestClient, caplog: pytest.LogCaptureFixture
+) -> None:
     for each, headers in ((local, {"Origin": "http://evil.example"}), (client, {})):
         with pytest.raises(WebSocketDisconnect) as refused, each.websocket_connect("/explorer", headers=headers):
             pass
         assert refused.value.code == 1008
+    assert "a websocket was refused: A page of another site may not write here" in caplog.text
+    assert "http://evil.example" in caplog.text

@@ -24,6 +24,7 @@ from service.explorer.map.shared import Shared
 from service.explorer.page import mount
 from service.explorer.point import work
 
+SWEEP_SECONDS = mount.SWEEP_SECONDS
 HOST = "127.0.0.1:8000"
 SOCKET = f"ws://{HOST}/ws"
 OWN = {"Origin": f"http://{HOST}", "Sec-Fetch-Site": "same-origin"}
@@ -36,7 +37,7 @@ def _no_page_is_put_away_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_page_is_let_go_of_when_its_browser_leaves(tmp_path: Path) -> None:
     with front_end(tmp_path) as client:
-        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
         with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
             assert "ACK" in socket.receive_text()
             (page,) = open_pages(client)
@@ -61,7 +62,7 @@ def test_processes_for_the_first_click_are_started_once_a_page_has_its_map(
     monkeypatch.setattr(Map, "cells", drawn)
     with front_end(tmp_path, preload=True) as client:
         for pages in (1, 2):
-            client.get("/")
+            client.get("/page")
             wait_until(lambda pages=pages: seen.count("map") == pages and "processes" in seen)
     assert seen == ["map", "processes", "map"]
 
@@ -83,7 +84,7 @@ def test_the_first_map_is_found_after_the_start_where_that_is_wanted(
 
 def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path: Path) -> None:
     with front_end(tmp_path) as client:
-        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
         body, signature = token.split(".")
         forged = f"{body}.{signature[::-1]}"
         with (
@@ -115,7 +116,7 @@ def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
 
     monkeypatch.setattr(WebSocket, "send_text", send)
     with front_end(tmp_path) as client:
-        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
         with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
             assert "ACK" in socket.receive_text()
             gone.set()
@@ -145,7 +146,7 @@ def test_a_page_ends_with_its_browser_or_when_it_is_swept(
     failures: list[str] = []
     monkeypatch.setattr("panel.io.application.logger.warning", failures.append)  # of what is done at the end
     with front_end(tmp_path) as client:
-        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
         with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
             assert "ACK" in socket.receive_text()
             (page,) = open_pages(client)
@@ -164,7 +165,7 @@ def test_a_browser_that_comes_too_late_is_refused_instead_of_being_given_another
 ) -> None:
     """Of whose parts it knows nothing: it would stay empty."""
     with front_end(tmp_path) as client:
-        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
         client.portal.call(client.app.state.explorer._loading.result().context._cleanup_sessions, 0)
         with (
             pytest.raises(WebSocketDisconnect) as refused,
@@ -176,27 +177,41 @@ def test_a_browser_that_comes_too_late_is_refused_instead_of_being_given_another
     assert not [record for record in caplog.records if record.exc_info]
 
 
-def test_a_page_waits_for_its_browser_longer_than_for_one_that_has_left_unless_others_want_its_place(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_who_runs_no_script_gets_no_page(tmp_path: Path) -> None:
+    """A monitor or a crawler, which never opens a websocket: nothing of what it asks for is kept."""
+    with front_end(tmp_path, max_pages=1) as client:
+        answers = [client.request(method, "/?theme=dark") for method in ("GET", "HEAD") for _ in range(20)]
+        assert {each.status_code for each in answers} == {200}
+        assert {each.text for each in answers} == {answers[0].text, ""}
+        assert open_pages(client) == []
+        assert client.app.state.explorer._news._listeners == set()
+        assert "needs JavaScript" in answers[0].text
+        assert client.get("/page").status_code == 200
+
+
+@pytest.mark.parametrize("visited", [False, True])
+def test_a_page_that_nobody_comes_to_is_swept_within_seconds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, visited: bool
 ) -> None:
-    monkeypatch.setattr(mount, "UNUSED_MILLISECONDS", -1)
-    with front_end(tmp_path, max_pages=2) as client:
-        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
-        with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
-            assert "ACK" in socket.receive_text()
-            (left,) = open_pages(client)
-            socket.close(1006)
-            wait_until(lambda: left.connection_count == 0)
-        client.get("/")
-        explorer = client.app.state.explorer
-        (awaited,) = (page for page in open_pages(client) if page is not left)
-        sweep = explorer._socket.forget_unused, explorer._loading.result()
-        client.portal.call(*sweep, mount.AWAITED_MILLISECONDS)
-        assert open_pages(client) == [awaited]
-        client.get("/")
-        assert len(open_pages(client)) == 2
-        assert client.get("/").status_code == 200
-        assert awaited not in open_pages(client)
+    assert mount.UNUSED_MILLISECONDS + 1000 * SWEEP_SECONDS <= 30_000
+    with front_end(tmp_path, max_pages=1) as client:
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
+        if visited:
+            with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
+                assert "ACK" in socket.receive_text()
+                (left,) = open_pages(client)
+                socket.close(1006)
+                wait_until(lambda: left.connection_count == 0)
+        sweep = mount.forget_unused, client.app.state.explorer._loading.result()
+        (page,) = open_pages(client)
+        client.portal.call(*sweep)
+        assert open_pages(client) == [page]
+        assert client.get("/page").status_code == 503
+        monkeypatch.setattr(mount, "UNUSED_MILLISECONDS", -1)  # its time is up
+        assert client.get("/page").status_code == 200  # nobody waits for the next sweep
+        assert page not in open_pages(client)
+        client.portal.call(*sweep)
+        assert open_pages(client) == []
 
 
 def test_others_have_their_turn_between_the_parts_of_a_page_and_its_document(
@@ -221,7 +236,7 @@ def test_others_have_their_turn_between_the_parts_of_a_page_and_its_document(
         monkeypatch.setattr(owner, name, note)
 
     with front_end(tmp_path) as client:
-        client.get("/")  # what it imports is there
+        client.get("/page")  # what it imports is there
         from service.explorer.page import page
 
         noted(page, "Page")
@@ -232,7 +247,7 @@ def test_others_have_their_turn_between_the_parts_of_a_page_and_its_document(
             noted(DocHandler, "render_session")
         counting = client.portal.start_task_soon(count)
         seen.clear()
-        assert client.get("/").status_code == 200
+        assert client.get("/page").status_code == 200
         counting.cancel()
     assert len(seen) > 1
     assert seen == sorted(set(seen))
@@ -244,7 +259,7 @@ def test_a_page_whose_browser_leaves_while_it_is_made_is_finished_and_swept(
     async def visit(client: TestClient, page: Any) -> None:
         transport = httpx.ASGITransport(client.app, client=("127.0.0.1", 50000))
         async with httpx.AsyncClient(transport=transport, base_url=f"http://{HOST}") as http:
-            visiting = asyncio.ensure_future(http.get("/"))
+            visiting = asyncio.ensure_future(http.get("/page"))
             make = page.Page
 
             def left(*arguments: Any) -> Any:
@@ -259,7 +274,7 @@ def test_a_page_whose_browser_leaves_while_it_is_made_is_finished_and_swept(
         await client.app.state.explorer._loading.result().context._cleanup_sessions(0)
 
     with front_end(tmp_path) as client:
-        client.get("/")
+        client.get("/page")
         from service.explorer.page import page
 
         client.portal.call(visit, client, page)

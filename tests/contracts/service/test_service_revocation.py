@@ -118,7 +118,7 @@ def test_one_question_is_for_all_of_them_and_none_for_none(client: TestClient, m
 def test_the_websocket_of_a_page_ends_too(client: TestClient, database_url: str, way: str) -> None:
     key, headers = new_key(client)
     sign_in(client, headers)
-    (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/").text))
+    (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
     with client.websocket_connect(f"ws://{HOST}/ws", headers={**OWN}, subprotocols=["bokeh", token]) as socket:
         assert "ACK" in socket.receive_text()
         assert open_things(client) == 1

@@ -76,7 +76,7 @@ def test_nothing_is_said_just_below_the_quiet_limit(survey: xr.Dataset) -> None:
         ("boundary_distance", {"undecided", "infinite", "no quiet motion", "SN1", "quiet limit"}),
         ("basin_entropy", {"undecided", "SN1", "quiet limit"}),
         ("boundary_basin_entropy", {"no boundary, or undecided", "SN1", "quiet limit"}),
-        ("boundary_distance_phase", {"none"}),
+        ("boundary_distance_phase", {"no such impact"}),
         ("crisis_side", {"SN1", "quiet limit"}),
     ],
 )

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,21 @@ import pytest
 import xarray as xr
 
 import workers.storage.store
-from workers import Axis, SurveyError, SurveyRequest, Tile, create_store, finish_store, open_survey, tiles_done
+from workers import (
+    Axis,
+    StorageError,
+    SurveyError,
+    SurveyRequest,
+    Tile,
+    create_store,
+    finish_store,
+    open_survey,
+    tiles_done,
+)
 from workers.cluster.runner import compute_and_write, run_tiles
 from workers.storage.location import place_of
-from workers.storage.store import write_tile
+from workers.storage.root import tell
+from workers.storage.store import added_to_store, bands, write_tile
 from workers.survey.tiles import compute_tile, tiles_of
 
 # No attractors: these tests are about files.
@@ -187,6 +199,30 @@ def test_a_deleted_survey_does_not_come_back(store: Path) -> None:
         fill(store, TILES[1:2])
     assert not store.exists()
     assert tiles_done(REQUEST, moved) == {0}
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        lambda store: fill(store, TILES[1:2]),
+        lambda store: tiles_done(REQUEST, store),
+        finish_store,
+        lambda store: added_to_store(store, {}, {}),
+        lambda store: tell(place_of(store), {"rounds": 1}),
+        lambda store: list(bands(place_of(store), "region")),
+    ],
+)
+@pytest.mark.parametrize("is_known", [False, True])  # in this process
+def test_a_store_that_was_moved_away_is_gone_and_not_damaged(
+    store: Path, work: Callable[[Path], object], is_known: bool
+) -> None:
+    if is_known:
+        fill(store, TILES[:1])
+    store.rename(store.with_name("moved"))
+    with pytest.raises(StorageError, match=r"is gone: it was moved or deleted") as refused:
+        work(store)
+    assert "damaged" not in str(refused.value)
+    assert "not a survey" not in str(refused.value)
 
 
 def test_unfinished_says_how_many_cells_are_missing(store: Path) -> None:

@@ -1,0 +1,19 @@
+// The page is made for a browser that runs scripts and has all of them: a monitor or a crawler that only reads this
+// address leaves nothing behind.
+async function openPage() {
+  const here = location.pathname.endsWith("/") ? location.pathname : location.pathname + "/"
+  const headers = {"Rattle-Theme": theme.theme, "Rattle-Address": location.host + location.pathname}
+  const answer = await fetch(`${here}page${location.search}`, {headers, cache: "no-store"})
+  if (answer.status === 401) return location.reload()  // which asks for a key
+  if (!answer.ok) {
+    const problem = await answer.json().catch(() => null)
+    throw new Error(problem?.detail ?? `The service, or a proxy before it, answers with status ${answer.status}.`)
+  }
+  document.body.append(document.createRange().createContextualFragment(await answer.text()))
+}
+
+openPage().catch((error) => {
+  const said = document.querySelector("#early p[role]")
+  said.setAttribute("role", "alert")
+  said.textContent = `The explorer cannot be opened. ${error.message}`
+})

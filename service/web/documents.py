@@ -1,0 +1,60 @@
+"""The documents at /help: the site of `make docs` where it is installed, else their Markdown as pages."""
+
+from __future__ import annotations
+
+import re
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from markdown_it import MarkdownIt
+from mdit_py_plugins.anchors import anchors_plugin
+from mdit_py_plugins.front_matter import front_matter_plugin
+from starlette.responses import FileResponse, HTMLResponse, Response
+from starlette.staticfiles import StaticFiles
+
+if TYPE_CHECKING:
+    from starlette.types import Scope
+
+FIRST = "index.md"
+#: A list of pages, of which only Sphinx makes links.
+TOCTREE = re.compile(r"^```\{toctree\}\n:hidden:\n:caption: ([^\n]*)\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
+PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<link rel="icon" href="data:,"><title>{title}</title><style>
+:root {{ color-scheme: light dark }}
+body {{ font: 16px/1.5 system-ui, sans-serif; max-width: 56rem; margin: 1rem auto 4rem; padding: 0 1rem }}
+pre, table {{ overflow-x: auto; display: block }} pre {{ padding: .6rem; border: 1px solid #8888 }}
+img {{ max-width: 100% }} td, th {{ border: 1px solid #8888; padding: .2rem .5rem; text-align: left }}
+</style></head><body><nav><a href="/help/">Help</a> · <a href="/docs">REST API</a></nav>
+<main>{body}</main></body></html>"""
+
+
+def documents_of(site: Path, sources: Path) -> StaticFiles | None:
+    """Return what serves the site, or else Markdown from its place or from a checkout; None where nothing is there."""
+    if (site / "index.html").is_file():
+        return StaticFiles(directory=site, html=True)
+    return next((_Markdown(directory=each) for each in (site, sources) if (each / FIRST).is_file()), None)
+
+
+class _Markdown(StaticFiles):
+    """Files, of which Markdown is sent as HTML."""
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        response = await super().get_response(FIRST if path == "." else path, scope)
+        if isinstance(response, FileResponse) and str(response.path).endswith(".md"):
+            return HTMLResponse(page_of(Path(response.path)))
+        return response
+
+
+def page_of(document: Path) -> str:
+    """Return a document as a page."""
+
+    def linked(tree: re.Match[str]) -> str:
+        names = (name for name in tree[2].split() if (document.parent / f"{name}.md").is_file())
+        return f"## {tree[1]}\n\n" + "".join(f"- [{name}]({name}.md)\n" for name in names)
+
+    text = TOCTREE.sub(linked, document.read_text(encoding="utf-8"))
+    title = next(iter(re.findall(r"^# (.+)$", text, re.MULTILINE)), "gear-rattle")
+    markdown = MarkdownIt("commonmark").enable("table").use(front_matter_plugin).use(anchors_plugin, max_level=4)
+    return PAGE.format(title=escape(title), body=markdown.render(text))
