@@ -21,7 +21,9 @@ from service.commands.bench import bench
 from service.commands.certify import certify
 from service.commands.compare import compare
 from service.commands.curves import curves
+from service.commands.diagram import diagram
 from service.commands.explain import explain
+from service.commands.export import export
 from service.commands.figure import figure
 from service.commands.limit import limit
 from service.commands.opening import open_
@@ -67,6 +69,7 @@ app.command()(watch)
 app.command()(describe)
 app.command("open")(open_)
 app.command()(verify)
+app.command()(export)
 app.command()(certify)
 app.command()(figure)
 app.command()(explain)
@@ -76,6 +79,7 @@ app.command()(sound)
 app.command()(compare)
 app.command()(tolerance)
 app.command()(limit)
+app.command()(diagram)
 app.command()(paper)
 app.command()(curves)
 app.command()(bench)

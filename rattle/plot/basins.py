@@ -217,7 +217,9 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
         axes.set_yticks(range(8))
     axes.set_xlabel("impact phase τ", fontsize=11)
     axes.set_ylabel(DOWNWARDS, fontsize=11)
-    axes.set_title(f"damping δ = {gear.delta:g}, eccentricity ε = {gear.epsilon:g}, half-backlash β = {beta:g}", fontsize=10)
+    axes.set_title(
+        f"damping δ = {gear.delta:g}, eccentricity ε = {gear.epsilon:g}, half-backlash β = {beta:g}", fontsize=10
+    )
     lines = [Line2D([], [], color=MANIFOLDS[name], label=_stable(name)) for name in drawn]
     lines += [_white_line(1.6)] if len(gamma) else []
     lines += [_cross(stable) for stable in CROSSES if any(orbit.stable is stable for orbit in shown.values())]

@@ -53,7 +53,9 @@ def _plane(axes: Axes, curve: CrisisCurve) -> None:
     )
     changes = np.array([(point.delta, point.epsilon) for point in curve.changes]).reshape(-1, 2)
     marks += axes.plot(*changes.T, "X", color="black", ms=6, label="between tangencies and corners")
-    axes.set(xlabel="damping δ", ylabel="eccentricity ε", xlim=window, ylim=limits, title=f"half-backlash β = {curve.beta:g}")
+    axes.set(
+        xlabel="damping δ", ylabel="eccentricity ε", xlim=window, ylim=limits, title=f"half-backlash β = {curve.beta:g}"
+    )
     axes.legend(handles=marks, fontsize=8, loc="upper right", frameon=False)
     labels = draw_points(axes, codimension_two(curve.beta), list(lines.values())) or Labels(axes, list(lines.values()))
     for name, line in lines.items():

@@ -152,7 +152,9 @@ def _fixed(diagram: Diagram[Any, Any]) -> str:
     """The parameters that do not change along a diagram."""
     names = {"δ": diagram.delta, "ε": diagram.epsilon, "β": np.array([diagram.beta]), "κ": diagram.kappa}
     return ", ".join(
-        f"{name} = {values[0]:g}" for name, values in names.items() if values[0] == values[-1] and np.isfinite(values[0])
+        f"{name} = {values[0]:g}"
+        for name, values in names.items()
+        if values[0] == values[-1] and np.isfinite(values[0])
     )
 
 
@@ -297,7 +299,9 @@ def _legend(figure: Figure, followed: bool) -> None:
     entries += [
         Line2D([], [], ls="", marker=mark, color="black", ms=4.5, label=MEANINGS[kind]) for kind, mark in MARKS.items()
     ]
-    entries.append(Line2D([], [], ls="", marker="o", mfc="white", mec="black", mew=0.5, ms=3, label="white: on no named curve"))
+    entries.append(
+        Line2D([], [], ls="", marker="o", mfc="white", mec="black", mew=0.5, ms=3, label="white: on no named curve")
+    )
     if followed:
         sweeps = (FORWARD, 6, "attractors, followed forward"), (BACKWARD, 4, "followed backward")
         entries += [Line2D([], [], ls="", marker="o", color=ink, ms=size, label=name) for ink, size, name in sweeps]

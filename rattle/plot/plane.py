@@ -38,7 +38,7 @@ THICK, THIN = 1.5, 0.8
 CELLS = 240  # a side, of the grid on which regions are found
 LEAST = 20  # cells of a part of a region that gets its number
 INSET = 0.42, 0.44  # width and height of an inset with its numbers, of the axes
-NEAREST, BEFORE, BESIDE = 0.05, 9.0, 60  # an inset's curves, from COD23 over its distance from COD21; their points
+NEAREST, BEFORE, BESIDE = 0.15, 9.0, 60  # an inset's curves, from COD23 over its distance from COD21; their points
 FARTHEST = 200.0  # width of a window with an inset over that distance
 MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth": 1.0}
 
@@ -183,12 +183,20 @@ def _draw_inset(
         )
     meets = float(curves["SN2"].at(first.delta)[0])
     inset.plot(first.delta, first.epsilon - meets, MARKERS["COD21"], color="white", mec="black", ms=4.5)
-    inset.annotate("COD21", (first.delta, first.epsilon - meets), (-30, -9), textcoords="offset points", fontsize=7)
+    inset.annotate("COD21", (first.delta, first.epsilon - meets), (-16, 8), textcoords="offset points", fontsize=7)
     inset.axvline(last.delta, color="0.5", linewidth=THIN, linestyle=":")
     inset.annotate(
-        "COD23", (last.delta, 0.5), (3, 0), ("data", "axes fraction"), "offset points", rotation=90, va="center", fontsize=7
+        "COD23",
+        (last.delta, 0.5),
+        (3, 0),
+        ("data", "axes fraction"),
+        "offset points",
+        rotation=90,
+        va="center",
+        fontsize=7,
     )
     inset.set(yscale="log", xlim=(begin, last.delta + 1.2 * apart))
+    inset.set_ylim(top=10.0 * inset.get_ylim()[1])
     inset.set_title("ε above SN2", fontsize=8, pad=3)
     inset.locator_params(axis="x", nbins=3)
     inset.tick_params(labelsize=7)

@@ -102,5 +102,7 @@ def _graze(axes: Axes, gear: Gear) -> None:
         axes.plot(v - middle, [stiff.impact(tau, x).v for x in v], color=colour, label=f"κ = {kappa:g}")
     axes.plot(v - middle, [gear.impact(tau, x).v for x in v], "k", lw=1.0, label="impacting")
     axes.locator_params(axis="x", nbins=5)
-    axes.set(xlabel="speed v less that of Γ", ylabel="speed of the next impact", title=f"one return across Γ, τ = {tau:.3f}")
+    axes.set(
+        xlabel="speed v less that of Γ", ylabel="speed of the next impact", title=f"one return across Γ, τ = {tau:.3f}"
+    )
     axes.legend(fontsize=8, frameon=False)

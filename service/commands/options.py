@@ -68,6 +68,7 @@ Slice = Annotated[
     typer.Option("--slice", metavar="NUMBER", help="Of a survey with a third axis: which value of it, from 0."),
 ]
 Count = Annotated[int, typer.Option(help="Initial conditions per cell.")]
+Sample = Annotated[int, typer.Option(help="Initial conditions of the sample.")]
 VMax = Annotated[
     str | None,
     typer.Option(
