@@ -1,8 +1,8 @@
 """gear-rattle as other people's code imports it, beside the library `rattle`.
 
 `run_survey` makes a survey and opens it, `open_survey` opens one that is there, `open_family` a family of its
-attractors, and `Client` talks to a service. A survey that is opened can draw itself: `survey.rattle.plot("region")`. In an installed wheel the packages `workers` and `service` stand in here
-(setup.py): in the checkout they stand beside it.
+attractors, and `Client` talks to a service. A survey that is opened can draw itself, `survey.rattle.plot("region")`. In
+an installed wheel the packages `workers` and `service` stand in here (setup.py): in the checkout they stand beside it.
 """
 
 from importlib import import_module

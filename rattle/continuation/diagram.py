@@ -36,8 +36,8 @@ from rattle.notebook import (
     figure_of,
     html_of,
     line_of,
-    motion,
 )
+from rattle.notebook import motion as label_of
 
 LEAST_LENGTH = 1e-6  # of the scale of the plane
 MOST_STEPS = 20_000
@@ -228,7 +228,7 @@ def diagram_of(
 def _motion_at(event: Any) -> str:
     """The label of the motion that an event is of."""
     walls = tuple(event.itinerary.walls)
-    return motion(event.itinerary.m, walls.count(1), walls.count(-1))
+    return label_of(event.itinerary.m, walls.count(1), walls.count(-1))
 
 
 def require_end(name: str, value: ArrayLike) -> Array:

@@ -127,13 +127,13 @@ class Report:
     @property
     def summary(self) -> str:
         """How many numbers, statements and findings there are, and how many are as they should be, in a line."""
-        agree = sum(x.verdict == AGREES for x in self.numbers)
-        hold = sum(x.holds for x in self.statements)
-        borne_out = sum(x.as_expected for x in self.findings)
-        return (
-            f"{agree} of {len(self.numbers)} numbers agree, {hold} of {len(self.statements)} statements hold, "
-            f"{borne_out} of {len(self.findings)} findings are borne out"
+        counts = (
+            (sum(x.verdict == AGREES for x in self.numbers), self.numbers, "numbers agree"),
+            (sum(x.finding != "" and x.as_expected for x in self.numbers), self.numbers, "are off as findings say"),
+            (sum(x.holds for x in self.statements), self.statements, "statements hold"),
+            (sum(x.as_expected for x in self.findings), self.findings, "findings are borne out"),
         )
+        return ", ".join(f"{count} of {len(every)} {words}" for count, every, words in counts if every)
 
     @property
     def unexpected(self) -> tuple[str, ...]:

@@ -210,7 +210,7 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     missing = [name for name in NAMES if name not in shown]
     if missing:
         notes.append(f"left out, as there is no such orbit with v below {v_max:.3g} there: {', '.join(missing)}")
-    for name, orbit in shown.items():
+    for orbit in shown.values():
         axes.add_line(_cross(orbit.stable, orbit))
     axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "0.25", "0.5", "0.75", "1"])
     if v_max == PAPER_SPEED:

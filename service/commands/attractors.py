@@ -35,8 +35,9 @@ def name_of(attractor: Attractor) -> str:
 def attractors(point: Point, count: Sample = 64, v_max: SpeedLimit = None, seed: Seed = 0) -> None:
     """Print the attractors of one parameter point, their shares, and how hard they rattle.
 
-    The interval of the share is at 95 %. Impacts and energies are per revolution. Of a machine speeds are in m/s along the line of action, and the power of
-    the impacts in watts and in dB re 1 pW. Chaotic motions have an error bar (95 %), undecided ones no figures.
+    The share has its 95 % interval. Impacts and energies are per revolution. Of a machine speeds are in m/s along the
+    line of action, and the power of the impacts in watts and in dB re 1 pW. Chaotic motions have an error bar (95 %),
+    undecided ones no figures.
     """
     from rich.console import Console
     from rich.table import Table

@@ -24,7 +24,8 @@ def paper(
 ) -> None:
     """Compute every number of Mason and Piiroinen (2009) and show where the paper is wrong or incomplete.
 
-    The last line is the summary. Exit status 1 if a number or statement is off and no finding takes that up, or a finding is not borne out.
+    The last line is the summary. Exit status 1 if a number or statement is off and no finding takes that up, or a
+    finding is not borne out.
     """
     from rattle import paper as checks
 

@@ -1,4 +1,4 @@
-"""A machine, a pair of equal gears, in SI units: which parameter point it is, and what one unit of the model is there."""
+"""A machine, two equal gears in SI units: which parameter point it is, and what one unit of the model is there."""
 
 from __future__ import annotations
 
@@ -132,7 +132,9 @@ class MachineDocument(BaseModel):
     responses={**NOT_MODIFIED, **declared(422)},
 )
 async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> MachineDocument:
-    """Both gears of the pair have the inertia, the drag and the radius. Numbers that can only be in other units, such as millimetres, are refused with what to give instead."""
+    """Both gears have this inertia, drag and radius. Numbers that can only be in other units, such as millimetres, are
+    refused with what to give instead.
+    """
     gear = found.gear
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
         quiet_limit = number(gear.quiet_limit * found.units.length)
