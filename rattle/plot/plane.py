@@ -183,7 +183,7 @@ def _draw_inset(
         )
     meets = float(curves["SN2"].at(first.delta)[0])
     inset.plot(first.delta, first.epsilon - meets, MARKERS["COD21"], color="white", mec="black", ms=4.5)
-    inset.annotate("COD21", (first.delta, first.epsilon - meets), (-16, 8), textcoords="offset points", fontsize=7)
+    inset.annotate("COD21", (first.delta, first.epsilon - meets), (-18, 12), textcoords="offset points", fontsize=7)
     inset.axvline(last.delta, color="0.5", linewidth=THIN, linestyle=":")
     inset.annotate(
         "COD23",
