@@ -91,7 +91,8 @@ def _histogram(found: Comparison) -> Table:
         nearest = found.near[0]
         columns[1:1] = [(name_of(nearest.attractor), nearest.histogram[0])]
         columns.append((name_of(nearest.attractor), nearest.histogram[1]))
-    table = Table("phase", *(name for name, _ in columns), box=None)
+    title = "impacts per revolution in each part of the phase"
+    table = Table("phase", *(name for name, _ in columns), box=None, title=title, title_justify="left")
     most = max(float(values.max()) for _, values in columns)
     bins = found.histogram.shape[1]
     for i in range(bins):
