@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -51,6 +51,7 @@ def diagram(
     if picture is not None:
         require_writable(picture)
     with compiling_told():
+        found: Any
         if kappa is None:
             found = rattle.diagram(lows, highs, beta, steps, count)
         else:
