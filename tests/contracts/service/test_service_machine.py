@@ -30,8 +30,8 @@ def test_the_description_says_that_the_gears_are_equal(client: TestClient) -> No
     paths = client.get("/openapi.json").json()["paths"]
     assert "two equal gears" in paths["/v1/machine"]["get"]["summary"]
     for route in ("machine", "attractors", "intensity"):
-        parameters = {each["name"]: each["description"] for each in paths[f"/v1/{route}"]["get"]["parameters"]}
-        assert "of two equal gears" in " ".join(parameters["inertia"].replace("each of ", "of ").split())
+        (inertia,) = (each for each in paths[f"/v1/{route}"]["get"]["parameters"] if each["name"] == "inertia")
+        assert "of each of two equal gears" in inertia["description"]
 
 
 @pytest.mark.parametrize("changed", [{}, {"drive": "speed"}, {"stiffness": 1e8}])
