@@ -1,8 +1,8 @@
 """gear-rattle as other people's code imports it, beside the library `rattle`.
 
 `run_survey` makes a survey and opens it, `open_survey` opens one that is there, `open_family` a family of its
-attractors, and `Client` talks to a service. In an installed wheel the packages `workers` and `service` stand in here
-(setup.py): in the checkout they stand beside it.
+attractors, and `Client` talks to a service. A survey that is opened can draw itself, `survey.rattle.plot("region")`. In
+an installed wheel the packages `workers` and `service` stand in here (setup.py): in the checkout they stand beside it.
 """
 
 from importlib import import_module
@@ -23,12 +23,17 @@ _PLACES = {
     "run_survey": "workers.run",
 }
 
+_ACCESSOR = "workers.pictures.accessor"  # registers `survey.rattle` with xarray
+_SURVEYS = ("Client", "open_survey", "run_survey")  # what gives surveys to people
+
 __all__ = ["Client", "Job", "SurveyRequest", "__version__", "open_family", "open_survey", "run_survey"]
 
 
 def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name in _SURVEYS:
+        import_module(_ACCESSOR)
     return getattr(import_module(_PLACES[name]), name)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -12,10 +13,11 @@ from numpy.typing import NDArray
 from rattle.errors import MissingExtraError
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from pandas import DataFrame
     from xarray import Dataset
 else:
-    DataFrame = Dataset = Any  # who asks for one has them
+    DataFrame = Dataset = Figure = Any  # who asks for one has them
 
 ROWS = 12  # of a table in a notebook; of longer ones the first and the last
 
@@ -62,9 +64,28 @@ def dataset_of(
     return xarray.Dataset(dict(variables), dict(coordinates), dict(attributes))
 
 
+def figure_of(result: Shown, drawn_by: str) -> Figure:
+    """The picture of a result, by this function of `rattle.plot`, which is loaded by its name: it knows all results.
+
+    Raises MissingExtraError without matplotlib.
+    """
+    drawn: Figure = getattr(import_module("rattle.plot"), drawn_by)(result)
+    return drawn
+
+
 def motion(m: int, n_plus: int, n_minus: int) -> str:
     """The label P(m, n₊, n₋) of a periodic motion."""
     return f"P({m}, {n_plus}, {n_minus})"
+
+
+def table_of(columns: Columns) -> str:
+    """Columns as plain text, a line for each row below a line of names."""
+    texts = [[name, *map(_text, values)] for name, values in columns.items()]
+    widths = [max(map(len, column)) for column in texts]
+    return "\n".join(
+        "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
+        for row in zip(*texts, strict=True)
+    )
 
 
 def html(caption: str, columns: Columns) -> str:

@@ -20,7 +20,9 @@ from service.commands.attractors import attractors
 from service.commands.certify import certify
 from service.commands.compare import compare
 from service.commands.curves import curves
+from service.commands.diagram import diagram
 from service.commands.explain import explain
+from service.commands.export import export
 from service.commands.figure import figure
 from service.commands.limit import limit
 from service.commands.opening import open_
@@ -66,6 +68,7 @@ app.command()(watch)
 app.command()(describe)
 app.command("open")(open_)
 app.command()(verify)
+app.command()(export)
 app.command()(certify)
 app.command()(figure)
 app.command()(explain)
@@ -75,6 +78,7 @@ app.command()(sound)
 app.command()(compare)
 app.command()(tolerance)
 app.command()(limit)
+app.command()(diagram)
 app.command()(paper)
 app.command()(curves)
 app.add_typer(key.app, name="key")

@@ -16,7 +16,7 @@ from rattle.attractors.samples import LEFT, ORBIT
 from rattle.attractors.samples import QUIET as SETTLED_QUIET
 from rattle.attractors.speeds import SpeedLimit, sampled_speeds
 from rattle.errors import require, require_integer
-from rattle.notebook import Columns, DataFrame, dataframe_of, html, html_of, line_of
+from rattle.notebook import Columns, DataFrame, dataframe_of, html, html_of, line_of, table_of
 from rattle.numerics.sampling import initial_conditions, wilson_interval
 from rattle.numerics.states import box_of
 
@@ -70,6 +70,30 @@ def attractor_columns(attractors: Sequence[Attractor]) -> Columns:
         "tau": [each.tau for each in attractors],
         "v": [each.v for each in attractors],
     }
+
+
+class AttractorTuple(tuple[Attractor, ...]):
+    """A tuple of the attractors of one point, which shows itself as a table."""
+
+    __slots__ = ()
+
+    def _columns(self) -> Columns:
+        return {
+            "attractor": [each.name for each in self],
+            "fraction": [each.fraction for each in self],
+            "95 % from": [each.fraction_interval[0] for each in self],
+            "to": [each.fraction_interval[1] for each in self],
+            "lyapunov_1": [each.lyapunov[0] for each in self],
+            "lyapunov_2": [each.lyapunov[1] for each in self],
+            "tau": [each.tau for each in self],
+            "v": [each.v for each in self],
+        }
+
+    def __repr__(self) -> str:
+        return table_of(self._columns())
+
+    def _repr_html_(self) -> str:
+        return html(f"{len(self)} attractors", self._columns())
 
 
 class Attractors(NamedTuple):
@@ -192,7 +216,7 @@ def listed(table: Attractors, samples: NDArray[np.int64]) -> tuple[Attractor, ..
     """The rows of one cell's table, with fractions from numbers of samples (rows,), which need not be the table's."""
     count = int(samples.sum())
     low, high = wilson_interval(samples, count)
-    return tuple(
+    return AttractorTuple(
         Attractor(
             kind=KINDS[table.kind[i]],
             m=int(table.m[i]),

@@ -26,7 +26,18 @@ from rattle.continuation.search import Search
 from rattle.continuation.sweeps import Known, Points, Sweeps
 from rattle.errors import require, require_integer, require_number, require_pair
 from rattle.flight.law import wrapped
-from rattle.notebook import Columns, DataFrame, Dataset, dataframe_of, dataset_of, html_of, line_of
+from rattle.notebook import (
+    Columns,
+    DataFrame,
+    Dataset,
+    Figure,
+    dataframe_of,
+    dataset_of,
+    figure_of,
+    html_of,
+    line_of,
+)
+from rattle.notebook import motion as label_of
 
 LEAST_LENGTH = 1e-6  # of the scale of the plane
 MOST_STEPS = 20_000
@@ -115,6 +126,7 @@ class Diagram(Generic[AnyBranch, AnyEvent]):
         events = [(event, float(self.positions(event))) for event in self.events]
         return {
             "event": [str(event.kind) for event, _ in events],
+            "motion": [_motion_at(event) for event, _ in events],
             "curve": [self.curve_of(event) or "" for event, _ in events],
             "position": [position for _, position in events],
             "delta": [event.parameters[0] for event, _ in events],
@@ -127,8 +139,17 @@ class Diagram(Generic[AnyBranch, AnyEvent]):
     def _repr_html_(self) -> str:
         return html_of(self)
 
+    def plot(self) -> Figure:
+        """Draw speed and phase of the impacts on Σ⁺ against the parameter, as the paper's Figures 5 and 9.
+
+        Returns a matplotlib figure. Raises MissingExtraError without matplotlib.
+        """
+        return figure_of(self, "diagram_figure")
+
     def to_dataframe(self) -> DataFrame:
-        """A row for each event: what happens, on which curve, and where. Raises MissingExtraError without pandas."""
+        """A row for each event: what happens to which motion, on which curve, and where. Raises MissingExtraError
+        without pandas.
+        """
         return dataframe_of(self)
 
     def to_xarray(self) -> Dataset:
@@ -202,6 +223,12 @@ def diagram_of(
         tuple(small),
         tuple(sorted(search.left_out)),
     )
+
+
+def _motion_at(event: Any) -> str:
+    """The label of the motion that an event is of."""
+    walls = tuple(event.itinerary.walls)
+    return label_of(event.itinerary.m, walls.count(1), walls.count(-1))
 
 
 def require_end(name: str, value: ArrayLike) -> Array:

@@ -8,7 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight.law import folded
-from rattle.notebook import Columns, DataFrame, Dataset, dataframe_of, dataset_of, html_of, line_of, motion
+from rattle.notebook import (
+    Columns,
+    DataFrame,
+    Dataset,
+    Figure,
+    dataframe_of,
+    dataset_of,
+    figure_of,
+    html_of,
+    line_of,
+    motion,
+)
 from rattle.numerics.complex_step import Array
 
 
@@ -67,6 +78,13 @@ class Followed:
 
     def _repr_html_(self: HasPoints) -> str:
         return html_of(self)
+
+    def plot(self: HasPoints) -> Figure:
+        """Draw speed and phase of its impacts on Σ⁺ against the parameter: stable parts solid, events marked.
+
+        Returns a matplotlib figure. Raises MissingExtraError without matplotlib.
+        """
+        return figure_of(self, "branch_figure")
 
     def to_dataframe(self: HasPoints) -> DataFrame:
         """A row for each point. Raises MissingExtraError without pandas."""

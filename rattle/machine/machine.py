@@ -1,8 +1,8 @@
-"""A pair of gears in SI units: which parameter point it is, and its motions back in SI units.
+"""A pair of equal gears in SI units: which parameter point it is, and its motions back in SI units.
 
-Two equal gears, each of inertia I, viscous drag c and base radius r, turn at the mean speed Ω. Along the line of action
-lies a backlash j, the transmission error has the amplitude e once a revolution, and teeth press on each other with k
-times their depth. With φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt the teeth meet at Φ = ±j/2r, and
+Both gears have the inertia I, the viscous drag c and the base radius r, and turn at the mean speed Ω. Along the line of
+action lies a backlash j, the transmission error has the amplitude e once a revolution, and teeth press on each other
+with k times their depth. With φ = θ₁ − θ₂ and Φ = φ + (e/r) cos Ωt the teeth meet at Φ = ±j/2r, and
 
     I θ₁'' + c θ₁' = 2cΩ − F r,      I θ₂'' + c θ₂' = F r      (drive "torque": a constant one keeps the mean speed)
 
@@ -53,7 +53,8 @@ class MachineIntensity(NamedTuple):
 
 @dataclass(frozen=True, init=False)
 class Machine:
-    """Two equal gears: numbers in SI units, or quantities of `pint`.
+    """A pair of equal gears: both have this inertia, this drag and this base radius, so the ratio is 1. A pair of
+    unlike gears is another model, which this is not. Numbers are in SI units, or quantities of `pint`.
 
     inertia: kg m², of each gear with what turns with it. drag: N m s/rad, the drag torque of each over its speed.
     backlash, eccentricity: m along the line of action, the whole backlash, and the amplitude of the transmission error

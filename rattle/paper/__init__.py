@@ -4,6 +4,6 @@ wrong or incomplete.
 
 from rattle.paper.document import markdown
 from rattle.paper.records import Evidence, Finding, Number, Report, Statement
-from rattle.paper.report import report
+from rattle.paper.report import one_finding, report
 
-__all__ = ["Evidence", "Finding", "Number", "Report", "Statement", "markdown", "report"]
+__all__ = ["Evidence", "Finding", "Number", "Report", "Statement", "markdown", "one_finding", "report"]

@@ -83,7 +83,11 @@ def _computed() -> dict[str, Callable[[], float | tuple[float, float]]]:
     }
 
 
-def numbers() -> tuple[Number, ...]:
-    """All of them, in the paper's order."""
+def numbers(of: str | None = None) -> tuple[Number, ...]:
+    """All of them, in the paper's order, or those that the finding of this key explains."""
     computed = _computed()
-    return tuple(Number(where, what, paper, computed[what](), key) for what, (where, paper, key) in STATED.items())
+    return tuple(
+        Number(where, what, paper, computed[what](), key)
+        for what, (where, paper, key) in STATED.items()
+        if of is None or key == of
+    )

@@ -111,20 +111,35 @@ class Finding:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything: numbers, statements, and findings in the order of their numbers from 1."""
+    """Everything: numbers, statements, and findings in the order of their numbers from `first`, which is 1 in a whole
+    report.
+    """
 
     numbers: tuple[Number, ...]
     statements: tuple[Statement, ...]
     findings: tuple[Finding, ...]
+    first: int = 1
 
     def number_of(self, key: str) -> int:
-        """The number, from 1, of the finding of this key."""
-        return [x.key for x in self.findings].index(key) + 1
+        """The number of the finding of this key."""
+        return [x.key for x in self.findings].index(key) + self.first
+
+    @property
+    def summary(self) -> str:
+        """How many numbers, statements and findings there are, and how many are as they should be, in a line."""
+        counts = (
+            (sum(x.verdict == AGREES for x in self.numbers), self.numbers, "numbers agree"),
+            (sum(x.finding != "" and x.as_expected for x in self.numbers), self.numbers, "are off as findings say"),
+            (sum(x.holds for x in self.statements), self.statements, "statements hold"),
+            (sum(x.as_expected for x in self.findings), self.findings, "findings are borne out"),
+        )
+        return ", ".join(f"{count} of {len(every)} {words}" for count, every, words in counts if every)
 
     @property
     def unexpected(self) -> tuple[str, ...]:
         """What is off without a finding that says so, and findings whose evidence is not borne out."""
         numbers = (x.what for x in self.numbers if not x.as_expected)
         statements = (x.says for x in self.statements if not x.as_expected)
-        findings = (f"finding {i}: {x.title}" for i, x in enumerate(self.findings, 1) if not x.as_expected)
+        numbered = enumerate(self.findings, self.first)
+        findings = (f"finding {i}: {x.title}" for i, x in numbered if not x.as_expected)
         return (*numbers, *statements, *findings)

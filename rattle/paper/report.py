@@ -1,6 +1,10 @@
 """All checks together."""
 
+from collections.abc import Callable
+from functools import cache
+
 import rattle
+from rattle.errors import require
 from rattle.paper import forces, motions, pictures, plane
 from rattle.paper.numbers import numbers
 from rattle.paper.records import Finding, Number, Report, Statement
@@ -32,19 +36,32 @@ def statements(panels: pictures.Panels, found: tuple[Number, ...]) -> tuple[Stat
 
 def findings(panels: pictures.Panels) -> tuple[Finding, ...]:
     """Where the paper is wrong or incomplete."""
-    delta, epsilon = plane.cells()
-    orbits, region = rattle.period_one(delta, epsilon), rattle.regions(delta, epsilon)
+    return tuple(compute() for compute in _findings(lambda: panels))
+
+
+def one_finding(number: int) -> Report:
+    """Compute one finding, by its number in the report, and the numbers that it explains. Raises ParameterError."""
+    known = _findings(pictures.panels)
+    require(1 <= number <= len(known), f"there is no finding {number}: there are 1 to {len(known)}")
+    found = known[number - 1]()
+    return Report(numbers(found.key), (), (found,), number)
+
+
+def _findings(panels: Callable[[], pictures.Panels]) -> tuple[Callable[[], Finding], ...]:
+    """What computes each finding, in the order of their numbers; what several need is computed once, if at all."""
+    cells = cache(plane.cells)
+    orbits, region = cache(lambda: rattle.period_one(*cells())), cache(lambda: rattle.regions(*cells()))
     return (
-        motions.chaos_appears(),
-        motions.two_points_not_one(),
-        motions.stability_of_c(orbits, region),
-        motions.stability_of_d(delta, epsilon, orbits, region),
-        motions.multipliers_on_g1(),
-        motions.region_one(),
-        motions.number_of_attractors(panels),
-        forces.convexity(),
-        forces.impact_map(),
-        forces.contact_force(),
-        forces.factor_three(),
-        forces.extremes_of_f(),
+        motions.chaos_appears,
+        motions.two_points_not_one,
+        lambda: motions.stability_of_c(orbits(), region()),
+        lambda: motions.stability_of_d(*cells(), orbits(), region()),
+        motions.multipliers_on_g1,
+        motions.region_one,
+        lambda: motions.number_of_attractors(panels()),
+        forces.convexity,
+        forces.impact_map,
+        forces.contact_force,
+        forces.factor_three,
+        forces.extremes_of_f,
     )

@@ -12,7 +12,7 @@ except ImportError as error:
 
 from rattle.plot.colours import colour, name_of
 from rattle.plot.crisis import crisis_figure
-from rattle.plot.diagram import diagram_figure
+from rattle.plot.diagram import branch_figure, diagram_figure
 from rattle.plot.drawing import Drawing, save
 from rattle.plot.paper_figures import FIGURES, PaperFigure, draw
 from rattle.plot.stiff import stiff_figure
@@ -21,6 +21,7 @@ __all__ = [
     "FIGURES",
     "Drawing",
     "PaperFigure",
+    "branch_figure",
     "colour",
     "crisis_figure",
     "diagram_figure",

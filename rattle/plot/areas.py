@@ -48,7 +48,7 @@ def _panel(axes: Axes, blocks: Sequence[Block], inks: dict[str, str]) -> None:
     """Rectangles, and a key."""
     colours = [inks[block.claim] for block in blocks]
     axes.add_collection(PolyCollection(_corners(blocks), facecolors=colours, edgecolors=colours, linewidths=0.1))
-    keys = [Patch(color=ink, label=claim) for claim, ink in inks.items()]
+    keys = [Patch(color=ink, label=claim) for claim, ink in [*inks.items(), ("not proved", LEFT)]]
     axes.legend(handles=keys, fontsize=8, loc="lower right", framealpha=0.9)
 
 

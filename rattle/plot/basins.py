@@ -10,6 +10,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rattle.attractors.basins import Basins, Range
@@ -21,7 +22,7 @@ from rattle.flight.law import wrapped
 from rattle.impacting.gear import Gear
 from rattle.models import AnyGear, model_of
 from rattle.orbits.manifolds import manifold
-from rattle.orbits.period_one import Orbit
+from rattle.orbits.period_one import NAMES, Orbit
 from rattle.plot.colours import Palette, name_of, order
 from rattle.plot.drawing import Drawing, new_figure, outlined
 from rattle.plot.labels import ROOM, Labels
@@ -30,13 +31,14 @@ from rattle.plot.paper_ranges import BETA
 Array = NDArray[np.float64]
 
 RESOLUTION = 1000  # cells a side, as in the paper
-MOST_TICKS = 20.0  # speed up to which every whole one has a tick
+FEW_TICKS = 4  # numbers along an axis of a small panel
 MOST_PANELS = 9
 MOST_NAMED = 24  # types of motion in a legend
 SPACING = 0.005  # of points of Γ and of manifolds
 ARCLENGTH = 200.0  # of each side of a manifold: at the paper's ε = 0.1 no edge of a basin is without one then
 MANIFOLDS = {"A": "#ff4df0", "B": "#12c040"}  # magenta and green
-CROSSES = {"A": "x", "B": "x", "C": "+", "D": "x"}
+CROSSES = {True: ("+", "attractor"), False: ("x", "saddle")}  # the mark of an orbit, by its stability
+DOWNWARDS = "impact speed v, downwards"
 AROUND = np.array([[0.0, 0.0], [0.01, 0.08], [-0.01, 0.08], [-0.01, -0.08], [0.01, -0.08]])  # of a cross, in (τ, v)
 SAME_ORBIT = 1e-6
 DIM = "0.25"  # edge of what is white
@@ -121,6 +123,14 @@ def _legend(
     )
 
 
+def _cross(stable: bool, orbit: Orbit | None = None) -> Line2D:
+    """The mark of a period-one orbit where it lies, or in a legend."""
+    marker, meaning = CROSSES[stable]
+    at = ([], []) if orbit is None else ([orbit.tau], [orbit.v])
+    mark = Line2D(*at, ls="", marker=marker, color="white", ms=9, mew=1.6, zorder=4, label=meaning)
+    return outlined(mark, "black", 0.9)
+
+
 def _white_line(width: float) -> Line2D:
     return outlined(Line2D([], [], color="white", linewidth=width, label="grazing curve Γ"), DIM, 0.6)
 
@@ -144,7 +154,7 @@ def panels(
     gears = [model.gear(delta, each) for each in epsilon]
     columns = next(n for n in (1, 2, 3) if n * n >= len(gears))
     rows = -(-len(gears) // columns)
-    figure = new_figure(0.6 + 2.25 * columns, 1.0 + 2.3 * rows)
+    figure = new_figure(0.7 + 2.25 * columns, 1.2 + 2.3 * rows)
     found: list[Attractor] = []
     palette = Palette()
     v_max = max(map(highest, gears))
@@ -157,22 +167,19 @@ def panels(
             draw_gamma(axes, gear, 0.7, basins.v_max)
         axes.set_title(f"({'abcdefghi'[i]}) ε = {gear.epsilon:g}", fontsize=9, pad=4)
         _few_ticks(axes, basins.box, first=i % columns == 0, last=i >= len(gears) - columns)
-    if beta != BETA or kappa is not None:
-        figure.suptitle(str(model), fontsize=10)
+    figure.suptitle(f"damping δ = {gears[0].delta:g}, {model}", fontsize=10)
     _legend(figure, found, palette, [_white_line(1.2)] if kappa is None else [], 5)
     return Drawing(figure)
 
 
 def _few_ticks(axes: Axes, box: Box, first: bool, last: bool) -> None:
     """Numbers and names at the first panel of a row and the last of a column only."""
-    phases, speeds = [box.tau_low, 0.5 * (box.tau_low + box.tau_high), box.tau_high], [box.v_low, box.v_high]
-    axes.set_xticks(phases, [f"{x:.4g}" if last else "" for x in phases])
-    axes.set_yticks(speeds, [f"{x:.3g}" if first else "" for x in speeds])
-    if box.v_high - box.v_low <= MOST_TICKS:
-        axes.set_yticks(np.arange(np.floor(box.v_low) + 1.0, box.v_high), minor=True)
-    axes.tick_params(labelsize=8)
-    axes.set_xlabel("τ" if last else "", fontsize=10, labelpad=0)
-    axes.set_ylabel("v" if first else "", fontsize=10, labelpad=0, rotation=0)
+    phases = [box.tau_low, 0.5 * (box.tau_low + box.tau_high), box.tau_high]
+    axes.set_xticks(phases, [f"{x:.4g}" for x in phases])
+    axes.yaxis.set_major_locator(MaxNLocator(FEW_TICKS))
+    axes.tick_params(labelsize=8, labelbottom=last, labelleft=first)
+    axes.set_xlabel("impact phase τ" if last else "", fontsize=9)
+    axes.set_ylabel(DOWNWARDS if first else "", fontsize=9)
 
 
 def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = RESOLUTION) -> Drawing:
@@ -200,22 +207,23 @@ def blow_up(delta: float, epsilon: float, beta: float = BETA, resolution: int = 
     if not len(gamma):
         notes.append(f"Γ is left out: no flight with v below {v_max:.3g} grazes Σ⁻")
     shown = {name: orbit for name, orbit in orbits.items() if orbit.v < v_max}
-    missing = [name for name in CROSSES if name not in shown]
+    missing = [name for name in NAMES if name not in shown]
     if missing:
         notes.append(f"left out, as there is no such orbit with v below {v_max:.3g} there: {', '.join(missing)}")
-    for name, orbit in shown.items():
-        (mark,) = axes.plot(orbit.tau, orbit.v, CROSSES[name], color="white", markersize=9, zorder=4)
-        mark.set_markeredgewidth(1.6)
-        outlined(mark, "black", 0.9)
+    for orbit in shown.values():
+        axes.add_line(_cross(orbit.stable, orbit))
     axes.set_xticks([0, 0.25, 0.5, 0.75, 1], ["0", "0.25", "0.5", "0.75", "1"])
     if v_max == PAPER_SPEED:
         axes.set_yticks(range(8))
     axes.set_xlabel("impact phase τ", fontsize=11)
-    axes.set_ylabel("initial velocity v", fontsize=11)
-    title = f"δ = {gear.delta:g}, ε = {gear.epsilon:g}" + ("" if beta == BETA else f", β = {beta:g}")
-    axes.set_title(title, fontsize=10)
+    axes.set_ylabel(DOWNWARDS, fontsize=11)
+    axes.set_title(
+        f"damping δ = {gear.delta:g}, eccentricity ε = {gear.epsilon:g}, half-backlash β = {beta:g}", fontsize=10
+    )
     lines = [Line2D([], [], color=MANIFOLDS[name], label=_stable(name)) for name in drawn]
-    _legend(figure, basins.attractors, palette, [*lines, *([_white_line(1.6)] if len(gamma) else [])], 6)
+    lines += [_white_line(1.6)] if len(gamma) else []
+    lines += [_cross(stable) for stable in CROSSES if any(orbit.stable is stable for orbit in shown.values())]
+    _legend(figure, basins.attractors, palette, lines, 6)
     _write_labels(axes, basins, shown, drawn, gamma)
     figure.set_layout_engine("none")  # labels lie where they were put
     return Drawing(figure, tuple(notes))

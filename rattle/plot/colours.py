@@ -1,7 +1,8 @@
 """A colour for each type of motion, the same in every picture.
 
 Types are those of the paper's itineraries, P(m, n₊, n₋). Its words for Figures 4 to 6 are followed where they tell
-types apart: it calls both P(2,2,2) and P(8,8,6) dark orange, and here the second is the darker one. Where a picture has
+types apart: it calls both P(2,2,2) and P(8,8,6) dark orange, and here the second is dark brown. The types of Figure 4
+are as far from one another as these words allow, for deuteranopes too. Where a picture has
 so many types that two would look alike, as at weak damping, the later one gets another colour there (`Palette`).
 """
 
@@ -21,10 +22,12 @@ Label = tuple[int, int, int]
 KIND_COLOURS = {"quiet": "#17386e", "chaotic": "#d7191c", "undecided": "#9a9a9a"}
 NAMED: dict[Label, str] = {
     (1, 1, 0): "#8ec7ea",  # light blue
-    (1, 1, 1): "#fdb866",  # light orange
-    (2, 2, 2): "#e8771c",  # dark orange
+    (1, 1, 1): "#fbd4b1",  # light orange
+    (2, 2, 2): "#ff6a00",  # dark orange
+    (3, 3, 3): "#267359",
     (4, 4, 2): "#f7e34a",  # yellow
-    (8, 8, 6): "#9c4a10",
+    (5, 5, 2): "#6677cc",
+    (8, 8, 6): "#39240e",
 }
 #: Of `rattle.REGIONS`, III and V told apart by deuteranopes too; those of other sets than the paper's are as far
 #: from one another as light colours can be.

@@ -49,11 +49,13 @@ def _plane(axes: Axes, curve: CrisisCurve) -> None:
     axes.plot(*lines["crisis"].T, color=CRISIS, lw=2.2)
     quiet = np.array([not point.chaotic for point in curve.points])
     marks = axes.plot(
-        *lines["crisis"][quiet].T, "o", mfc="white", mec=CRISIS, ms=4, label="what attracts there is periodic"
+        *lines["crisis"][quiet].T, "o", mfc="white", mec=CRISIS, ms=4, label="crisis of a periodic attractor"
     )
     changes = np.array([(point.delta, point.epsilon) for point in curve.changes]).reshape(-1, 2)
-    marks += axes.plot(*changes.T, "X", color="black", ms=6, label="tangency | corner")
-    axes.set(xlabel="damping δ", ylabel="eccentricity ε", xlim=window, ylim=limits)
+    marks += axes.plot(*changes.T, "X", color="black", ms=6, label="between tangencies and corners")
+    axes.set(
+        xlabel="damping δ", ylabel="eccentricity ε", xlim=window, ylim=limits, title=f"half-backlash β = {curve.beta:g}"
+    )
     axes.legend(handles=marks, fontsize=8, loc="upper right", frameon=False)
     labels = draw_points(axes, codimension_two(curve.beta), list(lines.values())) or Labels(axes, list(lines.values()))
     for name, line in lines.items():

@@ -10,9 +10,12 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from rattle.attractors.table import KINDS
+from rattle.attractors.table import KINDS, Attractors
 from rattle.continuation.conditions import Kind
 from rattle.continuation.diagram import Diagram
+from rattle.continuation.followed import Followed
+from rattle.continuation.motions import Segment
+from rattle.continuation.sweeps import Points
 from rattle.errors import require
 from rattle.flight.law import wrapped
 from rattle.impacting.bifurcations.diagram import diagram
@@ -25,9 +28,12 @@ from rattle.stiff.bifurcations.diagram import diagram as stiff_diagram
 
 FORWARD, BACKWARD = "#8fc7ee", "#e8862e"
 MARKS = {Kind.SADDLE_NODE: "o", Kind.FLIP: "D", Kind.GRAZING: "s"}
-MEANINGS = {Kind.SADDLE_NODE: "SN", Kind.FLIP: "PD", Kind.GRAZING: "G"}
+MEANINGS = {Kind.SADDLE_NODE: "SN: saddle-node", Kind.FLIP: "PD: flip", Kind.GRAZING: "G: graze"}
 STYLES = {True: "-", False: (0, (4.0, 2.0))}
+NAMED, OTHER = (1.3, "black"), {True: (0.8, "#333333"), False: (0.5, "#777777")}  # width and colour of branches
 Limits = tuple[float, float] | None
+NAMED_LEFT_OUT = 4  # branches that a note names
+MARGIN, LEAST_MARGIN = 0.1, 0.01  # of speeds above and below a branch, of their range and at least
 SIZE, ANCHORS = 10, 40  # of labels, in points; points of a curve that its name may stand at
 STEPS, STIFF_STEPS = 500, 250
 #: Steps, and the limits of v and τ, of the paper's figures.
@@ -55,10 +61,14 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (
 
     Stable branches solid, unstable dashed, virtual parts not drawn; saddle-nodes, flips and grazes marked, with their
     names where they are curves of `rattle.curves`. Points: attractors followed forward (light) and backward (on top).
-
     """
     require(isinstance(diagram, Diagram), f"diagram must be a Diagram, got {type(diagram).__name__}")
-    figure = new_figure(7.2, 7.6)
+    return _drawn(diagram, v, tau)
+
+
+def _drawn(diagram: Diagram[Any, Any], v: Limits, tau: Limits, aside: float = 0.0) -> Figure:
+    """The figure; aside: room beyond both ends of the parameter, of its range."""
+    figure = new_figure(7.2, 7.9)
     upper, lower = figure.subplots(2, 1, sharex=True)
     axis, scale, offset = parameter_axis(diagram)
     curves = [(branch, list(curves_along(diagram, branch, scale, offset))) for branch in diagram.branches]
@@ -68,12 +78,13 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (
             for curve in parts:
                 _draw(panel, curve, getattr(curve, which), branch.label[:2] == (1, 1))
         panel.set_ylabel(label)
-        panel.set_xlim(*sorted((offset, offset + scale)))
+        panel.set_xlim(*sorted((offset - aside * scale, offset + (1.0 + aside) * scale)))
         panel.set_ylim(*(limits or _fitting(diagram)))
         panel.tick_params(direction="in", top=True, right=True)
+    upper.set_title(_fixed(diagram), fontsize=10)
     lower.set_xlabel(axis)
     lower.locator_params(axis="x", nbins=6)
-    _legend(figure)
+    _legend(figure, followed=diagram.points.step.size > 0)
     for letter, panel, which in (("(a)", upper, "v"), ("(b)", lower, "tau")):
         panel.annotate(letter, (0.0, 1.0), (6, -6), "axes fraction", "offset points", va="top", fontsize=10)
         lines = [line for _, parts in curves for curve in parts for line in _lines(panel, curve, getattr(curve, which))]
@@ -82,6 +93,34 @@ def diagram_figure(diagram: Diagram[Any, Any], v: Limits = None, tau: Limits = (
         _names(panel, labels, curves, which, one=which == "v" and bool(np.isinf(diagram.kappa).all()))
     figure.set_layout_engine("none")  # labels lie where they were put
     return figure
+
+
+def branch_figure(branch: Any) -> Figure:
+    """The figure of one branch alone, of either model: as that of a diagram along its span, without attractors."""
+    require(isinstance(branch, Followed), f"branch must be a Branch, got {type(branch).__name__}")
+    found: Any = branch
+    at = found.parameters
+    way = at[np.argmax(np.abs(at - at[0]).sum(axis=1))] - at[0]
+    require(bool(way.any()), "the branch is a single point: there is no way along it to draw")
+    way = way * np.sign(way[np.argmax(np.abs(way))])
+    first, last = np.argmin(at @ way), np.argmax(at @ way)
+    ends = found.delta[[first, last]], found.epsilon[[first, last]], found.kappa[[first, last]]
+    alone = Diagram(
+        Segment(at[first], at[last]),
+        found.itinerary.beta,
+        np.array([0.0, 1.0]),
+        *ends,
+        (found,),
+        tuple(event for event in found.events if event.admissible),
+        Points._make([np.empty(0)] * len(Points._fields)),
+        Attractors._make([np.empty(0)] * len(Attractors._fields)),
+        (),
+        (),
+    )
+    speeds = found.speeds[found.admissible][:, np.array(found.itinerary.walls) > 0]
+    margin = max(MARGIN * float(np.ptp(speeds)), LEAST_MARGIN) if speeds.size else 1.0
+    v = (float(speeds.min()) - margin, float(speeds.max()) + margin) if speeds.size else None
+    return _drawn(alone, v, (0.0, 1.0), MARGIN / 2)
 
 
 def along_epsilon(delta: float, epsilon: tuple[float, float], beta: float = ranges.BETA) -> Drawing:
@@ -104,7 +143,19 @@ def stiff_along_epsilon(delta: float, epsilon: tuple[float, float], beta: float,
 def _notes(found: Diagram[Any, Any]) -> tuple[str, ...]:
     if not found.left_out:
         return ()
-    return (f"branches not followed, as too long or too many: {', '.join(map(name_of_type, found.left_out))}",)
+    some, more = found.left_out[:NAMED_LEFT_OUT], len(found.left_out) - NAMED_LEFT_OUT
+    names = ", ".join(map(name_of_type, some)) + (f" and {more} more" if more > 0 else "")
+    return (f"{len(found.left_out)} branches left out, as too long or too many: {names}",)
+
+
+def _fixed(diagram: Diagram[Any, Any]) -> str:
+    """The parameters that do not change along a diagram."""
+    names = {"δ": diagram.delta, "ε": diagram.epsilon, "β": np.array([diagram.beta]), "κ": diagram.kappa}
+    return ", ".join(
+        f"{name} = {values[0]:g}"
+        for name, values in names.items()
+        if values[0] == values[-1] and np.isfinite(values[0])
+    )
 
 
 def parameter_axis(diagram: Diagram[Any, Any]) -> tuple[str, float, float]:
@@ -171,7 +222,7 @@ def strokes(curve: ImpactCurve) -> Iterator[tuple[bool, slice]]:
 def _draw(panel: Axes, curve: ImpactCurve, y: Array, named: bool) -> None:
     """Each part in one stroke."""
     for stable, part in strokes(curve):
-        width, colour = (1.3, "black") if named else (0.8, "#333333") if stable else (0.5, "#777777")
+        width, colour = NAMED if named else OTHER[stable]
         panel.plot(curve.x[part], y[part], color=colour, lw=width, ls=STYLES[stable], zorder=3)
 
 
@@ -236,16 +287,22 @@ def _fitting(diagram: Diagram[Any, Any]) -> tuple[float, float]:
     return 0.0, 1.05 * top
 
 
-def _legend(figure: Figure) -> None:
-    lines = [
-        Line2D([], [], color="black", lw=1.3, label="stable"),
-        Line2D([], [], color="black", lw=1.3, ls=STYLES[False], label="unstable"),
+def _legend(figure: Figure, followed: bool) -> None:
+    """Say what lines, marks and, where attractors were followed, points mean."""
+    (width, colour), (thin, dark), (thinnest, grey) = NAMED, OTHER[True], OTHER[False]
+    entries = [
+        Line2D([], [], color=colour, lw=width, label="A to D, stable"),
+        Line2D([], [], color=colour, lw=width, ls=STYLES[False], label="A to D, unstable"),
+        Line2D([], [], color=dark, lw=thin, label="other motions, stable"),
+        Line2D([], [], color=grey, lw=thinnest, ls=STYLES[False], label="other motions, unstable"),
     ]
-    marks = [
+    entries += [
         Line2D([], [], ls="", marker=mark, color="black", ms=4.5, label=MEANINGS[kind]) for kind, mark in MARKS.items()
     ]
-    sweeps = [
-        Line2D([], [], ls="", marker="o", color=colour, ms=size, label=label)
-        for colour, size, label in ((FORWARD, 6, "followed forward"), (BACKWARD, 4, "backward"))
-    ]
-    figure.legend(handles=[*lines, *marks, *sweeps], loc="outside upper center", ncols=7, frameon=False, fontsize=8.5)
+    entries.append(
+        Line2D([], [], ls="", marker="o", mfc="white", mec="black", mew=0.5, ms=3, label="white: on no named curve")
+    )
+    if followed:
+        sweeps = (FORWARD, 6, "attractors, followed forward"), (BACKWARD, 4, "followed backward")
+        entries += [Line2D([], [], ls="", marker="o", color=ink, ms=size, label=name) for ink, size, name in sweeps]
+    figure.legend(handles=entries, loc="outside upper center", ncols=3, frameon=False, fontsize=8)

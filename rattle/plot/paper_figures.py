@@ -98,6 +98,11 @@ class Request:
         """What its file is called."""
         return f"figure{self.number}"
 
+    @property
+    def title(self) -> str:
+        """What it is, for people who wait for it."""
+        return f"Figure {self.number}, {FIGURES[self.number].shows}"
+
     def draw(self) -> Drawing:
         """Compute and draw. Raises RattleError."""
         figure = FIGURES[self.number]
@@ -114,6 +119,7 @@ class StiffRequest:
     epsilon: float
     beta: float
     name: str = "stiff"
+    title: str = "The stiff gear and its limit"
 
     def draw(self) -> Drawing:
         """Compute and draw. Raises RattleError."""

@@ -1,10 +1,11 @@
 """The (δ, ε) plane: its bifurcation curves, codimension-two points and regions. Figures 7 and 8 of the paper."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 
@@ -17,6 +18,7 @@ from rattle.plot.labels import Array, Labels
 from rattle.plot.paper_ranges import BETA, FIGURE_5, FIGURE_8, FIGURE_9
 
 Range = tuple[float, float]
+Box = tuple[float, float, float, float]
 
 #: A colour for each kind of bifurcation, that of flips and the quiet limit's told apart by deuteranopes too.
 STYLES = {
@@ -35,6 +37,9 @@ IN_PAPER = ("SN1", "SN2", "PD1", "G1", "G2")
 THICK, THIN = 1.5, 0.8
 CELLS = 240  # a side, of the grid on which regions are found
 LEAST = 20  # cells of a part of a region that gets its number
+INSET = 0.42, 0.44  # width and height of an inset with its numbers, of the axes
+NEAREST, BEFORE, BESIDE = 0.15, 9.0, 60  # an inset's curves, from COD23 over its distance from COD21; their points
+FARTHEST = 200.0  # width of a window with an inset over that distance
 MARKED: dict[str, Any] = {"color": "0.35", "linestyle": (0, (5, 3)), "linewidth": 1.0}
 
 
@@ -88,16 +93,17 @@ def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
     """The two-parameter bifurcation diagram of Figures 7 and 8: curves, points and regions in a window.
 
     delta, epsilon: (low, high). The curves that the paper has are thick, the others thin. At the paper's β, dashed
-    lines show the ranges of its Figures 5 and 9, and a rectangle Figure 8. Raises ParameterError.
+    lines show the ranges of its Figures 5 and 9, and a rectangle Figure 8. Where COD21 and COD23 are close in the
+    window, an inset shows the curves that touch there by their distance from SN2. Raises ParameterError.
     """
-    figure = new_figure(6.8, 5.0)
+    figure = new_figure(6.8, 5.2)
     axes = figure.add_subplot(xlim=delta, ylim=epsilon)
     axes.set_xlabel("damping δ", fontsize=11)
     axes.set_ylabel("eccentricity ε", fontsize=11)
     axes.ticklabel_format(useOffset=False)
     axes.locator_params(nbins=6)
-    axes.tick_params(direction="in", top=True, right=True)
-    lines, notes = {}, []
+    axes.tick_params(direction="in", top=True, right=True, pad=6)
+    curves, lines, notes = {}, {}, []
     for name in NAMES:
         try:
             with np.errstate(all="ignore"):
@@ -108,20 +114,100 @@ def plane(delta: Range, epsilon: Range, beta: float = BETA) -> Drawing:
             notes.append(f"{name} is left out: {error}")
             continue
         if len(curve):
+            curves[name] = curve
             lines[name] = draw_curve(axes, curve, THICK if name in IN_PAPER else THIN, halo=False)
     axes.set(xlim=delta, ylim=epsilon)
     marks = _paper_marks(axes) if beta == BETA else {}
-    if beta != BETA:
-        axes.set_title(f"half-backlash β = {beta:g}", fontsize=10)
-    labels = draw_points(axes, codimension_two(beta), [*lines.values(), *marks.values()])
-    labels = labels or Labels(axes, [*lines.values(), *marks.values()])
-    _name_regions(labels, delta, epsilon, beta)
+    axes.set_title(f"half-backlash β = {beta:g}", fontsize=10)
+    _explain_widths(axes, lines)
+    points = codimension_two(beta)
+    covered = _draw_inset(axes, curves, lines, {point.name: point for point in points})
+    taken = [*lines.values(), *marks.values(), *([] if covered is None else _filled(covered))]
+    labels = draw_points(axes, points, taken) or Labels(axes, taken)
+    _name_regions(labels, delta, epsilon, beta, covered)
     for name, line in lines.items():
         labels.along(name.replace("_", " "), line, 10 if name in IN_PAPER else 8, STYLES[name][0])
     for name, line in marks.items():
         labels.along(name, line, 7, MARKED["color"])
     figure.set_layout_engine("none")  # labels lie where they were put
     return Drawing(figure, tuple(notes))
+
+
+def _explain_widths(axes: Axes, lines: Mapping[str, Array]) -> None:
+    """Say below the axes what thick and thin lines are, where there are both."""
+    widths = ((True, THICK, "curves of the paper"), (False, THIN, "other curves"))
+    entries = [
+        Line2D([], [], color="0.2", lw=width, label=text)
+        for of_paper, width, text in widths
+        if any((name in IN_PAPER) is of_paper for name in lines)
+    ]
+    if len(entries) > 1:
+        axes.legend(handles=entries, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, fontsize=8, frameon=False)
+
+
+def _draw_inset(
+    axes: Axes, curves: Mapping[str, Curve], lines: Mapping[str, Array], points: Mapping[str, CodimensionTwo]
+) -> Box | None:
+    """Draw PD1 and G1 by their distance from SN2, before these meet at COD23, into a corner without curves.
+
+    Returns the corner in data coordinates; None if the points are not close in the window, or no corner is free.
+    """
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    if not {"COD21", "COD23"} <= set(points) or not {"SN2", "PD1", "G1"} <= set(curves):
+        return None
+    first, last = points["COD21"], points["COD23"]
+    apart = last.delta - first.delta
+    begin = last.delta - BEFORE * apart
+    if not (left <= begin < last.delta <= right and bottom <= last.epsilon <= top) or apart < (right - left) / FARTHEST:
+        return None
+    drawn = np.concatenate([line[~np.isnan(line[:, 0])] for line in lines.values()])
+    share = (drawn - [left, bottom]) / [right - left, top - bottom]
+    width, height = INSET
+    corners = [(x, y) for x in (1.0 - width, 0.0) for y in (0.0, 1.0 - height)]
+    free = [
+        (x, y)
+        for x, y in corners
+        if not np.any((share[:, 0] > x) & (share[:, 0] < x + width) & (share[:, 1] > y) & (share[:, 1] < y + height))
+    ]
+    if not free:
+        return None
+    x, y = free[0]
+    inset = axes.inset_axes((x + 0.3 * width, y + 0.24 * height, 0.64 * width, 0.62 * height))
+    delta = last.delta - np.geomspace(NEAREST, BEFORE, BESIDE) * apart
+    base = np.array([curves["SN2"].at(each)[0] for each in delta])
+    for name in ("PD1", "G1"):
+        above = np.array([curves[name].at(each)[0] for each in delta]) - base
+        inset.plot(delta, above, color=STYLES[name][0], linewidth=THICK, label=name)
+        inset.annotate(
+            name, (delta[-5], above[-5]), (0, 2), textcoords="offset points", fontsize=8, color=STYLES[name][0]
+        )
+    meets = float(curves["SN2"].at(first.delta)[0])
+    inset.plot(first.delta, first.epsilon - meets, MARKERS["COD21"], color="white", mec="black", ms=4.5)
+    inset.annotate("COD21", (first.delta, first.epsilon - meets), (-18, 12), textcoords="offset points", fontsize=7)
+    inset.axvline(last.delta, color="0.5", linewidth=THIN, linestyle=":")
+    inset.annotate(
+        "COD23",
+        (last.delta, 0.5),
+        (3, 0),
+        ("data", "axes fraction"),
+        "offset points",
+        rotation=90,
+        va="center",
+        fontsize=7,
+    )
+    inset.set(yscale="log", xlim=(begin, last.delta + 1.2 * apart))
+    inset.set_ylim(top=10.0 * inset.get_ylim()[1])
+    inset.set_title("ε above SN2", fontsize=8, pad=3)
+    inset.locator_params(axis="x", nbins=3)
+    inset.tick_params(labelsize=7)
+    across, up = right - left, top - bottom
+    return left + x * across, left + (x + width) * across, bottom + y * up, bottom + (y + height) * up
+
+
+def _filled(box: Box) -> list[Array]:
+    """Lines that cover a box closely enough for labels to keep out of it."""
+    left, right, bottom, top = box
+    return [np.array([[left, height], [right, height]]) for height in np.linspace(bottom, top, 24)]
 
 
 def _paper_marks(axes: Axes) -> dict[str, Array]:
@@ -140,12 +226,18 @@ def _paper_marks(axes: Axes) -> dict[str, Array]:
     return marks
 
 
-def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float) -> None:
-    """Write a region's name into each part of it that has room for it, and beside the largest if none has."""
+def _name_regions(labels: Labels, delta: Range, epsilon: Range, beta: float, covered: Box | None) -> None:
+    """Write a region's name into each part of it that has room for it, and beside the largest if none has.
+
+    covered: where nothing can be written.
+    """
     from scipy.ndimage import label
 
     x, y = (low + (high - low) * (np.arange(CELLS) + 0.5) / CELLS for low, high in (delta, epsilon))
     region = regions(x, y[:, None], beta)
+    if covered is not None:
+        left, right, bottom, top = covered
+        region = np.where((x > left) & (x < right) & (y[:, None] > bottom) & (y[:, None] < top), 0, region)
     for number, name in enumerate(REGIONS):
         if not name:
             continue

@@ -35,6 +35,7 @@ def stiff_figure(delta: float = DELTA, epsilon: float = EPSILON, beta: float = 0
     _motions(places, multipliers, motions)
     _bifurcations(curves, motions["D"])
     _graze(graze, Gear(delta, epsilon, beta))
+    figure.suptitle(f"δ = {delta:g}, ε = {epsilon:g}, β = {beta:g}", fontsize=11)
     return Drawing(figure)
 
 
@@ -48,9 +49,12 @@ def _motions(places: Axes, multipliers: Axes, motions: dict[str, PeriodicOrbit])
             change.append(abs(sum(found.multipliers) - sum(limit.multipliers)))
         places.loglog(kappas, off, ".-", color=COLOURS[name], label=name)
         multipliers.loglog(kappas, change, ".-", color=COLOURS[name], label=name)
-    for axes, title in ((places, "distance of the motion in (τ, v)"), (multipliers, "change of the trace")):
+    for axes, title, label in (
+        (places, "motions A to D", "distance in (τ, v) from the impacting model"),
+        (multipliers, "their multipliers", "change of the sum of both"),
+    ):
         _slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
-        axes.set(xlabel="stiffness κ", title=title)
+        axes.set(xlabel="stiffness κ", ylabel=label, title=title)
         axes.legend(fontsize=8, frameon=False)
 
 
@@ -75,7 +79,7 @@ def _bifurcations(axes: Axes, limit: PeriodicOrbit) -> None:
             axes.loglog(kappas, np.abs(off), ".-", color=colour, label=name)
     _slope(axes, 1e3, -0.5, "κ$^{-1/2}$")
     _slope(axes, 1e3, -1.0, "κ$^{-1}$")
-    axes.set(xlabel="stiffness κ", title="distance in ε of curves and quiet limit")
+    axes.set(xlabel="stiffness κ", ylabel="distance in ε from the impacting model", title="curves and quiet limit")
     axes.legend(fontsize=8, frameon=False)
 
 
@@ -84,7 +88,8 @@ def _slope(axes: Axes, start: float, power: float, label: str) -> None:
     lines = [np.asarray(line.get_xydata()) for line in axes.get_lines()]
     heights = [float(line[np.searchsorted(line[:, 0], start), 1]) for line in lines]
     ends = np.array([start, 1e8])
-    axes.loglog(ends, 2.0 * max(heights) * (ends / start) ** power, "k:", lw=1.0, label=label)
+    dashes = ":" if power == -0.5 else "--"
+    axes.loglog(ends, 2.0 * max(heights) * (ends / start) ** power, "k", ls=dashes, lw=1.0, label=label)
 
 
 def _graze(axes: Axes, gear: Gear) -> None:
@@ -97,5 +102,7 @@ def _graze(axes: Axes, gear: Gear) -> None:
         axes.plot(v - middle, [stiff.impact(tau, x).v for x in v], color=colour, label=f"κ = {kappa:g}")
     axes.plot(v - middle, [gear.impact(tau, x).v for x in v], "k", lw=1.0, label="impacting")
     axes.locator_params(axis="x", nbins=5)
-    axes.set(xlabel="v − v on Γ", ylabel="v'", title=f"one return across Γ, τ = {tau:.3f}")
+    axes.set(
+        xlabel="speed v less that of Γ", ylabel="speed of the next impact", title=f"one return across Γ, τ = {tau:.3f}"
+    )
     axes.legend(fontsize=8, frameon=False)

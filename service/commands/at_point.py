@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rattle import Machine
     from rattle.models import AnyGear
 
-MACHINE = "A machine in SI units, instead of DELTA and EPSILON"
+MACHINE = "A machine, two equal gears, in SI units, instead of DELTA and EPSILON"
 METRES = "m along the line of action"
 
 

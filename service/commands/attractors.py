@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from service.commands.at_point import Point, at_point
-from service.commands.options import Count, Seed
+from service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
     from rattle import Attractor
@@ -32,11 +32,12 @@ def name_of(attractor: Attractor) -> str:
 
 
 @at_point()
-def attractors(point: Point, count: Count = 64, v_max: SpeedLimit = None, seed: Seed = 0) -> None:
+def attractors(point: Point, count: Sample = 64, v_max: SpeedLimit = None, seed: Seed = 0) -> None:
     """Print the attractors of one parameter point, their shares, and how hard they rattle.
 
-    Impacts and energies are per revolution. Of a machine speeds are in m/s along the line of action, and the power of
-    the impacts in watts and in dB re 1 pW. Chaotic motions have an error bar (95 %), undecided ones no figures.
+    The share has its 95 % interval. Impacts and energies are per revolution. Of a machine speeds are in m/s along the
+    line of action, and the power of the impacts in watts and in dB re 1 pW. Chaotic motions have an error bar (95 %),
+    undecided ones no figures.
     """
     from rich.console import Console
     from rich.table import Table
@@ -46,7 +47,8 @@ def attractors(point: Point, count: Count = 64, v_max: SpeedLimit = None, seed: 
     console.print(point.words)
     columns = ("energy", "+-") if machine is None else ("W", "+-", "dB re 1 pW")
     speeds = ("mean speed", "largest") if machine is None else ("mean m/s", "largest m/s")
-    table = Table("attractor", "share", "from", "to", "impacts+", "impacts-", *speeds, *columns, "in contact", box=None)
+    interval = "95 % from", "to"
+    table = Table("attractor", "share", *interval, "impacts+", "impacts-", *speeds, *columns, "in contact", box=None)
     for each in found_at(point, count, v_max, seed):
         found = point.gear.intensity(each)
         if machine is None:

@@ -9,7 +9,7 @@ import typer
 
 from service.commands.at_point import Point, at_point
 from service.commands.attractors import name_of
-from service.commands.options import Count, Seed
+from service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -38,7 +38,7 @@ def compare(
         float, typer.Option(help="How exactly a motion repeats itself, over the mean time between impacts.")
     ] = 0.05,
     bins: Annotated[int, typer.Option(min=1, help="Bars of the histogram.")] = 24,
-    count: Count = 64,
+    count: Sample = 64,
     seed: Seed = 0,
 ) -> None:
     """Compare measured impacts with the motions of a gear: label, phases, nearest attractors.
@@ -73,7 +73,7 @@ def _print(found: Comparison, offset: float, unit: str) -> None:
     )
     if found.misfit > POOR:
         console.print("The impacts are not those of this gear: walls, label and phase mean little.")
-    nearest = Table("nearest", "share", "impacts+", "impacts-", "energy", "distance", box=None)
+    nearest = Table("nearest", "share", "impacts+", "impacts-", "energy, model's", "distance, revolutions", box=None)
     for near in found.near:
         rates = near.intensity.impacts_plus, near.intensity.impacts_minus, near.intensity.energy
         columns = f"{near.attractor.fraction:.4f}", *(f"{x:.6g}" for x in rates), f"{near.distance:.4g}"
@@ -91,7 +91,8 @@ def _histogram(found: Comparison) -> Table:
         nearest = found.near[0]
         columns[1:1] = [(name_of(nearest.attractor), nearest.histogram[0])]
         columns.append((name_of(nearest.attractor), nearest.histogram[1]))
-    table = Table("phase", *(name for name, _ in columns), box=None)
+    title = "impacts per revolution in each part of the phase"
+    table = Table("phase", *(name for name, _ in columns), box=None, title=title, title_justify="left")
     most = max(float(values.max()) for _, values in columns)
     bins = found.histogram.shape[1]
     for i in range(bins):

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def draw(store: str | Path, out: Path, slice_number: int | None = None) -> None:
@@ -12,13 +16,19 @@ def draw(store: str | Path, out: Path, slice_number: int | None = None) -> None:
 
     slice_number: of a survey with a third axis.
     """
-    from service.errors import ServiceError
     from service.results import open_results
     from workers.pictures.figure import survey_figure
     from workers.survey.slices import slice_of
 
     with open_results(store) as dataset:
         picture = survey_figure(slice_of(dataset, slice_number))
+    write(picture, out)
+
+
+def write(picture: Figure, out: Path) -> None:
+    """Write a picture; the suffix is the format."""
+    from service.errors import ServiceError
+
     try:
         picture.savefig(out)
     except (OSError, ValueError) as error:  # ValueError: a format that matplotlib does not know

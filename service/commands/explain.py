@@ -61,7 +61,9 @@ def _print(found: Explanation, rows: int) -> None:
         share = f"{100 * number / of:.1f} %" if of else "-"
         console.print(f"  {what}: {number} of {of} ({share})")
     console.print(f"  of these, by the point of a curve between the two cells alone: {found.met}")
-    table = Table("curve", "pairs it explains", "passes between", box=None, title="Curves", title_justify="left")
+    table = Table(
+        "curve", "pairs it explains", "pairs it passes between", box=None, title="Curves", title_justify="left"
+    )
     crossing = [item for item in found.known if item.crosses.any()]
     for item in crossing[:rows]:
         table.add_row(item.curve.name, str(item.explains), str(item.crosses.sum()))

@@ -122,6 +122,7 @@ def _draw_figures(requests: list[Request | StiffRequest], directory: Path, forma
     _require_directory(directory)
     for request in requests:
         start = perf_counter()
+        typer.echo(f"{request.title} …")
         picture = request.draw()
         for suffix in dict.fromkeys(formats):
             path = directory / f"{request.name}.{suffix}"

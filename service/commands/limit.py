@@ -62,7 +62,8 @@ def limit(
         name, values = _axis(over)
         for value in values:
             (found,) = design_limits(given, of, name, [value], share, **asked)
-            typer.echo(f"{name} {value:.6g}: {_words(of, share, found)}")
+            unit, scale = UNITS.get(name, ("", 1.0))
+            typer.echo(f"{name} {scale * value:.6g}{unit if scale != 1.0 else ''}: {_words(of, share, found)}")
 
 
 def _words(of: str, share: float, found: Limit, at: str = "") -> str:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 AXIS = "START:STOP:NUM"
 DEFAULT_URL = "http://127.0.0.1:8000"
 
-MACHINE = "A machine in SI units, instead of delta, epsilon and beta"
+MACHINE = "A machine, two equal gears, in SI units, instead of delta, epsilon and beta"
 
 
 def _axis(what: str, panel: str | None = None) -> Any:
@@ -68,6 +68,7 @@ Slice = Annotated[
     typer.Option("--slice", metavar="NUMBER", help="Of a survey with a third axis: which value of it, from 0."),
 ]
 Count = Annotated[int, typer.Option(help="Initial conditions per cell.")]
+Sample = Annotated[int, typer.Option(help="Initial conditions of the sample.")]
 VMax = Annotated[
     str | None,
     typer.Option(

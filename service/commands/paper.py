@@ -15,14 +15,23 @@ UNEXPECTED = 1
 
 def paper(
     markdown: Annotated[bool, typer.Option("--markdown", help="Print docs/paper.md, derivations and all.")] = False,
+    only: Annotated[
+        int | None,
+        typer.Option(
+            metavar="NUMBER", help="Compute one finding alone, with the numbers that it explains.", show_default="all"
+        ),
+    ] = None,
 ) -> None:
     """Compute every number of Mason and Piiroinen (2009) and show where the paper is wrong or incomplete.
 
-    Exit status 1 if a number or statement is off and no finding takes that up, or a finding is not borne out.
+    The last line is the summary. Exit status 1 if a number or statement is off and no finding takes that up, or a
+    finding is not borne out.
     """
     from rattle import paper as checks
 
-    report = checks.report()
+    if markdown and only is not None:
+        raise typer.BadParameter("docs/paper.md has all findings: leave --only out", param_hint="--markdown")
+    report = checks.report() if only is None else checks.one_finding(only)
     if markdown:
         typer.echo(checks.markdown(report), nl=False)
     else:
@@ -50,9 +59,14 @@ def _show(report: Report) -> None:
     statements = Table("where", "the paper says", "computed", "verdict", box=None)
     for statement in report.statements:
         statements.add_row(statement.where, statement.says, statement.computed, statement.verdict)
-    console.print(numbers, RULE, statements, "\nWhere the paper is wrong or incomplete\n", sep="\n")
-    for i, finding in enumerate(report.findings, 1):
+    if report.numbers:
+        console.print(numbers, RULE, sep="\n")
+    if report.statements:
+        console.print(statements)
+    console.print("\nWhere the paper is wrong or incomplete\n")
+    for i, finding in enumerate(report.findings, report.first):
         console.print(f"{i}. {finding.title}\n   Paper: {finding.paper}\n   Instead: {finding.instead}")
         for one in finding.evidence:
             console.print(f"   - {one.shows}{'' if one.holds else ' (NOT BORNE OUT)'}")
         console.print()
+    console.print(report.summary)

@@ -10,6 +10,15 @@ if TYPE_CHECKING:
     from rattle import Estimate, Population
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
+#: The unit of a machine's number in a table, and how many of it its SI unit is.
+UNITS = {
+    "eccentricity": ("µm", 1e6),
+    "backlash": ("µm", 1e6),
+    "radius": ("mm", 1e3),
+    "inertia": ("kg m²", 1.0),
+    "drag": ("N m s/rad", 1.0),
+    "stiffness": ("N/m", 1.0),
+}
 
 
 def print_population(found: Population) -> None:
@@ -44,7 +53,7 @@ def _words(found: Estimate) -> str:
 def _indices(found: Population, of: str, what: str) -> Table:
     from rich.table import Table
 
-    table = Table(f"what decides {what}", "alone", "with others", box=None)
+    table = Table(f"what decides {what} [95 %]", "alone", "with others", box=None)
     for name, each in found.indices(of).items():
         table.add_row(name, _words(each.first), _words(each.total))
     return table
@@ -53,8 +62,14 @@ def _indices(found: Population, of: str, what: str) -> Table:
 def _worst(found: Population) -> Table:
     from rich.table import Table
 
-    table = Table("worst gears", *found.names, "quiet", "energy or W", box=None)
+    from rattle.populations.tolerances import is_machine
+
+    machine = is_machine(found.plan.tolerances.given)
+    units = {name: UNITS.get(name, ("", 1.0)) if machine else ("", 1.0) for name in found.names}
+    headings = (f"{name}, {unit}" if unit else name for name, (unit, _) in units.items())
+    loud = "power, W" if machine else "energy per revolution"
+    table = Table("worst gears", *headings, "quiet", loud, box=None)
     for each in found.worst():
-        values = (f"{x:.6g}" for x in each.numbers.values())
+        values = (f"{x * units[name][1]:.6g}" for name, x in each.numbers.items())
         table.add_row(str(each.row), *values, f"{each.quiet:.3f}", f"{each.energy:.4g}")
     return table

@@ -9,7 +9,7 @@ import typer
 
 from service.commands.at_point import Point, at_point
 from service.commands.attractors import SpeedLimit, found_at, name_of
-from service.commands.options import Count, Seed
+from service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -36,7 +36,7 @@ def sound(
             show_default="the loudest sample",
         ),
     ] = None,
-    count: Count = 64,
+    count: Sample = 64,
     v_max: SpeedLimit = None,
     seed: Seed = 0,
 ) -> None:

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+import rattle
 from service.cli import app
 
 ROOT = Path(__file__).parents[2]
@@ -23,6 +24,11 @@ ROUGH = 0.1  # of what a sample finds, where the document says "about"
 def promised(block: str) -> list[str]:
     """What the comments behind or below prints say."""
     return re.findall(r"(?:^ +# |print\(.*\)  # )(.*)$", block, re.MULTILINE)
+
+
+def test_the_gears_are_said_to_be_equal_first() -> None:
+    assert TEXT.split("\n\n")[1].startswith("**The two gears are equal**")
+    assert "equal gears" in (rattle.Machine.__doc__ or "").partition("\n")[0]
 
 
 def agrees(said: str, printed: str) -> bool:
@@ -39,7 +45,7 @@ def test_every_line_is_executed_and_prints_what_it_says(tmp_path: Path, monkeypa
     names: dict[str, Any] = {}
     variables: dict[str, str] = {}
     out = ""
-    assert [kind for kind, _ in BLOCKS].count("python") == 12
+    assert [kind for kind, _ in BLOCKS].count("python") == 13
     for kind, block in BLOCKS:
         if kind == "python":
             printed = io.StringIO()

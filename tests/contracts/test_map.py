@@ -25,6 +25,7 @@ STEP = re.compile(
 )
 PROMISES = {
     "quantity": """
+import sys
 from workers import SurveyRequest, compute_tile, tiles_of
 from workers.survey.template import template_of
 request = SurveyRequest(
@@ -34,6 +35,10 @@ arrays, _ = compute_tile(request, tiles_of(request)[0])
 assert (arrays["orbit_count"] == arrays["orbit_exists"].sum(axis=0)).all()
 assert arrays["orbit_count"].max() == 4
 assert "orbit_count/zarr.json" in template_of(request)
+sys.path += ["tests/contracts/workers", *TESTS]
+from test_workers_registry import SCHEMA, test_the_registry_is_the_schema
+test_the_registry_is_the_schema()
+assert "orbit_count" in SCHEMA
 """,
     "curve": """
 import rattle
@@ -122,19 +127,65 @@ def test_every_room_is_named(package: str, drawing: dict[str, Any]) -> None:
     assert rooms - named <= {"_version", "errors"}
 
 
+#: What each recipe adds, and another name for it: whoever has followed one has the first already.
+ADDED = {
+    "quantity": ("orbit_count", "number_of_orbits"),
+    "curve": ("PDC_low", "PDC_beside"),
+    "route": ("balance", "balance_of_impulses"),
+}
+
+
+def steps_of(what: str, name: str) -> list[re.Match[str]]:
+    """The steps of a recipe under this name."""
+    (recipe,) = re.findall(rf"### To add a {what}\n.*?(?=\n### )", TEXT, re.S)
+    steps = list(STEP.finditer(recipe.replace(ADDED[what][0], name)))
+    assert steps
+    return steps
+
+
+def followed(what: str, name: str, root: Path) -> None:
+    """Copy the code, and carry out a recipe there under this name."""
+    for package in (*PACKAGES, "gear_rattle", "tests/contracts"):
+        shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
+    for step in steps_of(what, name):
+        carry_out(step, root)
+
+
+def is_free(what: str, name: str) -> bool:
+    """Whether nobody has followed the recipe here under this name."""
+    step = steps_of(what, name)[0]
+    return not (ROOT / step["new"]).exists() if step["new"] else step["code"] not in (ROOT / step["at"]).read_text()
+
+
 @pytest.mark.parametrize("what", [pytest.param(what, marks=() if what == "quantity" else deep) for what in PROMISES])
 def test_a_recipe_does_what_it_promises(what: str, tmp_path: Path) -> None:
-    for package in PACKAGES:
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
-    (recipe,) = re.findall(rf"### To add a {what}\n.*?(?=\n### )", TEXT, re.S)
-    steps = list(STEP.finditer(recipe))
-    assert steps
-    for step in steps:
-        carry_out(step, tmp_path)
-    done = subprocess.run(
-        [sys.executable, "-c", PROMISES[what]], cwd=tmp_path, capture_output=True, text=True, timeout=HANG
-    )
+    """Under its own name, or under another one where it was followed already."""
+    own, other = ADDED[what]
+    name = own if is_free(what, own) else other
+    followed(what, name, tmp_path)
+    shared = [str(ROOT / "tests"), str(ROOT / "tests" / "contracts")]
+    promise = f"TESTS = {shared!r}\n" + PROMISES[what].replace(own, name)
+    done = subprocess.run([sys.executable, "-c", promise], cwd=tmp_path, capture_output=True, text=True, timeout=HANG)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("what", PROMISES)
+@pytest.mark.parametrize("which", [0, 1], ids=["verbatim", "another name"])
+def test_what_a_recipe_adds_is_as_the_linters_want_it(what: str, which: int, tmp_path: Path) -> None:
+    name = ADDED[what][which]
+    if not is_free(what, name):
+        pytest.skip("followed here already")
+    followed(what, name, tmp_path)
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    for check in (["check"], ["format", "--check"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "ruff", *check, "--no-cache", "."],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=HANG,
+        )
+        assert done.returncode == 0, done.stdout
 
 
 def carry_out(step: re.Match[str], root: Path) -> None:

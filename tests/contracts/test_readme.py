@@ -24,6 +24,13 @@ def test_what_is_said_of_the_paper_is_what_its_document_counts():
     assert len(re.findall(r"^### \d+\. ", PAPER, re.MULTILINE)) == findings
 
 
+def test_the_first_example_prints_what_its_comment_says(capsys):
+    block = re.findall(r"```python\n(import rattle\n.*?)```", README, re.DOTALL)[0]
+    exec(block, {})
+    (comment,) = re.findall(r"print\(attractor\..*\)  # (.*), …$", block, re.MULTILINE)
+    assert capsys.readouterr().out.splitlines()[:3] == comment.split(", ")
+
+
 def test_commands_named_in_the_readme_exist():
     from service.cli import app
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from rattle import REGIONS
 from rattle.plot.drawing import HALO, new_figure
 from workers.errors import SurveyError
-from workers.pictures.maps import draw_legend, draw_map
+from workers.pictures.maps import WITHOUT_VALUE, draw_legend, draw_map
 from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
 from workers.survey.slices import surveyed_model
 
@@ -31,12 +31,11 @@ def survey_figure(dataset: xr.Dataset) -> Figure:
     panels = [name for name in PANELS if name in dataset]
     if not panels:
         raise SurveyError(f"nothing to draw: ask for a survey with one of {', '.join(PANELS)}")
-    figure = new_figure(5.6 * len(panels), 5.0)
+    figure = new_figure(6.0 * len(panels), 5.0)
     curves: dict[str, tuple[Axes, list[np.ndarray]]] = {}
-    for axes, name in zip(np.atleast_1d(figure.subplots(1, len(panels), sharey=True)), panels, strict=True):
-        draw_map(axes, dataset, dataset[name], nothing="only quiet")
+    for axes, name in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
+        draw_map(axes, dataset, dataset[name], WITHOUT_VALUE.get(name, "none"))
         axes.set_title(PANELS[name])
-        axes.label_outer()
         curves[name] = axes, draw_curves(axes, dataset, CURVES_ON[name])
         draw_legend(axes)
     figure.suptitle(f"Gear model, {model}", fontsize=13)

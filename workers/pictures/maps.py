@@ -11,6 +11,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
+from matplotlib.figure import Figure
 
 from rattle.orbits.period_one import PAPER_REGIONS
 from rattle.plot.colours import REGION_COLOURS
@@ -69,6 +70,21 @@ SLOTS = {
     UNJOINED: "attractor {}, of those of a cell by falling share until families are joined",
 }
 AT_ZERO = {"boundary_distance": "no quiet motion"}
+#: Units of the variables whose names hold one of these words, the first that does; all others are numbers.
+UNITS = {
+    "entropy": "nats",
+    "level": "dB",
+    "contact": "share of the time",
+    "phase": "forcing periods",
+    "fraction": "share of the sample",
+    "energy": "v²/2, per forcing period",
+    "impacts": "per forcing period",
+    "lyapunov": "per forcing period",
+    "velocity": "per forcing period",
+    "speed": "per forcing period",
+    "distance": "impact speed, per forcing period",
+    "periods": "forcing periods",
+}
 FARTHEST_DRAWN = 1e300  # matplotlib adds margins, and lengths of ticks, that shall not overflow
 CAPTION = 110  # characters of a line
 ROOM = (512, 512)  # cells of a map, which has more pixels
@@ -85,6 +101,28 @@ def map_picture(
     form: Form = "png",
     over: Over = NOTHING_OVER,
 ) -> bytes:
+    """Return the picture of `map_figure` as a file; the other arguments are those of that.
+
+    Args:
+        form: what is returned, a PNG, an SVG or a PDF file.
+
+    Raises:
+        SurveyError: as `map_figure`.
+    """
+    figure = map_figure(dataset, variable, index, opened, look, over)
+    with BytesIO() as file:
+        figure.savefig(file, format=form)
+        return file.getvalue()
+
+
+def map_figure(
+    dataset: xr.Dataset,
+    variable: str,
+    index: int = 0,
+    opened: OpenGroup | None = None,
+    look: Look = USUAL,
+    over: Over = NOTHING_OVER,
+) -> Figure:
     """Draw a variable of an open survey, finished or not.
 
     Of more cells than there are pixels, cells become one, and what is rare among these is shown.
@@ -95,7 +133,6 @@ def map_picture(
         opened: opens a level of the survey, which is faster than to read all cells.
         look: a part of the plane, its colours and lines, by default as all pictures have them; with a family the survey
             has its families as maps.
-        form: what is returned, a PNG, an SVG or a PDF file.
         over: what was found beforehand, to be drawn over it.
 
     Raises:
@@ -123,9 +160,14 @@ def map_picture(
         draw_points(axes, dataset, curves)
     if look.caption:
         figure.supxlabel("\n".join(wrap(look.caption, CAPTION)), x=0.01, ha="left", fontsize=7, parse_math=False)
-    with BytesIO() as file:
-        figure.savefig(file, format=form)
-        return file.getvalue()
+    return figure
+
+
+def bar_label(plane: xr.DataArray) -> str:
+    """Return what a colour bar measures: the variable, with its unit if it has one."""
+    name = str(plane.name).replace("_", " ")
+    unit = "" if "flag_meanings" in plane.attrs else next((UNITS[word] for word in UNITS if word in name), "")
+    return f"{name}, {unit}" if unit else name
 
 
 def title_of(plane: xr.DataArray) -> str:
@@ -204,6 +246,7 @@ def draw_map(
         _cells(axes, finer, shown, cmap, norm)
     # axes that are drawn on have a figure, which their type leaves open
     bar = axes.get_figure().colorbar(mesh, ax=axes, ticks=ticks, pad=0.02, extend=extend)  # type: ignore[union-attr]
+    bar.set_label(bar_label(plane))
     if labels:
         bar.ax.set_yticklabels(labels)
         bar.minorticks_off()

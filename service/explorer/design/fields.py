@@ -50,6 +50,7 @@ NUMBERS = {
     "eccentricity": Entry("Eccentricity", "µm", 1e6, 15.0),
     "stiffness": Entry("Mesh stiffness (none: rigid)", "N/m", 1.0, None),
 }
+EQUAL = "<p class=faint>Two equal gears: each of them has this inertia, drag and base radius.</p>"
 PAIR = ("inertia", "drag", "backlash", "radius")  # of every machine of a survey
 POINT = (*PAIR, "rpm", "eccentricity", "stiffness")
 
@@ -100,7 +101,8 @@ class MachineFields:
         each = [*self._numbers.values(), self._drive]
         self.widgets: list[Any] = each
         rows = (pn.Row(*each[i : i + 2], sizing_mode="stretch_width") for i in range(0, len(each), 2))
-        self.panel = pn.Column(*rows, sizing_mode="stretch_width", margin=0)
+        about = pn.pane.HTML(EQUAL, stylesheets=[sheet], margin=(0, 4))
+        self.panel = pn.Column(about, *rows, sizing_mode="stretch_width", margin=0)
 
     def given(self) -> dict[str, Any]:
         """What is entered, as `rattle.Machine` and requests take it; nothing of what is empty and need not be given."""

@@ -1,4 +1,4 @@
-"""A machine in SI units: which parameter point it is, and what one unit of the model is there."""
+"""A machine, two equal gears in SI units: which parameter point it is, and what one unit of the model is there."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ def positive(description: str, example: float | None = None, *, zero: bool = Fal
 
 
 LINE = "m along the line of action"
-INERTIA, DRAG = "kg m², of each gear with what turns with it", "N m s/rad: the drag torque of each gear over its speed"
+INERTIA = "kg m², of each of two equal gears with what turns with it"
+DRAG = "N m s/rad: the drag torque of each gear over its speed"
 ECCENTRICITY = f"{LINE}: the amplitude of the transmission error once a revolution"
 STIFFNESS = "N/m of the mesh along the line of action: the stiff model"
 DRIVE = "torque: a constant one on one gear; speed: that of one imposed"
@@ -114,7 +115,7 @@ class Units(BaseModel):
 
 
 class MachineDocument(BaseModel):
-    """A machine as a parameter point, and back."""
+    """A machine, two equal gears, as a parameter point, and back."""
 
     delta: float = Field(description="damping")
     epsilon: float = Field(description="eccentricity")
@@ -126,12 +127,14 @@ class MachineDocument(BaseModel):
 
 @router.get(
     "/machine",
-    summary="A machine in SI units as a parameter point, and back",
+    summary="A machine, two equal gears, in SI units as a parameter point, and back",
     dependencies=[Depends(function_of_query)],
     responses={**NOT_MODIFIED, **declared(422)},
 )
 async def machine(found: Annotated[Machine, Depends(machine_of_query)]) -> MachineDocument:
-    """Numbers that can only be in other units, such as millimetres, are refused with what to give instead."""
+    """Both gears have this inertia, drag and radius. Numbers that can only be in other units, such as millimetres, are
+    refused with what to give instead.
+    """
     gear = found.gear
     with np.errstate(all="ignore"):  # the ends of double precision overflow on the way
         quiet_limit = number(gear.quiet_limit * found.units.length)

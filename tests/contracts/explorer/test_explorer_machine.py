@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import panel as pn
 import pytest
 import test_explorer_view as views
 from service_support import BODY
@@ -12,6 +13,7 @@ from waiting import eventually
 
 import rattle
 from service.explorer.common.address import Entered
+from service.explorer.design.fields import POINT, MachineFields
 from service.explorer.design.tolerance import Tolerance, outline
 from service.explorer.map.readout import readout
 from service.explorer.map.view import MapView
@@ -134,3 +136,8 @@ def test_a_point_of_a_machine_s_survey_is_read_in_si() -> None:
     assert "<dd>3000 rpm</dd>" in said
     assert "<dd>20 µm</dd>" in said
     assert "rpm" not in readout(None, 0.6, 0.1, SurveyRequest(**BODY).gear_model, ((0.4, 1.0), (0.0, 0.3)))
+
+
+def test_the_fields_of_a_machine_say_that_the_gears_are_equal() -> None:
+    said = [pane.object for pane in MachineFields(POINT, "").panel.select(pn.pane.HTML)]
+    assert any("Two equal gears" in text for text in said)

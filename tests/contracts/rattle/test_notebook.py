@@ -1,6 +1,7 @@
 """What results show in a notebook: a line, a table, and what pandas and xarray get, against the arrays themselves."""
 
 import inspect
+import pickle
 import sys
 import xml.etree.ElementTree as ElementTree
 from typing import Any
@@ -150,3 +151,20 @@ def test_who_has_no_pandas_or_xarray_is_told_which_extra_has(monkeypatch: pytest
     for ask in (BRANCH.to_dataframe, BRANCH.to_xarray):
         with pytest.raises(rattle.MissingExtraError, match=r"gear-rattle\[workers\]"):
             ask()
+
+
+def test_attractors_in_a_plain_prompt_are_a_table() -> None:
+    """A line for each below the headings; otherwise a tuple like any other."""
+    found = GEAR.attractors(32)
+    heading, *lines = repr(found).splitlines()
+    assert heading.split()[:2] == ["attractor", "fraction"]
+    assert "95 % from" in heading
+    assert [line.split()[0] for line in lines] == [each.name for each in found]
+    assert float(lines[0].split()[1]) == pytest.approx(found[0].fraction, rel=1e-5)
+    assert len(repr(found)) < 150 * (len(found) + 1)
+    assert isinstance(found, tuple)
+    assert found == tuple(found)
+    assert hash(found[1:]) == hash(tuple(found)[1:])
+    again = pickle.loads(pickle.dumps(found))
+    assert repr(again) == repr(found)
+    assert len(cells_of(found._repr_html_())) == len(found)

@@ -126,3 +126,28 @@ def test_the_end_of_chaos_agrees_with_the_manifold_condition(report):
     """At δ = 0.762 the corner of W^u(A) lands on W^s(A) at this ε; beyond it by less than the watch can tell."""
     low, high = next(x.interval for x in report.numbers if x.what == "chaotic attractor ends at δ = 0.762")
     assert low - 1e-6 < 0.0974223487 < high
+
+
+def test_one_finding_is_computed_alone(monkeypatch):
+    """As its own entry in the whole, under its number, and nothing else is computed."""
+    monkeypatch.setattr(numbers, "end_of_chaos", None)
+    monkeypatch.setattr(paper.report.__globals__["pictures"], "panels", None)
+    result = CliRunner().invoke(app, ["paper", "--only", "5"])
+    assert result.exit_code == 0, result.output
+    (title,) = re.findall(r"^### 5\. (.*)$", DOCUMENT, re.MULTILINE)
+    assert f"5. {title}" in result.output.replace("\n", " ")
+    assert not re.search(r"^(1|2|3|4|6)\. ", result.output, re.MULTILINE)
+    assert result.output.splitlines()[-1] == "1 of 1 findings are borne out"
+    for number in ("0", "13"):
+        refused = CliRunner().invoke(app, ["paper", "--only", number])
+        assert refused.exit_code != 0
+        assert "there are 1 to 12" in str(refused.exception)
+
+
+def test_the_summary_is_last_and_counts_what_the_document_says(computed):
+    result = CliRunner().invoke(app, ["paper"])
+    agree = sum(number.verdict == AGREES for number in computed.numbers)
+    last = result.output.strip().splitlines()[-1]
+    assert last == computed.summary
+    assert last.startswith(f"{agree} of {len(computed.numbers)} numbers agree")
+    assert last.endswith("12 of 12 findings are borne out")

@@ -377,6 +377,8 @@ def test_the_command_writes_figures(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     assert {path.name for path in out.iterdir()} == {"figure8.pdf", "figure8.png"}
+    lines = result.output.splitlines()
+    assert lines[0] == "Figure 8, the same curves around COD21 and COD22 …"  # before the first is computed
     assert str(out / "figure8.pdf") in result.output.replace("\n", "")
     assert (out / "figure8.pdf").read_bytes().startswith(b"%PDF")
     assert min(matplotlib.image.imread(out / "figure8.png").shape[:2]) > 1000

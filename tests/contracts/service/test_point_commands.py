@@ -175,3 +175,17 @@ def test_what_does_not_fit_together_is_refused(
     told = f"{result.output} {result.exception}"
     assert what in re.sub(r"\s+", " ", told)
     assert isinstance(result.exception, rattle.RattleError | SystemExit)
+
+
+def test_tables_say_what_their_columns_are() -> None:
+    """The interval of a share is at 95 %, and a machine's options are those of two equal gears."""
+    printed = said("attractors", "0.6", "0.089", "--count", "16")
+    heading = next(line for line in printed.splitlines() if line.strip().startswith("attractor"))
+    assert "95 % from" in heading
+    (quiet,) = [row for row in rows(printed, "attractor") if row[0] == "quiet"]
+    assert float(quiet[2]) < float(quiet[1]) < float(quiet[3])
+    for command in ("attractors", "orbits", "run", "tolerance", "limit"):
+        shown = " ".join(said(command, "--help").replace("│", " ").split())
+        assert "equal gears" in shown, command
+    for command in ("attractors", "sound", "compare"):
+        assert "per cell" not in said(command, "--help")

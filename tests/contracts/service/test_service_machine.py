@@ -26,6 +26,14 @@ def found(client: TestClient, route: str, **query: Any) -> Any:
     return answer.json()
 
 
+def test_the_description_says_that_the_gears_are_equal(client: TestClient) -> None:
+    paths = client.get("/openapi.json").json()["paths"]
+    assert "two equal gears" in paths["/v1/machine"]["get"]["summary"]
+    for route in ("machine", "attractors", "intensity"):
+        (inertia,) = (each for each in paths[f"/v1/{route}"]["get"]["parameters"] if each["name"] == "inertia")
+        assert "of each of two equal gears" in inertia["description"]
+
+
 @pytest.mark.parametrize("changed", [{}, {"drive": "speed"}, {"stiffness": 1e8}])
 def test_a_machine_is_the_point_that_it_is(client: TestClient, changed: dict[str, Any]) -> None:
     machine = rattle.Machine(**SI, **changed)

@@ -28,7 +28,7 @@ from workers import (
 )
 from workers.cluster.runner import compute_and_write
 from workers.pictures.figure import survey_figure
-from workers.pictures.maps import map_picture, scale_of
+from workers.pictures.maps import WITHOUT_VALUE, map_picture, scale_of
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.8, num=8),
@@ -211,3 +211,37 @@ def test_no_global_drawing_state() -> None:
     assert "workers.pictures.maps" in sys.modules
     assert "pyplot" not in vars(sys.modules["workers.pictures.maps"])
     assert "plt" not in vars(sys.modules["workers.pictures.figure"])
+
+
+def test_colour_bars_say_what_they_measure(whole: xr.Dataset) -> None:
+    bars = [axes for axes in survey_figure(whole).axes if not axes.get_xlabel()]
+    assert [axes.get_ylabel() for axes in bars] == [
+        "region",
+        "quiet fraction, share of the sample",
+        "lyapunov max, per forcing period",
+    ]
+
+
+def test_every_panel_has_ticks_and_only_quiet_is_one_word_everywhere(whole: xr.Dataset) -> None:
+    figure = survey_figure(whole)
+    figure.canvas.draw()
+    panels = [axes for axes in figure.axes if axes.get_xlabel()]
+    for axes in panels:
+        assert axes.get_ylabel() == "eccentricity ε"
+        assert any(label.get_text() and label.get_visible() for label in axes.get_yticklabels())
+    shown = [text.get_text() for text in panels[2].get_legend().get_texts()]
+    assert WITHOUT_VALUE["lyapunov_max"] in shown
+    assert "none" not in shown
+
+
+def test_an_opened_survey_draws_itself(whole: xr.Dataset) -> None:
+    from gear_rattle import open_survey as opened  # registers the accessor
+
+    assert callable(opened)
+    figure = whole.rattle.plot()
+    panel, bar = figure.axes
+    assert [label.get_text() for label in bar.get_yticklabels()] == ["I", "II", "III", "IV", "V"]
+    assert "SN1" in {text.get_text() for text in panel.get_legend().get_texts()}
+    assert whole.rattle.plot("orbit_phase", 2).axes[1].get_ylabel() == "orbit phase, forcing periods"
+    with pytest.raises(SurveyError, match="no map"):
+        whole.rattle.plot("delta")

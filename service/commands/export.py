@@ -1,0 +1,79 @@
+"""``rattle export``: a survey as a file for other programs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from shutil import copyfileobj
+from typing import IO, TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from workers.survey.values.schema import Form
+
+ENDINGS = (".nc", ".csv", ".parquet")
+
+
+def export(
+    store: Annotated[str, typer.Argument(metavar="STORE", help="Path or s3:// URL of a survey's store.")],
+    out: Annotated[Path, typer.Argument(metavar="FILE", help="The file: .nc, .csv or .parquet.")],
+    form: Annotated[
+        str, typer.Option(metavar="cells|attractors|orbits", help="What a row of a table is; .nc has everything.")
+    ] = "cells",
+) -> None:
+    """Write a survey, finished or not, as NetCDF, CSV or Parquet, by the ending of FILE.
+
+    NetCDF has all that the store has but its levels, with CF conventions; a table has a row for each cell, or for each
+    of its attractors or orbits. They are the files that a service gives for download.
+    """
+    from workers.survey.values.schema import Form
+
+    if out.suffix not in ENDINGS:
+        raise typer.BadParameter(f"{out} must end in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}", param_hint="FILE")
+    forms = [str(each) for each in (Form.CELLS, Form.ATTRACTORS, Form.ORBITS)]
+    if form not in forms:
+        raise typer.BadParameter(f"{form!r} is none of {', '.join(forms)}", param_hint="--form")
+    if "://" in store and not store.startswith("s3://"):
+        raise typer.BadParameter(
+            f"{store} is a service's, which gives the same files at …/download.nc, .csv and .parquet",
+            param_hint="STORE",
+        )
+    _write(store, out, Form(form))
+    typer.echo(f"{out} holds it: {out.stat().st_size:,} bytes.")
+
+
+def _write(store: str, out: Path, form: Form) -> None:
+    from workers import open_survey, place_of
+    from workers.storage.export import csv_lines, require_readable, table_names, write_netcdf, write_parquet
+    from workers.storage.store import open_groups
+
+    place = place_of(store)
+    with open_survey(place, as_stored=True) as dataset:
+        require_readable(dataset, None if out.suffix == ".nc" else table_names(dataset, form))
+        with _replaced(out) as file:
+            if out.suffix == ".csv":
+                file.writelines(line.encode() for line in csv_lines(dataset, form))
+                return
+            made = write_netcdf(dataset, open_groups(place)) if out.suffix == ".nc" else write_parquet(dataset, form)
+            with made:
+                copyfileobj(made, file)
+
+
+@contextmanager
+def _replaced(path: Path) -> Iterator[IO[bytes]]:
+    """A file that takes the place of `path` once it is whole; what fails on the way leaves nothing behind."""
+    from service.errors import ServiceError
+
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with part.open("wb") as file:
+            yield file
+        part.replace(path)
+    except OSError as error:
+        raise ServiceError(f"The file {path} cannot be written: {error}") from error
+    finally:
+        with suppress(OSError):
+            part.unlink()

@@ -1,0 +1,38 @@
+"""`survey.rattle`: what an `xarray.Dataset` of a survey can do besides. To import this module registers it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import xarray as xr
+
+if TYPE_CHECKING:  # half a second, for who draws
+    from matplotlib.figure import Figure
+
+
+@xr.register_dataset_accessor("rattle")
+class SurveyAccessor:
+    """The accessor `rattle` of datasets that are surveys."""
+
+    def __init__(self, survey: xr.Dataset) -> None:
+        self._survey = survey
+
+    def plot(self, variable: str = "region", index: int = 0, slice_number: int | None = None) -> Figure:
+        """Draw a variable over the (δ, ε) plane: codes with their names and colours, numbers with their unit, the
+        bifurcation curves that explain it, and why a cell has no value.
+
+        Args:
+            variable: any variable over (epsilon, delta), by default the regions.
+            index: which orbit, or slot of attractors, if the variable has several.
+            slice_number: which value of the third axis, from 0, if the survey has one.
+
+        Returns:
+            A matplotlib figure, which notebooks show and `savefig` writes.
+
+        Raises:
+            SurveyError: the survey has no such map, or it cannot be read.
+        """
+        from workers.pictures.maps import map_figure
+        from workers.survey.slices import slice_of
+
+        return map_figure(slice_of(self._survey, slice_number), variable, index)
