@@ -21,6 +21,7 @@ _PLACES = {
     "open_family": "workers.families.one",
     "open_survey": "workers.storage.store",
     "run_survey": "workers.run",
+    "split_complex": "workers.storage.complex",
 }
 
 __all__ = ["Client", "Job", "SurveyRequest", "__version__", "open_family", "open_survey", "run_survey"]

@@ -1,10 +1,13 @@
 """What can go wrong with a survey, under one exception."""
 
 import errno
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from rattle import RattleError
+from rattle.errors import did_you_mean
+
+LONGEST = 80  # characters of a name in a message
 
 
 class SurveyError(RattleError):
@@ -25,6 +28,13 @@ class StorageError(SurveyError):
 
 class DamageError(SurveyError):
     """Something of a survey that was computed cannot be read; it can be computed again."""
+
+
+def no_map(variable: str, maps: Iterable[str]) -> str:
+    """Return the sentence for a map that is not there: the one that was meant, or all that there are."""
+    known = sorted(maps)
+    meant = did_you_mean(variable, known)
+    return f"there is no map {variable[:LONGEST]!r}{meant or ': there are ' + ', '.join(known)}"
 
 
 @contextmanager

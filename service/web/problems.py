@@ -24,6 +24,7 @@ from service import errors
 from service.web.examples import ANSWERS
 from workers import StorageError, SurveyError
 from workers.errors import DamageError
+from workers.survey.axes import words_of
 
 MEDIA_TYPE = "application/problem+json"
 MAX_FIELD_ERRORS = 50
@@ -144,11 +145,8 @@ def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, A
 
 
 def field_errors_of(details: Iterable[Mapping[str, Any]]) -> list[FieldError]:
-    """Refused fields of a pydantic error, without its ``input`` and ``ctx``: those may hold NaN or exceptions."""
-    return [
-        FieldError(field=".".join(str(part) for part in item["loc"]), message=item["msg"].removeprefix("Value error, "))
-        for item in details
-    ]
+    """Refused fields of a pydantic error, in this project's words."""
+    return [FieldError(field=".".join(str(part) for part in item["loc"]), message=words_of(item)) for item in details]
 
 
 def _on_validation_error(request: Request, error: Exception) -> Response:

@@ -41,11 +41,7 @@ def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = 
 
 
 def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | None = None) -> None:
-    encoding: dict[Hashable, dict[str, object]] = {name: {"_FillValue": None} for name in dataset.coords}
-    for each in dataset.variables.values():
-        each.encoding = {}  # zarr's means nothing here
-        if "flag_values" in each.attrs:  # of the variable's own type
-            each.attrs["flag_values"] = np.array(each.attrs["flag_values"], each.dtype)
+    encoding: dict[Hashable, dict[str, object]] = {}
     for name, values in dataset.data_vars.items():
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
         if values.dims[-2:] == CELL:  # or HDF5 would compress what a band is a part of again and again
