@@ -56,7 +56,7 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
         return ""
     names = {each.lower(): each for each in known}
     typed = name.lower()
-    close = [each for each in names if len(typed) >= LEAST_PART and typed in each]
+    close = [each for each in names if each.startswith(typed) or (len(typed) >= LEAST_PART and typed in each)]
     close = sorted(close, key=len) + difflib.get_close_matches(typed, names)
     meant = [names[each] for each in dict.fromkeys(close)][:MOST_MEANT]
     return f": did you mean {' or '.join(meant)}?" if meant else ""

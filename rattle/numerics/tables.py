@@ -53,4 +53,6 @@ def _number(path: str | Path, line: int, row: list[str], column: int) -> float:
         return float(row[column])
     except (ValueError, IndexError):
         cell = row[column] if column < len(row) else ""
-        raise ParameterError(f"line {line} of {path}: {cell[:MOST_SHOWN]!r} in column {column + 1} is not a number") from None
+        raise ParameterError(
+            f"line {line} of {path}: {cell[:MOST_SHOWN]!r} in column {column + 1} is not a number"
+        ) from None

@@ -28,44 +28,43 @@ def verify(
     from workers import examine, place_of
     from workers.certificates import examine_beside, examine_certificates, holds_certificates
 
-    place = place_of(store)
+    place, damaged = place_of(store), list[str]()
     if holds_certificates(place):
-        lines = _of_certificates(examine_certificates(place.path))  # type: ignore[union-attr]  # a directory
+        certificates = [examine_certificates(place.path)]  # type: ignore[union-attr]  # a directory
     else:
-        lines = _of_survey(examine(place), str(place))
-        for beside in examine_beside(place):
-            lines += _of_certificates(beside)
-    for line in lines[:MAX_LINES]:
-        typer.echo(line)
-    if len(lines) > MAX_LINES:
-        typer.echo(f"and {len(lines) - MAX_LINES} more")
-    if any(line.startswith(_BAD) for line in lines):
+        found, certificates = examine(place), examine_beside(place)
+        _print_survey(found, str(place))
+        damaged += [f"tile {tile}: {', '.join(names)}" for tile, names in found.damaged.items()]
+        damaged += found.template
+    for each in certificates:
+        _print_certificates(each)
+        damaged += [f"{each.path.name}/{name}" for name in each.damaged]
+    for what in damaged[:MAX_LINES]:
+        typer.echo(f"damaged: {what}")
+    if len(damaged) > MAX_LINES:
+        typer.echo(f"and {len(damaged) - MAX_LINES} more")
+    if damaged:
         raise typer.Exit(DAMAGED)
 
 
-_BAD = "damaged: "
-
-
-def _of_survey(found: Integrity, where: str) -> list[str]:
+def _print_survey(found: Integrity, where: str) -> None:
     state = f"completed {found.completed}" if found.completed else "not completed"
-    lines = [f"{where}: computed by version {found.version or 'unknown'}, {state}"]
+    typer.echo(f"{where}: computed by version {found.version or 'unknown'}, {state}")
     if found.decoded:
-        lines.append(
-            f"{found.files:,} chunks decoded, {len(found.template)} damaged. It has no checksums that this version "
-            "reads: whether chunks are lost or in another's place, only its own version tells"
+        typer.echo(
+            f"{found.files:,} chunks decoded, {len(found.template):,} damaged. It has no checksums that this version "
+            "reads: only its own version tells whether others are lost or in another's place"
         )
+        return
+    missing = found.tiles - len(found.done) - len(found.damaged)
+    typer.echo(
+        f"{found.files:,} files read: {found.tiles:,} tiles, {len(found.done):,} whole, {len(found.damaged):,} "
+        f"damaged, {missing:,} not computed yet; {len(found.template):,} of the other files damaged"
+    )
+
+
+def _print_certificates(found: CertificatesIntegrity) -> None:
+    if found.complete:
+        typer.echo(f"{found.path}: certificates, {found.files:,} files read, {len(found.damaged):,} damaged")
     else:
-        lines.append(
-            f"{found.files:,} files read: {found.tiles:,} tiles, {len(found.done):,} whole, {len(found.damaged):,} "
-            f"damaged, {found.tiles - len(found.done) - len(found.damaged):,} not computed yet; of the other files "
-            f"{len(found.template):,} damaged"
-        )
-    lines += [f"{_BAD}tile {tile}: {', '.join(names)}" for tile, names in found.damaged.items()]
-    return lines + [f"{_BAD}{name}" for name in found.template]
-
-
-def _of_certificates(found: CertificatesIntegrity) -> list[str]:
-    if not found.complete:
-        return [f"{found.path}: certificates, not all tried yet, so without checksums: not verified"]
-    said = f"{found.path}: certificates, {found.files:,} files read, {len(found.damaged):,} damaged"
-    return [said, *(f"{_BAD}{found.path.name}/{name}" for name in found.damaged)]
+        typer.echo(f"{found.path}: certificates, not all tried yet, so without checksums: not verified")

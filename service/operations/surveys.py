@@ -17,10 +17,12 @@ from workers import AnyRequest, PopulationRequest
 from workers.survey.axes import Name, Strict, require_visible
 
 MOST_NOTES = 10_000  # characters
+LINES = "\t\n\r"
+JOINERS = "\u200c\u200d"  # scripts and emoji are written with them; all other format characters only deceive
 
 
 def _legible(text: str) -> str:
-    return require_visible("text of the notes", text, besides="\t\n\r")
+    return require_visible("text of the notes", text, besides=LINES + JOINERS)
 
 
 Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]

@@ -15,6 +15,7 @@ from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -200,7 +201,9 @@ def _on_unknown_error(request: Request, error: Exception) -> Response:  # noqa: 
 
 
 class ProblemMiddleware:
-    """Turns plain-text errors that libraries send on their own (413, 416) into problem documents."""
+    """Turns plain-text errors that libraries send on their own (413, 416) into problem documents, and what nobody
+    expected into an answer 500, which is logged and counted like any other; the exception goes on to the server's log.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -209,17 +212,25 @@ class ProblemMiddleware:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        replaced = False
+        begun = replaced = False
 
         async def send_problem(message: Message) -> None:
-            nonlocal replaced
+            nonlocal begun, replaced
+            begun = True
             if message["type"] == "http.response.start" and _is_plain_error(message):
                 replaced = True
                 await _problem_for(message, scope["path"])(scope, receive, send)
             if not replaced:
                 await send(message)
 
-        await self.app(scope, receive, send_problem)
+        try:
+            await self.app(scope, receive, send_problem)
+        except ClientDisconnect:  # nobody is there to be answered
+            raise
+        except Exception:
+            if not begun:
+                await problem_response(500, ADVICE[500], scope["path"])(scope, receive, send)
+            raise
 
 
 def _is_plain_error(start: Message) -> bool:

@@ -8,6 +8,7 @@ own checksum knows no position. Any zarr reader reads all that as numbers and te
 import errno
 import json
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from typing import Any
 
 import numpy as np
 import zarr
+from zarr.errors import ZarrUserWarning
 
 from workers.errors import StoppedError, StorageError, SurveyError
 from workers.storage.location import Place, place_of
@@ -210,8 +212,10 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
     """
     lost = [ROOT] if SEAL in attributes and read_sealed(place, ROOT) is None else []
     try:
-        group = zarr.open_group(place.zarr(), mode="r")
-        arrays = [(name, each) for name, each in group.members(max_depth=None) if isinstance(each, zarr.Array)]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ZarrUserWarning)  # the lock is no part of a zarr hierarchy
+            group = zarr.open_group(place.zarr(), mode="r")
+            arrays = [(name, each) for name, each in group.members(max_depth=None) if isinstance(each, zarr.Array)]
     except Exception as error:  # what a foreign format raises
         version = attributes["code_version"]
         raise SurveyError(

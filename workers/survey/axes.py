@@ -41,8 +41,8 @@ def require_visible(what: str, text: str, besides: str = "") -> str:
     for each in text:
         if not (each.isprintable() or each in besides or unicodedata.category(each) == "Zs"):
             raise ValueError(
-                f"the {what} holds U+{ord(each):04X} ({unicodedata.name(each, 'a control')}), one of the characters "
-                "that cannot be printed: remove it"
+                f"the {what} holds U+{ord(each):04X} ({unicodedata.name(each, 'without a name')}), a character that "
+                "cannot be printed: remove it"
             )
     return text
 
