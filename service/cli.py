@@ -45,7 +45,7 @@ class Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
-            if hasattr(error.__cause__, "errors"):
+            if error.param is not None and hasattr(error.__cause__, "errors"):  # typer's own, of one option
                 from workers.survey.axes import reason
 
                 error.message = reason(error.__cause__)  # type: ignore[arg-type]

@@ -68,6 +68,11 @@ def test_options(options: tuple[str, ...], words: str) -> None:
         (("orbits", "x", "0.1"), 'must be a number, got "x"'),
         (("attractors", "0.6", "0.1", "--count", "many"), 'must be a whole number, got "many"'),
         (("certify", "--columns", "0"), "must be at least 1, got"),
+        (
+            ("tolerance", "--delta", "0.6", "--epsilon", "normal:0.1:0.01", "--gears", "1", "--out", "nowhere"),
+            "gears: must be at least 2, got 1",
+        ),
+        (("serve", "--port", "999999"), "port: must be at most 65535, got 999999"),
         (("key", "add", "me", "--scope", "all"), "'all' is not one of 'read', 'submit'"),
         (("run", "--delat", "1:2:3"), "--delta"),
         (("verfy", "store"), "Did you mean 'verify'"),

@@ -212,7 +212,11 @@ def test_nobody_forges_a_line_of_text(
     found = lines()
     assert [line for line in found if not line.isprintable() or line.startswith(FORGED[:10])] == []
     assert sum(rf"a\r\n{FORGED}\x1b[2J\x9b31m\u2028" in line for line in found) >= 5
-    dated = [line for line in found if not line.startswith("  ") and " httpx " not in line]
+    others = (
+        " httpx ",
+        " service.jobs.manager ",
+    )  # the latter tries again to start a cluster, as often as it has time to
+    dated = [line for line in found if not line.startswith("  ") and not any(name in line for name in others)]
     assert all(re.match(r"\d{4}-", line) for line in dated)
     assert len(dated) == 10
     assert any(line.endswith("Exception in ASGI application") for line in dated)
@@ -225,7 +229,8 @@ def test_nobody_forges_a_line_of_json(
     attack(client, monkeypatch)
     found = lines()
     assert all(line.isascii() and line.isprintable() for line in found)
-    records = [record for record in map(json.loads, found) if record["logger"] != "httpx"]
+    others = "httpx", "service.jobs.manager"
+    records = [record for record in map(json.loads, found) if record["logger"] not in others]
     assert len(records) == 10
     values = [(name, value) for record in records for name, value in record.items() if isinstance(value, str)]
     said = [part for name, value in values for part in (value.split("\n") if name in TRACEBACKS else [value])]
