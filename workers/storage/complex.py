@@ -70,6 +70,8 @@ def split_complex(dataset: xr.Dataset) -> xr.Dataset:
     --------
     >>> split_complex(run_survey(...)).to_netcdf("survey.nc")  # doctest: +SKIP
     """
+    if all(values.dtype.kind != "c" for values in dataset.data_vars.values()):
+        return dataset
     found: dict[str, xr.Variable] = {}
     for name, values in dataset.data_vars.items():
         if values.dtype.kind != "c":

@@ -37,7 +37,7 @@ def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = 
         whole.attrs = {name: value for name, value in whole.attrs.items() if value is not None}
         _append(whole, path, "w", rows)
         for group, each in (groups or {}).items():
-            _append(each, path, "a", rows, group)
+            _append(split_complex(each), path, "a", rows, group)
         return path.open("rb")
 
 

@@ -73,7 +73,7 @@ def assert_same_bits(found: xr.Dataset, expected: xr.Dataset) -> None:
     assert set(found.variables) == set(expected.variables)
     for name, values in expected.variables.items():
         assert (found[name].dims, found[name].dtype) == (values.dims, values.dtype), name
-        xr.testing.assert_identical(found[name].variable, values.variable)
+        xr.testing.assert_identical(found[name].variable, values)
         if values.dtype.kind == "T":
             assert found[name].values.tolist() == values.values.tolist(), name
         else:
