@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import difflib
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+LONGEST_NAME = 80  # characters: no name is longer, and comparing takes the square of it
+LEAST_PART = 3  # characters of a name that suggest it
+MOST_MEANT = 3  # names that one may have meant
 
 
 class RattleError(Exception):
@@ -29,6 +35,40 @@ def require(ok: bool, message: str) -> None:
     """Raise ParameterError with this message unless ok."""
     if not ok:
         raise ParameterError(message)
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str:
+    """Return ": did you mean …?" for a misspelt name, or nothing where no known name is like it.
+
+    Parameters
+    ----------
+    name : object
+        What was given, of any type.
+    known : iterable of str
+        The names that would be right.
+
+    Returns
+    -------
+    str
+        An ending for an error message, three names at most: those that contain it first, then the most similar ones.
+    """
+    if not (isinstance(name, str) and 0 < len(name) <= LONGEST_NAME):
+        return ""
+    names = {each.lower(): each for each in known}
+    typed = name.lower()
+    close = [each for each in names if each.startswith(typed) or (len(typed) >= LEAST_PART and typed in each)]
+    close = sorted(close, key=len) + difflib.get_close_matches(typed, names)
+    meant = [names[each] for each in dict.fromkeys(close)][:MOST_MEANT]
+    return f": did you mean {' or '.join(meant)}?" if meant else ""
+
+
+def require_one_of(what: str, name: object, known: Iterable[str]) -> None:
+    """Raise ParameterError unless a name is a known one; the message has these, and the one that was meant."""
+    names = list(known)
+    if not (isinstance(name, str) and name in names):
+        raise ParameterError(
+            f"{what} must be one of {', '.join(names)}, got {_shortened(name)}{did_you_mean(name, names)}"
+        )
 
 
 def real_array(name: str, value: ArrayLike) -> NDArray[np.float64]:

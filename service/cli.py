@@ -11,9 +11,10 @@ from contextlib import suppress
 from errno import ENOSPC
 from importlib.metadata import version
 from io import TextIOWrapper
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from service.commands import key
 from service.commands.attractors import attractors
@@ -37,7 +38,23 @@ from service.commands.verify import verify
 
 FAILED, REFUSED = 1, 2
 
+
+class Commands(TyperGroup):
+    """The commands; what is wrong with a value is said in this project's words, not in pydantic's, which typer uses."""
+
+    def invoke(self, ctx: typer.Context) -> Any:  # type: ignore[override]
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            if error.param is not None and hasattr(error.__cause__, "errors"):  # typer's own, of one option
+                from workers.survey.axes import reason
+
+                error.message = reason(error.__cause__)  # type: ignore[arg-type]
+            raise
+
+
 app = typer.Typer(
+    cls=Commands,
     help="Survey the damping-eccentricity plane of an impacting gear model.",
     no_args_is_help=True,
     add_completion=False,

@@ -31,6 +31,7 @@ AXES, OF_A_MACHINE = ("delta", "epsilon", "beta", "kappa"), ("rpm", "eccentricit
 AXIS = ("start", "stop", "num")
 FINAL = ("successful", "failed", "dismissed")
 RECONNECT_SECONDS = 1.0
+LONGEST = 60  # characters of a foreign answer, in a message
 READ_SECONDS = 60.0  # several heartbeats of the event stream
 
 Document = dict[str, Any]
@@ -102,15 +103,15 @@ class Client:
     def _submitted(self, path: str, body: Document, idempotency_key: str | None, force: bool) -> Job:
         headers = {"Idempotency-Key": idempotency_key} if idempotency_key else {}
         params = {"force": "true"} if force else {}
-        return Job(self, self.call("POST", path, json=body, headers=headers, params=params).json())
+        return Job(self, self.document("POST", path, json=body, headers=headers, params=params))
 
     def job(self, survey_id: str) -> Job:
         """A survey by its id."""
-        return Job(self, self.call("GET", f"/v1/surveys/{survey_id}").json())
+        return Job(self, self.document("GET", f"/v1/surveys/{survey_id}"))
 
     def population(self, population_id: str) -> Job:
         """A population by its id."""
-        return Job(self, self.call("GET", f"/v1/populations/{population_id}").json())
+        return Job(self, self.document("GET", f"/v1/populations/{population_id}"))
 
     def surveys(self) -> Iterator[Job]:
         """Every survey of the service, newest first."""
@@ -123,7 +124,7 @@ class Client:
     def _listed(self, kind: str) -> Iterator[Job]:
         cursor: dict[str, str] = {}
         while True:
-            page = self.call("GET", f"/v1/{kind}", params=cursor).json()
+            page = self.document("GET", f"/v1/{kind}", params=cursor)
             yield from (Job(self, document) for document in page[kind])
             if page["next"] is None:
                 return
@@ -142,10 +143,31 @@ class Client:
         except httpx.HTTPError as error:
             raise ServiceError(f"The service at {self._http.base_url} cannot be reached: {error}") from error
         except (TypeError, ValueError) as error:  # no JSON has NaN, or an object; no header letters beyond ASCII
-            raise ServiceError(f"The request cannot be sent: {error}") from error
+            raise ServiceError(
+                f"The request cannot be sent ({error}): give finite numbers, texts, lists and mappings, and a key or "
+                "an idempotency key of ASCII characters."
+            ) from error
         if answer.is_error:
             raise _response_error(answer)
         return answer
+
+    def document(self, method: str, path: str, **kwargs: Any) -> Document:
+        """Send one request, and return the document that answers it.
+
+        Raises:
+            ServiceError: as `call`; or the answer is no document, so another program answered.
+        """
+        answer = self.call(method, path, **kwargs)
+        try:
+            found = answer.json()
+        except ValueError:
+            found = None
+        if not isinstance(found, dict):
+            raise ServiceError(
+                f"{answer.url} answered {answer.text[:LONGEST]!r}, which is no JSON object: is a gear-rattle service "
+                f"at {self._http.base_url}? Give its address."
+            )
+        return found
 
     def events(self, path: str, after: int) -> Iterator[tuple[int, Document]]:
         """Id and data of each event that follows ``after``. Ends when the service closes the stream."""
@@ -201,7 +223,7 @@ class Job:
 
     def refresh(self) -> Self:
         """Ask the service where the survey stands."""
-        self.document = self._client.call("GET", self.document["links"]["self"]).json()
+        self.document = self._client.document("GET", self.document["links"]["self"])
         return self
 
     def _repr_html_(self) -> str:
@@ -276,12 +298,11 @@ class Job:
         Raises:
             ServiceError: it has not ended.
         """
-        found: Document = self._client.call("GET", f"{self.document['links']['self']}/answers").json()
-        return found
+        return self._client.document("GET", f"{self.document['links']['self']}/answers")
 
     def verify(self) -> Self:
         """Let the service check every tile, and compute again what is damaged or missing; :meth:`wait` for it."""
-        self.document = self._client.call("POST", f"{self.document['links']['self']}/verify").json()
+        self.document = self._client.document("POST", f"{self.document['links']['self']}/verify")
         return self
 
     def describe(self, name: str | None = None, notes: str | None = None) -> Self:
@@ -291,7 +312,7 @@ class Job:
             ServiceError: it was submitted with another key.
         """
         given = {field: text for field, text in (("name", name), ("notes", notes)) if text is not None}
-        self.document = self._client.call("PATCH", self.document["links"]["self"], json=given).json()
+        self.document = self._client.document("PATCH", self.document["links"]["self"], json=given)
         return self
 
     def delete(self) -> None:

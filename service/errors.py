@@ -1,4 +1,7 @@
-"""What the front end can refuse, as exceptions; :mod:`service.web.problems` maps them to HTTP."""
+"""What the front end can refuse, as exceptions; :mod:`service.web.problems` maps them to HTTP.
+
+Those that the client raises are names of `gear_rattle`, and say so.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ from rattle import RattleError
 
 class ServiceError(RattleError):
     """Base of every error of the front end and of its client."""
+
+    __module__ = "gear_rattle"
 
 
 class UnknownSurveyError(ServiceError):
@@ -40,6 +45,8 @@ class QuotaError(ForbiddenError):
 
 class WaitTimeoutError(ServiceError, TimeoutError):
     """A survey has not ended in the time for which somebody waited."""
+
+    __module__ = "gear_rattle"
 
 
 class MissingError(ServiceError):
@@ -105,6 +112,8 @@ class ResponseError(ServiceError):
         status: HTTP status of the answer.
         problem: the problem document (RFC 9457), empty if the answer held none.
     """
+
+    __module__ = "gear_rattle"
 
     def __init__(self, status: int, message: str, problem: Mapping[str, Any]) -> None:
         super().__init__(message)

@@ -58,10 +58,12 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
     import xarray as xr
 
     from workers.storage.complex import joined
+    from workers.storage.encoding import prepare_for_writing
 
     try:
         options = {"headers": dict(headers)}
-        return joined(xr.open_zarr(str(store), chunks=None, consolidated=True, group=group, storage_options=options))
+        found = xr.open_zarr(str(store), chunks=None, consolidated=True, group=group, storage_options=options)
+        return joined(prepare_for_writing(found))
     except Exception as error:  # what the network or a foreign format raises
         raise ServiceError(f"No survey can be opened at {store}: {error}") from error
 

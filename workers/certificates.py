@@ -7,9 +7,11 @@ follow. What was not proved is tried again by the next run. At the end there are
 from __future__ import annotations
 
 import json
+import re
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,8 +22,10 @@ import rattle
 from rattle.models import AnyModel
 from workers.errors import SurveyError, storage_error
 from workers.storage.added import Each
+from workers.storage.integrity import COMPLETED, said_by_root
+from workers.storage.location import CERTIFICATES as BESIDE
+from workers.storage.location import Directory, certificates_of, place_of
 from workers.storage.location import Place as Location
-from workers.storage.location import certificates_of
 from workers.storage.store import open_survey
 from workers.survey.request import SurveyRequest
 from workers.survey.seals import ROOT, checksum
@@ -242,6 +246,63 @@ def require_certifiable(request: object, where: str | Path | Location) -> None:
     if isinstance(request, SurveyRequest) and request.certify:
         certificates_of(where)
         require_proofs()
+
+
+@dataclass(frozen=True)
+class CertificatesIntegrity:
+    """What a look at every file of a store of certificates found."""
+
+    path: Path
+    survey: str  # its content hash, and the slice; empty if nothing tells it any more
+    files: int  # that were compared with their checksums
+    damaged: tuple[str, ...]  # lost or damaged files
+    complete: bool  # otherwise there are no checksums yet: the run that proves them has not ended
+
+
+def holds_certificates(where: str | Path | Location) -> bool:
+    """Whether a directory is a store of certificates, damaged or not."""
+    place = place_of(where)
+    return isinstance(place, Directory) and (
+        KNOWN in said_by_root(place) or any((place.path / name).is_file() for name in (SEAL, CERTIFICATES))
+    )
+
+
+def examine_certificates(out: Path, ended: bool = False) -> CertificatesIntegrity:
+    """Compare every file of a store of certificates with its checksum.
+
+    Parameters
+    ----------
+    out : pathlib.Path
+        The store.
+    ended : bool
+        Whether the run that proves is known to have ended: checksums that are not there are lost then.
+    """
+    known, files = _sealed(out)
+    complete = ended or (out / SEAL).exists()
+    if not known:
+        known = str(said_by_root(Directory(out)).get(KNOWN, ""))
+        return CertificatesIntegrity(out, known, 0, (SEAL,) if complete else (), complete)
+    found = _checksums(out, files)
+    lost = tuple(key for key, of in files.items() if found.get(key) != of)
+    return CertificatesIntegrity(out, known, len(files), lost, complete)
+
+
+def examine_beside(where: str | Path | Location) -> list[CertificatesIntegrity]:
+    """Examine the stores of certificates that lie beside a survey's, of its slices too. None are beside a bucket's."""
+    place = place_of(where)
+    if not isinstance(place, Directory):
+        return []
+    attributes = said_by_root(place)
+    try:
+        certify = json.loads(attributes["request"])["certify"] is True
+    except (KeyError, TypeError, ValueError):
+        certify = False
+    due = certificates_of(place)
+    stem = due.name.removesuffix(BESIDE)
+    ours = re.compile(rf"{re.escape(stem)}(\.slice\d+)?{re.escape(BESIDE)}")
+    there = {each for each in due.parent.iterdir() if ours.fullmatch(each.name)}
+    is_due = certify and COMPLETED in attributes
+    return [examine_certificates(each, is_due and each == due) for each in sorted(there | ({due} if is_due else set()))]
 
 
 def _sealed(out: Path) -> tuple[str, dict[str, str]]:

@@ -1,30 +1,50 @@
-"""What can go wrong with a survey, under one exception."""
+"""What can go wrong with a survey, under one exception. The classes are names of `gear_rattle`, and say so."""
 
 import errno
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from rattle import RattleError
+from rattle.errors import did_you_mean
+
+LONGEST = 80  # characters of a name in a message
 
 
 class SurveyError(RattleError):
     """A survey that cannot be asked for, stored, run, opened or drawn; the message says what to do."""
 
+    __module__ = "gear_rattle"
+
 
 class StoppedError(SurveyError):
     """What was being done was asked to stop. The survey is whole."""
+
+    __module__ = "gear_rattle"
 
 
 class ClusterLostError(SurveyError):
     """The cluster went away during a run. The survey is whole: another cluster resumes it."""
 
+    __module__ = "gear_rattle"
+
 
 class StorageError(SurveyError):
     """The disk is full, read-only or away. The survey is whole: it goes on once the store can be written again."""
 
+    __module__ = "gear_rattle"
+
 
 class DamageError(SurveyError):
     """Something of a survey that was computed cannot be read; it can be computed again."""
+
+    __module__ = "gear_rattle"
+
+
+def no_map(variable: str, maps: Iterable[str]) -> str:
+    """Return the sentence for a map that is not there: the one that was meant, or all that there are."""
+    known = sorted(maps)
+    meant = did_you_mean(variable, known)
+    return f"there is no map {variable[:LONGEST]!r}{meant or ': there are ' + ', '.join(known)}"
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from rattle.attractors.table import (
     listed,
     tabulated,
 )
-from rattle.errors import require, require_integer, require_number
+from rattle.errors import require_integer, require_number, require_one_of
 from rattle.flight.law import wrapped
 from rattle.notebook import Columns, DataFrame, Dataset, dataframe_of, dataset_of, html_of, line_of
 from rattle.numerics.states import box_of
@@ -248,9 +248,7 @@ def basins(
     phases, speeds = box_of((0.0, 1.0) if tau is None else tau, (0.0, v_max) if v is None else v)
     box = Box(*phases, *speeds)
     impacts = require_integer("impacts", impacts, 1, MOST_IMPACTS)
-    require(
-        isinstance(method, str) and method in METHODS, f"method must be one of {', '.join(METHODS)}, got {method!r}"
-    )
+    require_one_of("method", method, METHODS)
     centres = (np.arange(n) + 0.5) / n
     across, up = phases[0] + (phases[1] - phases[0]) * centres, speeds[0] + (speeds[1] - speeds[0]) * centres
     first, second = np.tile(across, n), np.repeat(up, n)

@@ -74,8 +74,7 @@ def read_csv(path: str | Path, time_unit: float = 1.0, speed_unit: float = 1.0) 
     `units.time` and `units.velocity` of a `Machine` for seconds and m/s. Raises ParameterError, and RattleError if the
     file cannot be read.
     """
-    found = read_columns(path, COLUMNS)
-    require("time" in found, f"the first line of {path} must name its columns: time, and speed and wall if there are")
+    found = read_columns(path, COLUMNS, needed="time")
     speed = found["speed"] / speed_unit if "speed" in found else None
     return measured(found["time"] / time_unit, speed, found.get("wall"))
 

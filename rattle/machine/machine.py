@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
-from rattle.errors import require, require_number
+from rattle.errors import require, require_number, require_one_of
 from rattle.intensity.intensity import Intensity
 from rattle.intensity.motions import Motion
 from rattle.machine import conversion
@@ -86,7 +86,7 @@ class Machine:
         *,
         rpm: float | None = None,
     ) -> None:
-        require(drive in DRIVES, f"drive must be torque or speed, got {drive!r}")
+        require_one_of("drive", drive, DRIVES)
         require((speed is None) != (rpm is None), "give the mean speed once: speed in rad/s, or rpm")
         lengths = {"backlash": backlash, "eccentricity": eccentricity, "radius": radius}
         given = {"inertia": inertia, "drag": drag, **lengths}

@@ -7,14 +7,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.errors import ParameterError, RattleError
+from rattle.errors import ParameterError, RattleError, did_you_mean
+
+MOST_SHOWN = 20  # columns in a message, and characters of each
 
 
-def read_columns(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[np.float64]]:
+def read_columns(path: str | Path, names: Iterable[str], needed: str | None = None) -> dict[str, NDArray[np.float64]]:
     """Those of the columns of these names that a table has, each (n,), in its order; names are not case-sensitive.
 
-    Raises ParameterError on what is no number, or a column that is there twice, and RattleError if the file cannot be
-    read.
+    Raises ParameterError on what is no number, a column that is there twice, or a table without the needed column (of
+    any where none is named), and RattleError if the file cannot be read.
     """
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as file:
@@ -23,7 +25,13 @@ def read_columns(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[np
         raise RattleError(f"the table {path} cannot be read: {error}") from None
     header = [name.strip().lower() for name in rows[0]] if rows else []
     table = [(number, row) for number, row in enumerate(rows[1:], 2) if any(cell.strip() for cell in row)]
-    wanted = set(names)
+    wanted = list(names)
+    if not set(header).intersection([needed] if needed else wanted):
+        hints = {did_you_mean(name, wanted) for name in header[:MOST_SHOWN] if name not in wanted}
+        raise ParameterError(
+            f"the first line of {path} must name its columns, {needed or 'some'} of {', '.join(wanted)}; it has "
+            f"{_shown(header)}{min(hints - {''}, default='')}"
+        )
     for name in wanted:
         if header.count(name) > 1:
             raise ParameterError(f"the table {path} has {header.count(name)} columns {name!r}: leave one")
@@ -34,9 +42,17 @@ def read_columns(path: str | Path, names: Iterable[str]) -> dict[str, NDArray[np
     }
 
 
+def _shown(header: list[str]) -> str:
+    """The names of a header, or its beginning."""
+    shown = ", ".join(repr(name[:MOST_SHOWN]) for name in header[:MOST_SHOWN])
+    return shown or "none: the table is empty"
+
+
 def _number(path: str | Path, line: int, row: list[str], column: int) -> float:
     try:
         return float(row[column])
     except (ValueError, IndexError):
         cell = row[column] if column < len(row) else ""
-        raise ParameterError(f"line {line} of {path}: {cell!r} in column {column + 1} is not a number") from None
+        raise ParameterError(
+            f"line {line} of {path}: {cell[:MOST_SHOWN]!r} in column {column + 1} is not a number"
+        ) from None

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.errors import RattleError, require
+from rattle.errors import RattleError, require, require_one_of
 from rattle.numerics.sampling import Z_95, wilson_interval
 from rattle.populations.gears import FAILS, NOT_ASKED, PASSES, Gears
 from rattle.populations.plan import AGAIN, Plan
@@ -129,7 +129,7 @@ class Population:
         """Sobol indices, first and total, of each number that varies: of a gear's share of quiet runs, or of its mean
         "energy". Raises ParameterError, and RattleError where nothing varies, or no gears share numbers.
         """
-        require(of in OUTPUTS, f"indices are of {' or '.join(OUTPUTS)}, got {of!r}")
+        require_one_of("of", of, OUTPUTS)
         if len(self.names) == 1:
             whole = Estimate(1.0, 1.0, 1.0)
             return {self.names[0]: Index(whole, whole)}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.errors import ParameterError, real_array, require, require_finite, require_number
+from rattle.errors import ParameterError, did_you_mean, real_array, require, require_finite, require_number
 from rattle.populations.normal import ndtr, ndtri
 
 LEAST = 2.0**-33  # no number is drawn from beyond these quantiles, LEAST and 1 − LEAST: 6.3 standard deviations
@@ -176,7 +176,7 @@ def distribution_of(text: str) -> Distribution:
     require(
         kind is not None and kind is not Measured,
         f"{text!r} is no distribution: write a number, or normal:MEAN:DEVIATION[:LOW[:HIGH]], uniform:LOW:HIGH, "
-        "triangular:LOW:MODE:HIGH or lognormal:MEDIAN:DEVIATION",
+        f"triangular:LOW:MODE:HIGH or lognormal:MEDIAN:DEVIATION{did_you_mean(word, DISTRIBUTIONS)}",
     )
     try:
         numbers = [float(part) for part in rest]

@@ -11,7 +11,7 @@ import numpy as np
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.speeds import NATURAL, sampled_speeds
 from rattle.attractors.table import LARGEST_BUDGET, QUIET, UNDECIDED
-from rattle.errors import require, require_integer, require_number, require_pair
+from rattle.errors import require, require_integer, require_number, require_one_of, require_pair
 from rattle.flight.law import TWO_PI
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.machine import Machine
@@ -100,7 +100,7 @@ class _Solver:
         seed: int,
         budget: int,
     ) -> None:
-        require(of in SAFE_IF_SMALL, f"a limit is one of {', '.join(SAFE_IF_SMALL)}, got {of!r}")
+        require_one_of("of", of, SAFE_IF_SMALL)
         self.share = require_number("share", share, positive=True)
         require(share <= MOST_SHARE, f"share must be at most {MOST_SHARE}, got {share:g}: no sample tells more")
         self.count = require_integer("count", count, 1, MOST_COUNT)

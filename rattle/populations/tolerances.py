@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import ParameterError, parameters, require, require_number
+from rattle.errors import ParameterError, did_you_mean, parameters, require, require_number
 from rattle.machine import Machine, Units, conversion
 from rattle.machine.given import RPM
 from rattle.populations.copula import Copula, correlation_of, shares
@@ -143,7 +143,11 @@ def require_known(given: Mapping[str, Any]) -> None:
     require("speed" not in given, "give the mean speed as rpm, in revolutions per minute")
     for name in given:
         known = *PLAIN, *OF_MACHINE, "drive"
-        require(name in known, f"a gear has no {name}: it has {', '.join(PLAIN)}, or {', '.join(known[len(PLAIN) :])}")
+        require(
+            name in known,
+            f"a gear has no {name}: it has {', '.join(PLAIN)}, or {', '.join(known[len(PLAIN) :])}"
+            f"{did_you_mean(name, known)}",
+        )
     both = [[name for name in given if name in names] for names in (PLAIN, (*OF_MACHINE, "drive"))]
     if all(both):
         raise ParameterError(

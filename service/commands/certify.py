@@ -105,14 +105,17 @@ def _chaos(delta: str, epsilon: str, beta: str) -> Iterator[HorseshoeCertificate
 
 def _write(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate | str]) -> None:
     """One a line; what is not proved is said beside."""
-    refused = False
+    refused, found = False, False
     for each in certificates:
+        found = True
         if isinstance(each, str):
             refused = True
             typer.echo(f"not proved: {each}", err=True)
         else:
             typer.echo(each.json())
-    if refused:
+    if not found:
+        typer.echo("not proved: there is nothing to prove, no such point was found", err=True)
+    if refused or not found:
         raise typer.Exit(NOT_PROVED)
 
 
@@ -130,7 +133,10 @@ def _check(path: Path) -> None:
         "area": areas.check, "bifurcation": check_bifurcation, "horseshoe": check_horseshoe,
     }  # fmt: skip
     refused = False
-    for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), 1):
+    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    if not any(line.strip() for line in lines):
+        raise typer.BadParameter(f"{file} holds no certificate, so nothing is checked: name a file of certificates")
+    for number, line in enumerate(lines, 1):
         try:
             typer.echo(f"proved: {checkers.get(_theorem(line), check.check)(line)}")
         except (check.Refused, areas.Refused) as why:
@@ -158,7 +164,9 @@ def _prove_point(delta: str, epsilon: str, beta: str, kappa: str | None) -> None
     gear = model_of(numbers["beta"], numbers.get("kappa")).gear(numbers["delta"], numbers["epsilon"])
     starts = [(orbit.tau, orbit.v, orbit.n_plus) for orbit in gear.orbits()]
     starts += [(each.tau, each.v, each.n_plus) for each in gear.attractors() if each.m > 1 or each.n_plus > 1]
-    refused = False
+    refused = not starts
+    if refused:
+        typer.echo(f"not proved: no periodic motion was found at delta = {delta}, epsilon = {epsilon}", err=True)
     for start in starts:
         try:
             typer.echo(rattle.certify(gear.orbit(*start), **given).json())

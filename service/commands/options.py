@@ -127,7 +127,7 @@ Quantity = Annotated[
     typer.Option(
         metavar="NAME",
         help="What to compute, such as region or attractors; repeatable. Only by name: basins (costly), intensity, "
-        "families.",
+        "families (with attractors and lyapunov, of which they are made).",
         show_default="all others",
     ),
 ]

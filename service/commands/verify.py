@@ -1,33 +1,70 @@
-"""``rattle verify``: whether a survey's store still holds what was computed."""
+"""``rattle verify``: whether a store still holds what was computed."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from workers import Integrity
+    from workers.certificates import CertificatesIntegrity
 
 DAMAGED = 1
 MAX_LINES = 20
 
 
 def verify(
-    store: Annotated[str, typer.Argument(metavar="STORE", help="Path or s3:// URL of a survey's store.")],
+    store: Annotated[
+        str, typer.Argument(metavar="STORE", help="Path or s3:// URL of a survey, a population or certificates.")
+    ],
 ) -> None:
-    """Read every chunk of a survey and compare it with its checksum. Exit status 1 if any is damaged or lost.
+    """Read every file of a store and compare it with its checksum. Exit status 1 if any is damaged or lost.
 
-    The command that computed the survey, or POST /v1/surveys/ID/verify, computes again what is damaged, and only that.
+    Of a survey: its cells, curves, families and levels, and the certificates beside it. A chunk that is not there is
+    lost once the survey was completed. The command that computed the survey, or POST /v1/surveys/ID/verify, computes
+    again what is damaged, and only that.
     """
-    from workers import examine
+    from workers import examine, place_of
+    from workers.certificates import examine_beside, examine_certificates, holds_certificates
 
-    found = examine(store)
-    typer.echo(f"{found.tiles} tiles: {len(found.done)} whole, {len(found.damaged)} damaged")
-    if missing := found.tiles - len(found.done) - len(found.damaged):
-        typer.echo(f"{missing} tiles are not computed yet")
-    lines = [f"damaged: tile {tile}: {', '.join(names)}" for tile, names in found.damaged.items()]
-    lines += [f"damaged: {name}" for name in found.template]
-    for line in lines[:MAX_LINES]:
-        typer.echo(line)
-    if len(lines) > MAX_LINES:
-        typer.echo(f"and {len(lines) - MAX_LINES} more")
-    if not found.whole:
+    place, damaged = place_of(store), list[str]()
+    if holds_certificates(place):
+        certificates = [examine_certificates(place.path)]  # type: ignore[union-attr]  # a directory
+    else:
+        found, certificates = examine(place), examine_beside(place)
+        _print_survey(found, str(place))
+        damaged += [f"tile {tile}: {', '.join(names)}" for tile, names in found.damaged.items()]
+        damaged += found.template
+    for each in certificates:
+        _print_certificates(each)
+        damaged += [f"{each.path.name}/{name}" for name in each.damaged]
+    for what in damaged[:MAX_LINES]:
+        typer.echo(f"damaged: {what}")
+    if len(damaged) > MAX_LINES:
+        typer.echo(f"and {len(damaged) - MAX_LINES} more")
+    if damaged:
         raise typer.Exit(DAMAGED)
+
+
+def _print_survey(found: Integrity, where: str) -> None:
+    state = f"completed {found.completed}" if found.completed else "not completed"
+    typer.echo(f"{where}: computed by version {found.version or 'unknown'}, {state}")
+    if found.decoded:
+        typer.echo(
+            f"{found.files:,} chunks decoded, {len(found.template):,} damaged. It has no checksums that this version "
+            "reads: only its own version tells whether others are lost or in another's place"
+        )
+        return
+    missing = found.tiles - len(found.done) - len(found.damaged)
+    typer.echo(
+        f"{found.files:,} files read: {found.tiles:,} tiles, {len(found.done):,} whole, {len(found.damaged):,} "
+        f"damaged, {missing:,} not computed yet; {len(found.template):,} of the other files damaged"
+    )
+
+
+def _print_certificates(found: CertificatesIntegrity) -> None:
+    if found.complete:
+        typer.echo(f"{found.path}: certificates, {found.files:,} files read, {len(found.damaged):,} damaged")
+    else:
+        typer.echo(f"{found.path}: certificates, not all tried yet, so without checksums: not verified")

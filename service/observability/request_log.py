@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from uuid import uuid4
 
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.observability.logs import current_request, log
@@ -49,6 +50,12 @@ class RequestLogMiddleware:
 
         try:
             await self.app(scope, receive, send_with_id)
+        except ClientDisconnect:
+            raise
+        except Exception:
+            if not answered:  # by what stands before this
+                status = 500
+            raise
         finally:
             seconds = (answered or time.perf_counter()) - began
             route = getattr(scope.get("route"), "path", NO_ROUTE)

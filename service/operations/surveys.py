@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import unicodedata
 from typing import Annotated
 
 from pydantic import AfterValidator, Field
@@ -15,16 +14,15 @@ from service.errors import ForbiddenError
 from service.operations.limits import check_limits
 from service.state import Front
 from workers import AnyRequest, PopulationRequest
-from workers.survey.axes import Name, Strict
+from workers.survey.axes import Name, Strict, require_visible
 
 MOST_NOTES = 10_000  # characters
-UNPRINTABLE = {"Cc", "Cn", "Co", "Cs"}  # categories: controls, unassigned, of private use, surrogates
+LINES = "\t\n\r"
+JOINERS = "\u200c\u200d"  # scripts and emoji are written with them; all other format characters only deceive
 
 
 def _legible(text: str) -> str:
-    if any(unicodedata.category(each) in UNPRINTABLE for each in text if each not in "\t\n\r"):
-        raise ValueError("the notes hold characters that cannot be printed: remove them")
-    return text
+    return require_visible("text of the notes", text, besides=LINES + JOINERS)
 
 
 Notes = Annotated[str, Field(max_length=MOST_NOTES), AfterValidator(_legible)]

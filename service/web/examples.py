@@ -227,9 +227,9 @@ PROBLEM: dict[str, Any] = {
     "type": "about:blank",
     "title": "Unprocessable Content",
     "status": 422,
-    "detail": "body.delta.num: Input should be greater than or equal to 2",
+    "detail": "body.delta.num: must be at least 2, got 1",
     "instance": "/v1/surveys",
-    "errors": [{"field": "body.delta.num", "message": "Input should be greater than or equal to 2"}],
+    "errors": [{"field": "body.delta.num", "message": "must be at least 2, got 1"}],
 }
 
 #: By the names of the models.

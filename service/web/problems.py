@@ -15,6 +15,7 @@ from pydantic import BaseModel, Field
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -24,6 +25,7 @@ from service import errors
 from service.web.examples import ANSWERS
 from workers import StorageError, SurveyError
 from workers.errors import DamageError
+from workers.survey.axes import words_of
 
 MEDIA_TYPE = "application/problem+json"
 MAX_FIELD_ERRORS = 50
@@ -144,11 +146,8 @@ def _openapi_with_problem(generate: Callable[[], dict[str, Any]]) -> dict[str, A
 
 
 def field_errors_of(details: Iterable[Mapping[str, Any]]) -> list[FieldError]:
-    """Refused fields of a pydantic error, without its ``input`` and ``ctx``: those may hold NaN or exceptions."""
-    return [
-        FieldError(field=".".join(str(part) for part in item["loc"]), message=item["msg"].removeprefix("Value error, "))
-        for item in details
-    ]
+    """Refused fields of a pydantic error, in this project's words."""
+    return [FieldError(field=".".join(str(part) for part in item["loc"]), message=words_of(item)) for item in details]
 
 
 def _on_validation_error(request: Request, error: Exception) -> Response:
@@ -202,7 +201,9 @@ def _on_unknown_error(request: Request, error: Exception) -> Response:  # noqa: 
 
 
 class ProblemMiddleware:
-    """Turns plain-text errors that libraries send on their own (413, 416) into problem documents."""
+    """Turns plain-text errors that libraries send on their own (413, 416) into problem documents, and what nobody
+    expected into an answer 500, which is logged and counted like any other; the exception goes on to the server's log.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -211,17 +212,25 @@ class ProblemMiddleware:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        replaced = False
+        begun = replaced = False
 
         async def send_problem(message: Message) -> None:
-            nonlocal replaced
+            nonlocal begun, replaced
+            begun = True
             if message["type"] == "http.response.start" and _is_plain_error(message):
                 replaced = True
                 await _problem_for(message, scope["path"])(scope, receive, send)
             if not replaced:
                 await send(message)
 
-        await self.app(scope, receive, send_problem)
+        try:
+            await self.app(scope, receive, send_problem)
+        except ClientDisconnect:  # nobody is there to be answered
+            raise
+        except Exception:
+            if not begun:
+                await problem_response(500, ADVICE[500], scope["path"])(scope, receive, send)
+            raise
 
 
 def _is_plain_error(start: Message) -> bool:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from fastapi import Request
 from fastapi.exceptions import RequestValidationError
 
+from rattle.errors import did_you_mean
+
 #: Of each path and method. Every application of a process has the same routes, and their description takes a quarter of
 #: a second to make.
 _known: dict[tuple[str, str], list[str]] = {}
@@ -19,7 +21,11 @@ async def refuse_unknown(request: Request) -> None:
         _known.update(_declared(request))
     known = _known.setdefault(asked, [])  # of no path that is described
     message = f"there is no such parameter; this path knows {', '.join(known) or 'none'}"
-    unknown = [{"loc": ("query", name), "msg": message} for name in request.query_params if name not in known]
+    unknown = [
+        {"loc": ("query", name), "msg": message + did_you_mean(name, known)}
+        for name in request.query_params
+        if name not in known
+    ]
     if unknown:
         raise RequestValidationError(unknown)
 

@@ -1,11 +1,14 @@
 """What makes this a release: its documents, and the command where only the library is installed."""
 
+import pickle
 import subprocess
 import sys
 import tomllib
+import traceback
 from importlib.metadata import metadata
 from pathlib import Path
 
+import pytest
 import yaml
 
 import gear_rattle
@@ -51,6 +54,18 @@ def test_the_face_has_what_it_lists() -> None:
     assert all(getattr(gear_rattle, name) for name in gear_rattle.__all__)
     assert gear_rattle.Client is Client
     assert dir(gear_rattle) == gear_rattle.__all__
+
+
+@pytest.mark.parametrize("name", [each for each in gear_rattle.__all__ if each.endswith("Error")])
+def test_errors_are_those_of_the_face(name: str) -> None:
+    """In tracebacks, and between processes."""
+    kind = getattr(gear_rattle, name)
+    assert issubclass(kind, rattle.RattleError)
+    assert f"{kind.__module__}.{kind.__qualname__}" == f"gear_rattle.{name}"
+    error = kind(503, "away", {}) if name == "ResponseError" else kind("away")
+    assert traceback.format_exception_only(error) == [f"gear_rattle.{name}: away\n"]
+    assert pickle.loads(pickle.dumps(kind)) is kind
+    assert name in Path("docs/reference/api.md").read_text()
 
 
 def test_a_wheel_imports_what_is_moved_by_its_new_name() -> None:

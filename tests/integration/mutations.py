@@ -300,6 +300,21 @@ PROTECTIONS = (
         "    lost = list[str]()\n",
     ),
     _one(
+        "a lost chunk of a completed survey is damage",
+        "tests/contracts/workers/test_workers_integrity.py"
+        "::test_a_chunk_that_is_not_there_is_lost_once_the_survey_was_completed",
+        "workers/storage/integrity.py",
+        "    if completed:\n",
+        "    if False:\n",
+    ),
+    _one(
+        "an error of the service is answered where it is counted",
+        "tests/contracts/service/test_service_metrics.py::test_errors_of_the_service_count_as_such",
+        "service/web/problems.py",
+        "            if not begun:\n",
+        "            if False:\n",
+    ),
+    _one(
         "a checksum knows its place",
         "tests/contracts/workers/test_workers_integrity.py::test_a_whole_tile_in_the_place_of_another_is_damage",
         "workers/survey/seals.py",

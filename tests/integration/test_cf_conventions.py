@@ -10,6 +10,7 @@ import xarray as xr
 from depth import either
 from waiting import HANG
 
+from gear_rattle import split_complex
 from workers import Group, SurveyRequest, create_store, open_survey, run_survey
 from workers.storage.export import write_netcdf
 from workers.storage.store import open_groups
@@ -51,14 +52,25 @@ def stiff(tmp_path: Path) -> Path:
 
 
 def third(tmp_path: Path) -> Path:
-    joined = ("region", "attractors", "lyapunov", "families")
+    joined = ("region", "orbits", "families")
     run_survey(**AXES, beta=(0.6, 0.7, 2), quantities=joined, out=tmp_path / "third.zarr").close()
     return tmp_path / "third.zarr"
+
+
+def by_their_owners(store: Path) -> list[Path]:
+    """What people write by `to_netcdf` of an open survey: as it is stored, and a part of it in other chunks."""
+    files = [store.with_name(f"{store.stem}-{how}.nc") for how in ("stored", "split")]
+    with open_survey(store, as_stored=True) as survey:
+        survey.to_netcdf(files[0], engine="h5netcdf")
+    with open_survey(store) as survey:
+        split_complex(survey.isel(delta=slice(0, 2)).chunk({"epsilon": 1})).to_netcdf(files[1], engine="h5netcdf")
+    return files
 
 
 def test_the_checker_of_cf_finds_nothing(tmp_path: Path) -> None:
     stores = [make(tmp_path) for make in either((third,), (plain, stiff, third))]
     files = [file_of(store, store.with_suffix(".nc")) for store in stores]
+    files += [file for store in stores for file in by_their_owners(store)]
     with xr.open_dataset(files[0], engine="h5netcdf") as survey:
         wrong = survey[["region"]].load()
         wrong["region"].attrs["flag_values"] = np.array([0.0, 1.0])  # neither of its type nor one for each meaning

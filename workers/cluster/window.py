@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from rattle.errors import require_integer, require_pair
 from rattle.models import Model
-from workers.errors import SurveyError
+from workers.errors import SurveyError, no_map
 from workers.survey.axes import Axis, Window, reason
 from workers.survey.request import SurveyRequest, TileShape
 from workers.survey.tiles import MACHINE_FAILURES
@@ -66,7 +66,7 @@ def map_quantity(variable: str, index: int, request: SurveyRequest) -> Quantity:
     per_cell = [quantity for quantity in QUANTITIES if quantity.per_cell and request.model in quantity.models]
     maps = {quantity.name: quantity for quantity in per_cell}
     if variable not in maps:
-        raise SurveyError(f"no map of {variable!r}: there are {', '.join(maps)}")
+        raise SurveyError(no_map(variable, maps))
     count, *_ = (*shape_of(maps[variable], (1, 1), request.n_slots)[:-2], 1)
     if not 0 <= index < count:
         raise SurveyError(f"{variable} has no map {index}: use an index from 0 to {count - 1}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rattle.attractors.table import PERIODIC
-from workers.errors import SurveyError
+from workers.errors import SurveyError, no_map
 from workers.survey.families import FAMILY
 from workers.survey.request import BY_FAMILY, BY_FRACTION
 from workers.survey.slices import require_slice, third_of
@@ -25,7 +25,7 @@ def plane_of(dataset: xr.Dataset, variable: str, index: int = 0) -> xr.DataArray
     require_slice(third_of(dataset), None)
     if variable not in dataset.data_vars or dataset[variable].dims[-2:] != CELL:
         maps = sorted(str(name) for name, values in dataset.data_vars.items() if values.dims[-2:] == CELL)
-        raise SurveyError(f"no map of {variable!r} in this survey: it has {', '.join(maps)}")
+        raise SurveyError(no_map(variable, maps))
     plane = dataset[variable]
     first, *others = [*plane.dims[:-2], ""]
     if index and not first:

@@ -1,12 +1,14 @@
 """Numbers of a gear in a request: each one number or a distribution."""
 
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
+from pydantic_core import PydanticCustomError
 
 from rattle import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations.distributions import Distribution
-from workers.survey.axes import Real, Strict
+from workers.survey.axes import Real, Strict, words_of
 
 MOST_MEASURED = 10_000
 
@@ -83,7 +85,21 @@ AnyDistribution = Annotated[
     NormalNumber | UniformNumber | TriangularNumber | LogNormalNumber | MeasuredNumber,
     Field(discriminator="distribution"),
 ]
-Number = Real | AnyDistribution | None
+
+
+def _number_or_distribution(value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+    try:
+        return handler(value)
+    except ValidationError as error:
+        of_number, *of_distribution = error.errors()
+        meant = of_distribution[0] if isinstance(value, Mapping) and of_distribution else of_number
+        where = ".".join(str(part) for part in meant["loc"][2:])  # behind the union and its tag
+        said = f"{where}: {words_of(meant)}" if where else words_of(meant)
+        raise PydanticCustomError("number_or_distribution", "{said}", {"said": said}) from error
+
+
+#: What is wrong with it is said of what it was meant to be, not of both.
+Number = Annotated[Real | AnyDistribution | None, WrapValidator(_number_or_distribution)]
 
 
 class GearNumbers(Strict):

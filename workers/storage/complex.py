@@ -7,7 +7,9 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
+CONVENTIONS, CF = "Conventions", "CF-1.11"
 REAL, IMAGINARY = "_real", "_imag"
+PARTS_ONLY = ("dtype", "fill_value")  # encodings of a part: a whole written with them would lose its imaginary part
 
 
 class Both(BackendArray):
@@ -38,10 +40,44 @@ def joined(dataset: xr.Dataset) -> xr.Dataset:
                 **values.attrs,
                 "long_name": str(values.attrs.get("long_name", stem)).removesuffix(", real part"),
             }
-            found[stem] = xr.Variable(values.dims, lazy, attributes, values.encoding)
+            encoding = {key: value for key, value in values.encoding.items() if key not in PARTS_ONLY}
+            found[stem] = xr.Variable(values.dims, lazy, attributes, encoding)
     if not found:
         return dataset
     order = [str(name).removesuffix(REAL) for name in dataset.data_vars]
     bare = dataset.drop_vars([stem + part for stem in found for part in (REAL, IMAGINARY)])
     whole = bare.assign(found)
+    whole.attrs.pop(CONVENTIONS, None)  # CF knows no complex numbers: a file of these does not keep it
     return whole[[name for name in order if name in whole]]
+
+
+def split_complex(dataset: xr.Dataset) -> xr.Dataset:
+    """Return a dataset whose complex variables are two real ones each, `…_real` and `…_imag`, as stores have them.
+
+    Files for other programs need it: the CF conventions know no complex numbers.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        A survey, or a part of it, as `open_survey` and `run_survey` return it.
+
+    Returns
+    -------
+    xarray.Dataset
+        The same numbers; `to_netcdf` writes a file of them that keeps the CF conventions.
+
+    Examples
+    --------
+    >>> split_complex(run_survey(...)).to_netcdf("survey.nc")  # doctest: +SKIP
+    """
+    if all(values.dtype.kind != "c" for values in dataset.data_vars.values()):
+        return dataset
+    found: dict[str, xr.Variable] = {}
+    for name, values in dataset.data_vars.items():
+        if values.dtype.kind != "c":
+            found[str(name)] = values.variable
+            continue
+        for end, words, part in ((REAL, "real part", values.real), (IMAGINARY, "imaginary part", values.imag)):
+            about = {**values.attrs, "long_name": f"{values.attrs.get('long_name', name)}, {words}"}
+            found[f"{name}{end}"] = xr.Variable(values.dims, part.data, about)
+    return xr.Dataset(found, dataset.coords, {CONVENTIONS: CF, **dataset.attrs})

@@ -10,6 +10,7 @@ import xarray as xr
 
 from rattle import MissingExtraError
 from workers.errors import SurveyError, reading
+from workers.storage.complex import split_complex
 from workers.survey.machine import AXES
 from workers.survey.slices import slices_of, third_of
 from workers.survey.values.schema import CELL, FIXED, Form
@@ -32,20 +33,16 @@ def write_netcdf(dataset: xr.Dataset, groups: Mapping[str, xr.Dataset] | None = 
     with tempfile.TemporaryDirectory(prefix="rattle-") as directory:
         path = Path(directory) / "survey.nc"
         # at once: to open the file again for each variable took most of a small survey
-        whole = dataset.chunk({"epsilon": rows, **dict.fromkeys(third_of(dataset), 1)})
-        whole.attrs = {name: value for name, value in dataset.attrs.items() if value is not None}
+        whole = split_complex(dataset.chunk({"epsilon": rows, **dict.fromkeys(third_of(dataset), 1)}))
+        whole.attrs = {name: value for name, value in whole.attrs.items() if value is not None}
         _append(whole, path, "w", rows)
         for group, each in (groups or {}).items():
-            _append(each, path, "a", rows, group)
+            _append(split_complex(each), path, "a", rows, group)
         return path.open("rb")
 
 
 def _append(dataset: xr.Dataset, path: Path, mode: str, rows: int, group: str | None = None) -> None:
-    encoding: dict[Hashable, dict[str, object]] = {name: {"_FillValue": None} for name in dataset.coords}
-    for each in dataset.variables.values():
-        each.encoding = {}  # zarr's means nothing here
-        if "flag_values" in each.attrs:  # of the variable's own type
-            each.attrs["flag_values"] = np.array(each.attrs["flag_values"], each.dtype)
+    encoding: dict[Hashable, dict[str, object]] = {}
     for name, values in dataset.data_vars.items():
         encoding[name] = {"zlib": True, "complevel": 1} if values.ndim else {}
         if values.dims[-2:] == CELL:  # or HDF5 would compress what a band is a part of again and again
@@ -104,7 +101,7 @@ def _table(dataset: xr.Dataset, form: Form) -> Iterator[dict[str, np.ndarray]]:
     fixed = {name: float(dataset[name]) for name in FIXED if name in dataset.coords}
     for start in range(0, dataset.sizes["epsilon"], rows):
         band = slice(start, start + rows)
-        some = dataset[names].isel(epsilon=band).load()
+        some = split_complex(dataset[names].isel(epsilon=band).load())  # stores of older versions hold complex numbers
         height, width = some.sizes["epsilon"], some.sizes["delta"]
         columns = {"delta": np.tile(some["delta"].values, height), "epsilon": np.repeat(some["epsilon"].values, width)}
         columns |= {name: np.full(height * width, value) for name, value in fixed.items()}
@@ -112,9 +109,9 @@ def _table(dataset: xr.Dataset, form: Form) -> Iterator[dict[str, np.ndarray]]:
             name: _along(dataset[name].isel(epsilon=band, missing_dims="ignore"), some.sizes) for name in beside
         }
         if form in OWN_ROWS:
-            yield _tidy(some, names, columns, *OWN_ROWS[form])
+            yield _tidy(some, list(map(str, some.data_vars)), columns, *OWN_ROWS[form])
         else:
-            yield columns | {name: some[name].values.ravel() for name in names}
+            yield columns | {str(name): values.values.ravel() for name, values in some.data_vars.items()}
 
 
 def _along(values: xr.DataArray, sizes: Mapping[Hashable, int]) -> np.ndarray:

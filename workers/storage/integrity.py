@@ -8,12 +8,17 @@ own checksum knows no position. Any zarr reader reads all that as numbers and te
 import errno
 import json
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+import zarr
+from zarr.errors import ZarrUserWarning
 
 from workers.errors import StoppedError, StorageError, SurveyError
 from workers.storage.location import Place, place_of
@@ -32,25 +37,39 @@ from workers.survey.seals import (
     seal_of,
     tile_key,
 )
+from workers.survey.version import code_version
 
 STATUS = "status"
+COMPLETED = "date_completed"  # what the root of a completed survey says
 READERS = 8  # of files at a time: a bucket answers each after a while
 KNOWN = 8  # documents of which it is remembered whether they are whole: two of a store, of some 100 kB
 
 
 @dataclass(frozen=True)
 class Integrity:
-    """What a look at every file of a store found."""
+    """What a look at every file of a store found.
+
+    A store without checksums that this version can read is one of another version: its chunks are decoded, each of
+    which ends in a checksum of its own, and it has no tiles here.
+    """
 
     done: frozenset[int]  # indices of the tiles that are computed and whole
     damaged: dict[int, tuple[str, ...]]  # computed tiles with a lost or damaged chunk, and of which variables
     template: tuple[str, ...]  # damaged files that tiles do not write to: metadata, coordinates, curves
     tiles: int
+    files: int  # that were looked at
+    version: str  # of the code that computed it; empty if its root is damaged
+    completed: str  # when all of it was computed; empty if it was not
 
     @property
     def whole(self) -> bool:
-        """Whether nothing is damaged; tiles may still be missing."""
+        """Whether nothing is damaged; tiles of a survey that is not completed may still be missing."""
         return not self.damaged and not self.template
+
+    @property
+    def decoded(self) -> bool:
+        """Whether there are no checksums of the store that this version can read."""
+        return not self.tiles
 
 
 @dataclass(frozen=True)
@@ -156,21 +175,73 @@ def require_there(place: Place) -> None:
 
 
 def examine(where: str | Path | Place) -> Integrity:
-    """Read every file of a survey's store.
+    """Read every file of a survey's store. A chunk that is not there is lost once the survey was completed.
 
     Raises:
         SurveyError: there is no survey, or too much of it is damaged to know which it was.
         StorageError: the object store fails.
     """
     place = place_of(where)
-    manifest = manifest_of(place)
-    if manifest is None:
+    manifest, attributes = manifest_of(place), said_by_root(place)
+    version, completed = (str(attributes.get(name, "")) for name in ("code_version", COMPLETED))
+    if manifest is None and version in ("", code_version()):
         raise SurveyError(
-            f"{place} holds no survey that can be read: name the store of a survey of this version, or take its"
-            f" {ROOT} and {OWN} from a copy"
+            f"{place} holds no survey that can be read: name the store of a survey, a population or certificates; of"
+            f" one that is damaged, take its {ROOT} and {OWN} from a copy"
         )
+    if manifest is None:
+        number, lost = _undecodable(place, attributes)
+        return Integrity(frozenset(), {}, lost, 0, number, version, completed)
     done, damaged = examine_tiles(place, manifest)
-    return Integrity(frozenset(done), damaged, damaged_template(place, manifest), math.prod(manifest.grid))
+    tiles = math.prod(manifest.grid)
+    if completed:
+        for index in set(range(tiles)) - done - damaged.keys():
+            keys = manifest.keys(*divmod(index, manifest.grid[1]))
+            damaged[index] = tuple(name for name, key in keys.items() if read(place, key) is None)
+    files = len(SEALED) + len(manifest.files) + (len(manifest.chunks) + 1) * (len(done) + len(damaged))
+    template = damaged_template(place, manifest)
+    return Integrity(frozenset(done), dict(sorted(damaged.items())), template, tiles, files, version, completed)
+
+
+def said_by_root(place: Place) -> dict[str, Any]:
+    """Return the attributes of a store's root, damaged or not; empty without one."""
+    try:
+        attributes = json.loads(read(place, ROOT) or b"{}").get("attributes", {})
+    except (ValueError, AttributeError, RecursionError):
+        attributes = {}
+    return attributes if isinstance(attributes, dict) else {}
+
+
+def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tuple[str, ...]]:
+    """Return how many chunks were decoded, and which of them cannot be, of a store of another version.
+
+    Raises:
+        SurveyError: its metadata cannot be read.
+    """
+    lost = [ROOT] if SEAL in attributes and read_sealed(place, ROOT) is None else []
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ZarrUserWarning)  # the lock is no part of a zarr hierarchy
+            group = zarr.open_group(place.zarr(), mode="r")
+            arrays = [(name, each) for name, each in group.members(max_depth=None) if isinstance(each, zarr.Array)]
+    except Exception as error:  # what a foreign format raises
+        version = attributes["code_version"]
+        raise SurveyError(
+            f"{place} was computed by version {version} and cannot be read ({error}): verify it with that version"
+        ) from error
+    number = 0
+    for name, array in arrays:
+        for chunk in np.ndindex(*array.cdata_shape):
+            number += 1
+            at = tuple(slice(i * size, (i + 1) * size) for i, size in zip(chunk, array.chunks, strict=True))
+            try:
+                values = np.asarray(array[at])
+            except Exception:
+                lost.append(f"{name}/{array.metadata.encode_chunk_key(chunk)}")
+            else:
+                if name == STATUS and COMPLETED in attributes and not values.all():
+                    lost.append(f"{name}/{array.metadata.encode_chunk_key(chunk)}")
+    return number, tuple(lost)
 
 
 def examine_tiles(

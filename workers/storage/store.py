@@ -16,15 +16,17 @@ from workers.errors import StorageError, SurveyError, storage_error
 from workers.kinds import AnyRequest, AnyTile, blank, template_of
 from workers.populations.request import PopulationRequest
 from workers.storage.bucket import SCHEME
+from workers.storage.encoding import prepare_for_writing
 from workers.storage.integrity import (
+    COMPLETED,
     STATUS,
     Manifest,
     damaged_template,
     examine_tiles,
     manifest_of,
-    read,
     read_sealed,
     require_there,
+    said_by_root,
     whole_tile,
 )
 from workers.storage.location import Place, place_of
@@ -45,7 +47,6 @@ if TYPE_CHECKING:
 
 
 Make = Callable[[AnyRequest, str | None], Template]
-COMPLETED = "date_completed"
 KEPT = COMPLETED, ROUNDS  # what tiles were made by, or that they were, when the rest of the root is made again
 _blank = lru_cache(maxsize=16)(blank)
 
@@ -99,7 +100,7 @@ def _require_same(request: AnyRequest, place: Place) -> Manifest:
         return manifest
     if manifest is None:
         require_there(place)
-    attributes = _attributes(place)
+    attributes = said_by_root(place)
     if manifest is None and "content_hash" not in attributes:
         raise SurveyError(f"{place} holds something that is not a survey: choose another path")
     if attributes.get("code_version", code_version()) != code_version():
@@ -113,15 +114,6 @@ def _require_same(request: AnyRequest, place: Place) -> Manifest:
             " survey, or choose another path"
         )
     raise SurveyError(f"{place} holds another survey: choose another path, or delete that one first")
-
-
-def _attributes(place: Place) -> dict[str, Any]:
-    """What the root says, damaged or not."""
-    try:
-        attributes = json.loads(read(place, ROOT) or b"{}").get("attributes", {})
-    except (ValueError, AttributeError, RecursionError):
-        attributes = {}
-    return attributes if isinstance(attributes, dict) else {}
 
 
 def tiles_done(
@@ -298,7 +290,7 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
         StorageError: it cannot be written now.
     """
     try:
-        if TOLD[-1] in _attributes(place):
+        if TOLD[-1] in said_by_root(place):
             tell(place, dict.fromkeys(TOLD))
     except OSError as error:
         raise storage_error(f"{place} cannot be written", error) from error
@@ -363,7 +355,8 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     for.
 
     `xarray.open_zarr(path_or_url, group=group)` shows the same, but complex variables as `…_real` and `…_imag`; this
-    one says what is wrong when there is no survey.
+    one says what is wrong when there is no survey, and what it opens can be written again, in any chunks, with
+    `to_netcdf` (which keeps the CF conventions) and `to_zarr`.
 
     Args:
         as_stored: leave complex variables in their two parts, which NetCDF can hold.
@@ -380,6 +373,7 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     if group is None and "content_hash" not in dataset.attrs:
         dataset.close()
         raise SurveyError(f"{path_or_url} is not a survey")
+    dataset = prepare_for_writing(dataset)
     if as_stored:
         return dataset
     from workers.storage.complex import joined
@@ -400,7 +394,11 @@ def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
         found = xr.open_groups(_readable(path_or_url), engine="zarr", chunks=None, consolidated=True)
     except Exception as error:  # what the disk, the network or a foreign format raises
         raise SurveyError(f"no survey can be opened at {path_or_url}: {error}") from error
-    return {path.strip("/"): each for path, each in found.items() if path.split("/")[1] not in ("", GROUP, LEVELS)}
+    return {
+        path.strip("/"): prepare_for_writing(each)
+        for path, each in found.items()
+        if path.split("/")[1] not in ("", GROUP, LEVELS)
+    }
 
 
 def _readable(path_or_url: str | Path | Place) -> Any:

@@ -1,5 +1,8 @@
 """The axes of a survey's grid, and what all parts of a request have in common."""
 
+import json
+import re
+import unicodedata
 from collections.abc import Mapping
 from typing import Annotated, Any, NamedTuple, Self
 
@@ -16,16 +19,36 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from rattle.errors import did_you_mean
 from workers.errors import SurveyError
 
 #: Strict: neither True nor "0.6" is a number here.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 
 
+def require_visible(what: str, text: str, besides: str = "") -> str:
+    """Return a text; raise ValueError if it holds characters that nobody sees, such as controls of its direction.
+
+    Parameters
+    ----------
+    what : str
+        The name of the text in the message.
+    text : str
+        The text.
+    besides : str
+        Characters that may be in it all the same, such as line breaks.
+    """
+    for each in text:
+        if not (each.isprintable() or each in besides or unicodedata.category(each) == "Zs"):
+            raise ValueError(
+                f"the {what} holds U+{ord(each):04X} ({unicodedata.name(each, 'without a name')}), a character that "
+                "cannot be printed: remove it"
+            )
+    return text
+
+
 def _printable(name: str) -> str:
-    if not name.isprintable():
-        raise ValueError("the name holds characters that cannot be printed: remove them")
-    return name
+    return require_visible("name", name)
 
 
 Name = Annotated[str, Field(max_length=200), AfterValidator(_printable)]
@@ -81,17 +104,95 @@ class Axis(Strict):
     @classmethod
     def parse(cls, text: str) -> "Axis":
         """Read `START:STOP:NUM`, as the command line takes it. Raises SurveyError."""
+        parts = text.split(":")
+        how = f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61"
+        if len(parts) != len(cls.model_fields):
+            raise SurveyError(f"{how}, three numbers separated by colons: it has {len(parts)}")
+        numbers: dict[str, Any] = {}
+        for name, part in zip(cls.model_fields, parts, strict=True):
+            whole = name == "num"
+            try:
+                numbers[name] = int(part) if whole else float(part)
+            except ValueError:
+                raise SurveyError(f"{how}: {name} is {part!r}, not {'a whole' if whole else 'a'} number") from None
         try:
-            start, stop, num = text.split(":")
-            return cls(start=float(start), stop=float(stop), num=int(num))
-        except ValueError as error:
-            raise SurveyError(f"axis {text!r}: write START:STOP:NUM, such as 0.4:1.0:61 ({reason(error)})") from error
+            return cls(**numbers)
+        except ValidationError as error:
+            raise SurveyError(f"{how}: {place_and_reason(error)}") from error
+
+
+#: What is wrong with a field, by pydantic's name for it; its own words speak of the program ("Input should be …").
+_WORDS = {
+    "missing": "is not given: give it",
+    "greater_than": "must be greater than {gt}, got {input}",
+    "greater_than_equal": "must be at least {ge}, got {input}",
+    "less_than": "must be less than {lt}, got {input}",
+    "less_than_equal": "must be at most {le}, got {input}",
+    "multiple_of": "must be a multiple of {multiple_of}, got {input}",
+    "finite_number": "must be a finite number, got {input}",
+    **dict.fromkeys(("float_type", "float_parsing"), "must be a number, got {input}"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "must be a whole number, got {input}"),
+    "int_parsing_size": "must be a smaller whole number",
+    **dict.fromkeys(("bool_type", "bool_parsing"), "must be true or false, got {input}"),
+    **dict.fromkeys(("string_type", "string_unicode"), "must be text, got {input}"),
+    "string_too_long": "must have at most {max_length} characters: shorten it",
+    "string_too_short": "must have at least {min_length} characters",
+    "string_pattern_mismatch": "must match {pattern}, got {input}",
+    **dict.fromkeys(("list_type", "tuple_type"), "must be a list, got {input}"),
+    **dict.fromkeys(
+        ("model_type", "model_attributes_type", "dict_type", "dataclass_type"),
+        "must be an object with named fields, got {input}",
+    ),
+    "union_tag_not_found": "must name its {discriminator}",
+    "json_invalid": "is no valid JSON ({error}): send one JSON object, with names and text in double quotes",
+    "json_type": "must be JSON, got {input}",
+}
+_CHOICE = re.compile(r"'([^']*)'")
+_ENDS = (("least", "min_length"), ("most", "max_length"))
+LONGEST = 60  # characters of what was given, in a message
+
+
+def words_of(detail: Mapping[str, Any]) -> str:
+    """Return what is wrong with a field in this project's words: the value, what is allowed, what to do.
+
+    Parameters
+    ----------
+    detail : mapping
+        An entry of `errors()` of pydantic's ValidationError, or one like it with a `msg` alone.
+    """
+    kind, given = detail.get("type"), detail.get("input")
+    context = {**detail.get("ctx", {}), "input": _shortened(given)}
+    if kind in ("enum", "literal_error"):
+        known = _CHOICE.findall(str(context.get("expected", "")))
+        return f"must be one of {', '.join(known)}, got {context['input']}{did_you_mean(given, known)}"
+    if kind == "union_tag_invalid":
+        known, tag = _CHOICE.findall(str(context["expected_tags"])), context["tag"]
+        return f"{context['discriminator']} must be one of {', '.join(known)}, got {tag!r}{did_you_mean(tag, known)}"
+    if kind == "extra_forbidden":
+        name = str(detail["loc"][-1])
+        known = sorted({field for each in Strict.__subclasses__() for field in each.model_fields} - {name})
+        return f"is no field here{did_you_mean(name, known) or ': remove it'}"
+    if kind in ("too_long", "too_short"):
+        ends = [f"at {end} {context[key]}" for end, key in _ENDS if context.get(key) is not None]
+        return f"has {context.get('actual_length')} entries: give {' and '.join(ends)}"
+    try:
+        return _WORDS[str(kind)].format_map(context)
+    except KeyError:  # another kind, or one of ours
+        return str(detail["msg"]).removeprefix("Value error, ")
+
+
+def _shortened(given: Any) -> str:
+    try:
+        text = json.dumps(given, ensure_ascii=False) if isinstance(given, bool | str | None) else repr(given)
+    except ValueError:  # the digits of a huge integer
+        return "a number beyond printing"
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]} …"
 
 
 def reason(error: ValueError) -> str:
     """Return the first thing that is wrong, without pydantic's preamble."""
     errors = getattr(error, "errors", None)
-    return str(errors()[0]["msg"]).removeprefix("Value error, ") if errors else str(error)
+    return words_of(errors()[0]) if errors else str(error)
 
 
 def place_and_reason(error: ValidationError) -> str:

@@ -25,7 +25,7 @@ from workers.survey.axes import Axis, Name, NumberOrAxis, Real, Strict
 from workers.survey.machine import SurveyedMachine, in_the_model
 from workers.survey.refined.asked import BLOCK, Refine, RefineOrNot, require_refinable
 from workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored
-from workers.survey.values.schema import DEFAULT, FIXED, JOINED, SAMPLED, Group, Quantity
+from workers.survey.values.schema import DEFAULT, FIXED, NEEDS, SAMPLED, Group, Quantity
 from workers.survey.version import code_version
 
 Along = tuple[int, ...]  # an index along the third axis, () where there is none
@@ -107,7 +107,8 @@ class SurveyRequest(Strict):
 
     model: the impacting one, or the stiff one, which needs the stiffness kappa of its walls. beta, kappa: a number, or
     one of them a third axis, of which each value has a slice: the survey of the plane there. quantities: by default all
-    that the model has, but those that cost several times what all others do. slots: attractors that a cell lists, by
+    that the model has, but those that cost several times what all others do; each brings those that it is made from
+    (families: attractors and lyapunov). slots: attractors that a cell lists, by
     default 8, or 24 where δ begins below 0.1; more are counted, and their share is told. slots_by: "fraction", the
     largest share first, or "family", each family in one slot of all cells as far as there are slots; by default where
     families are asked for. machine: instead of β, and of the axes where it has `rpm` and `eccentricity`, {"start",
@@ -183,7 +184,8 @@ class SurveyRequest(Strict):
             raise ValueError(f"name at least one of {', '.join(Group)}")
         if len(set(quantities)) < len(quantities):
             raise ValueError("each quantity may be named once: remove the duplicates")
-        return tuple(group for group in Group if group in quantities)
+        needed = {need for group in quantities for need in NEEDS.get(group, ())}
+        return tuple(group for group in Group if group in quantities or group in needed)
 
     @model_validator(mode="after")
     def _of_the_model(self) -> Self:
@@ -193,8 +195,6 @@ class SurveyRequest(Strict):
             raise ValueError('kappa is of the stiff model: set model to "stiff", or leave kappa out')
         if isinstance(self.beta, Axis) and isinstance(self.kappa, Axis):
             raise ValueError("a survey has one third axis: give one number for beta, or for kappa")
-        if Group.FAMILIES in self.quantities and not JOINED.issubset(self.quantities):
-            raise ValueError(f"families are made from {' and '.join(sorted(JOINED))}: name these too")
         if self.slots_by == BY_FAMILY and Group.FAMILIES not in self.quantities:
             raise ValueError("slots by family need the families: name these quantities too, or leave slots_by out")
         if unknown := set(self.quantities).difference(groups_of(self.model)):

@@ -15,7 +15,7 @@ from rattle.continuation.curves import (
     traced,
     window_range,
 )
-from rattle.errors import RattleError, require, require_integer, require_number
+from rattle.errors import RattleError, require, require_integer, require_number, require_one_of
 from rattle.flight.between import TWO_PI
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.bifurcations.events import Event
@@ -45,7 +45,7 @@ def trace(
     pseudo-arclength continuation of the impact equations with the curve's condition; points are solutions to rounding
     (`Curve`). Raises ParameterError, and RattleError where rounding keeps the curve from being followed.
     """
-    require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
+    require_one_of("name", name, NAMES)
     beta = require_number("beta", beta, positive=True)
     window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
     require(window.delta[1] >= LEAST_DELTA, f"delta must reach above {LEAST_DELTA:g}, got {delta!r}")

@@ -11,7 +11,7 @@ import numpy as np
 
 from rattle.continuation.conditions import Kind
 from rattle.continuation.curves import QUIET_LIMIT
-from rattle.errors import require
+from rattle.errors import require_one_of
 from rattle.impacting.bifurcations import starts
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.equations import Itinerary
@@ -126,7 +126,7 @@ NAMES = (*CURVES, QUIET_LIMIT)
 
 def describe(name: str) -> str:
     """What happens on a curve, to which orbits, and the source. Raises ParameterError on an unknown name."""
-    require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
+    require_one_of("name", name, NAMES)
     if name == QUIET_LIMIT:
         return f"{QUIET_MEANING} ({PAPER}, section 3.1, has no formula)"
     return f"{CURVES[name].meaning} ({CURVES[name].source})"

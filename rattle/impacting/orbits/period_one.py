@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.errors import parameters, require
+from rattle.errors import parameters, require_one_of
 from rattle.impacting.orbits import closed_form
 from rattle.impacting.orbits.limits import flip_formula, sine_offset, sn1_formula
 from rattle.orbits.period_one import N_MINUS, NAMES, MissingLimit, Orbit, PeriodOne, classify, multipliers_of
@@ -38,7 +38,7 @@ def grazing(curve: str, delta: ArrayLike, beta: ArrayLike = 0.6) -> Grazing:
 
     NaN where the curve does not exist at that damping. Raises ParameterError. Source: paper, section 5.2.
     """
-    require(isinstance(curve, str) and curve in CURVES, f"curve must be one of {', '.join(CURVES)}, got {curve!r}")
+    require_one_of("curve", curve, CURVES)
     d, _, b = parameters(delta, 0.0, beta)
     flat = closed_form.grazing_cells(CURVES.index(curve), *(np.array(x, order="C").ravel() for x in (d, b)))
     epsilon, tau, trace = (x.reshape(d.shape) for x in flat)

@@ -11,7 +11,7 @@ from rattle._version import __version__
 from rattle.continuation.arclength import tangent_at, with_value
 from rattle.continuation.conditions import MULTIPLIER, Kind, condition
 from rattle.continuation.curves import QUIET_LIMIT
-from rattle.errors import NotProvedError, require, require_number
+from rattle.errors import NotProvedError, require, require_number, require_one_of
 from rattle.impacting.bifurcations.codimension_two import codimension_two
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.bifurcations.registry import CURVES, Definition
@@ -40,7 +40,8 @@ def certify_curve_point(
     ParameterError, and NotProvedError where no proof was found or no point of the curve is that close. Source:
     docs/proofs.md.
     """
-    require(name in CURVES, f"name must be one of {', '.join(CURVES)}, got {name!r}: {QUIET_LIMIT} is a formula")
+    require(name != QUIET_LIMIT, f"{QUIET_LIMIT} is a formula: name one of {', '.join(CURVES)}")
+    require_one_of("name", name, CURVES)
     numbers = {"delta": exact("delta", delta), "epsilon": exact("epsilon", epsilon), "beta": exact("beta", beta)}
     require(min(numbers.values()) > 0, "delta, epsilon and beta must be positive")
     d, e, half = (float(number) for number in numbers.values())

@@ -12,7 +12,7 @@ import numpy as np
 from rattle.continuation.arclength import Problem
 from rattle.continuation.conditions import Kind, condition, scale_at
 from rattle.continuation.curves import Curve, Described, Window, limit_of_contact, spread_between, traced, window_range
-from rattle.errors import RattleError, require, require_number
+from rattle.errors import RattleError, require_number, require_one_of
 from rattle.flight.between import TWO_PI
 from rattle.numerics.complex_step import Array
 from rattle.stiff.map.quiet import quiet_limit
@@ -58,7 +58,7 @@ def trace(
     and v are those of the departure from Σ⁺. Raises ParameterError, and RattleError where rounding keeps the curve from
     being followed.
     """
-    require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
+    require_one_of("name", name, NAMES)
     beta, kappa = require_number("beta", beta, positive=True), require_number("kappa", kappa, positive=True)
     window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon))
     dampings = np.array([*spread_between(*window.delta), *window.delta])
@@ -74,7 +74,7 @@ def trace(
 
 def describe(name: str) -> str:
     """What happens on a curve, to which motions. Raises ParameterError on an unknown name."""
-    require(isinstance(name, str) and name in NAMES, f"name must be one of {', '.join(NAMES)}, got {name!r}")
+    require_one_of("name", name, NAMES)
     return f"{MEANINGS[name]} (docs/stiff.md)"
 
 

@@ -94,7 +94,10 @@ def _all_of(numbers: dict[str, float | None]) -> dict[str, float]:
     lacking = [name for name, value in numbers.items() if value is None]
     if lacking:
         raise RequestValidationError(
-            [{"type": "missing", "loc": ("query", name), "msg": "Field required", "input": None} for name in lacking]
+            [
+                {"type": "missing", "loc": ("query", name), "msg": "is not given: give it", "input": None}
+                for name in lacking
+            ]
         )
     return {name: value for name, value in numbers.items() if value is not None}
 

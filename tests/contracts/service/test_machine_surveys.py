@@ -38,7 +38,7 @@ def test_a_survey_of_speeds_and_eccentricities(tmp_path: Path) -> None:
     [
         ({"rpm": None}, (), "give either --delta or a machine's --rpm"),
         ({}, ("--epsilon", "0:0.1:3"), "give either --epsilon or a machine's --eccentricity"),
-        ({"radius": None}, (), "machine.radius: Field required"),
+        ({"radius": None}, (), "machine.radius: is not given"),
         ({"radius": "50"}, (), "for 50 mm give 0.05"),
         ({"drive": "belt"}, (), "machine.drive"),
         ({"rpm": "3000"}, (), "START:STOP:NUM"),

@@ -160,7 +160,7 @@ def test_a_table_is_compared(tmp_path: Path) -> None:
         (["sound", "x.wav", "0.6", "0.1"], "--rpm"),
         (["sound", "x.wav", "0.6", "0.1", "--rpm", "100", "--attractor", "9"], "there are attractors 1 to 3"),
         (["orbits", *options(radius=50)], "for 50 mm give 0.05"),
-        (["orbits", *options(drive="belt")], "drive must be torque or speed"),
+        (["orbits", *options(drive="belt")], "drive must be one of torque, speed"),
         (["sound", "absent/x.wav", "0.6", "0.1", "--rpm", "100", "--seconds", "0.1"], "cannot be written"),
         (["sound", "x.wav", "0.6", "0.1", "--rpm", "-1"], "rpm must be greater than 0"),
         (["compare", "absent.csv", "0.6", "0.1"], "cannot be read"),

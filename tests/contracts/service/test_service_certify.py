@@ -43,6 +43,7 @@ def test_a_point_is_taken_as_these_very_numbers_and_its_certificates_are_proved_
         (),
         ("survey.zarr", "--check", "file"),
         ("--check", "nowhere"),
+        ("--check", "/dev/null"),
         ("--point", "0.6", "x"),
         ("--curves",),
         ("--curves", "--point", "0.6", "0.1"),
@@ -147,3 +148,25 @@ def test_chaos_that_is_not_there_is_not_proved() -> None:
     assert said.exit_code == 1
     assert said.stdout == ""
     assert "not proved: no motion that seems chaotic was found here" in said.stderr
+
+
+@pytest.mark.parametrize("content", [b"", b"\n \n"])
+def test_a_file_without_a_certificate_is_not_checked(tmp_path: Path, content: bytes) -> None:
+    """It printed nothing and ended with 0."""
+    (tmp_path / "empty.jsonl").write_bytes(content)
+    said = ran("--check", tmp_path / "empty.jsonl")
+    assert said.exit_code == 2
+    assert "holds no certificate" in said.output
+
+
+def test_a_file_that_is_no_text_is_not_proved(tmp_path: Path) -> None:
+    (tmp_path / "other.jsonl").write_bytes(b"\xff\xfe\x00")
+    said = ran("--check", tmp_path / "other.jsonl")
+    assert said.exit_code == 1
+    assert "NOT PROVED, line 1" in said.stdout
+
+
+def test_a_point_without_motions_proves_nothing() -> None:
+    said = ran("--point", "0.6", "0.001")
+    assert said.exit_code == 1
+    assert "no periodic motion was found" in said.output

@@ -21,11 +21,12 @@ NOTES = (
     "\u9818\u57df\u3000\u5468\u671f \U0001f468\u200d\U0001f52c"
 )
 UNPRINTABLE = "\x00\x0b\x0c\x1c\x1d\x1e\x7f\x85\ue000\uffff"
+UNSEEN = "\u202e\u2066\u200f\u200b\u00ad\u2060\ufeff\u2028\U000e0041"  # directions, zero width, separators, tags
 
 
 @pytest.fixture(scope="module")
 def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[TestClient]:
-    with front_end(tmp_path_factory.mktemp("names"), require_keys=True, explorer=False) as client:
+    with front_end(tmp_path_factory.mktemp("names"), require_keys=True, explorer=False, max_jobs=100) as client:
         yield client
 
 
@@ -63,7 +64,8 @@ def test_only_the_key_that_submitted_a_survey_names_it(client: TestClient) -> No
     ("body", "words"),
     [
         ({"name": "a\nb"}, "cannot be printed"),
-        *(({"notes": f"a{each}b"}, "cannot be printed") for each in UNPRINTABLE),
+        *(({"notes": f"a{each}b"}, "cannot be printed") for each in UNPRINTABLE + UNSEEN),
+        *(({"name": f"a{each}b"}, f"U+{ord(each):04X}") for each in UNSEEN),
         ({"name": "x" * 201}, "200"), ({"notes": "x" * 10_001}, "10000"), ({"state": "failed"}, "state"),
     ],
 )  # fmt: skip

@@ -54,7 +54,7 @@ def test_all_slices_are_counted_against_the_limit(client: TestClient) -> None:
     answer = client.post("/v1/surveys", json=THIRD | {"beta": BETA | {"start": 0.0}})
     assert_problem(answer, 422, "body.beta", "raise start (0.0) above 0")
     answer = client.post("/v1/surveys", json=THIRD | {"beta": BETA | {"num": "x"}})
-    assert_problem(answer, 422, "body.beta", "num: Input should be a valid integer")
+    assert_problem(answer, 422, "body.beta", "num: must be a whole number")
 
 
 def test_a_picture_is_of_a_slice(client: TestClient, running: str) -> None:

@@ -25,7 +25,7 @@ from workers import (
     tiles_of,
 )
 from workers import certificates as certified
-from workers.certificates import CERTIFICATES, REFUSED, certify_survey
+from workers.certificates import CERTIFICATES, REFUSED, SEAL, certify_survey, examine_beside, examine_certificates
 from workers.errors import SurveyError
 
 pytestmark = pytest.mark.usefixtures("templates_once")
@@ -226,3 +226,43 @@ def test_without_the_extra_nothing_is_computed_in_vain(tmp_path, monkeypatch):
     with pytest.raises(rattle.MissingExtraError, match=r"gear-rattle\[proof\]"):
         run_survey({**BODY, "certify": True}, out=tmp_path / "survey.zarr")
     assert not (tmp_path / "survey.zarr").exists()
+
+
+def beside(store, whole, where):
+    """Copies of the survey and of its certificates, side by side."""
+    return (
+        shutil.copytree(store, where / "survey.zarr"),
+        shutil.copytree(whole, where / "survey.certificates.zarr"),
+    )
+
+
+def test_certificates_beside_a_survey_are_examined_with_it(store, whole, tmp_path):
+    survey, out = beside(store, whole, tmp_path)
+    shutil.copytree(whole, tmp_path / "survey.slice2.certificates.zarr")
+    shutil.copytree(whole, tmp_path / "surveyor.certificates.zarr")  # of another one
+    found = examine_beside(survey)
+    assert [each.path.name for each in found] == ["survey.certificates.zarr", "survey.slice2.certificates.zarr"]
+    assert all(each.complete and not each.damaged and each.files > 5 for each in found)
+    (out / CERTIFICATES).write_text("\n".join(lines(out)[1:]))
+    (out / "delta" / "c" / "0").unlink()
+    first, _ = examine_beside(survey)
+    assert set(first.damaged) == {CERTIFICATES, "delta/c/0"}
+    (out / SEAL).write_text("{")
+    assert examine_certificates(out).damaged == (SEAL,)
+    (out / SEAL).unlink()
+    assert not examine_certificates(out).complete
+
+
+def test_certificates_that_a_completed_survey_asked_for_are_lost_if_they_are_not_there(tmp_path):
+    asked = SurveyRequest(**{**BODY, "certify": True})
+    create_store(asked, tmp_path / "survey.zarr")
+    assert examine_beside(tmp_path / "survey.zarr") == []
+    run_tiles_here(asked, tmp_path / "survey.zarr", tiles_of(asked), lambda _: None, lambda: False)
+    complete(asked, tmp_path / "survey.zarr")
+    finish_store(tmp_path / "survey.zarr")
+    (whole,) = examine_beside(tmp_path / "survey.zarr")
+    assert whole.complete
+    assert not whole.damaged
+    shutil.rmtree(tmp_path / "survey.certificates.zarr")
+    (lost,) = examine_beside(tmp_path / "survey.zarr")
+    assert lost.damaged == (SEAL,)

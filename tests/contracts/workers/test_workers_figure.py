@@ -92,7 +92,8 @@ def test_slots_are_drawn_by_index(whole: xr.Dataset) -> None:
 @pytest.mark.parametrize(
     ("name", "index", "message"),
     [
-        ("no_such", 0, "it has attractor_fraction"),
+        ("no_such", 0, "there are attractor_fraction"),
+        ("quiet", 0, "did you mean quiet_fraction"),
         ("grazing_epsilon", 0, "no map"),
         ("delta", 0, "no map"),
         ("orbit_phase", 4, "from 0 to 3"),

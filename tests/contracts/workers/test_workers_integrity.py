@@ -17,6 +17,7 @@ from workers import Axis, SurveyError, SurveyRequest, create_store, examine, fin
 from workers.cluster.runner import compute_and_write
 from workers.storage.integrity import read_sealed
 from workers.storage.location import Directory
+from workers.survey.seals import sealed
 from workers.survey.version import code_version
 
 REQUEST = SurveyRequest(
@@ -171,6 +172,61 @@ def test_without_both_nobody_knows_what_it_was(store: Path) -> None:
     assert contents(store) == before
 
 
+def test_a_chunk_that_is_not_there_is_lost_once_the_survey_was_completed(store: Path) -> None:
+    """`status` alone, all of a tile, and what only its checksums are left of: none is "not computed yet"."""
+    (store / "status/c/0/1").unlink()
+    for chunk in [*store.glob("*/c/**/1/0"), store / "checksums/tiles/c/0/1/0"]:
+        chunk.unlink(missing_ok=True)
+    found = examine(store)
+    assert not found.whole
+    assert found.done == {0, 3}
+    assert found.damaged[1] == ("status",)
+    assert "region" in found.damaged[2]
+    assert "status" in found.damaged[2]
+    assert tiles_done(REQUEST, store) == {0, 3}  # which a run computes again
+
+
+def test_a_tile_of_a_survey_that_was_not_completed_is_not_lost(tmp_path: Path) -> None:
+    create_store(REQUEST, tmp_path / "survey.zarr")
+    compute_and_write(REQUEST, str(tmp_path / "survey.zarr"), tiles_of(REQUEST)[0])
+    found = examine(tmp_path / "survey.zarr")
+    assert found.whole
+    assert (found.done, found.tiles, found.completed) == ({0}, 4, "")
+
+
+def of_another_version(store: Path) -> Path:
+    """A store whose checksums this version does not know: as version 1.0.0a1 left it."""
+    shutil.rmtree(store / "checksums")
+    root = json.loads((store / ROOT).read_text())
+    root["attributes"] = {**root["attributes"], "code_version": "1.0.0a1+0123456789abcdef"}
+    del root["attributes"]["checksum"]
+    described = root["consolidated_metadata"]["metadata"]
+    root["consolidated_metadata"]["metadata"] = {k: v for k, v in described.items() if not k.startswith("checksums")}
+    (store / ROOT).write_text(json.dumps(root))
+    return store
+
+
+def test_a_store_of_another_version_is_decoded(store: Path) -> None:
+    found = examine(of_another_version(store))
+    assert found.whole
+    assert found.decoded
+    assert found.version == "1.0.0a1+0123456789abcdef"
+    assert found.files > 100
+    chunk = store / "region/c/1/0"
+    chunk.write_bytes(chunk.read_bytes()[::-1])
+    (store / "status/c/0/1").unlink()
+    assert set(examine(store).template) == {"region/c/1/0", "status/c/0/1"}
+
+
+def test_a_store_of_another_version_with_our_checksums_is_verified_by_them(store: Path) -> None:
+    edited_root(lambda root: root["attributes"].update(code_version="1.0.0a1+0123456789abcdef"))(store)
+    (store / ROOT).write_bytes(sealed(json.loads((store / ROOT).read_bytes())))
+    found = examine(store)
+    assert found.whole
+    assert not found.decoded
+    assert found.version == "1.0.0a1+0123456789abcdef"
+
+
 def test_a_damaged_root_of_another_survey_is_not_ours(store: Path) -> None:
     edited_root(lambda root: root["attributes"].update(content_hash=REQUEST.content_hash(), title="x"))(store)
     before = contents(store)
@@ -255,8 +311,7 @@ def test_a_file_of_a_tile_that_is_lost_is_damage(store: Path, lost: str) -> None
     (store / lost).unlink()
     found = examine(store)
     assert found.done == {0, 1, 3}
-    # without its status, which is written last, a tile counts as not computed
-    assert found.damaged == ({} if lost.startswith("status") else {2: (lost.partition("/")[0],)})
+    assert found.damaged == {2: (lost.partition("/")[0],)}
 
 
 def test_other_readers_see_the_checksums_as_numbers(store: Path) -> None:

@@ -1,5 +1,6 @@
 """Populations tile by tile: the library's numbers, resumed to the same bytes, read back to the same answers."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +133,12 @@ def test_what_is_damaged_is_found_and_made_again(whole: Path, tmp_path: Path) ->
     run_tiles_here(REQUEST, path, [TILES[2]], lambda _: None, never)
     assert examine(path).whole
     assert files(path) == files(whole)
+
+
+def test_a_lost_status_of_a_finished_population_is_damage(whole: Path, tmp_path: Path) -> None:
+    path = Path(shutil.copytree(whole, tmp_path / "population.zarr"))
+    (path / "status" / "c" / "1").unlink()
+    assert examine(path).damaged == {1: ("status",)}
 
 
 def test_every_chunk_is_known_to_be_of_its_tile(whole: Path) -> None:

@@ -140,7 +140,7 @@ def test_the_stiffness_makes_another_survey() -> None:
         ({"kappa": None}, "needs kappa"),
         ({"model": "impacting"}, "kappa is of the stiff model"),
         ({"kappa": 0.0}, "greater than 0"),
-        ({"kappa": 1e11}, "less than or equal"),
+        ({"kappa": 1e11}, "must be at most"),
         ({"kappa": "1e4"}, "number"),
         ({"model": "soft"}, "impacting"),
         ({"quantities": ["region", "grazing"]}, "the stiff model has no grazing: name some of region"),

@@ -205,7 +205,7 @@ def test_quantities_with_units() -> None:
         ({"eccentricity": -1e-6}, "eccentricity must not be negative"),
         ({"stiffness": 0.0}, "stiffness must be greater than 0"),
         ({"radius": "50 mm"}, "radius must be real numbers"),
-        ({"drive": "belt"}, "drive must be torque or speed"),
+        ({"drive": "belt"}, "drive must be one of torque, speed"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(wrong: dict[str, object], said: str) -> None:

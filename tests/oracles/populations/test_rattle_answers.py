@@ -128,7 +128,7 @@ def test_nothing_is_said_of_gears_that_do_not_differ() -> None:
     same = Population(population.plan, population.rows._replace(energy=np.zeros_like(population.rows.energy)))
     with pytest.raises(rattle.RattleError, match="do not differ by more than their samples do"):
         same.indices()
-    with pytest.raises(rattle.ParameterError, match="indices are of quiet or energy"):
+    with pytest.raises(rattle.ParameterError, match="of must be one of quiet, energy"):
         same.indices("noise")
     lone = Population(Plan(Tolerances(GIVEN), gears=10, pairs=0), population.rows)
     with pytest.raises(rattle.RattleError, match="ask for pairs"):

@@ -44,8 +44,8 @@ SAMPLED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV, Group.INTENSITY})
 #: The groups that a request gets only by name: basins cost several times what all others do, intensities are two dozen
 #: variables that not everybody asks for.
 OPTIONAL = frozenset({Group.BASINS, Group.INTENSITY, Group.FAMILIES})
-#: What families are made from, after all tiles are computed.
-JOINED = frozenset({Group.ATTRACTORS, Group.LYAPUNOV})
+#: The groups that another one is made from: a request that names it has these too.
+NEEDS = {Group.FAMILIES: frozenset({Group.ATTRACTORS, Group.LYAPUNOV})}
 DEFAULT = tuple(group for group in Group if group not in OPTIONAL)
 
 
