@@ -17,6 +17,7 @@ from starlette.staticfiles import StaticFiles
 
 import rattle
 import workers
+from rattle.numerics.processes import leave_working_directory
 from service import compilation
 from service.access.middleware import AccessMiddleware, caller_of
 from service.access.revocation import Revocations
@@ -109,6 +110,7 @@ def _lifespan(
 ) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        leave_working_directory()
         adopt_handlers()
         broadcast = Broadcast()
         with opened(settings, broadcast.changed) as (directory, database):
