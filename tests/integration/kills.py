@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import xarray as xr
-from service_processes import FIELDS, answers, assert_bit_identical, client_of, workers_of, free_port, serial_run, start
+from service_processes import FIELDS, answers, assert_bit_identical, client_of, free_port, serial_run, start, workers_of
 from waiting import wait_until
 
 from service.client import Job

@@ -483,16 +483,16 @@ PROTECTIONS = (
     _one(
         "an embedded cluster has no pages",
         f"{INTRUDERS}::test_a_service_listens_for_http_and_for_its_own_certificate_only",
-        "workers/cluster/parts.py",
-        "    def start_http_server(",
-        "    def start_nothing(",
+        "workers/cluster/cluster.py",
+        "dask.config.set({**NOTES, **NO_PAGES,",
+        "dask.config.set({**NOTES,",
     ),
     _one(
         "modules are looked for in private places",
         f"{INTRUDERS}::test_modules_are_taken_from_no_place_of_others",
         "workers/cluster/cluster.py",
-        '"temporary-directory": stack.enter_context(scratch)',
-        '"temporary-directory": stack.enter_context(scratch) and None',
+        '"temporary-directory": scratch}',
+        '"temporary-directory": None}',
     ),
     _one(
         "nobody forges a line of the log",

@@ -17,7 +17,7 @@ from workers import embedded_cluster
 
 WORKERS = either(1, 2)
 #: Pages of dask's HTTP servers, if they were on.
-PAGES = ("", "status", "health", "metrics", "info/main/workers.html", "json/identity.json", "sitemap.json", "main", "api/v1/")
+PAGES = ("", "status", "health", "metrics", "info/main/workers.html", "json/identity.json", "sitemap.json", "api/v1/")
 
 
 @pytest.fixture(scope="module")

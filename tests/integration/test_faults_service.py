@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 from depth import deep, either
 from faults import BOUNDED, FEW_AUDITED, IN_PROCESS, REQUEST, SPARE, Faults
-from service_processes import assert_bit_identical, client_of, workers_of, free_port, server, start, written_in
+from service_processes import assert_bit_identical, client_of, free_port, server, start, workers_of, written_in
 from waiting import HANG, wait_until
 
 from service.client import Client

@@ -50,11 +50,49 @@ survey = run_survey(delta=(0.5, 0.7, 3), epsilon=(0.05, 0.15, 2), out="survey.za
 print(dict(survey.sizes)["delta"])
 """
 #: Modules of the standard library and of others that processes of ours import, or try to; all of them raise.
-POISONED = """
-    random json queue logging pickle socket ssl struct subprocess tempfile threading uuid heapq bisect copy csv
-    dataclasses decimal fractions inspect platform secrets selectors shutil statistics string traceback weakref
-    numpy scipy numba llvmlite zarr xarray dask distributed tornado msgpack psutil cryptography pydantic
-""".split()
+POISONED = (
+    "random",
+    "json",
+    "queue",
+    "logging",
+    "pickle",
+    "socket",
+    "ssl",
+    "struct",
+    "subprocess",
+    "tempfile",
+    "threading",
+    "uuid",
+    "heapq",
+    "bisect",
+    "copy",
+    "csv",
+    "dataclasses",
+    "decimal",
+    "fractions",
+    "inspect",
+    "platform",
+    "secrets",
+    "selectors",
+    "shutil",
+    "statistics",
+    "string",
+    "traceback",
+    "weakref",
+    "numpy",
+    "scipy",
+    "numba",
+    "llvmlite",
+    "zarr",
+    "xarray",
+    "dask",
+    "distributed",
+    "tornado",
+    "msgpack",
+    "psutil",
+    "cryptography",
+    "pydantic",
+)
 
 
 @pytest.fixture

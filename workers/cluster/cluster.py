@@ -97,13 +97,12 @@ class _Processes:
         should_stop: asked several times a second, until `started` is set: whether start-up was cancelled.
     """
 
-    def __init__(self, n_workers: int, nice: int, cluster: SpecCluster, scratch: str, should_stop: Callable[[], bool]):
+    def __init__(self, n_workers: int, nice: int, cluster: SpecCluster, should_stop: Callable[[], bool]) -> None:
         options = {
             "host": "127.0.0.1",
             "security": cluster.security,
             "nthreads": 1,
             "memory_limit": MEMORY_LIMIT,
-            "local_directory": scratch,
             "dashboard": False,
             "silence_logs": logging.CRITICAL,
             "extensions": {},  # none but spans
@@ -191,7 +190,7 @@ def embedded_cluster(
         try:
             with _interrupts_blocked():
                 cluster = stack.enter_context(_scheduler())
-                processes = stack.enter_context(_Processes(n_workers, nice, cluster, scratch, should_stop))
+                processes = stack.enter_context(_Processes(n_workers, nice, cluster, should_stop))
                 client = stack.enter_context(Client(cluster, set_as_default=False))
             processes.wait(client)
             client.register_plugin(WarmKernels())
@@ -202,18 +201,16 @@ def embedded_cluster(
 
 
 def _scheduler() -> SpecCluster:
-    security = Security.temporary()
+    part = {"host": "127.0.0.1", "protocol": "tls://", "security": Security.temporary()}
     options = {
-        "host": "127.0.0.1",
-        "protocol": "tls://",
-        "security": security,
+        **part,
         "dashboard": False,
         "dashboard_address": "127.0.0.1:0",
         "worker_ttl": SILENT_SECONDS,
         "allowed_failures": ALLOWED_DEATHS,
         "extensions": {name: each for name, each in DEFAULT_EXTENSIONS.items() if name != SPANS},
     }
-    return SpecCluster(scheduler={"cls": Scheduler, "options": options}, security=security)
+    return SpecCluster(scheduler={"cls": Scheduler, "options": options}, security=part["security"])
 
 
 @contextmanager
