@@ -13,11 +13,10 @@ import psutil
 import pytest
 from distributed import Client
 from faults import REQUEST
-from service_processes import ENVIRONMENT, OPTIONS, ROOT, assert_bit_identical, nannies_of, workers_of
+from service_processes import ENVIRONMENT, OPTIONS, assert_bit_identical, nannies_of, workers_of
 from waiting import HANG, wait_until
 
 import workers.cluster.submission
-from rattle.numerics.processes import module_path
 from workers import create_store, embedded_cluster, finish_store, open_survey, run_tiles, tiles_of
 from workers.cluster.scratch import HELD, PREFIX, scratch_directory
 
@@ -224,22 +223,6 @@ def test_a_service_imports_nothing_from_the_working_directory(tmp_path: Path, po
 def listening_at(log: str) -> str:
     found = [word for word in log.split() if word.startswith("http://127.0.0.1:")]
     return found[0] if found else ""
-
-
-def test_children_import_the_code_that_this_process_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    copy = tmp_path / "copy"
-    (copy / "rattle").mkdir(parents=True)
-    monkeypatch.chdir(copy)
-    monkeypatch.setattr(sys, "path", ["", "relative", str(copy), str(tmp_path), *sys.path])
-    path = module_path()
-    assert str(copy) not in path
-    assert str(tmp_path) in path
-    assert str(ROOT) in path
-    assert all(os.path.isabs(each) for each in path)
-    monkeypatch.setattr(sys, "path", [str(copy)])  # another one, on purpose
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("PYTHONPATH", raising=False)
-    assert module_path() == [str(ROOT), str(copy)]
 
 
 def test_no_process_is_left() -> None:
