@@ -36,7 +36,7 @@ from numba.extending import overload
 
 from rattle.errors import RattleError
 
-if numba.config.DISABLE_JIT:
+if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
     raise RattleError("NUMBA_DISABLE_JIT is set, and without the compiler nothing can be computed: unset it")
 
 log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded

@@ -12,14 +12,14 @@ import pytest
 from depth import either
 from distributed import Client, Worker
 from intruders import CERTIFICATE_REQUIRED, anybody, intrude, is_private, listening, named_sockets, refusal, stranger
-from service_processes import free_port, get, server
+from service_processes import free_port, get, nannies_of, server
 from waiting import wait_until
 
 from workers import embedded_cluster
 
 WORKERS = either(1, 2)
 #: Pages of dask's HTTP servers, if they were on.
-PAGES = ("", "status", "health", "metrics", "info/main/workers.html", "json/identity.json", "sitemap.json", "api/v1/")
+PAGES = ("", "status", "health", "metrics", "info/main/workers.html", "json/identity.json", "api/v1/")
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def addresses(cluster: Client) -> list[str]:
 def test_who_has_the_certificate_gets_in(cluster: Client, addresses: list[str], tmp_path: Path) -> None:
     """The others are refused for want of it, not because they ask wrongly."""
     context = cluster.security.get_connection_args("client")["ssl_context"]
-    pids = {os.getpid(), *cluster.run(os.getpid).values()}
+    pids = {os.getpid(), *(each.pid for each in nannies_of(os.getpid())), *cluster.run(os.getpid).values()}
     assert intrude(addresses, context, tmp_path / "executed") == pids
 
 
@@ -99,6 +99,8 @@ def test_a_service_listens_for_http_and_for_its_own_certificate_only(tmp_path: P
         answers = Counter(answer(each) for _, each in found)
         # The scheduler, the nannies and the workers; and HTTP servers of the scheduler and the workers.
         assert answers == {CERTIFICATE_REQUIRED: 1 + 2 * WORKERS, "404": 1 + WORKERS}
+        lists = [get(f"http://127.0.0.1:{each}/sitemap.json").json() for _, each in found if answer(each) == "404"]
+        assert lists == [{"paths": ["/sitemap.json"]}] * (1 + WORKERS)
 
 
 def answer(port: int) -> str:

@@ -15,9 +15,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
+from typing import Any
 
 import dask
-from distributed import Client, Future, Scheduler, Security, SpecCluster, Worker, WorkerPlugin, comm
+from distributed import Client, Future, Scheduler, Security, SpecCluster, Status, Worker, WorkerPlugin, comm
 from distributed.scheduler import DEFAULT_EXTENSIONS
 from distributed.utils import silence_logging_cmgr
 
@@ -55,7 +56,7 @@ NOTES = {
     "distributed.worker.profile.enabled": False,
 }
 #: dask's HTTP servers, which every local account reaches, have no pages.
-NO_PAGES = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
+NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 SPANS = "spans"  # notes that are never given up, however old
 
 
@@ -98,7 +99,7 @@ class _Processes:
     """
 
     def __init__(self, n_workers: int, nice: int, cluster: SpecCluster, should_stop: Callable[[], bool]) -> None:
-        options = {
+        options: dict[str, Any] = {
             "host": "127.0.0.1",
             "security": cluster.security,
             "nthreads": 1,
@@ -110,6 +111,7 @@ class _Processes:
         }
         start = nannies.Start(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
         self._start, self._n_workers, self._should_stop = pickle.dumps(start), n_workers, should_stop
+        self._cluster = cluster
         self.started, self._over = Event(), Event()
         self._thread = Thread(target=self._keep, name="keep-workers", daemon=True)
 
@@ -134,8 +136,9 @@ class _Processes:
     def _keep(self) -> None:
         while not self._over.is_set():
             self._run()
-            if not self.started.is_set():
+            if not self.started.is_set() or self._cluster.status != Status.running:
                 self._over.set()
+            self._over.wait(WATCH_SECONDS)
 
     def _run(self) -> None:
         """Start the process, and return when it has ended or is not wanted any more."""
