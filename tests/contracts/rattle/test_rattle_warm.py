@@ -89,7 +89,7 @@ def test_another_process_helps_until_all_is_done(
 ) -> None:
     helps = tmp_path / "helps"
     told = (
-        f"import os, sys, time; open({str(helps)!r}, 'w').write(str(os.getpid())); time.sleep({HANG}) #{{}} {{}} {{}}"
+        f"import os, sys, time; open({str(helps)!r}, 'w').write(str(os.getpid())); time.sleep({HANG}) #{{}} {{}}"
     )
     monkeypatch.setattr(warm, "HELP", told)
     monkeypatch.setattr(warm, "_processors", lambda: 2)
