@@ -1,19 +1,20 @@
 """The entry of the command ``rattle``, which is installed with the library too, where what it needs is not there."""
 
 import gc
+import os
 import sys
 from importlib.metadata import version
 
 REFUSED = 2
 OBJECTS = 400_000  # that are made between two collections of garbage; Python's own default is 700
 
-# Most of what lives is modules: to look for garbage in them took a fifth of a short command, and of a worker's start.
-# Here, because a worker that starts by itself (all do but on Linux) runs this file before it loads anything.
+# Most of what lives is modules: to look for garbage in them took a fifth of a short command.
 gc.set_threshold(OBJECTS)
 
 
 def main() -> None:
     """Run the command; where it cannot be, say which extra has it."""
+    os.environ["PYTHONSAFEPATH"] = "1"  # no process that a library starts imports from the working directory
     try:
         from service.cli import main as run
     except ModuleNotFoundError as error:

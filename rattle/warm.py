@@ -34,6 +34,7 @@ from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.table import Stretch, intensities_of, one_by_one
 from rattle.intensity.visit import COLUMNS
 from rattle.numerics.compile import can_be_kept, note_in_cache, unless_elsewhere
+from rattle.numerics.processes import environment
 from rattle.numerics.shared import Shared
 
 POINT = 0.6, 0.1, 0.6
@@ -43,7 +44,7 @@ NO_ROWS = Attractors(
     *(NONE, NONE, NONE, NONE, NONE, NONE, NOTHING, NOTHING, NOTHING, NOTHING, NOTHING), impacts=NONE, watched=NOTHING
 )
 OF_INTENSITIES = {"stretches", "intensities"}
-HELP = "import sys; sys.path[:] = {}; from rattle.warm import compile_parts; compile_parts({}, intensities={})"
+HELP = "from rattle.warm import compile_parts; compile_parts({}, intensities={})"
 
 Parts = dict[str, Callable[[], Any]]
 
@@ -115,7 +116,7 @@ def _processors() -> int:
 def _help(kappa: float | None, intensities: bool) -> Iterator[None]:
     """Another process that compiles parts until this ends, when it has none left."""
     nowhere: Any = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    process = subprocess.Popen([sys.executable, "-c", HELP.format(sys.path, kappa, intensities)], **nowhere)
+    process = subprocess.Popen([sys.executable, "-c", HELP.format(kappa, intensities)], env=environment(), **nowhere)
     try:
         yield
     finally:

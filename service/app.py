@@ -17,6 +17,7 @@ from starlette.responses import RedirectResponse
 
 import rattle
 import workers
+from rattle.numerics.processes import leave_working_directory
 from service import compilation
 from service.access.middleware import REFERENCE_ASSETS, AccessMiddleware, caller_of
 from service.access.revocation import Revocations
@@ -114,6 +115,7 @@ def _lifespan(
 ) -> Callable[[FastAPI], AbstractAsyncContextManager[None]]:
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        leave_working_directory()
         adopt_handlers()
         broadcast = Broadcast()
         with opened(settings, broadcast.changed) as (directory, database):

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from service.commands import key
+from service.commands import key, letters
 from service.commands.attractors import attractors
 from service.commands.certify import certify
 from service.commands.compare import compare
@@ -108,7 +108,7 @@ def main() -> None:
     atexit.register(gc.freeze)  # or all modules are looked through for garbage once more
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
-            stream.reconfigure(errors="replace")  # whatever letters are known there: δ is in every other line
+            stream.reconfigure(errors=letters.NEAREST)  # whatever letters are known there: δ is in every other line
     try:
         _run_command()
     except SystemExit as end:
@@ -125,9 +125,17 @@ def _leave(status: list[int]) -> None:
         os._exit(status[0] if status else FAILED)
 
 
+def _with_home(argument: str) -> str:
+    """Return an argument with the home directory in it, where a shell leaves `~`: in `--out=~/x`."""
+    name, _, value = argument.partition("=")
+    if name.startswith("--") and (value == "~" or value.startswith("~/")):
+        return f"{name}={os.path.expanduser(value)}"
+    return argument
+
+
 def _run_command() -> None:
     try:
-        app()
+        app([_with_home(each) for each in sys.argv[1:]])
     except ModuleNotFoundError as error:
         typer.echo(
             f"rattle: {error.name} is not installed. The service needs: pip install 'gear-rattle[service]'", err=True
@@ -140,9 +148,8 @@ def _run_command() -> None:
         typer.echo(f"rattle: what it prints cannot be written: {error.strerror}", err=True)
         raise SystemExit(FAILED) from error
     except Exception as error:
-        from rattle import RattleError  # loads the compiler: only when it is needed
-
-        if not isinstance(error, RattleError):
+        errors = sys.modules.get("rattle.errors")  # to import it would load the compiler
+        if errors is None or not isinstance(error, errors.RattleError):
             raise
         typer.echo(f"rattle: {error}", err=True)
         raise SystemExit(REFUSED) from error

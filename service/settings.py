@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 from pydantic_settings import BaseSettings, NoDecode, SettingsConfigDict
 
 
@@ -15,7 +15,9 @@ class Settings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="RATTLE_", frozen=True)
 
-    data: Path = Field(default=Path("data"), description="directory of the job database and the stores")
+    data: Annotated[Path, AfterValidator(Path.expanduser)] = Field(
+        default=Path("data"), description="directory of the job database and the stores"
+    )
     database_url: str | None = Field(default=None, description="SQLAlchemy URL; SQLite in the data directory if absent")
     store: str | None = Field(
         default=None, description="s3://BUCKET/PREFIX of the stores; the data directory if absent"

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import multiprocessing
+import pickle
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
 
+from rattle.numerics.processes import environment
 from rattle.proof.areas.block import Block
 from rattle.proof.areas.columns import columns, proved
 from rattle.proof.certificate import Ends
@@ -47,16 +50,33 @@ def certify_areas(
 
 def _answers(places: list[Ends], epsilon: Ends, beta: Fraction, processes: int) -> Iterator[list[Block]]:
     """The blocks of each column, in order."""
-    of = partial(_of_column, beta=beta, epsilon=epsilon)
     if processes == 1:
-        yield from map(of, places)
+        yield from (proved(beta, delta, epsilon) for delta in places)
         return
-    pool = ProcessPoolExecutor(processes, multiprocessing.get_context("spawn"))
+    pool = ThreadPoolExecutor(processes)
     try:
-        yield from pool.map(of, places)
+        yield from pool.map(partial(_proved_apart, beta=beta, epsilon=epsilon), places)
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _of_column(delta: Ends, beta: Fraction, epsilon: Ends) -> list[Block]:
-    return proved(beta, delta, epsilon)
+def _proved_apart(delta: Ends, beta: Fraction, epsilon: Ends) -> list[Block]:
+    """Return the blocks of a column that a process of its own proves, which never imports the main module."""
+    command = [sys.executable, "-c", f"from {__name__} import serve; serve()"]
+    asked = pickle.dumps((beta, delta, epsilon))
+    answer = subprocess.run(command, input=asked, stdout=subprocess.PIPE, env=environment(), check=True).stdout
+    blocks: list[Block] | Exception = pickle.loads(answer)
+    if isinstance(blocks, Exception):
+        raise blocks
+    return blocks
+
+
+def serve() -> None:
+    """Prove the column that stdin names, and write its blocks or the error to stdout."""
+    asked, answer = pickle.load(sys.stdin.buffer), sys.stdout.buffer
+    sys.stdout = sys.stderr  # what a library prints is no answer
+    try:
+        found: list[Block] | Exception = proved(*asked)
+    except Exception as error:
+        found = error
+    pickle.dump(found, answer)

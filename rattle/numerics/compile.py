@@ -12,12 +12,13 @@ import inspect
 import logging
 import os
 import platform
+import stat
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, update_wrapper
 from pathlib import Path
 from typing import Any
@@ -32,6 +33,11 @@ from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.runtime import rtsys
 from numba.extending import overload
+
+from rattle.errors import RattleError
+
+if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
+    raise RattleError("NUMBA_DISABLE_JIT is set, and without the compiler nothing can be computed: unset it")
 
 log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
 
@@ -66,9 +72,22 @@ def toolchain() -> dict[str, str]:
     }
 
 
+@cache
+def _default_root(usual: str) -> str:
+    """Return the usual directory or, where it cannot be written, a directory for temporary files of this user only."""
+    for root in (usual, os.path.join(tempfile.gettempdir(), f"rattle-cache-{os.getuid()}")):
+        with suppress(OSError):
+            os.makedirs(root, 0o700, exist_ok=True)
+            found = os.lstat(root)
+            private = stat.S_ISDIR(found.st_mode) and found.st_uid == os.getuid() and not found.st_mode & 0o077
+            if os.access(root, os.W_OK | os.X_OK) and (root == usual or private):  # what is loaded is executed
+                return root
+    return usual
+
+
 def _cache_directory() -> str:
-    root = os.environ.get("RATTLE_CACHE_DIR") or os.path.join(
-        os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "rattle"
+    root = os.environ.get("RATTLE_CACHE_DIR") or _default_root(
+        os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "rattle")
     )
     toolchain = (sys.version, platform.machine(), numba.__version__, llvmlite.__version__, np.__version__)
     key = hashlib.sha256(repr((source_hash(), toolchain)).encode()).hexdigest()[:24]

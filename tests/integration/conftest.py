@@ -1,7 +1,6 @@
 """What a survey must hold, and processes that are a module's own."""
 
 from collections.abc import Iterator
-from multiprocessing import forkserver
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -14,16 +13,6 @@ from service_processes import serial_run
 def expected(request: pytest.FixtureRequest) -> dict[str, np.ndarray]:
     """Every per-cell variable of the module's REQUEST, computed here."""
     return serial_run(request.module.REQUEST)
-
-
-@pytest.fixture(scope="module")
-def own_fork_server() -> Iterator[None]:
-    """Workers of this module are forked from a process that has its environment from the first of them, as a cluster of
-    another process has; those of other modules are not.
-    """
-    forkserver._forkserver._stop()
-    yield
-    forkserver._forkserver._stop()
 
 
 @pytest.fixture

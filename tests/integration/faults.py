@@ -112,13 +112,13 @@ IN_PROCESS = """
     @patch("workers.cluster.cluster")
     def inside(cluster):
         spec = cluster.SpecCluster
-        def start(workers, **options):
-            names = ("host", "protocol", "security", "nthreads", "extensions")
-            worker = {name: workers[0]["options"][name] for name in names}
-            return spec({0: {"cls": cluster.SilentWorker, "options": worker}}, **options)
+        def start(scheduler, security):
+            worker = {"host": "127.0.0.1", "security": security, "nthreads": 1, "extensions": {}, "dashboard": False}
+            return spec({0: {"cls": cluster.Worker, "options": worker}}, scheduler=scheduler, security=security)
         async def nothing(self, worker):
             pass
         cluster.SpecCluster, cluster.WarmKernels.setup = start, nothing
+        cluster._Processes._run = lambda self: self._over.wait()
 """
 
 #: A survey that has to meet a bound, in 9 tiles; with so few audited, these go through a further round.

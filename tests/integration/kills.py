@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import xarray as xr
-from service_processes import FIELDS, answers, assert_bit_identical, client_of, forked, free_port, serial_run, start
+from service_processes import FIELDS, answers, assert_bit_identical, client_of, free_port, serial_run, start, workers_of
 from waiting import wait_until
 
 from service.client import Job
@@ -75,7 +75,7 @@ def _ended(job: Job) -> bool:
 
 
 def _kill_a_worker(pid: int, rng: random.Random) -> int:
-    if not (workers := forked(pid)):
+    if not (workers := workers_of(pid)):
         return 0
     rng.choice(workers).kill()
     return 1

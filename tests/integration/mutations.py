@@ -14,6 +14,7 @@ STORAGE = "tests/integration/test_faults_storage.py"
 ALONE = "tests/integration/test_service_alone.py"
 DIRECTORY = "tests/contracts/service/test_service_directory.py"
 ENDS = "tests/integration/test_service_ends.py"
+PROCESSES = "tests/integration/test_workers_processes.py"
 INTRUDERS = "tests/integration/test_cluster_intruders.py"
 METRICS = "tests/contracts/service/test_service_metrics.py"
 DAMAGE = "tests/contracts/service/test_service_damage.py"
@@ -52,39 +53,53 @@ def _one(name: str, test: str, file: str, old: str, new: str) -> Protection:
 
 PROTECTIONS = (
     _one(
-        "a killed worker may take long to come back",
-        "tests/integration/test_workers_forks.py::test_they_end_with_what_would_tell_of_their_end",
+        "another process starts workers when the first is killed",
+        f"{PROCESSES}::test_another_process_starts_them_again_when_that_process_is_killed",
         "workers/cluster/cluster.py",
-        '"distributed.deploy.lost-worker-timeout": RETURN_SECONDS',
-        '"distributed.deploy.lost-worker-timeout": 0.1',
+        "        while not self._over.is_set():\n            self._run()\n",
+        "        if True:\n            self._run()\n",
     ),
     _one(
         "workers have the environment of now",
-        "tests/integration/test_workers_forks.py::test_they_have_the_environment_of_now",
+        f"{PROCESSES}::test_they_have_the_environment_of_now",
+        "rattle/numerics/processes.py",
+        "{**os.environ, SAFE_PATH",
+        "{SAFE_PATH",
+    ),
+    _one(
+        "workers end with a parent that is killed",
+        f"{PROCESSES}::test_they_end_with_their_parent_also_if_it_is_killed_and_the_next_start_tidies_up",
+        "workers/cluster/nannies.py",
+        '    threading.Thread(target=_end_with_parent, name="end-with-parent", daemon=True).start()\n',
+        "",
+    ),
+    _one(
+        "the next start removes what a killed process left",
+        f"{PROCESSES}::test_they_end_with_their_parent_also_if_it_is_killed_and_the_next_start_tidies_up",
+        "workers/cluster/scratch.py",
+        "    _remove_abandoned(root or tempfile.gettempdir())\n",
+        "",
+    ),
+    _one(
+        "workers import nothing from the working directory",
+        f"{PROCESSES}::test_a_script_needs_no_guard_and_its_directory_hides_nothing",
+        "rattle/numerics/processes.py",
+        ' SAFE_PATH: "1",',
+        "",
+    ),
+    _one(
+        "processes of points import nothing from the working directory",
+        f"{PROCESSES}::test_a_service_imports_nothing_from_the_working_directory",
+        "rattle/numerics/processes.py",
+        '    os.environ[SAFE_PATH] = "1"\n',
+        '    os.environ.pop(SAFE_PATH, "")\n',
+    ),
+    _one(
+        "a start of workers is given up",
+        f"{ENDS}::test_a_service_that_starts_ends_by_itself_and_leaves_nothing",
         "workers/cluster/cluster.py",
-        '"env": {**os.environ, **ONE_THREAD}',
-        '"env": ONE_THREAD',
-    ),
-    _one(
-        "what loads for nobody ends",
-        f"{ENDS}::test_a_service_that_starts_ends_by_itself_and_leaves_nothing",
-        "gear_rattle/loaded.py",
-        "signal.setitimer(signal.ITIMER_REAL, LOOK_SECONDS, LOOK_SECONDS)",
-        "signal.setitimer(signal.ITIMER_REAL, 0)",
-    ),
-    _one(
-        "what loads for nobody ends once",
-        "tests/integration/test_workers_forks.py::test_what_loads_for_nobody_ends_once",
-        "gear_rattle/loaded.py",
-        "signal.setitimer(signal.ITIMER_REAL, 0)  # or",
-        "#",
-    ),
-    _one(
-        "a start of workers is given up while what they need is loaded",
-        f"{ENDS}::test_a_service_that_starts_ends_by_itself_and_leaves_nothing",
-        "workers/cluster/forks.py",
-        "        if should_stop():\n",
-        "        if False:\n",
+        "if not self.started.is_set() and self._should_stop():",
+        "if False:",
     ),
     _one(
         "a silent worker is replaced",
@@ -92,20 +107,6 @@ PROTECTIONS = (
         "workers/cluster/cluster.py",
         '"worker_ttl": SILENT_SECONDS',
         '"worker_ttl": 300',
-    ),
-    _one(
-        "a worker that is only slow goes on",
-        "tests/contracts/workers/test_workers_silence.py::test_a_worker_that_is_only_slow_goes_on",
-        "workers/cluster/parts.py",
-        "if before < used < at_word",
-        "if used < before < at_word",
-    ),
-    _one(
-        "a worker that computes without a word is ended",
-        "tests/contracts/workers/test_workers_silence.py::test_a_worker_that_computes_without_a_word_is_ended",
-        "workers/cluster/parts.py",
-        "used < at_word + (self.worker_ttl or math.inf)",
-        "used < at_word + math.inf",
     ),
     _one(
         "a late tile is repeated elsewhere",
@@ -497,16 +498,16 @@ PROTECTIONS = (
     _one(
         "an embedded cluster has no pages",
         f"{INTRUDERS}::test_a_service_listens_for_http_and_for_its_own_certificate_only",
-        "workers/cluster/parts.py",
-        "    def start_http_server(",
-        "    def start_nothing(",
+        "workers/cluster/cluster.py",
+        "dask.config.set({**NOTES, **NO_PAGES,",
+        "dask.config.set({**NOTES,",
     ),
     _one(
         "modules are looked for in private places",
         f"{INTRUDERS}::test_modules_are_taken_from_no_place_of_others",
         "workers/cluster/cluster.py",
-        '"temporary-directory": stack.enter_context(scratch)',
-        '"temporary-directory": stack.enter_context(scratch) and None',
+        '"temporary-directory": scratch}',
+        '"temporary-directory": None}',
     ),
     _one(
         "nobody forges a line of the log",

@@ -20,6 +20,7 @@ from waiting import HANG, wait_until
 
 from service.client import Client
 from workers import SurveyRequest, compute_tile, tiles_of
+from workers.cluster.nannies import TRACKER
 
 ROOT = Path(__file__).parents[2]
 RATTLE = [sys.executable, "-m", "gear_rattle.cli"]
@@ -109,11 +110,16 @@ def client_of(port: int, key: str | None = None) -> Iterator[Client]:
         yield client
 
 
-def forked(pid: int) -> list[psutil.Process]:
-    """The workers of a process: children of the one that they are forked from."""
+def nannies_of(pid: int) -> list[psutil.Process]:
+    """Return the process that starts the workers of a process."""
+    return [each for each in psutil.Process(pid).children() if "workers.cluster.nannies" in " ".join(each.cmdline())]
+
+
+def workers_of(pid: int) -> list[psutil.Process]:
+    """Return the worker processes of a process, frozen ones too."""
     with suppress(psutil.NoSuchProcess):
-        servers = [each for each in psutil.Process(pid).children() if "forkserver" in " ".join(each.cmdline())]
-        return [worker for each in servers for worker in each.children()]
+        children = [worker for each in nannies_of(pid) for worker in each.children()]
+        return [each for each in children if TRACKER not in " ".join(each.cmdline())]
     return []
 
 

@@ -3,19 +3,23 @@
 import os
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx
 import pytest
 from depth import either
 from distributed import Client, Worker
 from intruders import CERTIFICATE_REQUIRED, anybody, intrude, is_private, listening, named_sockets, refusal, stranger
-from service_processes import free_port, get, server
+from service_processes import free_port, get, nannies_of, server
 from waiting import wait_until
 
 from workers import embedded_cluster
 
 WORKERS = either(1, 2)
+#: Pages of dask's HTTP servers, if they were on.
+PAGES = ("", "status", "health", "metrics", "info/main/workers.html", "json/identity.json", "api/v1/")
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +39,7 @@ def cluster(shared: Path) -> Iterator[Client]:
             yield client
     left = {each.name: each for each in shared.iterdir()}
     assert left.pop("dask-scratch-space")
-    # of multiprocessing, as long as this process lives
-    assert all(name.startswith("pymp-") and is_private(each) for name, each in left.items()), left
+    assert not left
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +57,7 @@ def addresses(cluster: Client) -> list[str]:
 def test_who_has_the_certificate_gets_in(cluster: Client, addresses: list[str], tmp_path: Path) -> None:
     """The others are refused for want of it, not because they ask wrongly."""
     context = cluster.security.get_connection_args("client")["ssl_context"]
-    pids = {os.getpid(), *cluster.run(os.getpid).values()}
+    pids = {os.getpid(), *(each.pid for each in nannies_of(os.getpid())), *cluster.run(os.getpid).values()}
     assert intrude(addresses, context, tmp_path / "executed") == pids
 
 
@@ -91,9 +94,18 @@ def test_a_service_listens_for_http_and_for_its_own_certificate_only(tmp_path: P
         assert get(f"http://127.0.0.1:{port}/v1/orbits?delta=0.6&epsilon=0.1").is_success  # a process for points
         found = listening(process.pid)
         assert found.pop(("127.0.0.1", port)) == process.pid
-        # the scheduler and the nannies, which are in the process of the service, and the workers
-        assert sum(pid == process.pid for pid in found.values()) == 1 + WORKERS
-        assert len(found) == 1 + 2 * WORKERS
         assert {address for address, _ in found} == {"127.0.0.1"}
         assert named_sockets(process.pid) == []
-        assert {refusal(each) for _, each in found} == {CERTIFICATE_REQUIRED}
+        answers = Counter(answer(each) for _, each in found)
+        # The scheduler, the nannies and the workers; and HTTP servers of the scheduler and the workers.
+        assert answers == {CERTIFICATE_REQUIRED: 1 + 2 * WORKERS, "404": 1 + WORKERS}
+        lists = [get(f"http://127.0.0.1:{each}/sitemap.json").json() for _, each in found if answer(each) == "404"]
+        assert lists == [{"paths": ["/sitemap.json"]}] * (1 + WORKERS)
+
+
+def answer(port: int) -> str:
+    """Return the status of every page of a port, or how it refuses who has no certificate."""
+    try:
+        return " ".join({str(get(f"http://127.0.0.1:{port}/{page}").status_code) for page in PAGES})
+    except httpx.TransportError:
+        return refusal(port)

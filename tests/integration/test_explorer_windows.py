@@ -58,7 +58,7 @@ def faults(tmp_path_factory: pytest.TempPathFactory) -> Faults:
 
 
 @pytest.fixture(scope="module")
-def cluster(own_fork_server: None, faults: Faults) -> Iterator[Client]:  # noqa: ARG001
+def cluster(faults: Faults) -> Iterator[Client]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("PYTHONPATH", faults.environment["PYTHONPATH"])
         with embedded_cluster(THREADS) as client:

@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 from depth import deep, either
 from faults import BOUNDED, FEW_AUDITED, IN_PROCESS, REQUEST, SPARE, Faults
-from service_processes import assert_bit_identical, client_of, forked, free_port, server, start, written_in
+from service_processes import assert_bit_identical, client_of, free_port, server, start, workers_of, written_in
 from waiting import HANG, wait_until
 
 from service.client import Client
@@ -198,7 +198,7 @@ def test_a_dismissal_ends_the_work_and_a_deletion_the_store(
     job = client.submit(REQUEST)
     store = data / "surveys" / f"{job.id}.zarr"
     wait_until(lambda: faults.executions().total() == 2)  # two tiles that do not end
-    at_work = [each.pid for each in forked(pid)]
+    at_work = [each.pid for each in workers_of(pid)]
     assert len(at_work) == 2
     job.delete()
     wait_until(lambda: not any(psutil.pid_exists(each) for each in at_work))
@@ -230,7 +230,7 @@ def test_a_survey_that_is_being_prepared_can_be_dismissed(service: tuple[Client,
     job = client.submit(REQUEST.model_copy(update={"name": ENDLESS}), force=True)
     wait_until(lambda: faults.notes("tracing"))
     (tracing,) = map(int, faults.notes("tracing"))
-    assert tracing in {each.pid for each in forked(pid)}
+    assert tracing in {each.pid for each in workers_of(pid)}
     job.delete()
     wait_until(lambda: not psutil.pid_exists(tracing))
     wait_until(lambda: deleted(job))

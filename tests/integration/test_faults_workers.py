@@ -118,7 +118,7 @@ DEADLY_WRITES = """
 
 
 @pytest.fixture(scope="module")
-def environment(own_fork_server: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Faults]:  # noqa: ARG001
+def environment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Faults]:
     """Faults in every worker of this module."""
     faults = Faults(tmp_path_factory.mktemp("faults"))
     row, column = ENDLESS_CELL
@@ -179,8 +179,8 @@ def run(store: Path, client: Client, act: Callable[[int], None] = lambda _: None
 
 
 def pids(client: Client) -> list[int]:
-    """The worker processes that live, frozen or not."""
-    return [nanny.pid for nanny in client.cluster.workers.values() if nanny.pid]
+    """Return the worker processes of this cluster that live, frozen or not."""
+    return [worker.pid for worker in client.cluster.scheduler.workers.values() if psutil.pid_exists(worker.pid)]
 
 
 def replaced(client: Client, *old: int) -> bool:

@@ -43,4 +43,4 @@ def test_while_the_cluster_starts(tmp_path: Path, delay: float) -> None:
 
 def begun(run: subprocess.Popen[str]) -> bool:
     assert run.poll() is None
-    return len(psutil.Process(run.pid).children()) >= 2  # multiprocessing's tracker, and what workers are forked from
+    return bool(psutil.Process(run.pid).children())  # the process of the nannies

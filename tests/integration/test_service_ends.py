@@ -107,7 +107,7 @@ STAGES = {
     "processes": """
         @patch("workers.survey.tiles")
         def processes(tiles):
-            if "multiprocessing.forkserver" in sys.orig_argv[-1]:  # what workers are forked from, as it loads
+            if any("multiprocessing" in each for each in sys.orig_argv):  # a worker, as it loads
                 note("processes")
                 wait_for_signal()
         """,
@@ -184,8 +184,8 @@ def test_what_cannot_be_ended_is_killed_in_time(tmp_path: Path) -> None:
                 note("started")
                 while True:
                     time.sleep(1)
-            after(cluster, "_cluster", act)
-            cluster.GIVE_UP_SECONDS = 1e6
+            after(cluster._Processes, "wait", act)
+            cluster.WATCH_SECONDS = 1e6
     """)
     with (
         log.open("w") as stderr,

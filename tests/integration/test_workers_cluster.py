@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext
@@ -248,7 +249,9 @@ def test_a_connection_that_ends_with_its_cluster_says_nothing(
         logging.getLogger("distributed.batched").error("Batched Comm Closed")
 
     client = SimpleNamespace(register_plugin=lambda _: None)
-    monkeypatch.setattr(workers.cluster.cluster, "_cluster", left)
+    processes = SimpleNamespace(wait=lambda _: None, started=threading.Event())
+    monkeypatch.setattr(workers.cluster.cluster, "_scheduler", left)
+    monkeypatch.setattr(workers.cluster.cluster, "_Processes", lambda *_: nullcontext(processes))
     monkeypatch.setattr(workers.cluster.cluster, "Client", lambda *_, **__: nullcontext(client))
     handler = logging.StreamHandler()  # as dask's own, which writes elsewhere than this test sees
     logging.getLogger("distributed").addHandler(handler)

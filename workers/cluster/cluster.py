@@ -4,26 +4,28 @@ import asyncio
 import gc
 import logging
 import os
+import pickle
 import signal
-import tempfile
+import subprocess
+import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
-from multiprocessing import resource_tracker
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
 from typing import Any
 
 import dask
-from distributed import Client, Future, Nanny, Security, SpecCluster, Worker, WorkerPlugin, comm
+from distributed import Client, Future, Scheduler, Security, SpecCluster, Status, Worker, WorkerPlugin, comm
 from distributed.scheduler import DEFAULT_EXTENSIONS
 from distributed.utils import silence_logging_cmgr
 
 import rattle
-from workers.cluster import forks
-from workers.cluster.parts import SilentScheduler, SilentWorker
+from rattle.numerics.processes import environment
+from workers.cluster import nannies
+from workers.cluster.scratch import scratch_directory
 from workers.errors import ClusterLostError, SurveyError
 
 MEMORY_LIMIT = 2 * 2**30
@@ -32,14 +34,13 @@ CONNECT_SECONDS = 10
 ONE_THREAD = {"NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
-#: A worker that is silent for so long and gets nothing done, or uses so much processor time without a word, is frozen:
-#: dask ends and replaces it within three times this time and 4 s. Kernels let the heart beat twice a second.
-SILENT_SECONDS = 15
+#: dask replaces a worker that has not sent a heartbeat for so long: within twice this time. Kernels let the heart beat
+#: twice a second; on a busy machine everything takes longer, and a slow worker is not a frozen one.
+SILENT_SECONDS = 60
 #: A tile that has killed two workers goes to a process of its own. It need not be guilty: the cells are tried there.
 ALLOWED_DEATHS = 1
-RETURN_SECONDS = 600
 HEARTBEAT_SECONDS = 1.0
-GIVE_UP_SECONDS = 0.1  # between two questions whether a cluster shall still start
+WATCH_SECONDS = 0.1  # between two looks at the process of the nannies, and whether start-up was cancelled
 END_SECONDS, LOOK_SECONDS = 1.0, 0.02
 ROUNDS = 5  # in which no worker is at a task that was given up: what was sent to one before has arrived
 #: Of what dask notes for those who look into a cluster, which here is nobody: else the last 1000 messages of every
@@ -54,6 +55,8 @@ NOTES = {
     "distributed.diagnostics.computations.max-history": LAST,
     "distributed.worker.profile.enabled": False,
 }
+#: dask's HTTP servers, which every local account reaches, have no pages.
+NO_PAGES: dict[str, list[str]] = {"distributed.scheduler.http.routes": [], "distributed.worker.http.routes": []}
 SPANS = "spans"  # notes that are never given up, however old
 
 
@@ -74,26 +77,12 @@ class WarmKernels(WorkerPlugin):
         gc.freeze()
 
 
-class Nice(WorkerPlugin):
-    """Let a worker compute with what others leave of the processors."""
-
-    name = "gear-rattle-nice"
-
-    def __init__(self, nice: int) -> None:
-        self._nice = nice
-
-    def setup(self, worker: Worker) -> None:  # noqa: ARG002 - dask's signature
-        """Lower the priority of this process."""
-        os.setpriority(os.PRIO_PROCESS, 0, self._nice)
-
-
 @contextmanager
 def _interrupts_blocked() -> Iterator[None]:
     """Let what is begun here, threads and their processes, never see the Ctrl-C that a terminal sends to all of us.
 
     One that arrives meanwhile reaches the caller afterwards.
     """
-    resource_tracker.ensure_running()  # multiprocessing starts it with the first process, and unblocks the signal again
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -101,28 +90,78 @@ def _interrupts_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-@contextmanager
-def _given_up(should_stop: Callable[[], bool], nannies: Sequence[Nanny]) -> Iterator[None]:
-    """Kill the workers that start here once they shall not: what waits for them fails, and nobody waits for it."""
-    over = Event()
+class _Processes:
+    """The process of the nannies, with their workers: started at once, and again should it be killed.
 
-    def watch() -> None:
-        while not over.wait(GIVE_UP_SECONDS):
-            if not should_stop():
-                continue
-            logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # dask leaves futures behind that say the same
-            for nanny in tuple(nannies):
-                with suppress(ProcessLookupError, ValueError, AttributeError):  # its process is ending
-                    if pid := nanny.pid:
-                        os.kill(pid, signal.SIGKILL)
+    Args:
+        nice: how far their priority is below that of others.
+        should_stop: asked several times a second, until `started` is set: whether start-up was cancelled.
+    """
 
-    thread = Thread(target=watch, name="starting-cluster", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
+    def __init__(self, n_workers: int, nice: int, cluster: SpecCluster, should_stop: Callable[[], bool]) -> None:
+        options: dict[str, Any] = {
+            "host": "127.0.0.1",
+            "security": cluster.security,
+            "nthreads": 1,
+            "memory_limit": MEMORY_LIMIT,
+            "dashboard": False,
+            "silence_logs": logging.CRITICAL,
+            "extensions": {},  # none but spans
+            "preload": __name__,  # imported before the heart has to beat
+        }
+        start = nannies.Start(dask.config.config, cluster.scheduler_address, n_workers, nice, options)
+        self._start, self._n_workers, self._should_stop = pickle.dumps(start), n_workers, should_stop
+        self._cluster = cluster
+        self.started, self._over = Event(), Event()
+        self._thread = Thread(target=self._keep, name="keep-workers", daemon=True)
+
+    def __enter__(self) -> "_Processes":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def wait(self, client: Client) -> None:
+        """Return when all workers are there.
+
+        Raises:
+            SurveyError: they cannot start, or shall not any more.
+        """
+        while len(client.nthreads()) < self._n_workers:
+            if self._over.wait(LOOK_SECONDS):
+                raise SurveyError("start-up was cancelled" if self._should_stop() else "its first process has ended")
+
+    def _keep(self) -> None:
+        while not self._over.is_set():
+            self._run()
+            if not self.started.is_set() or self._cluster.status != Status.running:
+                self._over.set()
+            self._over.wait(WATCH_SECONDS)
+
+    def _run(self) -> None:
+        """Start the process, and return when it has ended or is not wanted any more."""
+        command = [sys.executable, "-m", nannies.__name__]
+        # In a session of its own, where Ctrl-C of a terminal does not come. It ends when its stdin ends, as ours does.
+        with subprocess.Popen(command, stdin=subprocess.PIPE, env=_environment(), start_new_session=True) as process:
+            assert process.stdin is not None
+            try:
+                with suppress(BrokenPipeError):
+                    process.stdin.write(self._start)
+                    process.stdin.flush()
+                while process.poll() is None and not self._over.wait(WATCH_SECONDS):
+                    if not self.started.is_set() and self._should_stop():
+                        logging.getLogger("asyncio").setLevel(logging.CRITICAL)  # dask's futures say that they fail
+                        self._over.set()
+            finally:
+                nannies.end_processes_of(process.pid)
+
+
+def _environment() -> dict[str, str]:
+    """What workers have: the variables of now; and nobody hears that killed processes have left semaphores."""
+    ignored = ",".join(filter(None, [os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning"]))
+    return {**environment(), **ONE_THREAD, "PYTHONWARNINGS": ignored}
 
 
 @contextmanager
@@ -132,7 +171,7 @@ def embedded_cluster(
     """Start processes of one thread each on this machine, for as long as the context lasts.
 
     They listen on loopback only, and to each other only: every connection shows the certificate of this cluster, whose
-    key is in the memory of its processes.
+    key is in the memory of its processes. They import nothing from the working directory, and not the main module.
 
     Args:
         n_workers: processes.
@@ -149,63 +188,32 @@ def embedded_cluster(
         # it, `silence_logs`, ends before that.
         stack.enter_context(silence_logging_cmgr(logging.CRITICAL))
         # Python looks for modules there first: in dask's own place, which all accounts share, they could be anybody's.
-        scratch = tempfile.TemporaryDirectory(
-            prefix="rattle-", dir=dask.config.get("temporary-directory", None), ignore_cleanup_errors=True
-        )
-        settings = {
-            **NOTES,
-            "temporary-directory": stack.enter_context(scratch),
-            "distributed.worker.multiprocessing-method": forks.method(),
-            # dask drops a worker for good that is not back after it, and a busy machine starts one in half a minute.
-            "distributed.deploy.lost-worker-timeout": RETURN_SECONDS,
-        }
-        stack.enter_context(dask.config.set(settings))
-        nannies: list[Nanny] = []
-        starting = stack.enter_context(ExitStack())
-        starting.enter_context(_given_up(should_stop, nannies))
+        scratch = stack.enter_context(scratch_directory(dask.config.get("temporary-directory", None)))
+        stack.enter_context(dask.config.set({**NOTES, **NO_PAGES, "temporary-directory": scratch}))
         try:
             with _interrupts_blocked():
-                forks.prepare(should_stop)
-                cluster = stack.enter_context(_cluster(n_workers, nannies))
+                cluster = stack.enter_context(_scheduler())
+                processes = stack.enter_context(_Processes(n_workers, nice, cluster, should_stop))
                 client = stack.enter_context(Client(cluster, set_as_default=False))
+            processes.wait(client)
             client.register_plugin(WarmKernels())
-            if nice:
-                client.register_plugin(Nice(nice))
         except Exception as error:
             raise SurveyError(f"the embedded cluster of {n_workers} processes does not start: {error}") from error
-        starting.close()
+        processes.started.set()
         yield client
 
 
-def _cluster(n_workers: int, nannies: list[Nanny]) -> SpecCluster:
-    def nanny(*args: Any, **options: Any) -> Nanny:
-        nannies.append(Nanny(*args, **options))
-        return nannies[-1]
-
+def _scheduler() -> SpecCluster:
     part = {"host": "127.0.0.1", "protocol": "tls://", "security": Security.temporary()}
-    scheduler = {
+    options = {
         **part,
         "dashboard": False,
+        "dashboard_address": "127.0.0.1:0",
         "worker_ttl": SILENT_SECONDS,
         "allowed_failures": ALLOWED_DEATHS,
         "extensions": {name: each for name, each in DEFAULT_EXTENSIONS.items() if name != SPANS},
     }
-    worker = {
-        **part,
-        "worker_class": SilentWorker,
-        "nthreads": 1,
-        "memory_limit": MEMORY_LIMIT,
-        "dashboard": False,
-        "silence_logs": logging.CRITICAL,
-        "env": {**os.environ, **ONE_THREAD},  # what is forked has that of long ago
-        "extensions": {},  # none but spans
-        "preload": __name__,  # imported before the heart has to beat
-    }
-    return SpecCluster(
-        workers={name: {"cls": nanny, "options": worker} for name in range(n_workers)},
-        scheduler={"cls": SilentScheduler, "options": scheduler},
-        security=part["security"],
-    )
+    return SpecCluster(scheduler={"cls": Scheduler, "options": options}, security=part["security"])
 
 
 @contextmanager

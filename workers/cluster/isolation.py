@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from typing import IO
 
+from rattle.numerics.processes import environment
 from workers.kinds import AnyRequest, AnyTile, cell_outcomes, compute_tile
 from workers.survey.tiles import CellOutcome, TileArrays, TileRecord
 
@@ -18,7 +19,7 @@ from workers.survey.tiles import CellOutcome, TileArrays, TileRecord
 ATTEMPTS = 2
 #: Processor time of one cell, in seconds: a hundred times what the slowest took that is known to end.
 CELL_SECONDS = 600
-_START = [sys.executable, "-c", "from workers.cluster.isolation import serve; serve()"]
+_START = f"from {__name__} import serve; serve()"
 
 
 def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -> tuple[TileArrays, TileRecord]:
@@ -35,7 +36,9 @@ def compute_tile_apart(request: AnyRequest, tile: AnyTile, memory: int | None) -
 def _outcomes(request: AnyRequest, tile: AnyTile, memory: int | None) -> Iterator[CellOutcome]:
     first, deaths = 0, 0
     while first < tile.n_cells:
-        child = subprocess.Popen(_START, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=_environment())
+        child = subprocess.Popen(
+            [sys.executable, "-c", _START], stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=environment()
+        )
         assert child.stdin is not None
         assert child.stdout is not None
         try:
@@ -71,12 +74,6 @@ def _received(stream: IO[bytes]) -> Iterator[CellOutcome]:
         if isinstance(received, Exception):
             raise received
         yield received
-
-
-def _environment() -> dict[str, str]:
-    """The same modules as here, wherever they were found."""
-    path = [os.environ.get("PYTHONPATH", ""), *sys.path]
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, path))}
 
 
 def _cause(code: int) -> str:

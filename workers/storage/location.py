@@ -24,7 +24,7 @@ class Directory:
 
     def __init__(self, path: str | Path) -> None:
         try:
-            self.path = Path(path).resolve()
+            self.path = Path(os.path.expanduser(path)).resolve()  # no shell expands `--out=~/x`
         except OSError as error:  # the working directory is gone
             where = "go to a directory that is there, or give a whole path"
             raise SurveyError(f"{path} is nowhere ({error}): {where}") from error

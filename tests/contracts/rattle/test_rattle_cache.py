@@ -133,6 +133,33 @@ def test_without_a_cache_every_process_compiles_and_says_how_to_have_one(tmp_pat
     assert not list(package.rglob("*.nbi"))  # beside the sources it could be stale
 
 
+def test_where_the_home_directory_cannot_be_written_this_user_has_a_cache_elsewhere(tmp_path: Path) -> None:
+    code = "from rattle.impacting.map.quiet import largest_eta; print(largest_eta(0.6))"
+    without = {name: value for name, value in os.environ.items() if name not in ("RATTLE_CACHE_DIR", "XDG_CACHE_HOME")}
+    environment = without | {"HOME": "/proc/nowhere", "TMPDIR": str(tmp_path), "NUMBA_DEBUG_CACHE": "1"}
+
+    def said() -> str:
+        command = [sys.executable, "-c", code]
+        ran = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANG)
+        assert ran.returncode == 0, ran.stderr
+        return ran.stdout + ran.stderr
+
+    place = tmp_path / f"rattle-cache-{os.getuid()}"
+    assert "saved to" in said()
+    assert place.stat().st_mode & 0o777 == 0o700
+    again = said()
+    assert "data loaded from" in again
+    assert "saved to" not in again
+    place.chmod(0o770)  # others may write there, and what is loaded is executed
+    assert "data loaded from" not in said()
+    place.rename(tmp_path / "theirs")
+    (tmp_path / "theirs").chmod(0o700)
+    place.symlink_to(tmp_path / "theirs")
+    refused = said()
+    assert "data loaded from" not in refused
+    assert "RATTLE_CACHE_DIR" in refused
+
+
 STRETCHED = """
 import numpy as np, rattle.stiff
 found = rattle.stiff.iterate_tangent(0.6, 0.1, np.linspace(0, 1, 64), 4.0, 20, 0.6, 1e4)

@@ -88,9 +88,7 @@ def test_another_process_helps_until_all_is_done(
     done: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     helps = tmp_path / "helps"
-    told = (
-        f"import os, sys, time; open({str(helps)!r}, 'w').write(str(os.getpid())); time.sleep({HANG}) #{{}} {{}} {{}}"
-    )
+    told = f"import os, sys, time; open({str(helps)!r}, 'w').write(str(os.getpid())); time.sleep({HANG}) #{{}} {{}}"
     monkeypatch.setattr(warm, "HELP", told)
     monkeypatch.setattr(warm, "_processors", lambda: 2)
     parts = warm._parts(None, True) | {"c": lambda: wait_until(lambda: helps.exists() and helps.read_text())}

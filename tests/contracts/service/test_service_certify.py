@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from fractions import Fraction
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from typer.testing import CliRunner, Result
 
 import rattle
 from service.cli import app
+from workers.areas import certify_areas
 
 
 def ran(*arguments: object) -> Result:
@@ -116,6 +118,14 @@ def test_a_plane_is_proved_in_blocks_which_are_proved_again(tmp_path: Path) -> N
     assert checked.exit_code == 1
     assert checked.stdout.count("proved: ") == len(lines)
     assert checked.stdout.splitlines()[-1].startswith(f"NOT PROVED, line {len(lines) + 1}: ")
+
+
+def test_processes_of_their_own_prove_the_same_columns(tmp_path: Path) -> None:
+    one, two = (tmp_path / name for name in ("one.jsonl", "two.jsonl"))
+    plane = (Fraction("0.9"), Fraction("0.901")), (Fraction(0), Fraction("0.05")), Fraction("0.6"), 2
+    certify_areas(one, *plane)
+    certify_areas(two, *plane, processes=2)
+    assert one.read_text() == two.read_text() != ""
 
 
 def test_without_the_extra_a_sentence_names_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,9 +15,11 @@ from waiting import HANG
 
 from service.cli import app
 from service.client import Client
+from service.commands import letters
 from service.commands import run as run_command
 from service.commands.drawing import require_writable
 from service.errors import ServiceError
+from service.settings import Settings
 from workers.bound import ROUNDS
 from workers.errors import SurveyError
 from workers.storage.location import place_of
@@ -54,6 +56,36 @@ def test_letters_that_a_reader_does_not_know_are_replaced(encoding: str) -> None
     assert help_of.returncode == 0, help_of.stderr
     assert "natural" in help_of.stdout
     assert "--workers" in help_of.stdout  # and all that follows
+
+
+@pytest.mark.parametrize(("encoding", "expected"), [("ascii", b"S+ S- d = 1 ? ..."), ("cp1252", b"S+ S- d = 1 ? \x85")])
+def test_walls_are_told_apart_where_their_letters_are_not_known(encoding: str, expected: bytes) -> None:
+    assert "Σ⁺ Σ⁻ δ = 1 你 …".encode(encoding, letters.NEAREST) == expected
+
+
+def test_the_home_directory_is_found_where_a_shell_does_not_put_it(tmp_path: Path) -> None:
+    environment = os.environ | {"HOME": str(tmp_path), "RATTLE_CACHE_DIR": str(Path.home() / ".cache" / "rattle")}
+    axes = ["--delta", "0.6:0.7:2", "--epsilon", "0.05:0.1:2", "--count", "4"]
+    (tmp_path / "here").mkdir()
+    found = told("run", *axes, "--out=~/survey.zarr", cwd=tmp_path / "here", env=environment)
+    assert found.returncode == 0, found.stderr
+    assert (tmp_path / "survey.zarr" / "zarr.json").exists()
+    assert not list((tmp_path / "here").iterdir())
+    found = told("curves", "--beta", "0.6", "--csv=~/none/curves.csv", cwd=tmp_path / "here", env=environment)
+    assert str(tmp_path / "none") in found.stderr
+
+
+def test_a_store_in_the_home_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert str(place_of("~/survey.zarr")) == str(tmp_path / "survey.zarr")
+    assert Settings(data="~/data").data == tmp_path / "data"
+
+
+def test_without_the_compiler_a_command_says_so_in_a_sentence() -> None:
+    found = told("orbits", "0.6", "0.1", env=os.environ | {"NUMBA_DISABLE_JIT": "1"})
+    assert found.returncode == 2
+    assert found.stderr.startswith("rattle: NUMBA_DISABLE_JIT is set")
+    assert "Traceback" not in found.stderr
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no file that is always full")

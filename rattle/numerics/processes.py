@@ -1,0 +1,48 @@
+"""Start processes that import what this process would, and never from its working directory.
+
+Python looks for modules in the working directory first (``python -c``, ``python -m``, at a prompt), or in that of the
+script. In a directory that others write to, a ``random.py`` there is somebody else's code.
+"""
+
+import os
+import sys
+import sysconfig
+from pathlib import Path
+
+#: Environment variable that keeps Python from adding the working directory or a script's; children inherit it.
+SAFE_PATH = "PYTHONSAFEPATH"
+
+
+def module_path() -> list[str]:
+    """Return the directories from which processes of this project import modules.
+
+    Returns
+    -------
+    list of str
+        Absolute entries of ``PYTHONPATH`` and ``sys.path`` in their order, without the working directory and that of
+        the script. The directory of this project is there in any case: last, so that it hides nothing where it is the
+        working directory, or before another one that has this project too.
+    """
+    home = str(Path(__file__).parents[2])
+    entries = os.environ.get("PYTHONPATH", "").split(os.pathsep) + sys.path
+    kept = [entry for entry in entries if os.path.isabs(entry) and os.path.realpath(entry) not in _untrusted()]
+    others = [place for place, entry in enumerate(kept) if os.path.isdir(os.path.join(entry, "rattle"))]
+    kept.insert(min(others, default=len(kept)), home)
+    return list(dict.fromkeys(kept))
+
+
+def environment() -> dict[str, str]:
+    """Return the environment of a process that imports from `module_path` only."""
+    return {**os.environ, SAFE_PATH: "1", "PYTHONPATH": os.pathsep.join(module_path())}
+
+
+def leave_working_directory() -> None:
+    """Import from `module_path` only, in this process and in those that libraries start from it."""
+    sys.path[:] = module_path()
+    os.environ[SAFE_PATH] = "1"
+
+
+def _untrusted() -> set[str]:
+    script = getattr(sys.modules.get("__main__"), "__file__", None)
+    directories = {os.path.realpath(os.curdir), os.path.realpath(os.path.dirname(script or ""))}
+    return directories - {os.path.realpath(path) for path in sysconfig.get_paths().values()}

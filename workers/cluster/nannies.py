@@ -1,0 +1,81 @@
+"""The process that starts the workers of a cluster on this machine, each with a nanny of dask's that replaces it.
+
+A worker that multiprocessing starts imports the main module of the process that starts it. Here that is this module: a
+user's script needs no ``if __name__ == "__main__"``, and is never run by workers.
+"""
+
+import asyncio
+import gc
+import os
+import pickle
+import signal
+import sys
+import threading
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+OBJECTS = 400_000  # made between two garbage collections; Python's default is 700
+
+# Most objects are modules: looking for garbage in them took a fifth of a worker's start. Here, because a worker imports
+# this module before anything else.
+gc.set_threshold(OBJECTS)
+
+#: The process that removes the semaphores of the others once they are gone.
+TRACKER = "multiprocessing.resource_tracker"
+
+
+class Start(NamedTuple):
+    """What the process is told on stdin: dask's settings, the scheduler, and the options of each worker's nanny."""
+
+    config: dict[str, Any]
+    scheduler: str
+    n_workers: int
+    nice: int
+    options: dict[str, Any]
+
+
+def main() -> None:
+    """Serve until all workers have closed, or the process that wrote to stdin is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # workers inherit it
+    import dask
+    import distributed  # noqa: F401 - while the caller's scheduler starts
+
+    start: Start = pickle.load(sys.stdin.buffer)
+    threading.Thread(target=_end_with_parent, name="end-with-parent", daemon=True).start()
+    os.setpriority(os.PRIO_PROCESS, 0, max(start.nice, os.getpriority(os.PRIO_PROCESS, 0)))
+    dask.config.update(dask.config.config, start.config)
+    asyncio.run(_serve(start))
+
+
+async def _serve(start: Start) -> None:
+    from distributed import Nanny
+
+    nannies = [Nanny(start.scheduler, **start.options) for _ in range(start.n_workers)]
+    await asyncio.gather(*nannies)
+    await asyncio.gather(*(nanny.finished() for nanny in nannies))
+
+
+def _end_with_parent() -> None:
+    sys.stdin.buffer.read()
+    end_processes_of(os.getpid())
+
+
+def end_processes_of(pid: int) -> None:
+    """Kill a process and all that it has started, frozen ones too; the tracker of semaphores ends after them."""
+    import psutil
+
+    with suppress(psutil.NoSuchProcess):
+        process = psutil.Process(pid)
+        children = process.children(recursive=True)
+        if pid != os.getpid():
+            process.kill()  # first: it would replace the others
+        for child in children:
+            with suppress(psutil.Error):
+                if TRACKER not in " ".join(child.cmdline()):
+                    child.kill()
+    if pid == os.getpid():
+        os._exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""The directory for temporary files of a cluster. A killed process leaves one behind; the next start removes it."""
+
+import fcntl
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+PREFIX = "rattle-workers-"
+HELD = "held"  # a file that the owner keeps locked: the system unlocks it, however the owner ends
+
+
+@contextmanager
+def scratch_directory(root: str | None) -> Iterator[str]:
+    """Make a directory that no other account can enter, and remove it at the end.
+
+    Parameters
+    ----------
+    root : str or None
+        Directory to make it in; by default that of temporary files.
+    """
+    _remove_abandoned(root or tempfile.gettempdir())
+    with tempfile.TemporaryDirectory(prefix=PREFIX, dir=root, ignore_cleanup_errors=True) as path:
+        new = os.path.join(path, f"{HELD}.new")
+        file = os.open(new, os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            with suppress(OSError):  # a file system without locks: others cannot lock it either, and leave it alone
+                fcntl.flock(file, fcntl.LOCK_EX)
+                os.rename(new, os.path.join(path, HELD))  # locked from the moment that others see it
+            yield path
+        finally:
+            os.close(file)
+
+
+def _remove_abandoned(root: str) -> None:
+    with suppress(OSError), os.scandir(root) as entries:
+        for entry in entries:
+            if entry.name.startswith(PREFIX) and entry.is_dir(follow_symlinks=False):
+                with suppress(OSError):  # somebody else's, or gone
+                    _remove_unless_held(entry.path)
+
+
+def _remove_unless_held(path: str) -> None:
+    if os.lstat(path).st_uid != os.getuid():
+        return
+    file = os.open(os.path.join(path, HELD), os.O_RDWR | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        shutil.rmtree(path, ignore_errors=True)
+    finally:
+        os.close(file)
