@@ -1,4 +1,4 @@
-"""Costs of the tiles of a run: foreseen by one cell of each, measured as they end, and what follows for the time left."""
+"""Costs of the tiles of a run: foreseen by some of their cells, measured as they end, and the time left."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from workers.cluster.partial import PartialTile
 from workers.kinds import AnyTile
 from workers.survey.tiles import TileRecord
 
-MEASURED = 256  # tiles of which a cell is computed for its cost, at most
+MANY = 64  # tiles: of fewer, the first ones tell as much as a cell of each
+MEASURED = 256  # tiles of which cells are computed for their cost, at most ...
+FEWEST, EACH = 128, 5  # ... so many cells in all at least, so many of one tile at most
 KEPT = 64  # cells of a tile whose first cell is kept, not computed again with the others
 NEAREST = 5  # measured cells whose mean is expected of a tile: the most expensive of single ones are so by chance
 TRUST = 1.0  # what all that was foreseen counts beside what tiles have taken
@@ -28,22 +30,29 @@ class Begun:
 
     partial: dict[int, PartialTile] = field(default_factory=dict)
     foreseen: dict[int, float] = field(default_factory=dict)
+    _each: int = 1  # cells that are measured of a tile
     _expected: dict[int, float] = field(default_factory=dict)  # seconds of each tile that is left ...
     _rest: float = 0.0  # ... and of all of them
     _ended: float = 0.0  # that were expected of the tiles that have ended, and what these took
     _spent: float = 0.0
 
     def to_measure(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
-        """Return the tiles of a grid with so many columns of which a cell is to be computed for its cost."""
-        new = [tile for tile in tiles if tile.index not in self.foreseen and tile.index not in self.partial]
+        """Return the tiles of a grid with so many columns of which cells are to be computed for their cost."""
+        if len(tiles) + len(self.foreseen) < MANY:
+            return []
+        new = [tile for tile in tiles if tile.index not in self.foreseen]
+        self._each = min(max(FEWEST // max(len(tiles), 1), 1), EACH)
         return evenly(new, columns)[: MEASURED - len(self.foreseen)]
 
-    def take_measured(self, tile: AnyTile) -> None:
-        """Note the cost of a tile of which a cell has been computed."""
+    def take_measured(self, tile: AnyTile) -> bool:
+        """Note the cost of a tile of which a cell has been computed; whether more of them have to be."""
         part = self.partial[tile.index]
         self.foreseen[tile.index] = part.record.seconds / part.record.cells
-        if tile.n_cells > KEPT:
+        if part.record.cells < self._each:
+            return True
+        if tile.n_cells > KEPT * self._each:
             del self.partial[tile.index]
+        return False
 
     def take_ended(self, record: TileRecord) -> None:
         """Note what a tile has cost."""
@@ -73,7 +82,11 @@ class Begun:
         self._rest = math.fsum(self._expected.values())
 
     def in_order(self, tiles: Sequence[AnyTile], columns: int) -> list[AnyTile]:
-        """Sort tiles: those that were begun, then the most expensive ones, of equal ones all over the plane."""
+        """Sort tiles: those that were begun, then the most expensive ones, of equal ones all over the plane. A few stay
+        in their order.
+        """
+        if len(tiles) + len(self.foreseen) < MANY:
+            return list(tiles)
         return sorted(
             evenly(tiles, columns), key=lambda tile: (tile.index not in self.partial, -self._expected[tile.index])
         )
@@ -84,9 +97,15 @@ class Begun:
         if not threads or not self._ended + trusted:
             return None
         pace = (self._spent + trusted) / (self._ended + trusted)
-        begun = [(pace * self._expected[index], part.record.seconds) for index, part in self.partial.items()]
-        lefts = [max(seconds - spent, 0.0) for seconds, spent in begun]
-        others = max(pace * self._rest - math.fsum(seconds for seconds, _ in begun), 0.0)
+        lefts, begun = [], 0.0
+        for index, part in self.partial.items():
+            done, seconds = part.record.cells, self._expected[index]
+            begun += seconds
+            if done < EACH:
+                lefts.append(max(pace * seconds - part.record.seconds, 0.0))
+            else:  # its own cells tell more
+                lefts.append(part.record.seconds / done * (part.done.size - done))
+        others = pace * max(self._rest - begun, 0.0)
         return max((others + math.fsum(lefts)) / threads, max(lefts, default=0.0))
 
 

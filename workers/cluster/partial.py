@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from workers.survey.tiles import Tile, TileArrays, TileRecord
 from workers.survey.values.schema import SAMPLED, Group
 
 PART_SECONDS = 2.0  # of a task, unless one cell takes longer: surveys take turns between tasks
+FEW = 16  # cells of a tile, which has no parts if it has fewer
 QUICK = 0.25  # of these seconds: a tile that is not worth parts
 
 
@@ -36,11 +38,13 @@ class PartialTile:
         return bool(self.done.all())
 
 
-def is_divisible(request: AnyRequest) -> bool:
-    """Whether tiles can take long and be computed in parts.
+def is_divisible(request: AnyRequest, cells: int) -> bool:
+    """Whether a tile of so many cells can take long and be computed in parts.
 
     Closed forms take no time, and the leaves of a refined survey share cells.
     """
+    if cells < FEW:
+        return False
     if isinstance(request, PopulationRequest):
         return True
     return request.refine is None and bool({*SAMPLED, Group.BASINS} & set(request.quantities))
@@ -86,7 +90,7 @@ def _next_group(done: np.ndarray, most: int) -> tuple[slice, slice]:
             return slice(i, i + 1), slice(j, j + 1)
     row, first = divmod(int(np.argmin(done)), columns)
     if first == 0 and most >= columns:
-        is_begun = done[row : row + most // columns].any(axis=1)
+        is_begun = np.any(done[row : row + most // columns], axis=1)
         if not is_begun[0]:
             return slice(row, row + (int(np.argmax(is_begun)) if is_begun.any() else is_begun.size)), slice(0, columns)
     free = done[row, first : first + most]
@@ -99,7 +103,7 @@ def _extended(part: PartialTile, request: AnyRequest, tile: AnyTile, rows: slice
     slowest = max((time.perf_counter() - began) / record.cells, part.slowest)
     arrays, done = {name: array.copy() for name, array in part.values.items()}, part.done.copy()
     for name, value in values.items():
-        at: tuple[object, ...] = (..., rows, columns) if isinstance(tile, Tile) else (columns, ...)
+        at: tuple[Any, ...] = (..., rows, columns) if isinstance(tile, Tile) else (columns, ...)
         if name not in arrays:
             arrays[name] = np.zeros(
                 (*value.shape[:-2], *done.shape) if isinstance(tile, Tile) else (done.size, *value.shape[1:]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
@@ -61,7 +62,7 @@ def advance_tile(
     """Compute a tile and write it to the store, or a part of it that takes so many seconds: the task that a cluster
     runs, again if it has to. A tile that is computed apart has no parts.
     """
-    if apart or not is_divisible(request):
+    if apart or not is_divisible(request, tile.n_cells):
         return compute_and_write(request, path, tile, apart)
     if not (loaded := _loaded_for(request)):
         compute_partly(request, tile, None, 0.0)  # so that the cost of the next cell is its own
@@ -164,7 +165,7 @@ def run_tiles(
 ) -> None:
     """Compute tiles of a created store on a cluster, until all are written or `should_stop` or `should_pause` says so.
 
-    Where tiles can take long, a cell of many is computed first, for the cost of each; the most expensive tiles begin.
+    Where tiles can take long, some cells of many are computed first, for their cost; the most expensive tiles begin.
 
     A tile that kills its workers, or takes a quarter of an hour (a large one longer), is computed cell by cell in a
     process of its own: only the cells that kill it fail, and those that take too much processor time.
@@ -212,9 +213,15 @@ def run_tiles(
 
         asked = should_stop, unwanted, should_pause
         try:
-            if is_divisible(request):
+            if is_divisible(request, math.prod(request.tile_shape)):
+                measuring = deque(begun.to_measure(tiles, columns))
+
+                def on_measured(tile: AnyTile) -> None:
+                    if begun.take_measured(tile):
+                        measuring.append(tile)
+
                 submission.seconds = 0.0  # one cell
-                _run(submission, deque(begun.to_measure(tiles, columns)), on_ended, *asked, begun.take_measured)
+                _run(submission, measuring, on_ended, *asked, on_measured)
                 submission.seconds = PART_SECONDS
                 begun.expect(list(left.values()), columns)
                 tell_left()

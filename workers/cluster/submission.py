@@ -123,11 +123,11 @@ class Submission(InFlight[Attempt, Found]):
         attempts = [each for each in self.in_flight.values() if each.work.tile.index == tile.index]
         self.superseded += [each.future for each in attempts if each is not task]
         self._drop(tile)
-        is_part = isinstance(found, PartialTile)
-        self._slowest = max(self._slowest, found.slowest if is_part else found.seconds / max(found.cells, 1))
-        if is_part:
+        if isinstance(found, PartialTile):
+            self._slowest = max(self._slowest, found.slowest)
             self._partial[tile.index] = found
             return tile
+        self._slowest = max(self._slowest, found.seconds / max(found.cells, 1))
         self._partial.pop(tile.index, None)
         return found
 

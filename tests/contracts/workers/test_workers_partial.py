@@ -13,7 +13,7 @@ import pytest
 import rattle
 from rattle import models
 from workers import Axis, PopulationRequest, SurveyRequest, TileRecord, compute_tile, tiles_of
-from workers.cluster import partial, runner
+from workers.cluster import costs, partial, runner
 from workers.cluster.costs import Begun, evenly
 from workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
 from workers.kinds import AnyRequest
@@ -96,7 +96,7 @@ def test_a_part_takes_as_long_as_it_may_or_one_cell(monkeypatch: pytest.MonkeyPa
     )
     (tile,) = tiles_of(request)
     began, longest = now, 0.0
-    for part in in_parts(request, tile, PART_SECONDS):
+    for part in in_parts(request, tile, PART_SECONDS):  # noqa: B007
         longest, began = max(longest, now - began), now
     assert longest <= PART_SECONDS + 6.0
     assert part.values["status"].all()
@@ -111,8 +111,9 @@ def test_a_part_takes_as_long_as_it_may_or_one_cell(monkeypatch: pytest.MonkeyPa
     ("quantities", "expected"), [(("region",), False), (("attractors",), True), (("basins",), True)]
 )
 def test_closed_forms_have_no_parts(quantities: tuple[str, ...], expected: bool) -> None:
-    assert is_divisible(SurveyRequest(**GRID | {"quantities": quantities})) is expected
-    assert is_divisible(GEARS)
+    assert is_divisible(SurveyRequest(**GRID | {"quantities": quantities}), 16) is expected
+    assert is_divisible(GEARS, 16)
+    assert not is_divisible(GEARS, 15)
 
 
 def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -132,6 +133,9 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(runner, "advance_tile", advance)
     monkeypatch.setattr(runner, "before_tiles", lambda *_: None)
+    monkeypatch.setattr(runner, "is_divisible", lambda *_: True)
+    monkeypatch.setattr(costs, "MANY", 1)
+    monkeypatch.setattr(costs, "FEWEST", 1)
     monkeypatch.setattr(partial, "compute_tile", cost)
     begun, ended, left = Begun(), list[TileRecord](), list[float]()
 
@@ -176,6 +180,7 @@ def test_the_time_left_is_told_within_a_factor_of_one_and_a_half(threads: int) -
         record = TileRecord(tile.index, 1, (), 0, float(costs[i, j]))
         begun.partial[tile.index] = PartialTile({}, np.zeros((side, side), bool), record, 0.0)
         begun.take_measured(tile)
+    assert not begun.to_measure(tiles, columns)
     begun.partial.clear()
     begun.expect(tiles, columns)
     idle, ends = [0.0] * threads, list[tuple[float, int, float]]()
