@@ -29,11 +29,13 @@ from workers.survey.values.schema import Group, Quantity
 
 if TYPE_CHECKING:
     from workers.cluster.cluster import connect, embedded_cluster
+    from workers.cluster.costs import Begun
     from workers.cluster.refinement import refined
     from workers.cluster.runner import complete_on, run_tiles, template_on
 
 #: What needs dask's cluster, a quarter of a second that a survey in one process does not wait for.
 _ON_CLUSTERS = {
+    "Begun": "workers.cluster.costs",
     "complete_on": "workers.cluster.runner",
     "connect": "workers.cluster.cluster",
     "embedded_cluster": "workers.cluster.cluster",
@@ -46,6 +48,7 @@ __all__ = [
     "QUANTITIES",
     "AnyRequest",
     "Axis",
+    "Begun",
     "Bucket",
     "ClusterLostError",
     "Directory",

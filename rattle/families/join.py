@@ -15,7 +15,7 @@ from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, numbers_of, sums
 from rattle.families.table import Families, tabulated
 
 AHEAD = (0, 1)  # sides of a cell, of which the others are the same seen from there
-STEPS = 16  # from a cell to the next, of an orbit that leads to another and is not led back to
+STEPS = 64  # from a cell to the next, of an orbit that leads to another and is not led back to
 
 
 def axis(name: str, values: ArrayLike) -> NDArray[np.float64]:
@@ -116,8 +116,8 @@ def spread_all(done: int, n: int, columns: int, inside: Rectangle, cells: Any, o
 
 
 def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Pairs of orbits, twice (pairs,), of the first n that are one in neighbouring cells: each leads to the other, or
-    one does step by step. What leads to an orbit that leads elsewhere has jumped.
+    """Return pairs of orbits, twice (pairs,), of the first n that are one in neighbouring cells: each leads to the
+    other, or one does in STEPS steps, which tell a continued orbit from a jump to another one.
     """
     to = orbits.to[:n].astype(np.int64)
     to[to >= n] = NOWHERE
@@ -127,7 +127,7 @@ def linked(orbits: Linked, n: int, cells: Any) -> tuple[NDArray[np.int64], NDArr
         other = to[one, side]
         back = to[other, (side + 2) % 4]
         sure = (back == one) & (side in AHEAD)
-        doubtful = np.flatnonzero(back == NOWHERE)
+        doubtful = np.flatnonzero(back != one)
         sure[doubtful] = _lead(one[doubtful], other[doubtful], orbits, cells)
         ones.append(one[sure])
         others.append(other[sure])

@@ -9,9 +9,19 @@ from rattle.attractors.recurrence import SAME_POINT, unit_at
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
 from rattle.numerics.compile import inline, kernel
-from rattle.orbits.return_map import fastest_point, log_multipliers, newton, point_of, power_map, shortest_return, step
+from rattle.orbits.return_map import (
+    between,
+    fastest_point,
+    log_multipliers,
+    newton,
+    point_of,
+    power_map,
+    shortest_return,
+    step,
+)
 
 FARTHEST = 0.2  # from an orbit's point to that of its continuation in the next cell, speeds in their unit
+LEAST_STEP = 2.0**-6  # share of the way from a cell to the next; a step that fails is halved down to it
 ROUNDING = 2.0**-26  # of a point from which Newton's method starts again
 NOWHERE = -1
 #: Neighbours in the order of their links: one row or column on, and back.
@@ -93,12 +103,38 @@ def settled(tau, v, n_plus, point):
 
 
 @kernel
-def continued(k, cell, n, orbits, point):
+def followed(k, here, there, orbits):
+    """Follow orbit k from one parameter point to another: (found, τ, v).
+
+    A step for which Newton's method fails is halved. Between the points the orbit has to attract, with its label.
+    """
+    n_plus, tau, v = np.int64(orbits.n_plus[k]), orbits.tau[k], orbits.v[k]
+    share, size = 0.0, 1.0
+    while size >= LEAST_STEP:
+        point = there if share + size == 1.0 else between(share + size, here, there)
+        found, t, w = newton(tau, v, n_plus, point)
+        distance = math.hypot(wrapped(t - tau), (w - v) / unit_at(point))
+        if not found or distance > (FARTHEST if size == 1.0 else 0.5 * FARTHEST):
+            size *= 0.5
+            continue
+        if share + size == 1.0:
+            return True, t, w
+        is_stable, _first, _second = labelled(t, w, k, orbits, point)
+        if is_stable:
+            share, tau, v = share + size, t, w
+        else:
+            size *= 0.5
+    return False, tau, v
+
+
+@kernel
+def continued(k, cell, n, orbits, cells):
     """What orbit k becomes in a cell next to its own, entered as number n if the cell did not know it; else NOWHERE."""
-    n_plus, unit = np.int64(orbits.n_plus[k]), unit_at(point)
-    found, tau, v = newton(orbits.tau[k], orbits.v[k], n_plus, point)
-    if not found or math.hypot(wrapped(tau - orbits.tau[k]), (v - orbits.v[k]) / unit) > FARTHEST:
+    point, n_plus = point_of(cell, cells), np.int64(orbits.n_plus[k])
+    found, tau, v = followed(k, point_of(orbits.cell[k], cells), point, orbits)
+    if not found:
         return NOWHERE
+    unit = unit_at(point)
     near = SAME_POINT * unit
     known = at_point(tau, v, cell, k, near, orbits)
     if known != NOWHERE:
@@ -155,7 +191,7 @@ def spread(done, n, columns, inside, cells, orbits):
             found = NOWHERE
             if inside.top <= i < inside.bottom and inside.left <= j < inside.right:
                 cell = i * columns + j
-                found = continued(done, cell, n, orbits, point_of(cell, cells))
+                found = continued(done, cell, n, orbits, cells)
                 if found == n:
                     n += 1
             orbits.to[done, side] = found

@@ -1,6 +1,6 @@
 """Powers of a return map with their tangent, and the periodic orbits that Newton's method finds (compiled).
 
-The type of the point says which model is meant: `step`, `step_tangent` and `point_of` are those of its kind.
+The type of the point says which model is meant: `step`, `step_tangent`, `point_of` and `between` are those of its kind.
 """
 
 import math
@@ -30,6 +30,11 @@ def inverse_step(tau, v, point):
 
 def point_of(cell, cells):
     """The parameter point of a cell."""
+    raise NotImplementedError("for kernels only")
+
+
+def between(share, one, other):
+    """The parameter point at this share of the straight way from one to another."""
     raise NotImplementedError("for kernels only")
 
 

@@ -127,7 +127,7 @@ def _compute(
         if client is None:
             survey.run_tiles_here(request, out, missing, on_tile, should_stop)
         else:
-            survey.run_tiles(request, out, missing, client, on_tile, should_stop)
+            survey.run_tiles(request, out, missing, client, on_tile, should_stop, on_left=progress.tell_left)
         seconds = time.monotonic() - began
         if not should_stop() and survey.is_incomplete(request, out):
             _complete(request, out, client, should_stop)

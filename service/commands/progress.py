@@ -17,7 +17,7 @@ PLAIN_SECONDS = 10.0
 
 
 class Reporter(Protocol):
-    """Shows how many cells are done."""
+    """Shows how many cells are done, and how many seconds are left if somebody knows better than by the speed."""
 
     def __enter__(self) -> Self: ...
 
@@ -26,6 +26,8 @@ class Reporter(Protocol):
     ) -> None: ...
 
     def show(self, cells_done: int) -> None: ...
+
+    def tell_left(self, seconds: float) -> None: ...
 
 
 class _Told(logging.Handler):
@@ -68,6 +70,17 @@ class _Speed(ProgressColumn):
         return Text("" if speed is None else f"{speed:.0f} {self._what}/s", style="progress.data.speed")
 
 
+class _Left(TimeRemainingColumn):
+    """The time left as a run has told it, else by the speed."""
+
+    def render(self, task: Task) -> Text:
+        if task.finished or (ends := task.fields.get("ends")) is None:
+            return super().render(task)
+        minutes, seconds = divmod(max(int(ends - time.monotonic()), 0), 60)
+        hours, minutes = divmod(minutes, 60)
+        return Text(f"{hours:d}:{minutes:02d}:{seconds:02d}", style="progress.remaining")
+
+
 class _Bar:
     def __init__(self, console: Console, cells: int, cells_done: int, what: str) -> None:
         self._progress = Progress(
@@ -75,7 +88,7 @@ class _Bar:
             BarColumn(),
             TaskProgressColumn(),
             _Speed(what),
-            TimeRemainingColumn(),
+            _Left(),
             console=console,
             speed_estimate_period=60.0,
         )
@@ -93,6 +106,9 @@ class _Bar:
     def show(self, cells_done: int) -> None:
         self._progress.update(self._task, completed=cells_done)
 
+    def tell_left(self, seconds: float) -> None:
+        self._progress.update(self._task, ends=time.monotonic() + seconds)
+
 
 class _Lines:
     def __init__(self, console: Console, cells: int, cells_done: int, what: str) -> None:
@@ -101,6 +117,7 @@ class _Lines:
         self._what = what
         self._start = cells_done
         self._began = self._shown = time.monotonic()
+        self._ends: float | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -117,7 +134,12 @@ class _Lines:
         self._shown = now
         speed = (cells_done - self._start) / max(now - self._began, 1e-9)
         left = (self._cells - cells_done) / speed if speed else float("inf")
+        if self._ends is not None:
+            left = max(self._ends - now, 0.0)
         self._console.print(
             f"{cells_done} of {self._cells} {self._what}, {speed:.0f} {self._what}/s, {left:.0f} s left",
             highlight=False,
         )
+
+    def tell_left(self, seconds: float) -> None:
+        self._ends = time.monotonic() + seconds

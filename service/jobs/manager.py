@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING
@@ -20,6 +21,7 @@ from service.jobs.directory import DataDirectory
 from service.jobs.turns import Turns
 from service.observability.logs import about
 from workers import (
+    Begun,
     ClusterLostError,
     StoppedError,
     StorageError,
@@ -77,6 +79,8 @@ class JobManager:
         self._on_tile = on_tile
         self._turns = turns or Turns()
         self._left: dict[str, dict[int, AnyTile]] = {}  # tiles of surveys that another turn goes on with, by index
+        self._begun: dict[str, Begun] = {}  # of these surveys and the one at work
+        self._ends: dict[str, float] = {}  # of the survey at work: when its tiles will have ended, by `time.monotonic`
         self._client: Client | None = None
         self._database = database
         self._directory = directory
@@ -207,6 +211,7 @@ class JobManager:
             return False
         self._turns.begin(job)
         self._left = {each.id: self._left[each.id] for each in active if each.id in self._left}
+        self._begun = {each: begun for each, begun in self._begun.items() if each in self._left}
         self._database.give_turn(job.id)
         with self._lock:
             self._current = job.id
@@ -215,6 +220,7 @@ class JobManager:
             with about(job.id):
                 self._run(job.id, client)
         finally:
+            self._ends = {}
             with self._lock:
                 self._current = None
                 self._lock.notify_all()
@@ -275,7 +281,6 @@ class JobManager:
             nonlocal has_message
             self._record(survey_id, request, tile)
             left.pop(tile.index, None)
-            self._turns.advance(tile.seconds)
             if has_message:
                 self._database.set_state(survey_id, State.RUNNING)  # without the message
                 has_message = False
@@ -288,16 +293,17 @@ class JobManager:
             is_paused = is_paused or self._is_turn_over(survey_id)
             return is_paused
 
-        def is_over_after_part() -> bool:
-            self._turns.advance(0.0)  # workers have waited for the last of the part already
-            return is_over()
+        def on_left(seconds: float) -> None:
+            self._ends = {survey_id: time.monotonic() + seconds}
 
-        tiles = list(left.values())
-        run_tiles(request, path, tiles, client, on_tile, self._interrupted, self._dismissed.is_set, is_over)
+        begun = self._begun.setdefault(survey_id, Begun())
+        tiles, asked = list(left.values()), (self._interrupted, self._dismissed.is_set, is_over)
+        run_tiles(request, path, tiles, client, on_tile, *asked, begun, on_left)
+        self._ends = {}
         if self._interrupted():
             return
         if not is_paused and is_incomplete(request, path):
-            complete_on(client, request, path, self._interrupted, self._telling(survey_id), is_over_after_part)
+            complete_on(client, request, path, self._interrupted, self._telling(survey_id), is_over)
         goes_on = is_paused and (left or is_incomplete(request, path))
         if not goes_on:
             finish_store(path)
@@ -352,6 +358,11 @@ class JobManager:
                 self._database.set_state(survey_id, State.RUNNING, message)
 
         return tell
+
+    def seconds_left(self, survey_id: str) -> float | None:
+        """Return the seconds that the tiles of the survey at work will take; None of others, or if it is not known."""
+        ends = self._ends.get(survey_id)
+        return None if ends is None else max(ends - time.monotonic(), 0.0)
 
     def workers(self) -> int:
         """Threads of the cluster; 0 if it is not there or does not say so soon."""

@@ -9,8 +9,7 @@ from dataclasses import dataclass
 
 from service.database.surveys import Active
 
-TURN_SECONDS = 10.0
-TURN_TILES = 5  # of the longest that it had: at its end workers wait for the last one
+TURN_SECONDS = 3.0  # then the tasks at work end, within two seconds unless one cell takes longer
 
 
 @dataclass
@@ -38,7 +37,7 @@ class Turns:
         self._count = 0  # of turns that were given
         self._keys: dict[str | None, _Standing] = {}
         self._waits_since: dict[str, int] = {}  # the turn before which a survey came, or that was its last
-        self._began, self._longest = 0.0, math.inf
+        self._began = 0.0
 
     def next(self, active: Sequence[Active]) -> Active | None:
         """The survey whose turn comes next, of all that wait or run, in the order of their numbers."""
@@ -58,16 +57,12 @@ class Turns:
         key = self._key(survey.owner)
         key.last, key.smallest = self._count, not key.smallest
         self._waits_since[survey.id] = self._count
-        self._began, self._longest = self._clock(), math.inf
-
-    def advance(self, seconds: float) -> None:
-        """A part of the survey whose turn it is has ended, which took so long."""
-        self._longest = seconds if self._longest == math.inf else max(self._longest, seconds)
+        self._began = self._clock()
 
     @property
     def is_used_up(self) -> bool:
-        """Whether another survey may come: some of this one has been done, for long enough."""
-        return self._clock() - self._began >= max(TURN_SECONDS, TURN_TILES * self._longest)
+        """Whether another survey may come."""
+        return self._clock() - self._began >= TURN_SECONDS
 
     def _key(self, owner: str | None) -> _Standing:
         return self._keys.setdefault(owner, _Standing())

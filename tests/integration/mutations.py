@@ -196,8 +196,8 @@ PROTECTIONS = (
         "a dismissal ends processes",
         f"{SERVICE}::test_a_dismissal_ends_the_work_and_a_deletion_the_store",
         "service/jobs/manager.py",
-        "self._interrupted, self._dismissed.is_set, is_over)",
-        "self._interrupted, should_pause=is_over)",
+        "(self._interrupted, self._dismissed.is_set, is_over)",
+        "(self._interrupted, lambda: False, is_over)",
     ),
     Protection(
         "a lost scheduler is not the survey's fault",

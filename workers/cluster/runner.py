@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING
@@ -16,17 +18,20 @@ from distributed import Client, Future, KilledWorker, get_worker
 
 from workers.certificates import Answers, Claim, certified, certify_survey, require_proofs
 from workers.cluster.cluster import end_tasks, end_tasks_and_wait
+from workers.cluster.costs import Begun
 from workers.cluster.isolation import compute_tile_apart
 from workers.cluster.joining import Joining
+from workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
 from workers.cluster.submission import Submission
 from workers.completion import complete
 from workers.errors import ClusterLostError, StoppedError, SurveyError
 from workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
+from workers.populations.tiles import GearTile
 from workers.storage.location import Place, place_of
 from workers.storage.store import before_tiles, require_aligned, write_tile
 from workers.survey.request import SurveyRequest
 from workers.survey.template import Template
-from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
+from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -36,13 +41,43 @@ ATTEMPTS = 3
 
 
 def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, apart: bool = False) -> TileRecord:
-    """Compute a tile and write it to the store: the task that a cluster runs, again if it has to."""
+    """Compute a tile and write it to the store."""
     if apart:
         values, record = compute_tile_apart(request, tile, get_worker().memory_manager.memory_limit)
     else:
         values, record = compute_tile(request, tile)
     write_tile(request, path, tile, values)
     return record
+
+
+def advance_tile(
+    request: AnyRequest,
+    path: str,
+    tile: AnyTile,
+    apart: bool,
+    before: PartialTile | None,
+    expected: float,
+    seconds: float,
+) -> TileRecord | PartialTile:
+    """Compute a tile and write it to the store, or a part of it that takes so many seconds: the task that a cluster
+    runs, again if it has to. A tile that is computed apart has no parts.
+    """
+    if apart or not is_divisible(request, tile.n_cells):
+        return compute_and_write(request, path, tile, apart)
+    if not (loaded := _loaded_for(request)):
+        compute_partly(request, tile, None, 0.0)  # so that the cost of the next cell is its own
+        loaded.append(True)
+    part = compute_partly(request, tile, before, seconds, expected)
+    if not part.is_whole:
+        return part
+    write_tile(request, path, tile, part.values)
+    return part.record
+
+
+@lru_cache(maxsize=16)
+def _loaded_for(_request: AnyRequest) -> list[bool]:
+    """Return what says that this process has loaded the kernels of a request, empty at first."""
+    return []
 
 
 def _never() -> bool:
@@ -125,8 +160,12 @@ def run_tiles(
     should_stop: Callable[[], bool],
     unwanted: Callable[[], bool] = _never,
     should_pause: Callable[[], bool] = _never,
+    begun: Begun | None = None,
+    on_left: Callable[[float], None] = lambda _: None,
 ) -> None:
     """Compute tiles of a created store on a cluster, until all are written or `should_stop` or `should_pause` says so.
+
+    Where tiles can take long, some cells of many are computed first, for their cost; the most expensive tiles begin.
 
     A tile that kills its workers, or takes a quarter of an hour (a large one longer), is computed cell by cell in a
     process of its own: only the cells that kill it fail, and those that take too much processor time.
@@ -136,7 +175,10 @@ def run_tiles(
         should_stop: asked several times a second. After a stop this returns within seconds: tiles that end
             meanwhile are reported, the others are left for the next run.
         unwanted: asked after a stop: whether nobody wants the tiles at work, so that their processes are ended at once.
-        should_pause: asked several times a second: whether no more tiles shall begin. Those at work come to their end.
+        should_pause: asked several times a second: whether no more tasks shall begin. Those at work come to their end,
+            within PART_SECONDS unless one cell takes longer.
+        begun: what earlier runs have begun, before a pause; kept up to date.
+        on_left: called in this thread with the seconds that the tiles will still take, whenever that is known better.
 
     Raises:
         StorageError: a tile cannot be written now (the disk is full or read-only); the message names it.
@@ -154,9 +196,43 @@ def run_tiles(
             if isinstance(request, SurveyRequest) and request.certify:
                 with suppress(StoppedError):
                     Joining(client, should_stop).map(require_proofs, [()])
-        submission = Submission(compute_and_write, request, str(place), client)
+        begun, columns = begun or Begun(), request.tile_grid[1]
+        begun.expect(tiles, columns)
+        submission = Submission(advance_tile, request, str(place), client, begun.partial)
+        left = {tile.index: tile for tile in tiles}
+
+        def on_ended(record: TileRecord) -> None:
+            begun.take_ended(record)
+            del left[record.index]
+            on_tile(record)
+            tell_left()
+
+        def tell_left() -> None:
+            if (seconds := begun.seconds_left(submission.n_threads)) is not None:
+                on_left(seconds)
+
+        asked = should_stop, unwanted, should_pause
         try:
-            _run(submission, deque(tiles), on_tile, should_stop, unwanted, should_pause)
+            if is_divisible(request, math.prod(request.tile_shape)):
+                measuring = deque(begun.to_measure(tiles, columns))
+
+                def on_measured(tile: AnyTile) -> None:
+                    if begun.take_measured(tile):
+                        measuring.append(tile)
+
+                submission.seconds = 0.0  # one cell
+                _run(submission, measuring, on_ended, *asked, on_measured)
+                submission.seconds = PART_SECONDS
+                begun.expect(list(left.values()), columns)
+                tell_left()
+            waiting = deque(begun.in_order(list(left.values()), columns))
+
+            def on_part(tile: AnyTile) -> None:
+                waiting.appendleft(tile)
+                tell_left()
+
+            if not should_stop():
+                _run(submission, waiting, on_ended, *asked, on_part)
             if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
                 end_tasks_and_wait(client, submission.superseded)  # or they would undo what further rounds write
         finally:
@@ -170,9 +246,17 @@ def _run(
     should_stop: Callable[[], bool],
     unwanted: Callable[[], bool],
     should_pause: Callable[[], bool],
+    on_part: Callable[[AnyTile], None],
 ) -> None:
+    def take(found: TileRecord | AnyTile | None) -> None:
+        if isinstance(found, Tile | GearTile):
+            on_part(found)
+        elif found:
+            on_tile(found)
+
+    has_begun = False  # before a pause something is computed, or a run that pauses at once would never end
     while (waiting or submission.in_flight) and not should_stop():
-        if waiting and should_pause():
+        if waiting and has_begun and should_pause():
             waiting.clear()
         # Before others are on their way to workers. Again if none will be: a tile's first result can wait at a frozen
         # worker together with another one's, and be repeated at that worker.
@@ -180,12 +264,11 @@ def _run(
         room -= submission.repeat_late_tiles(again=not waiting or not room)
         for _ in range(min(room, len(waiting))):
             submission.submit(waiting.popleft())
+            has_begun = True
         submission.set_endless_tile_apart()
-        if record := submission.next_record(POLL_SECONDS):
-            on_tile(record)
+        take(submission.next_record(POLL_SECONDS))
     if submission.in_flight and unwanted():
         submission.cut_off()
     deadline = time.monotonic() + GRACE_SECONDS
     while submission.in_flight and (left := deadline - time.monotonic()) > 0:
-        if record := submission.next_record(left):
-            on_tile(record)
+        take(submission.next_record(left))

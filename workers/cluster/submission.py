@@ -1,5 +1,6 @@
 """The tiles of one run that are on the cluster: submitted, repeated where that helps, awaited and given up."""
 
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -11,6 +12,7 @@ from distributed import Client, Future, KilledWorker
 
 from workers.cluster.cluster import end_tasks
 from workers.cluster.in_flight import InFlight, Task
+from workers.cluster.partial import PART_SECONDS, PartialTile
 from workers.errors import SurveyError
 from workers.kinds import AnyRequest, AnyTile, described, tile_error
 from workers.survey.tiles import TileRecord
@@ -27,6 +29,9 @@ WORKERLESS_SECONDS = 60.0
 LOST = "the dask scheduler is gone: start one and run the survey again, which resumes it"
 
 
+Found = TileRecord | PartialTile
+
+
 @dataclass(frozen=True)
 class Attempt:
     """At a tile; there may be more than one at the same tile, and they write the same bytes."""
@@ -35,13 +40,28 @@ class Attempt:
     apart: bool
 
 
-class Submission(InFlight[Attempt, TileRecord]):
+class Submission(InFlight[Attempt, Found]):
     """The tiles of one run that are on the cluster."""
 
-    def __init__(self, task: Callable[..., TileRecord], request: AnyRequest, path: str, client: Client) -> None:
-        """Take the task: of the request, the path, a tile, and whether it is computed apart."""
+    def __init__(
+        self,
+        task: Callable[..., Found],
+        request: AnyRequest,
+        path: str,
+        client: Client,
+        partial: dict[int, PartialTile] | None = None,
+    ) -> None:
+        """Take the task: of the request, the path, a tile, whether it is computed apart, what is computed of it,
+        seconds of a cell in the slowest part so far, and of this task.
+
+        partial: tiles of which a part is computed, by index; kept up to date.
+        """
         super().__init__(client, "tile", LOST)
         self._task, self._request, self._path = task, request, path
+        self._partial = {} if partial is None else partial
+        self._slowest = 0.0  # seconds of a cell
+        self.seconds = PART_SECONDS  # of a task
+        self.n_threads = 0
         self._longest = 0.0
         self._next_end = 0.0
         #: Attempts that may still be at work at a tile of which another one came first.
@@ -52,11 +72,13 @@ class Submission(InFlight[Attempt, TileRecord]):
 
         None waits at a worker: dask counts a worker's death against everything that is there, and would blame it.
         """
-        return max(self.threads(WORKERLESS_SECONDS) - len(self.in_flight), 0)
+        self.n_threads = self.threads(WORKERLESS_SECONDS)
+        return max(self.n_threads - len(self.in_flight), 0)
 
     def submit(self, tile: AnyTile, apart: bool = False, workers: Iterable[str] | None = None) -> None:
         """Put a tile on the cluster, apart from others in a process of its own if it kills its workers."""
-        self.put(Attempt(tile, apart), self._task, self._request, self._path, tile, apart, workers=workers)
+        known = self._partial.get(tile.index), self._slowest or math.inf, self.seconds
+        self.put(Attempt(tile, apart), self._task, self._request, self._path, tile, apart, *known, workers=workers)
 
     def repeat_late_tiles(self, again: bool) -> int:
         """Submit tiles that take far longer than any before to workers with nothing to do: the first result counts.
@@ -89,17 +111,25 @@ class Submission(InFlight[Attempt, TileRecord]):
             end_tasks(self._client, [task.future])
             self._again_apart(task.work.tile)
 
-    def next_record(self, seconds: float) -> TileRecord | None:
-        """Return the record of the next tile that ends, None if none does in this time."""
+    def next_record(self, seconds: float) -> TileRecord | AnyTile | None:
+        """Return the record of the next tile that ends, or a tile of which a part is computed now; None if there is
+        neither in this time.
+        """
         if (ended := self.next_ended(seconds)) is None:
             return None
-        task, record = ended
+        task, found = ended
         tile = task.work.tile
         self._longest = max(self._longest, time.monotonic() - task.began)
         attempts = [each for each in self.in_flight.values() if each.work.tile.index == tile.index]
         self.superseded += [each.future for each in attempts if each is not task]
         self._drop(tile)
-        return record
+        if isinstance(found, PartialTile):
+            self._slowest = max(self._slowest, found.slowest)
+            self._partial[tile.index] = found
+            return tile
+        self._slowest = max(self._slowest, found.seconds / max(found.cells, 1))
+        self._partial.pop(tile.index, None)
+        return found
 
     def after_error(self, task: Task[Attempt], error: BaseException) -> None:
         """Go on after a worker's death, raise anything else."""

@@ -37,7 +37,7 @@ from rattle.flight.lanes.stages import advance
 from rattle.flight.law import DRIFT, contact_force, speed_unit, wrapped
 from rattle.impacting.map.impact_map import Point
 from rattle.numerics.compile import for_type, inline, kernel
-from rattle.orbits.return_map import point_of
+from rattle.orbits.return_map import between, point_of
 
 CHUNK, LONG_CHUNK = 11, 37  # flights between two looks, at first and of samples that are followed for long; prime, so
 # that a periodic motion is seen at all its impacts
@@ -220,3 +220,13 @@ def measure(memory, which, least, periods, cells, samples, balls, sums, footprin
 @for_type(point_of, Cells)
 def _point_of(cell, cells):
     return Point(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.quiet_invariant[cell])
+
+
+@for_type(between, Point)
+def _between(share, one, other):
+    return Point(
+        one.delta + share * (other.delta - one.delta),
+        one.epsilon + share * (other.epsilon - one.epsilon),
+        one.beta,
+        one.quiet_invariant + share * (other.quiet_invariant - one.quiet_invariant),
+    )

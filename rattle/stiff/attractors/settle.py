@@ -23,7 +23,7 @@ from rattle.attractors.samples import (
 from rattle.flight.first_impact import OK
 from rattle.flight.law import speed_unit, wrapped
 from rattle.numerics.compile import for_type, inline, kernel
-from rattle.orbits.return_map import point_of, step
+from rattle.orbits.return_map import between, point_of, step
 from rattle.stiff.map import flow
 from rattle.stiff.map.return_map import StiffPoint
 
@@ -50,6 +50,12 @@ class Reference(NamedTuple):
 @for_type(point_of, StiffCells)
 def _point_of(cell, cells):
     return StiffPoint(cells.delta[cell], cells.epsilon[cell], cells.beta[cell], cells.kappa[cell])
+
+
+@for_type(between, StiffPoint)
+def _between(share, one, other):
+    delta = one.delta + share * (other.delta - one.delta)
+    return StiffPoint(delta, one.epsilon + share * (other.epsilon - one.epsilon), one.beta, one.kappa)
 
 
 @inline

@@ -101,7 +101,7 @@ class News:
             past.pop(0)
         (began, before), (ended, after) = past[0], past[-1]
         rate = (after - before) / (ended - began) if ended > began and after > before else None
-        return Standing(job, rate, (job.n_cells - after) / rate if rate else None)
+        return Standing(job, rate, self._front.manager.seconds_left(job.id))
 
 
 def overall_rate(job: JobRow) -> float | None:

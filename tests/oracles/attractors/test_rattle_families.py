@@ -220,3 +220,16 @@ def test_the_stiff_gear_has_families():
 def test_what_is_no_grid_is_refused(delta, epsilon, message):
     with pytest.raises(rattle.ParameterError, match=message):
         rattle.families_of(delta, epsilon)
+
+
+def test_one_motion_has_one_number_where_a_step_between_cells_fails():
+    """D in region III: Newton's method does not lead from one of these cells to the next, 64 steps in between do."""
+    delta, epsilon = np.array([0.6553191489361703, 0.6680851063829788]), np.array([0.07957446808510638])
+    found = rattle.families_of(delta, epsilon, count=COUNT)
+    rows = [i for i in np.flatnonzero(found.attractors.kind == PERIODIC) if label(found.attractors, i) == (1, 1, 1)]
+    one, other = rows
+    between = rattle.period_one(np.linspace(*delta, 65), epsilon[0])
+    assert between.stable[3].all()
+    assert np.abs(np.diff(between.tau[3])).max() < 0.005
+    assert found.attractors.cell[one] != found.attractors.cell[other]
+    assert found.family[one] == found.family[other]
