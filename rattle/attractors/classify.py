@@ -31,6 +31,8 @@ WEAK, BESIDE = 0.3, 1e-9  # damping below which more states are watched, and how
 CROWDS = (256, 1024)  # how many there are, at first and in the end
 BUDGET = 1_000_000  # impacts of a sample, by default: what is left by then without being told is undecided
 MOST_MEASURED = 20_000  # impacts of a witness that never gets through its periods
+MANY = 64  # samples of a cell: where there are fewer, states beside them are watched too, to be as sure of chaos
+CROWD_OF_FEW = 256  # of these states and samples where all may come to rest: MANY samples show losses that few do not
 WITNESSES = 12  # per cell: if one in 3000 periods leaves a chaotic set, 98 % of the cells show it
 TRACED = 1000  # impacts of a footprint without gaps
 LONGER = 4  # witnesses that seem to be on different attractors are watched this many times as long
@@ -202,7 +204,8 @@ class Classifier(ABC):
             every = np.repeat(decided, chosen.size)
             seen = Seen(seen.sums[every], seen.prints[every])
         decided[decided] = self.declare_chaos(cells[decided], chosen.only(decided), seen)
-        doubtful = decided & ((self.cells.delta[cells] < WEAK) | self.has_quiet[cells])
+        weak = self.cells.delta[cells] < WEAK
+        doubtful = decided & (weak | self.has_quiet[cells] | (self.count < MANY))
         decided[doubtful] = self.outlast(cells[doubtful])
         return decided
 
@@ -210,6 +213,7 @@ class Classifier(ABC):
         """Whether nothing leaves what is left in these cells, in as many impacts as the most watched has made: of all
         samples and, where damping is weak, of so many states near them that there are CROWDS. There, and where all may
         come to rest, sets that lose samples slowly are frequent, and twelve witnesses do not tell them from others.
+        Where there are fewer samples than MANY, states near them are watched too: a small count is no reason for chaos.
         """
         if not cells.size:
             return np.zeros(0, np.bool_)
@@ -220,9 +224,14 @@ class Classifier(ABC):
         cell = samples.cell[which]
         chattering = self.may_rest(cell, samples.time[which], PERIODS * self.longer[cell])
         lasted = left.all_of((samples.status[which] == LEFT) & ~chattering)
+        weak = self.cells.delta[cells] < WEAK
         for first, last in pairwise((0, *CROWDS)):
-            crowd = lasted & (self.cells.delta[cells] < WEAK)
+            crowd = lasted & weak
             lasted[crowd] = self.crowd_lasts(cells[crowd], first, last)
+        if self.count < MANY:
+            for has_quiet, states in ((True, CROWD_OF_FEW), (False, WITNESSES)):
+                crowd = lasted & ~weak & (self.has_quiet[cells] == has_quiet)
+                lasted[crowd] = self.crowd_lasts(cells[crowd], 0, states)
         for cell, all_left in zip(cells, lasted, strict=True):
             found = self.chaos.pop(int(cell))
             if all_left:
@@ -243,7 +252,11 @@ class Classifier(ABC):
         most = np.repeat(left.largest(samples.impacts), each.size)
         v = samples.v[which] * (1.0 + BESIDE * beside)
         gone = np.zeros(which.size, np.bool_)
-        gone[fresh] = self.settled(cell[fresh], samples.tau[which][fresh], v[fresh], most[fresh]) != LEFT
+        others = begun(cell[fresh], samples.tau[which][fresh], v[fresh], most[fresh])
+        self.settle(np.arange(others.cell.size), others)
+        strong = self.cells.delta[others.cell] >= WEAK  # elsewhere the larger crowd makes up for it
+        chattering = self.may_rest(others.cell, others.time, PERIODS * self.longer[others.cell])
+        gone[fresh] = (others.status != LEFT) | (strong & chattering)
         return ~np.asarray(gone.reshape(-1, each.size).any(axis=1))
 
     def may_rest(

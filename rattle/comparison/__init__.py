@@ -2,5 +2,6 @@
 
 from rattle.comparison.compare import Comparison, Near, compare
 from rattle.comparison.measured import Measured, measured, read_csv
+from rattle.comparison.walls import POOR
 
-__all__ = ["Comparison", "Measured", "Near", "compare", "measured", "read_csv"]
+__all__ = ["POOR", "Comparison", "Measured", "Near", "compare", "measured", "read_csv"]

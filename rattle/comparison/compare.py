@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from rattle.attractors.speeds import NATURAL
 from rattle.attractors.table import Attractor
 from rattle.comparison.measured import Measured, period_of
-from rattle.comparison.walls import Fit, fit, fits
+from rattle.comparison.walls import AS_GOOD, Fit, Fitting, fit, fits, interval
 from rattle.errors import require_finite, require_integer, require_number
 from rattle.flight.law import speed_unit
 from rattle.intensity.intensity import Intensity
@@ -43,12 +43,14 @@ class Near(NamedTuple):
 class Comparison:
     """Measured impacts beside the attractors of a gear, the nearest first.
 
-    impacts per forcing period; energy: Σv²/2 per forcing period, None without speeds. label: (m, n₊, n₋) if they repeat
-    themselves, else None. wall (n,): as measured, or as fits best. offset: the time of phase 0 in forcing periods,
-    given or such that the impacts fit best. misfit: how much of their speeds, which follow from the times, impacts
+    impacts per forcing period, without false ones; energy: Σv²/2 per forcing period, None without speeds. label:
+    (m, n₊, n₋) if they repeat themselves, else None. wall (n,): as measured, or as fits best, 0 of a false impact, one
+    that is none of the motion. offset: the time of phase 0 in forcing periods, given or such that the impacts fit best;
+    offset_interval: its 95 % interval, of no width where it was given; other_offsets: phases that fit about as well,
+    with their intervals. is_sure (n,): False of impacts that have another wall at an end of the interval, or at one of
+    the other offsets, and of false ones. misfit: how much of their speeds, which follow from the times, impacts
     change, 0 for motions of this gear, 1 at most; near 1/2 for times at random: walls, label and offset mean nothing
-    then. histogram (2, bins): impacts per forcing period
-    on Σ⁺ and Σ⁻ in equal parts of the phase.
+    then. histogram (2, bins): impacts per forcing period on Σ⁺ and Σ⁻ in equal parts of the phase.
     """
 
     impacts: float
@@ -56,6 +58,9 @@ class Comparison:
     label: tuple[int, int, int] | None
     wall: NDArray[np.int64]
     offset: float
+    offset_interval: tuple[float, float]
+    other_offsets: tuple[tuple[float, tuple[float, float]], ...]
+    is_sure: NDArray[np.bool_]
     misfit: float
     histogram: Array
     near: tuple[Near, ...]
@@ -83,14 +88,34 @@ def compare(
     point = gear.delta, gear.epsilon, gear.beta
     stiffness = model_at(gear).stiffness
     dwell = 0.0 if stiffness is None else math.pi / math.sqrt(2.0 * stiffness)
-    fitting = measured, gear, float(speed_unit(*point)), dwell
+    fitting = Fitting(measured, gear, float(speed_unit(*point)), dwell)
     attractors = gear.attractors(count, NATURAL, seed)
     known = [_known(each, gear, bins) for each in attractors if each.kind != "undecided"]
-    found = [
-        _compared(measured, each, known, bins, tolerance)
-        for each in (fits(*fitting) if offset is None else [fit(*fitting, offset)])
-    ]
-    return min(found, key=lambda each: each.misfit + (each.near[0].distance if each.near else 0.0))
+    if offset is not None:
+        given = fit(fitting, offset)
+        return _compared(measured, given, known, bins, tolerance)
+    found = [(_compared(measured, each, known, bins, tolerance), each) for each in fits(fitting)]
+    best, chosen = min(found, key=lambda each: _badness(each[0]))
+    near = [each for one, each in found if one is not best and _badness(one) <= _badness(best) + AS_GOOD[1]]
+    return _with_errors(fitting, best, [chosen, *near])
+
+
+def _badness(found: Comparison) -> float:
+    """Return how badly a choice of the phase fits: the gear, and the nearest of its attractors."""
+    return found.misfit + (found.near[0].distance if found.near else 0.0)
+
+
+def _with_errors(fitting: Fitting, found: Comparison, near: list[Fit]) -> Comparison:
+    """Return a comparison with the intervals of its own fit, the first, and of others about as good, and sure walls."""
+    own, *others = (interval(fitting, each) for each in near)
+    sharp = fitting._replace(unit=near[0].unit)
+    walls = [fit(sharp, end).wall for end in own] + [each.wall for each in near]
+    return replace(
+        found,
+        offset_interval=own,
+        other_offsets=tuple((each.offset, ends) for each, ends in zip(near[1:], others, strict=True)),
+        is_sure=(found.wall != 0) & np.all([found.wall == wall for wall in walls], axis=0),
+    )
 
 
 class _Known(NamedTuple):
@@ -111,9 +136,11 @@ def _known(attractor: Attractor, gear: AnyGear, bins: int) -> _Known:
 
 
 def _compared(measured: Measured, fit: Fit, known: list[_Known], bins: int, tolerance: float) -> Comparison:
-    label = period_of(measured.time, fit.wall, tolerance)
-    impacts = measured.impacts if label is None else (label[1] + label[2]) / label[0]
-    here, rate = _phases(measured.time - fit.offset, fit.wall), impacts / measured.time.size
+    true = fit.wall != 0
+    time, wall, number = measured.time[true], fit.wall[true], int(np.count_nonzero(true))
+    label = period_of(time, wall, tolerance)
+    impacts = (number - 1) / float(time[-1] - time[0]) if label is None else (label[1] + label[2]) / label[0]
+    here, rate = _phases(time - fit.offset, wall), impacts / number
     near = [
         Near(
             each.attractor,
@@ -125,10 +152,13 @@ def _compared(measured: Measured, fit: Fit, known: list[_Known], bins: int, tole
     ]
     return Comparison(
         impacts=impacts,
-        energy=None if measured.speed is None else float(0.5 * np.mean(measured.speed**2)) * impacts,
+        energy=None if measured.speed is None else float(0.5 * np.mean(measured.speed[true] ** 2)) * impacts,
         label=label,
         wall=fit.wall,
         offset=fit.offset,
+        offset_interval=(fit.offset, fit.offset),
+        other_offsets=(),
+        is_sure=true,
         misfit=fit.misfit,
         histogram=_histogram(here, rate, bins),
         near=tuple(sorted(near, key=lambda each: each.distance)),

@@ -165,7 +165,9 @@ class Gear(Rattling):
         return orbits_at(self.delta, self.epsilon, self.beta)
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> PeriodicOrbit:
-        """The periodic motion near a departure (τ, v), with n_plus impacts on Σ⁺ a period; see `periodic_orbit`."""
+        """The periodic motion near a departure (τ, v) that repeats itself after n_plus impacts on Σ⁺, with its least
+        period; see `periodic_orbit`.
+        """
         return periodic_orbit(self.delta, self.epsilon, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> Periodic:
@@ -184,7 +186,7 @@ class Gear(Rattling):
         bound of its interval.
 
         Quiet: captured by a proven-small bounce. Periodic: a stable fixed point of Π^k that the trajectory is seen to
-        approach, with its exact label. Chaotic: neither within a watch of 1000 periods and 300 relaxation times 1/δ,
+        approach, with its exact label. Chaotic: neither within a watch of 1000 periods and 100 relaxation times 1/δ,
         and a first exponent above zero by its own error bar. Else undecided, as is what is left when a sample has made
         budget impacts on Σ⁺: small damping needs some 1000/δ. v_max: a number, "natural" for 1.5 √(16πδβ) + 2πε, or
         None, which is 7 in the paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2) and natural elsewhere.

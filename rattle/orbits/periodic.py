@@ -1,7 +1,8 @@
 """A periodic motion as equations, of any gear, and what it must say of itself."""
 
+import math
 from abc import ABC, abstractmethod
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,12 @@ class Equations(Protocol):
     def doubled(self) -> Self:
         """The itinerary twice over."""
 
+    def divided(self, parts: int) -> Self:
+        """The itinerary of a motion that this one is `parts` times over."""
+
+
+Itinerary = TypeVar("Itinerary", bound=Equations)
+
 
 def begun_at(itinerary: Equations, x: Array, first: int) -> Array:
     """Unknowns and what follows them (N,) of the same motion, begun at impact number `first`."""
@@ -66,8 +73,26 @@ def twins(itinerary: Equations, start: Array, x: Array) -> Array:
     return found
 
 
+def with_shortest_period(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array]:
+    """Return a motion x (n + 2,) with its least period, the times solved again if that is shorter."""
+    impacts = len(itinerary.walls)
+    for parts in range(math.gcd(impacts, itinerary.m), 1, -1):
+        shift, odd = divmod(impacts, parts)
+        if odd or itinerary.m % parts or itinerary.walls[shift:] + itinerary.walls[:shift] != itinerary.walls:
+            continue
+        later = begun_at(itinerary, x, shift)
+        later[:impacts] -= itinerary.m // parts
+        if np.max(np.abs(later - x)) < SAME_MOTION:
+            shorter = itinerary.divided(parts)
+            first = np.concatenate([x[: itinerary.n].reshape(-1, impacts)[:, :shift].ravel(), x[itinerary.n :]])
+            solved = at_parameters(shorter, first)
+            return shorter, first if solved is None else solved
+    return itinerary, x
+
+
 MOST_IMPACTS = 512
 MOST_NEWTON = 30
+SAME_MOTION = 1e-8  # forcing periods by which a motion differs from itself some impacts later, by rounding near a flip
 
 
 class Periodic(ABC):

@@ -142,7 +142,9 @@ class StiffGear(Rattling):
         )
 
     def orbit(self, tau: float, v: float, n_plus: int = 1) -> periodic.StiffOrbit:
-        """The periodic motion near a departure (τ, v), with n_plus contacts with Σ⁺ a period; see `stiff_orbit`."""
+        """The periodic motion near a departure (τ, v) that repeats itself after n_plus contacts with Σ⁺, with its least
+        period; see `stiff_orbit`.
+        """
         return periodic.stiff_orbit(self.delta, self.epsilon, self.kappa, tau, v, n_plus, self.beta)
 
     def saddle(self, orbit: Orbit) -> periodic.StiffOrbit:

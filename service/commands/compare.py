@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
 BAR = 20  # characters of the longest bar
-POOR = 0.25
 
 
 @at_point(timed=True)
@@ -56,21 +55,32 @@ def compare(
     found = compared(measured, point.gear, when, bins=bins, tolerance=tolerance, count=count, seed=seed)
     unit = "revolutions" if point.rpm is None else "s"
     typer.echo(f"{point.words}\n{measured.time.size} impacts in {measured.span:.6g} revolutions")
-    _print(found, found.offset * turn, unit)
+    _print(found, turn, unit)
 
 
-def _print(found: Comparison, offset: float, unit: str) -> None:
+def _print(found: Comparison, turn: float, unit: str) -> None:
+    import numpy as np
     from rich.console import Console
     from rich.table import Table
+
+    from rattle.comparison import POOR
 
     console = Console(highlight=False, width=WIDTH)
     label = "not periodic" if found.label is None else f"P({', '.join(map(str, found.label))})"
     console.print(f"{found.impacts:.4g} impacts per revolution, {label}")
     if found.energy is not None:
         console.print(f"energy of the impacts of a revolution (sum of v^2/2 of the model): {found.energy:.6g}")
+    low, high = (end * turn for end in found.offset_interval)
+    width = "as given" if low == high else f"95 %: {low:.6g} to {high:.6g}"
+    console.print(f"phase 0 at {found.offset * turn:.6g} {unit}; {width}")
+    for other, ends in found.other_offsets:
+        low, high = (end * turn for end in ends)
+        console.print(f"or at {other * turn:.6g} {unit}, which fits about as well ({low:.6g} to {high:.6g})")
+    false, unsure = np.count_nonzero(found.wall == 0), np.count_nonzero(~found.is_sure)
     console.print(
-        f"phase 0 at {offset:.6g} {unit}; misfit {found.misfit:.2g} (0: a motion of this gear, 0.5: at random)"
+        f"{false} false impacts, which are none of the motion; {unsure - false} others whose wall is not sure"
     )
+    console.print(f"misfit {found.misfit:.2g} (0: a motion of this gear, 0.5: at random)")
     if found.misfit > POOR:
         console.print("The impacts are not those of this gear: walls, label and phase mean little.")
     nearest = Table("nearest", "share", "impacts+", "impacts-", "energy, model's", "distance, revolutions", box=None)

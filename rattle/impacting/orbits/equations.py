@@ -148,6 +148,10 @@ class Itinerary:
         """The itinerary twice over."""
         return Itinerary(self.walls * 2, 2 * self.m, self.beta)
 
+    def divided(self, parts: int) -> "Itinerary":
+        """The itinerary of a motion that this one is `parts` times over."""
+        return Itinerary(self.walls[: self.n // parts], self.m // parts, self.beta)
+
 
 def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:
     """The equations (…, n + 1) → (…, n) of a motion at (δ, ε) = origin + p direction; times and p unknown."""

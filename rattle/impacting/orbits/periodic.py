@@ -15,7 +15,7 @@ from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import Orbit, multipliers_of
-from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters
+from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters, with_shortest_period
 
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight
 GRAZING_SPEED = 1e-6  # at a graze: what rounding makes of speed 0, in a depth of its square; of `speed_unit`
@@ -161,8 +161,9 @@ def periodic_orbit(
     """The periodic motion near the state (τ, v) after an impact on Σ⁺, with n_plus ≥ 1 impacts on Σ⁺ per period.
 
     Newton's method on the impact equations, from the flights that start at (τ, v): tau, v and n_plus are those of an
-    `Attractor`. All numbers dimensionless; time in forcing periods. Raises ParameterError, and RattleError if there is
-    no periodic motion near, or it does not happen.
+    `Attractor`. The motion has its least period: if it repeats itself earlier than after n_plus impacts, its n_plus is
+    smaller. All numbers dimensionless; time in forcing periods. Raises ParameterError, and RattleError if there is no
+    periodic motion near, or it does not happen.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     epsilon, v = require_number("epsilon", epsilon), require_number("v", v, positive=True)
@@ -173,7 +174,7 @@ def periodic_orbit(
     if found is None or not admissible(itinerary, found):
         raise RattleError(f"no periodic motion with {n_plus} impacts on Σ⁺ near tau = {tau}, v = {v}: start closer")
     require(bool(np.isfinite(found).all()), "the periodic motion is beyond double precision")
-    return orbit_of(itinerary, found)
+    return orbit_of(*with_shortest_period(itinerary, found))
 
 
 def as_periodic(orbit: PeriodicOrbit | Orbit) -> PeriodicOrbit:

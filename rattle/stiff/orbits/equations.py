@@ -220,6 +220,10 @@ class StiffItinerary:
         """The itinerary twice over."""
         return StiffItinerary(self.walls * 2, 2 * self.m, self.beta, self.softness)
 
+    def divided(self, parts: int) -> "StiffItinerary":
+        """The itinerary of a motion that this one is `parts` times over."""
+        return StiffItinerary(self.walls[: self.contacts // parts], self.m // parts, self.beta, self.softness)
+
     def begun_at(self, first: int) -> "StiffItinerary":
         """The itinerary of the same motion, begun at contact number `first`."""
         return StiffItinerary(self.walls[first:] + self.walls[:first], self.m, self.beta, self.softness)

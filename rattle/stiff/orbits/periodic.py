@@ -14,7 +14,7 @@ from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit
 from rattle.numerics.complex_step import Array
 from rattle.orbits.period_one import Orbit, multipliers_of
-from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters
+from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters, with_shortest_period
 from rattle.stiff.map.flow import OK, QUIET, departs, piece
 from rattle.stiff.map.return_map import StiffPoint
 from rattle.stiff.orbits import closure
@@ -207,7 +207,8 @@ def stiff_orbit(
     """The periodic motion of the stiff gear near the departure (τ, v) from Σ⁺, with n_plus ≥ 1 contacts with Σ⁺ a
     period, by Newton's method on times and durations of its contacts.
 
-    All numbers dimensionless; time in forcing periods. Raises ParameterError, and RattleError if there is none near.
+    The motion has its least period: if it repeats itself earlier than after n_plus contacts, its n_plus is smaller. All
+    numbers dimensionless; time in forcing periods. Raises ParameterError, and RattleError if there is none near.
     """
     delta, beta = require_number("delta", delta, positive=True), require_number("beta", beta, positive=True)
     kappa, v = require_number("kappa", kappa, positive=True), require_number("v", v, positive=True)
@@ -217,4 +218,4 @@ def stiff_orbit(
     found = at_parameters(itinerary, x)
     if found is None or not admissible(itinerary, found):
         raise RattleError(f"no periodic motion with {n_plus} contacts with Σ⁺ near tau = {tau}, v = {v}: start closer")
-    return orbit_of(itinerary, found)
+    return orbit_of(*with_shortest_period(itinerary, found))

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from settles_later import COUNT, watched
+from depth import either
+from settles_later import COUNT, cells, watched
 
 import rattle
 from rattle.attractors.speeds import read_speed, sampled_speeds
@@ -36,6 +37,38 @@ def test_who_bounces_often_in_a_few_periods_may_be_about_to_rest(number):
     chance = np.random.default_rng(5)
     delta, share = chance.uniform(0.4, 1.0, 400)[number], chance.uniform(0.98, 1.0, 400)[number]
     assert watched((delta, share * rattle.quiet_limit(delta), 0.6, math.inf)).wrong == 0
+
+
+#: Just below the quiet limit: all samples rest within 600,000 impacts.
+AT_THE_LIMIT = (0.6252706847775731, 0.19775731219380202, 0.5009509383945855)
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 8, 16])
+def test_a_small_count_is_no_reason_to_call_a_transient_chaos(count):
+    gear = rattle.Gear(*AT_THE_LIMIT)
+    for v_max in (None, "natural"):
+        assert not [each for each in gear.attractors(count, v_max) if each.kind == "chaotic"]
+
+
+@pytest.mark.parametrize("count", [1, 2, 4, 8, 16])
+def test_chaos_is_found_by_few_samples_too(count):
+    """With a quiet motion and without one, and watched as long as by many."""
+    for point in ((0.6, 0.1), (0.762, 0.0968), (0.5, 0.2)):
+        many = rattle.Gear(*point).attractors(64)
+        few = rattle.Gear(*point).attractors(count)
+        assert {each.kind for each in few} <= {each.kind for each in many}
+    (chaos,) = rattle.Gear(0.45, 0.25).attractors(count)
+    assert (chaos.kind, chaos.fraction) == ("chaotic", 1.0)
+
+
+@pytest.mark.parametrize("count", either([4], [2, 4, 8, 16]))
+def test_few_samples_are_wrong_about_chaos_as_rarely_as_many(count):
+    """Random cells just below the quiet limit; without states beside the samples a third settle later."""
+    law = list(zip(*(map(float, each) for each in cells("limit", 240, 6)), strict=True))
+    found = [watched(point, count) for point in law]
+    chaotic, wrong = (sum(getattr(each, name) for each in found) for name in ("chaotic", "wrong"))
+    assert chaotic > 0
+    assert wrong <= 0.1 * chaotic
 
 
 @pytest.mark.parametrize("budget", [1, 100, 1000])
