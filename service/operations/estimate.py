@@ -142,8 +142,12 @@ def _few_gears(request: PopulationRequest) -> PopulationRequest:
 
 def _few_cells(request: SurveyRequest) -> SurveyRequest:
     request = request.at(next(islice(request.slices, request.n_slices // 2, None)))
-    axes = {
-        name: Axis(start=axis.start, stop=axis.stop, num=min(axis.num, TRIED))
-        for name, axis in (("delta", request.delta), ("epsilon", request.epsilon))
-    }
+    axes = {"delta": _few_values(request.delta), "epsilon": _few_values(request.epsilon)}
     return request.model_copy(update={**axes, "tile": TileShape()})
+
+
+def _few_values(axis: Axis) -> Axis:
+    """The middles of as many equal parts of an axis: cells at its ends stand for fewer than others do."""
+    num = min(axis.num, TRIED)
+    half = (axis.stop - axis.start) / (2 * num)
+    return Axis(start=axis.start + half, stop=axis.stop - half, num=num)

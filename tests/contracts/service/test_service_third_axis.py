@@ -92,6 +92,9 @@ def test_only_chunks_that_are_computed_are_owed(client: TestClient, running: str
 def test_the_cost_is_that_of_cells_of_the_middle_slice() -> None:
     few = _few_cells(REQUEST)
     assert (few.beta, few.n_cells) == (0.5, 9)
+    width = REQUEST.delta.stop - REQUEST.delta.start
+    assert few.delta.start == pytest.approx(REQUEST.delta.start + width / 6)  # each stands for a ninth of the plane
+    assert few.delta.stop == pytest.approx(REQUEST.delta.stop - width / 6)
     stiff = SurveyRequest(**BODY | {"quantities": ["orbits"], "model": "stiff", "kappa": (1e3, 1e4, 2)})
     assert stiff.stiffness == 1e4
     assert most_like(stiff, []) is None
