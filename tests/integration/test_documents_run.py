@@ -48,7 +48,7 @@ def test_a_document_runs_as_a_file(tmp_path: Path, document: str, replaced: list
         text = re.sub(pattern, instead, text)
     file = tmp_path / "document.py"
     file.write_text(first + text)
-    environment = ENVIRONMENT | {"MPLBACKEND": "agg", "PYTHONPATH": ""}
+    environment = ENVIRONMENT | {"MPLBACKEND": "agg"}
     command = [sys.executable, str(file)]
     ran = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=HANG)
     assert ran.returncode == 0, ran.stderr

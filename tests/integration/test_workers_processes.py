@@ -113,7 +113,6 @@ def imported(tmp_path: Path) -> str:
 
 #: As an installed command has it; the tests' own entry would import from the working directory by itself.
 COMMAND = Path(sys.executable).with_name("rattle")
-CLEAN = {name: value for name, value in ENVIRONMENT.items() if name != "PYTHONPATH"}
 
 
 def test_they_have_the_environment_of_now(cluster: Client, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001
@@ -187,7 +186,9 @@ def test_a_script_needs_no_guard_and_its_directory_hides_nothing(tmp_path: Path,
     script.write_text(SCRIPT)
     # -P: what Python itself does with a script's directory is not our affair.
     command = [sys.executable, "-P", "-" if piped else str(script)]
-    ran = subprocess.run(command, cwd=poisoned, env=CLEAN, input=SCRIPT, capture_output=True, text=True, timeout=HANG)
+    ran = subprocess.run(
+        command, cwd=poisoned, env=ENVIRONMENT, input=SCRIPT, capture_output=True, text=True, timeout=HANG
+    )
     assert ran.returncode == 0, ran.stderr
     assert ran.stdout == "3\n"
     assert ran.stderr == ""
@@ -197,7 +198,7 @@ def test_a_script_needs_no_guard_and_its_directory_hides_nothing(tmp_path: Path,
 
 def test_the_command_imports_nothing_from_the_working_directory(tmp_path: Path, poisoned: Path) -> None:
     command = [COMMAND, "run", *OPTIONS, "--workers", "1", "--out", str(tmp_path / "survey.zarr")]
-    ran = subprocess.run(command, cwd=poisoned, env=CLEAN, capture_output=True, text=True, timeout=HANG)
+    ran = subprocess.run(command, cwd=poisoned, env=ENVIRONMENT, capture_output=True, text=True, timeout=HANG)
     assert ran.returncode == 0, ran.stderr
     assert imported(tmp_path) == ""
 
@@ -208,7 +209,7 @@ def test_a_service_imports_nothing_from_the_working_directory(tmp_path: Path, po
 
     command = [COMMAND, "serve", "--port", "0", "--workers", "1", "--data", str(tmp_path / "data")]
     with (tmp_path / "log").open("w") as log:
-        process = subprocess.Popen(command, cwd=poisoned, env=CLEAN, stderr=log)
+        process = subprocess.Popen(command, cwd=poisoned, env=ENVIRONMENT, stderr=log)
     try:
         address = wait_until(lambda: listening_at((tmp_path / "log").read_text()))
         wait_until(lambda: httpx.get(f"{address}/v1/health").json()["cluster"] == "ready")
