@@ -3,6 +3,7 @@
 import gc
 import logging
 import os
+import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -15,10 +16,14 @@ from postgres import Postgres, missing
 from s3_server import S3, s3_server
 from xdist.scheduler import LoadFileScheduling
 
+from rattle.numerics.processes import SAFE_PATH
+
 #: Files in memory, where there is so much room. A run makes 200,000, and to delete as many on a disk took minutes.
 IN_MEMORY, ROOM = Path("/dev/shm"), 4 << 30
 OBJECTS = 300_000  # that are made between two collections of garbage; Python's own default is 700
 
+MODULE_PATH = [*sys.path]
+GIVEN_SAFE_PATH = {SAFE_PATH: os.environ[SAFE_PATH]} if SAFE_PATH in os.environ else {}
 #: Files that share what takes long to start (a browser with its service, a bucket) run in one process.
 TOGETHER = {
     "tests/browser/": "browser",
@@ -53,6 +58,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if left_out:
         config.hook.pytest_deselected(items=left_out)
         items[:] = [item for item in items if item not in left_out]
+
+
+def _find_modules_as_before() -> None:
+    sys.path[:] = MODULE_PATH
+    os.environ.pop(SAFE_PATH, None)
+    os.environ.update(GIVEN_SAFE_PATH)
+
+
+@pytest.fixture(autouse=True)
+def _modules_are_found_where_they_were() -> Iterator[None]:
+    """Applications leave the working directory out of where their process finds modules, for good."""
+    _find_modules_as_before()  # those of a whole file have begun before the first of its tests
+    yield
+    _find_modules_as_before()
 
 
 def pytest_configure() -> None:
