@@ -232,7 +232,7 @@ def build(top: Path) -> Path:
     source.mkdir()
     for name in (*DOCUMENTS, "pyproject.toml", "setup.py", "MANIFEST.in", "constraints.txt"):
         shutil.copy(ROOT / name, source)
-    for package in PACKAGES:
+    for package in (*PACKAGES, "docs"):
         shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
     _made(sys.executable, "-m", "build", "--installer", "uv", "--outdir", str(made), str(source))
     _made(sys.executable, "-m", "twine", "check", "--strict", *map(str, made.iterdir()))
