@@ -97,6 +97,8 @@ class Begun:
         if not threads or not self._ended + trusted:
             return None
         pace = (self._spent + trusted) / (self._ended + trusted)
+        if self.foreseen:  # tiles of which too much was expected begin, so that what they save is not saved again
+            pace = max(pace, 1.0)
         lefts, begun = [], 0.0
         for index, part in self.partial.items():
             done, seconds = part.record.cells, self._expected[index]
