@@ -22,7 +22,7 @@ from rattle.numerics.processes import SAFE_PATH
 IN_MEMORY, ROOM = Path("/dev/shm"), 4 << 30
 OBJECTS = 300_000  # that are made between two collections of garbage; Python's own default is 700
 
-MODULE_PATH = [*sys.path]
+MODULE_PATH: list[str] = []  # with the directories of the tests, which pytest adds while it collects them
 GIVEN_SAFE_PATH = {SAFE_PATH: os.environ[SAFE_PATH]} if SAFE_PATH in os.environ else {}
 #: Files that share what takes long to start (a browser with its service, a bucket) run in one process.
 TOGETHER = {
@@ -61,7 +61,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def _find_modules_as_before() -> None:
-    sys.path[:] = MODULE_PATH
+    sys.path[:] = dict.fromkeys([*MODULE_PATH, *sys.path])  # dask has added a directory of its own
     os.environ.pop(SAFE_PATH, None)
     os.environ.update(GIVEN_SAFE_PATH)
 
@@ -91,6 +91,7 @@ def _is_like_a_disk(directory: Path) -> bool:
 
 def pytest_collection_finish() -> None:
     """What is loaded now stays: to look through it for garbage again and again took a tenth of the time."""
+    MODULE_PATH[:] = sys.path
     gc.freeze()
     gc.set_threshold(OBJECTS)
     gc.enable()
