@@ -2,7 +2,7 @@
 FROM python:3.11-slim AS builder
 WORKDIR /build
 # What others have written, first and of an empty package: an edit of ours does not install it again.
-COPY pyproject.toml setup.py constraints.txt README.md LICENSE ./
+COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY rattle/_version.py rattle/_version.py
 RUN python -m venv /venv && touch rattle/__init__.py
 RUN /venv/bin/pip install --no-cache-dir --constraint constraints.txt ".[service,postgres,s3]"

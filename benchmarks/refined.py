@@ -18,9 +18,9 @@ import numpy as np
 import xarray as xr
 
 import rattle
+from gear_rattle.workers import SurveyRequest, open_survey
+from gear_rattle.workers.survey.refined.audit import upper_share
 from rattle.models import model_of
-from workers import SurveyRequest, open_survey
-from workers.survey.refined.audit import upper_share
 
 AT_ONCE = 500  # cells that a process computes at a time
 SURELY = 1e-3  # how seldom a sample misses by chance what it is said to have missed

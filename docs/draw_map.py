@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 ROOT = Path(__file__).parents[1]
 PICTURE = ROOT / "docs" / "images" / "map.svg"
 PACKAGES = ("service", "workers", "rattle")
+NAMES = {"service": "gear_rattle.service", "workers": "gear_rattle.workers", "rattle": "rattle"}  # as imported
 INKS = {"service": "#2b6cb0", "workers": "#2f855a", "rattle": "#b7791f"}
 WIDTH, ROW = 1.55, 0.62  # of a room, and from layer to layer
 
@@ -28,14 +29,16 @@ Edges = set[tuple[str, str]]
 def layers_of(package: str) -> list[list[str]]:
     """The rooms of a package, from the highest layer down, as its contract has them."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
-    (found,) = (each["layers"] for each in contracts if each.get("containers") == [package])
+    (found,) = (each["layers"] for each in contracts if each.get("containers") == [NAMES[package]])
     return [re.findall(r"\w+", layer) for layer in found]
 
 
 def imports_of(package: str) -> Edges:
     """(importer, imported) for every two rooms of a package of which one imports the other."""
-    graph = grimp.build_graph(package, cache_dir=None)  # a cache knows files by the second of their change
-    rooms = {room: f"{package}.{room}" for layer in layers_of(package) for room in layer}
+    graph = grimp.build_graph(
+        NAMES[package].partition(".")[0], cache_dir=None
+    )  # a cache knows files by the second of their change
+    rooms = {room: f"{NAMES[package]}.{room}" for layer in layers_of(package) for room in layer}
     return {
         (above, below)
         for above, importer in rooms.items()

@@ -2,41 +2,41 @@
 
 `run_survey` makes a survey and opens it, `open_survey` opens one that is there, `open_family` a family of its
 attractors, and `Client` talks to a service. A survey that is opened can draw itself, `survey.rattle.plot("region")`.
-What surveys raise is a `SurveyError`, what a client raises a `ServiceError`; both are `rattle.RattleError`s. In
-an installed wheel the packages `workers` and `service` stand in here (setup.py): in the checkout they stand beside it.
+What surveys raise is a `SurveyError`, what a client raises a `ServiceError`; both are `rattle.RattleError`s. The
+packages `workers` and `service` stand in here; a checkout has them beside it, and links to them here.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gear_rattle.service.client import Client, Job
+    from gear_rattle.service.errors import ResponseError, ServiceError, WaitTimeoutError
+    from gear_rattle.workers import SurveyRequest, open_family, open_survey, run_survey
+    from gear_rattle.workers.errors import ClusterLostError, DamageError, StoppedError, StorageError, SurveyError
+    from gear_rattle.workers.storage.complex import split_complex
     from rattle import __version__
-    from service.client import Client, Job
-    from service.errors import ResponseError, ServiceError, WaitTimeoutError
-    from workers import SurveyRequest, open_family, open_survey, run_survey
-    from workers.errors import ClusterLostError, DamageError, StoppedError, StorageError, SurveyError
-    from workers.storage.complex import split_complex
 
 _PLACES = {
-    "Client": "service.client",
-    "ClusterLostError": "workers.errors",
-    "DamageError": "workers.errors",
-    "Job": "service.client",
-    "ResponseError": "service.errors",
-    "ServiceError": "service.errors",
-    "StoppedError": "workers.errors",
-    "StorageError": "workers.errors",
-    "SurveyError": "workers.errors",
-    "SurveyRequest": "workers.survey.request",
-    "WaitTimeoutError": "service.errors",
+    "Client": "gear_rattle.service.client",
+    "ClusterLostError": "gear_rattle.workers.errors",
+    "DamageError": "gear_rattle.workers.errors",
+    "Job": "gear_rattle.service.client",
+    "ResponseError": "gear_rattle.service.errors",
+    "ServiceError": "gear_rattle.service.errors",
+    "StoppedError": "gear_rattle.workers.errors",
+    "StorageError": "gear_rattle.workers.errors",
+    "SurveyError": "gear_rattle.workers.errors",
+    "SurveyRequest": "gear_rattle.workers.survey.request",
+    "WaitTimeoutError": "gear_rattle.service.errors",
     "__version__": "rattle",
-    "open_family": "workers.families.one",
-    "open_survey": "workers.storage.store",
-    "run_survey": "workers.run",
-    "split_complex": "workers.storage.complex",
+    "open_family": "gear_rattle.workers.families.one",
+    "open_survey": "gear_rattle.workers.storage.store",
+    "run_survey": "gear_rattle.workers.run",
+    "split_complex": "gear_rattle.workers.storage.complex",
 }
 
-_ACCESSOR = "workers.pictures.accessor"  # registers `survey.rattle` with xarray
+_ACCESSOR = "gear_rattle.workers.pictures.accessor"  # registers `survey.rattle` with xarray
 _SURVEYS = ("Client", "open_survey", "run_survey")  # what gives surveys to people
 
 __all__ = [

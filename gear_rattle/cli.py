@@ -16,7 +16,7 @@ def main() -> None:
     """Run the command; where it cannot be, say which extra has it."""
     os.environ["PYTHONSAFEPATH"] = "1"  # no process that a library starts imports from the working directory
     try:
-        from service.cli import main as run
+        from gear_rattle.service.cli import main as run
     except ModuleNotFoundError as error:
         if error.name != "typer":
             raise

@@ -1,5 +1,5 @@
 """What a worker of somebody's own cluster loads before it reports: ``dask worker … --preload gear_rattle.cluster``."""
 
-from workers.cluster import dask_setup
+from gear_rattle.workers.cluster import dask_setup
 
 __all__ = ["dask_setup"]

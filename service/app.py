@@ -16,29 +16,29 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.responses import RedirectResponse
 
 import rattle
-import workers
+from gear_rattle import workers
+from gear_rattle.service import compilation
+from gear_rattle.service.access.middleware import REFERENCE_ASSETS, AccessMiddleware, caller_of
+from gear_rattle.service.access.revocation import Revocations
+from gear_rattle.service.explorer.page.mount import Explorer
+from gear_rattle.service.jobs.broadcast import Broadcast
+from gear_rattle.service.jobs.manager import JobManager
+from gear_rattle.service.jobs.opening import opened
+from gear_rattle.service.jobs.recovery import recover
+from gear_rattle.service.kernels import Kernels
+from gear_rattle.service.observability.logs import adopt_handlers
+from gear_rattle.service.observability.metrics import Metrics
+from gear_rattle.service.observability.request_log import RequestLogMiddleware
+from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.routes import ROUTERS, health
+from gear_rattle.service.settings import Settings
+from gear_rattle.service.state import Front
+from gear_rattle.service.web import problems
+from gear_rattle.service.web.conditional import AnyTagMiddleware
+from gear_rattle.service.web.documents import documents_of
+from gear_rattle.service.web.head import HeadMiddleware
+from gear_rattle.service.web.queries import refuse_unknown
 from rattle.numerics.processes import leave_working_directory
-from service import compilation
-from service.access.middleware import REFERENCE_ASSETS, AccessMiddleware, caller_of
-from service.access.revocation import Revocations
-from service.explorer.page.mount import Explorer
-from service.jobs.broadcast import Broadcast
-from service.jobs.manager import JobManager
-from service.jobs.opening import opened
-from service.jobs.recovery import recover
-from service.kernels import Kernels
-from service.observability.logs import adopt_handlers
-from service.observability.metrics import Metrics
-from service.observability.request_log import RequestLogMiddleware
-from service.operations.overlaid import Overlaid
-from service.routes import ROUTERS, health
-from service.settings import Settings
-from service.state import Front
-from service.web import problems
-from service.web.conditional import AnyTagMiddleware
-from service.web.documents import documents_of
-from service.web.head import HeadMiddleware
-from service.web.queries import refuse_unknown
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -49,8 +49,8 @@ READING: dict[str, Any] = {
     "allow_headers": ["Authorization", "If-None-Match", "Range"],
     "expose_headers": ["Content-Disposition", "Content-Range", "ETag", "Link", "Retry-After"],
 }
-DOCUMENTS = Path(__file__).with_name("help")  # of a wheel; `make docs` puts a site there
-SOURCES = Path(__file__).parents[1] / "docs"  # of a checkout
+DOCUMENTS = Path(__file__).with_name("help")  # the site that `make docs` builds
+SOURCES = Path(__file__).with_name("documents")  # a link to docs/; a wheel has copies
 WORKERS_NICE = 5  # answers come before tiles; at 19, beside two busy programs, a worker has 1.4 % of a core
 
 Cluster = Callable[[], AbstractContextManager["Client"]]

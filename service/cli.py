@@ -16,25 +16,25 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from service.commands import key, letters
-from service.commands.attractors import attractors
-from service.commands.certify import certify
-from service.commands.compare import compare
-from service.commands.curves import curves
-from service.commands.diagram import diagram
-from service.commands.explain import explain
-from service.commands.export import export
-from service.commands.figure import figure
-from service.commands.limit import limit
-from service.commands.opening import open_
-from service.commands.orbits import orbits
-from service.commands.paper import paper
-from service.commands.remote import describe, list_, submit, watch
-from service.commands.run import run
-from service.commands.serve import serve
-from service.commands.sound import sound
-from service.commands.tolerance import tolerance
-from service.commands.verify import verify
+from gear_rattle.service.commands import key, letters
+from gear_rattle.service.commands.attractors import attractors
+from gear_rattle.service.commands.certify import certify
+from gear_rattle.service.commands.compare import compare
+from gear_rattle.service.commands.curves import curves
+from gear_rattle.service.commands.diagram import diagram
+from gear_rattle.service.commands.explain import explain
+from gear_rattle.service.commands.export import export
+from gear_rattle.service.commands.figure import figure
+from gear_rattle.service.commands.limit import limit
+from gear_rattle.service.commands.opening import open_
+from gear_rattle.service.commands.orbits import orbits
+from gear_rattle.service.commands.paper import paper
+from gear_rattle.service.commands.remote import describe, list_, submit, watch
+from gear_rattle.service.commands.run import run
+from gear_rattle.service.commands.serve import serve
+from gear_rattle.service.commands.sound import sound
+from gear_rattle.service.commands.tolerance import tolerance
+from gear_rattle.service.commands.verify import verify
 
 FAILED, REFUSED = 1, 2
 
@@ -47,7 +47,7 @@ class Commands(TyperGroup):
             return super().invoke(ctx)
         except typer.BadParameter as error:
             if error.param is not None and hasattr(error.__cause__, "errors"):  # typer's own, of one option
-                from workers.survey.axes import reason
+                from gear_rattle.workers.survey.axes import reason
 
                 error.message = reason(error.__cause__)  # type: ignore[arg-type]
             raise

@@ -19,13 +19,13 @@ from typing import TYPE_CHECKING, Any, Self
 import httpx
 from httpx_sse import SSEError, connect_sse
 
-from service.errors import ResponseError, ServiceError, WaitTimeoutError
-from service.results import key_headers, open_family, open_results
+from gear_rattle.service.errors import ResponseError, ServiceError, WaitTimeoutError
+from gear_rattle.service.results import key_headers, open_family, open_results
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from workers import AnyRequest, PopulationRequest, SurveyRequest
+    from gear_rattle.workers import AnyRequest, PopulationRequest, SurveyRequest
 
 AXES, OF_A_MACHINE = ("delta", "epsilon", "beta", "kappa"), ("rpm", "eccentricity")
 AXIS = ("start", "stop", "num")
@@ -289,7 +289,7 @@ class Job:
         return open_results(self.store_url, self._client.headers)
 
     def open_family(self, number: int, slice_number: int | None = None) -> xr.Dataset:
-        """The map of one family of a survey that was computed with families: `workers.open_family`."""
+        """The map of one family of a survey that was computed with families: `gear_rattle.workers.open_family`."""
         return open_family(self.store_url, number, self._client.headers, slice_number)
 
     def answers(self) -> Document:

@@ -1,4 +1,4 @@
-"""What the front end can refuse, as exceptions; :mod:`service.web.problems` maps them to HTTP.
+"""What the front end can refuse, as exceptions; :mod:`gear_rattle.service.web.problems` maps them to HTTP.
 
 Those that the client raises are names of `gear_rattle`, and say so.
 """

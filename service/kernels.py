@@ -17,10 +17,10 @@ import anyio
 from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 from starlette.concurrency import run_in_threadpool
 
+from gear_rattle.service.errors import KernelsError
+from gear_rattle.service.settings import Settings
 from rattle.models import AnyModel, Model, model_of
 from rattle.numerics.compile import note_in_cache
-from service.errors import KernelsError
-from service.settings import Settings
 
 AT = 0.6, 0.1  # δ, ε of the gear that is computed for its kernels; β = 0.6
 KAPPA = 1e4
@@ -59,7 +59,7 @@ def note_compiled(name: Model) -> None:
 
 
 class Kernels:
-    """The kernels of one service, in its event loop; `work` is what needs each part of them (`service.compilation`)."""
+    """The kernels of one service, in its event loop; `work` is what needs each part of them (compilation.py)."""
 
     def __init__(self, settings: Settings, work: Work) -> None:
         self._settings, self._work = settings, work

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from service.access.origins import is_loopback
-from service.errors import ServiceError
+from gear_rattle.service.access.origins import is_loopback
+from gear_rattle.service.errors import ServiceError
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -44,7 +44,7 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
     Raises:
         RattleError: there is no survey, or it cannot be read.
     """
-    from workers import open_survey
+    from gear_rattle.workers import open_survey
 
     if headers is None and STORE_URL.fullmatch(str(store)) and (key := key_headers()):
         if not _is_trusted(str(store)):
@@ -57,8 +57,8 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
         return open_survey(store, group)
     import xarray as xr
 
-    from workers.storage.complex import joined
-    from workers.storage.encoding import prepare_for_writing
+    from gear_rattle.workers.storage.complex import joined
+    from gear_rattle.workers.storage.encoding import prepare_for_writing
 
     try:
         options = {"headers": dict(headers)}
@@ -71,12 +71,12 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
 def open_family(
     store: str | Path, number: int, headers: Mapping[str, str] | None = None, slice_number: int | None = None
 ) -> xr.Dataset:
-    """Open one family of a survey, from disk or from a service: `workers.open_family`, with the key of `open_results`.
+    """Open one family of a survey, from disk or from a service, as `gear_rattle.open_family`; the key is that of `open_results`.
 
     Raises:
         RattleError: there is no survey, it has no families, or none of this number.
     """
-    from workers.families.one import family_of
+    from gear_rattle.workers.families.one import family_of
 
     return family_of(lambda group: open_results(store, headers, group), str(store), number, slice_number)
 

@@ -16,18 +16,18 @@ from typing import Annotated
 from anyio import CancelScope, CapacityLimiter
 from fastapi import Depends, Request
 
-from service.access.revocation import Revocations
-from service.database import Database
-from service.database.tables import JobRow, Kind, State
-from service.errors import MissingError, UnavailableError
-from service.jobs.broadcast import Broadcast
-from service.jobs.directory import DataDirectory
-from service.jobs.manager import JobManager
-from service.kernels import Kernels
-from service.observability.metrics import Metrics
-from service.places import Places
-from service.settings import Settings
-from workers import Bucket
+from gear_rattle.service.access.revocation import Revocations
+from gear_rattle.service.database import Database
+from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.errors import MissingError, UnavailableError
+from gear_rattle.service.jobs.broadcast import Broadcast
+from gear_rattle.service.jobs.directory import DataDirectory
+from gear_rattle.service.jobs.manager import JobManager
+from gear_rattle.service.kernels import Kernels
+from gear_rattle.service.observability.metrics import Metrics
+from gear_rattle.service.places import Places
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import Bucket
 
 
 @dataclass(frozen=True)

@@ -1,47 +1,46 @@
 """A survey of the (δ, ε) plane, or a population of gears: its request, its tiles, its zarr store, and the dask cluster
 that fills it.
 
-Pictures are apart, in `workers.pictures.figure` and `workers.pictures.maps`: processes that compute need not load what
-draws.
+Pictures are apart, in workers/pictures: processes that compute need not load what draws.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from workers.cluster.window import Frame, compute_part, map_quantity, window_survey
-from workers.completion import complete, is_incomplete
-from workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
-from workers.families.join import join_survey, lacks_families
-from workers.families.one import open_family
-from workers.in_process import compile_for, is_short, run_tiles_here
-from workers.kinds import AnyRequest, compute_tile, request_of, tiles_of
-from workers.populations.request import PopulationRequest
-from workers.run import run_survey
-from workers.storage.bucket import Bucket
-from workers.storage.integrity import Integrity, examine
-from workers.storage.location import Directory, Place, place_of
-from workers.storage.store import create_store, finish_store, open_survey, tiles_done
-from workers.survey.axes import Axis, Window
-from workers.survey.request import InitialConditions, SurveyRequest, TileShape
-from workers.survey.tiles import Tile, TileRecord
-from workers.survey.values.quantities import QUANTITIES
-from workers.survey.values.schema import Group, Quantity
+from gear_rattle.workers.cluster.window import Frame, compute_part, map_quantity, window_survey
+from gear_rattle.workers.completion import complete, is_incomplete
+from gear_rattle.workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
+from gear_rattle.workers.families.join import join_survey, lacks_families
+from gear_rattle.workers.families.one import open_family
+from gear_rattle.workers.in_process import compile_for, is_short, run_tiles_here
+from gear_rattle.workers.kinds import AnyRequest, compute_tile, request_of, tiles_of
+from gear_rattle.workers.populations.request import PopulationRequest
+from gear_rattle.workers.run import run_survey
+from gear_rattle.workers.storage.bucket import Bucket
+from gear_rattle.workers.storage.integrity import Integrity, examine
+from gear_rattle.workers.storage.location import Directory, Place, place_of
+from gear_rattle.workers.storage.store import create_store, finish_store, open_survey, tiles_done
+from gear_rattle.workers.survey.axes import Axis, Window
+from gear_rattle.workers.survey.request import InitialConditions, SurveyRequest, TileShape
+from gear_rattle.workers.survey.tiles import Tile, TileRecord
+from gear_rattle.workers.survey.values.quantities import QUANTITIES
+from gear_rattle.workers.survey.values.schema import Group, Quantity
 
 if TYPE_CHECKING:
-    from workers.cluster.cluster import connect, embedded_cluster
-    from workers.cluster.costs import Begun
-    from workers.cluster.refinement import refined
-    from workers.cluster.runner import complete_on, run_tiles, template_on
+    from gear_rattle.workers.cluster.cluster import connect, embedded_cluster
+    from gear_rattle.workers.cluster.costs import Begun
+    from gear_rattle.workers.cluster.refinement import refined
+    from gear_rattle.workers.cluster.runner import complete_on, run_tiles, template_on
 
 #: What needs dask's cluster, a quarter of a second that a survey in one process does not wait for.
 _ON_CLUSTERS = {
-    "Begun": "workers.cluster.costs",
-    "complete_on": "workers.cluster.runner",
-    "connect": "workers.cluster.cluster",
-    "embedded_cluster": "workers.cluster.cluster",
-    "refined": "workers.cluster.refinement",
-    "run_tiles": "workers.cluster.runner",
-    "template_on": "workers.cluster.runner",
+    "Begun": "gear_rattle.workers.cluster.costs",
+    "complete_on": "gear_rattle.workers.cluster.runner",
+    "connect": "gear_rattle.workers.cluster.cluster",
+    "embedded_cluster": "gear_rattle.workers.cluster.cluster",
+    "refined": "gear_rattle.workers.cluster.refinement",
+    "run_tiles": "gear_rattle.workers.cluster.runner",
+    "template_on": "gear_rattle.workers.cluster.runner",
 }
 
 __all__ = [

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
+from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.kinds import request_of
+from gear_rattle.workers.populations.request import PopulationRequest
+from gear_rattle.workers.populations.variables import gears_of
+from gear_rattle.workers.storage.integrity import read_sealed
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.survey.seals import ROOT
+from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle import Population
-from workers.errors import SurveyError, reading
-from workers.kinds import request_of
-from workers.populations.request import PopulationRequest
-from workers.populations.variables import gears_of
-from workers.storage.integrity import read_sealed
-from workers.storage.location import Place, place_of
-from workers.survey.seals import ROOT
-from workers.survey.values.evaluate import FAILED
 
 if TYPE_CHECKING:
     import xarray as xr

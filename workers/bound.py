@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import zarr
 
-from workers.errors import reading, storage_error
-from workers.storage.added import Each, here
-from workers.storage.location import Place, place_of
-from workers.storage.root import attributes_of, tell
-from workers.storage.store import write_tile
-from workers.survey.refined.audit import AUDIT, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL, TOLD
-from workers.survey.refined.rounds import KINDS, Counts, Round, next_round, upper_of
-from workers.survey.request import SurveyRequest
-from workers.survey.tiles import Tile, compute_tile, first_audit, tiles_of
+from gear_rattle.workers.errors import reading, storage_error
+from gear_rattle.workers.storage.added import Each, here
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.root import attributes_of, tell
+from gear_rattle.workers.storage.store import write_tile
+from gear_rattle.workers.survey.refined.audit import AUDIT, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL, TOLD
+from gear_rattle.workers.survey.refined.rounds import KINDS, Counts, Round, next_round, upper_of
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.tiles import Tile, compute_tile, first_audit, tiles_of
 
 COUNTED = (SOURCE_LEVEL, AUDIT, LEAF)
 

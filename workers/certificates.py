@@ -19,18 +19,18 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 import rattle
+from gear_rattle.workers.errors import SurveyError, storage_error
+from gear_rattle.workers.storage.added import Each
+from gear_rattle.workers.storage.integrity import COMPLETED, said_by_root
+from gear_rattle.workers.storage.location import CERTIFICATES as BESIDE
+from gear_rattle.workers.storage.location import Directory, certificates_of, place_of
+from gear_rattle.workers.storage.location import Place as Location
+from gear_rattle.workers.storage.store import open_survey
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.seals import ROOT, checksum
+from gear_rattle.workers.survey.slices import surveyed_model, value_along
+from gear_rattle.workers.survey.values.schema import CELL
 from rattle.models import AnyModel
-from workers.errors import SurveyError, storage_error
-from workers.storage.added import Each
-from workers.storage.integrity import COMPLETED, said_by_root
-from workers.storage.location import CERTIFICATES as BESIDE
-from workers.storage.location import Directory, certificates_of, place_of
-from workers.storage.location import Place as Location
-from workers.storage.store import open_survey
-from workers.survey.request import SurveyRequest
-from workers.survey.seals import ROOT, checksum
-from workers.survey.slices import surveyed_model, value_along
-from workers.survey.values.schema import CELL
 
 if TYPE_CHECKING:
     import xarray as xr

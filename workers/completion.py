@@ -7,14 +7,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from workers.bound import lacks_bound, meet_bound
-from workers.certificates import lacks_certificates, prove_survey
-from workers.families.join import join_survey, lacks_families
-from workers.kinds import AnyRequest
-from workers.overviews import lacks_levels, make_levels
-from workers.storage.added import Each, here
-from workers.storage.location import Place
-from workers.survey.request import SurveyRequest
+from gear_rattle.workers.bound import lacks_bound, meet_bound
+from gear_rattle.workers.certificates import lacks_certificates, prove_survey
+from gear_rattle.workers.families.join import join_survey, lacks_families
+from gear_rattle.workers.kinds import AnyRequest
+from gear_rattle.workers.overviews import lacks_levels, make_levels
+from gear_rattle.workers.storage.added import Each, here
+from gear_rattle.workers.storage.location import Place
+from gear_rattle.workers.survey.request import SurveyRequest
 
 
 def is_incomplete(request: AnyRequest, where: str | Path | Place) -> bool:

@@ -7,14 +7,14 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, tile_error
+from gear_rattle.workers.populations.request import PopulationRequest
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.store import before_tiles, require_aligned, write_tile
+from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
+from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import Model
 from rattle.warm import compile_together
-from workers.kinds import AnyRequest, AnyTile, compute_tile, tile_error
-from workers.populations.request import PopulationRequest
-from workers.storage.location import Place, place_of
-from workers.storage.store import before_tiles, require_aligned, write_tile
-from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
-from workers.survey.values.schema import SAMPLED, Group
 
 #: Milliseconds of a cell, in round numbers: the same command does the same on every machine.
 CLOSED_FORM, SAMPLE, BASINS, STIFF = 0.05, 1 / 64, 40.0, 100.0

@@ -9,16 +9,16 @@ from typing import Any
 import zarr
 from zarr.core.buffer import Buffer
 
-from workers.errors import StorageError, SurveyError, storage_error
-from workers.populations import template as population_template
-from workers.populations import tiles as population_tiles
-from workers.populations.request import PopulationRequest
-from workers.populations.tiles import GearTile
-from workers.survey import template as survey_template
-from workers.survey import tiles as survey_tiles
-from workers.survey.request import SurveyRequest
-from workers.survey.template import Template
-from workers.survey.tiles import CellOutcome, Tile, TileArrays, TileRecord
+from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
+from gear_rattle.workers.populations import template as population_template
+from gear_rattle.workers.populations import tiles as population_tiles
+from gear_rattle.workers.populations.request import PopulationRequest
+from gear_rattle.workers.populations.tiles import GearTile
+from gear_rattle.workers.survey import template as survey_template
+from gear_rattle.workers.survey import tiles as survey_tiles
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.template import Template
+from gear_rattle.workers.survey.tiles import CellOutcome, Tile, TileArrays, TileRecord
 
 AnyRequest = SurveyRequest | PopulationRequest
 AnyTile = Tile | GearTile

@@ -10,18 +10,18 @@ import zarr
 from zarr.core.buffer import Buffer
 from zarr.storage import MemoryStore
 
+from gear_rattle.workers.errors import reading, storage_error
+from gear_rattle.workers.storage.added import Each, here
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.store import added_to_store, has_added
+from gear_rattle.workers.survey.levels import reduce
+from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, blocks_of, levels_of, steps_of
+from gear_rattle.workers.survey.levels.template import create, described, files_of_levels, maps, meanings
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.seals import checksum
+from gear_rattle.workers.survey.values.evaluate import FAILED
+from gear_rattle.workers.survey.values.schema import OF_PERIODIC, Quantity, is_phase
 from rattle.attractors.table import PERIODIC
-from workers.errors import reading, storage_error
-from workers.storage.added import Each, here
-from workers.storage.location import Place, place_of
-from workers.storage.store import added_to_store, has_added
-from workers.survey.levels import reduce
-from workers.survey.levels.grid import GROUP, LevelBlock, blocks_of, levels_of, steps_of
-from workers.survey.levels.template import create, described, files_of_levels, maps, meanings
-from workers.survey.request import SurveyRequest
-from workers.survey.seals import checksum
-from workers.survey.values.evaluate import FAILED
-from workers.survey.values.schema import OF_PERIODIC, Quantity, is_phase
 
 
 def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from workers.certificates import require_certifiable
-from workers.completion import complete, is_incomplete
-from workers.errors import SurveyError
-from workers.in_process import compile_for, is_short, run_tiles_here
-from workers.storage.location import Place, place_of
-from workers.storage.store import create_store, finish_store, open_survey, tiles_done
-from workers.survey.axes import place_and_reason
-from workers.survey.request import SurveyRequest
-from workers.survey.tiles import Tile, TileRecord, tiles_of
+from gear_rattle.workers.certificates import require_certifiable
+from gear_rattle.workers.completion import complete, is_incomplete
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.in_process import compile_for, is_short, run_tiles_here
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.store import create_store, finish_store, open_survey, tiles_done
+from gear_rattle.workers.survey.axes import place_and_reason
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.tiles import Tile, TileRecord, tiles_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -109,7 +109,7 @@ def _compute(
         with place.writing():
             complete(request, place)
         return
-    from workers.cluster.runner import complete_on, run_tiles
+    from gear_rattle.workers.cluster.runner import complete_on, run_tiles
 
     with _client(cluster) as client:
         run_tiles(request, place, missing, client, on_tile, _never)
@@ -117,7 +117,7 @@ def _compute(
 
 
 def _client(cluster: str | Client | int | None) -> AbstractContextManager[Client]:
-    from workers.cluster.cluster import connect, embedded_cluster
+    from gear_rattle.workers.cluster.cluster import connect, embedded_cluster
 
     if isinstance(cluster, str):
         return connect(cluster)

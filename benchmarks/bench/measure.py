@@ -284,7 +284,7 @@ def survey(cells_per_side: int, count: int, n_workers: int, tile: int | None = N
     """Survey the plane of Figure 7 on an embedded cluster; a large survey has tiles of 32 × 32, a small one less."""
     from distributed import get_task_stream
 
-    import workers as w
+    from gear_rattle import workers as w
 
     delta, epsilon = (w.Axis(start=low, stop=high, num=cells_per_side) for low, high in PLANE)
     sample = w.InitialConditions(count=count)

@@ -10,13 +10,13 @@ from typing import Any
 
 import typer.main
 
-from service.app import create_app
-from service.cli import app as command
-from service.settings import Settings
-from workers import QUANTITIES, Group
-from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES
-from workers.survey.families import FAMILY_VARIABLES
-from workers.survey.values.quantities import COORDINATES, REFINED
+from gear_rattle.service.app import create_app
+from gear_rattle.service.cli import app as command
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import QUANTITIES, Group
+from gear_rattle.workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES
+from gear_rattle.workers.survey.families import FAMILY_VARIABLES
+from gear_rattle.workers.survey.values.quantities import COORDINATES, REFINED
 
 STORE = """# What a store holds
 

@@ -9,11 +9,11 @@ import secrets
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from service.database.tables import JobRow, KeyRow, Scope
+from gear_rattle.service.database.tables import JobRow, KeyRow, Scope
 
 if TYPE_CHECKING:
-    from service.database import Database
-    from service.database.keys import Identity
+    from gear_rattle.service.database import Database
+    from gear_rattle.service.database.keys import Identity
 
 SECRET_BYTES = 32
 TOKEN = re.compile(r"rattle_([0-9a-f]{16})_([A-Za-z0-9_-]{43})", re.ASCII)

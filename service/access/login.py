@@ -11,7 +11,7 @@ from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.routing import Route
 
-from service.access.keys import COOKIE, OLD_COOKIE, begin_session, find_key, hash_of
+from gear_rattle.service.access.keys import COOKIE, OLD_COOKIE, begin_session, find_key, hash_of
 
 LOGIN, LOGOUT = "/login", "/logout"
 FORM = "application/x-www-form-urlencoded"

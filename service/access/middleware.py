@@ -15,14 +15,14 @@ from starlette.requests import cookie_parser
 from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from gear_rattle.service.access.keys import COOKIE, Caller, find_key, find_session
+from gear_rattle.service.access.login import LOGIN, LOGOUT, login_url
+from gear_rattle.service.access.origins import is_local, is_loopback, require_own_name, require_same_origin
+from gear_rattle.service.database.tables import Scope as KeyScope
+from gear_rattle.service.errors import ForbiddenError, UnauthorizedError
+from gear_rattle.service.settings import Settings
+from gear_rattle.service.web import problems
 from rattle import RattleError
-from service.access.keys import COOKIE, Caller, find_key, find_session
-from service.access.login import LOGIN, LOGOUT, login_url
-from service.access.origins import is_local, is_loopback, require_own_name, require_same_origin
-from service.database.tables import Scope as KeyScope
-from service.errors import ForbiddenError, UnauthorizedError
-from service.settings import Settings
-from service.web import problems
 
 #: Scripts and styles of /docs and /redoc.
 REFERENCE_ASSETS = "/docs/static"

@@ -9,7 +9,7 @@ from ipaddress import IPv4Address, IPv6Address, ip_address
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
-from service.errors import ForbiddenError
+from gear_rattle.service.errors import ForbiddenError
 
 if TYPE_CHECKING:  # not there where surveys are computed without a service
     from starlette.datastructures import Headers

@@ -13,9 +13,9 @@ from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
 if TYPE_CHECKING:
-    from service.access.keys import Caller
-    from service.database import Database
-    from service.database.keys import Identity
+    from gear_rattle.service.access.keys import Caller
+    from gear_rattle.service.database import Database
+    from gear_rattle.service.database.keys import Identity
 
 #: Between two looks, while anything is open. Whatever process revokes a key writes it to the same database.
 LOOK_SECONDS = 0.5

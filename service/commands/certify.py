@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.commands import certify_bifurcations as bifurcations
-from service.commands.certify_areas import prove_areas
-from service.commands.filling import INTERRUPTED, started
-from service.commands.options import Scheduler, Slice
+from gear_rattle.service.commands import certify_bifurcations as bifurcations
+from gear_rattle.service.commands.certify_areas import prove_areas
+from gear_rattle.service.commands.filling import INTERRUPTED, started
+from gear_rattle.service.commands.options import Scheduler, Slice
 
 if TYPE_CHECKING:
     from rattle.proof.bifurcations.certificate import BifurcationCertificate
@@ -120,11 +120,11 @@ def _write(certificates: Iterable[BifurcationCertificate | HorseshoeCertificate 
 
 
 def _check(path: Path) -> None:
+    from gear_rattle.workers.certificates import CERTIFICATES
     from rattle.proof import check
     from rattle.proof.areas.checker import check as areas
     from rattle.proof.bifurcations.check import check as check_bifurcation
     from rattle.proof.chaos.check import check as check_horseshoe
-    from workers.certificates import CERTIFICATES
 
     file = path / CERTIFICATES if path.is_dir() else path
     if not file.is_file():
@@ -178,12 +178,12 @@ def _prove_point(delta: str, epsilon: str, beta: str, kappa: str | None) -> None
 
 
 def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, slice_number: int | None) -> None:
-    from service.commands.progress import reporter
-    from service.commands.signals import stop_requested
-    from service.results import open_results
-    from workers.certificates import CERTIFICATES, REFUSED, certify_survey, claims_of
-    from workers.errors import SurveyError
-    from workers.survey.slices import slice_of
+    from gear_rattle.service.commands.progress import reporter
+    from gear_rattle.service.commands.signals import stop_requested
+    from gear_rattle.service.results import open_results
+    from gear_rattle.workers.certificates import CERTIFICATES, REFUSED, certify_survey, claims_of
+    from gear_rattle.workers.errors import SurveyError
+    from gear_rattle.workers.survey.slices import slice_of
 
     with open_results(store) as whole, stop_requested() as stop:
         survey = slice_of(whole, slice_number)
@@ -199,7 +199,7 @@ def _prove_survey(store: str, out: Path, processes: int, scheduler: str | None, 
                 if client is None:
                     found = certify_survey(survey, out, on_done=on_done, should_stop=stop.is_set)
                 else:
-                    from workers.cluster.runner import certify_on  # dask
+                    from gear_rattle.workers.cluster.runner import certify_on  # dask
 
                     found = certify_on(client, survey, out, on_done, stop.is_set)
         except SurveyError:

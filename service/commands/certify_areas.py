@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from service.commands.filling import INTERRUPTED
+from gear_rattle.service.commands.filling import INTERRUPTED
 
 if TYPE_CHECKING:
     from rattle.proof.certificate import Ends
@@ -17,12 +17,12 @@ def prove_areas(
     out: Path, delta: str, epsilon: str, beta: str, columns: int, processes: int, figure: Path | None
 ) -> None:
     """Prove blocks of a plane, print what share of it is proved, and draw it."""
+    from gear_rattle.service.commands.progress import reporter
+    from gear_rattle.service.commands.signals import stop_requested
+    from gear_rattle.workers.areas import certify_areas
     from rattle.errors import require
     from rattle.proof.areas.shares import shares
     from rattle.proof.certificate import exact
-    from service.commands.progress import reporter
-    from service.commands.signals import stop_requested
-    from workers.areas import certify_areas
 
     half_backlash, across, along = exact("beta", beta), _ends("delta", delta), _ends("epsilon", epsilon)
     require(half_backlash > 0 and across[0] > 0, "beta and delta must be greater than 0")

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.commands.at_point import Point, at_point
-from service.commands.attractors import name_of
-from service.commands.options import Sample, Seed
+from gear_rattle.service.commands.at_point import Point, at_point
+from gear_rattle.service.commands.attractors import name_of
+from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
     from rich.table import Table

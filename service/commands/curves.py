@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.commands.options import Beta
+from gear_rattle.service.commands.options import Beta
 
 if TYPE_CHECKING:
     from rattle.curves import Curve
@@ -63,7 +63,7 @@ def _range(option: str, text: str) -> tuple[float, float]:
 
 
 def _write(path: Path, traced: list[Curve]) -> None:
-    from service.errors import ServiceError
+    from gear_rattle.service.errors import ServiceError
 
     try:
         with path.open("w", newline="") as file:

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from service.commands.options import Beta
+from gear_rattle.service.commands.options import Beta
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
 MEANINGS = {"SN": "saddle-node", "PD": "flip", "GR": "graze"}
@@ -40,8 +40,8 @@ def diagram(
     from rich.table import Table
 
     import rattle
-    from service.commands.drawing import require_writable, write
-    from service.commands.progress import compiling_told
+    from gear_rattle.service.commands.drawing import require_writable, write
+    from gear_rattle.service.commands.progress import compiling_told
 
     lows, highs = zip(_ends("--delta", delta), _ends("--epsilon", epsilon), strict=True)
     if lows == highs:

@@ -16,9 +16,9 @@ def draw(store: str | Path, out: Path, slice_number: int | None = None) -> None:
 
     slice_number: of a survey with a third axis.
     """
-    from service.results import open_results
-    from workers.pictures.figure import survey_figure
-    from workers.survey.slices import slice_of
+    from gear_rattle.service.results import open_results
+    from gear_rattle.workers.pictures.figure import survey_figure
+    from gear_rattle.workers.survey.slices import slice_of
 
     with open_results(store) as dataset:
         picture = survey_figure(slice_of(dataset, slice_number))
@@ -27,7 +27,7 @@ def draw(store: str | Path, out: Path, slice_number: int | None = None) -> None:
 
 def write(picture: Figure, out: Path) -> None:
     """Write a picture; the suffix is the format."""
-    from service.errors import ServiceError
+    from gear_rattle.service.errors import ServiceError
 
     try:
         picture.savefig(out)
@@ -40,7 +40,7 @@ def require_writable(out: Path) -> None:
     """Refuse a picture that could not be written, before the hours that it takes to have something to draw."""
     from matplotlib.backend_bases import FigureCanvasBase
 
-    from service.errors import ServiceError
+    from gear_rattle.service.errors import ServiceError
 
     known = FigureCanvasBase.get_supported_filetypes().keys() - {"pgf"}  # which needs a TeX
     if out.suffix.removeprefix(".").lower() not in known:

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.commands.options import Slice
+from gear_rattle.service.commands.options import Slice
 
 if TYPE_CHECKING:
-    from workers.boundaries.explain import Explanation
+    from gear_rattle.workers.boundaries.explain import Explanation
 
 WIDTH = 160  # numbers are never cut, whatever the terminal
 UNEXPLAINED = 1
@@ -28,9 +28,9 @@ def explain(
     Cells differ in their region or in their set of attractors. Of a survey with families it is told where they differ
     because samples missed a motion. Exits with 1 if a boundary of regions has no curve.
     """
-    from service.results import open_results
-    from workers.boundaries.explain import explain as explained
-    from workers.survey.slices import group_in, slice_of
+    from gear_rattle.service.results import open_results
+    from gear_rattle.workers.boundaries.explain import explain as explained
+    from gear_rattle.workers.survey.slices import group_in, slice_of
 
     with open_results(store) as whole:
         dataset = slice_of(whole, slice_)

@@ -12,7 +12,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from workers.survey.values.schema import Form
+    from gear_rattle.workers.survey.values.schema import Form
 
 ENDINGS = (".nc", ".csv", ".parquet")
 
@@ -29,7 +29,7 @@ def export(
     NetCDF has all that the store has but its levels, with CF conventions; a table has a row for each cell, or for each
     of its attractors or orbits. They are the files that a service gives for download.
     """
-    from workers.survey.values.schema import Form
+    from gear_rattle.workers.survey.values.schema import Form
 
     if out.suffix not in ENDINGS:
         raise typer.BadParameter(f"{out} must end in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}", param_hint="FILE")
@@ -46,9 +46,9 @@ def export(
 
 
 def _write(store: str, out: Path, form: Form) -> None:
-    from workers import open_survey, place_of
-    from workers.storage.export import csv_lines, require_readable, table_names, write_netcdf, write_parquet
-    from workers.storage.store import open_groups
+    from gear_rattle.workers import open_survey, place_of
+    from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names, write_netcdf, write_parquet
+    from gear_rattle.workers.storage.store import open_groups
 
     place = place_of(store)
     with open_survey(place, as_stored=True) as dataset:
@@ -65,7 +65,7 @@ def _write(store: str, out: Path, form: Form) -> None:
 @contextmanager
 def _replaced(path: Path) -> Iterator[IO[bytes]]:
     """A file that takes the place of `path` once it is whole; what fails on the way leaves nothing behind."""
-    from service.errors import ServiceError
+    from gear_rattle.service.errors import ServiceError
 
     part = path.with_name(f".{path.name}.{os.getpid()}")
     try:

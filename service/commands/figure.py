@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.commands.drawing import draw
-from service.commands.options import Slice
+from gear_rattle.service.commands.drawing import draw
+from gear_rattle.service.commands.options import Slice
 
 if TYPE_CHECKING:
     from rattle.plot.paper_figures import Request, StiffRequest
@@ -113,8 +113,8 @@ def _requests(
 
 
 def _draw_figures(requests: list[Request | StiffRequest], directory: Path, formats: list[str]) -> None:
+    from gear_rattle.service.errors import ServiceError
     from rattle.plot.drawing import FORMATS, save
-    from service.errors import ServiceError
 
     for each in formats:
         if each not in FORMATS:
@@ -137,7 +137,7 @@ def _draw_figures(requests: list[Request | StiffRequest], directory: Path, forma
 
 def _require_directory(directory: Path) -> None:
     """Refuse a place that cannot be written to before the minutes that a figure takes."""
-    from service.errors import ServiceError
+    from gear_rattle.service.errors import ServiceError
 
     try:
         directory.mkdir(parents=True, exist_ok=True)

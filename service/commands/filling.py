@@ -13,8 +13,8 @@ import typer
 if TYPE_CHECKING:
     from distributed import Client
 
-    from workers import AnyRequest, SurveyRequest, TileRecord
-    from workers.kinds import AnyTile
+    from gear_rattle.workers import AnyRequest, SurveyRequest, TileRecord
+    from gear_rattle.workers.kinds import AnyTile
 
 INTERRUPTED = 130
 PROCESSES = 2
@@ -24,8 +24,8 @@ LOOK_SECONDS = 0.1
 
 def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
     """Create or resume the store of a request, compute what is missing of it, and finish it."""
-    from service.commands.progress import compiling_told
-    from workers.certificates import require_certifiable
+    from gear_rattle.service.commands.progress import compiling_told
+    from gear_rattle.workers.certificates import require_certifiable
 
     require_certifiable(request, out)
     with compiling_told():
@@ -33,7 +33,7 @@ def fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | No
 
 
 def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | None) -> None:
-    import workers as survey
+    from gear_rattle import workers as survey
 
     alone = not (scheduler or workers)
     if alone and survey.is_short(request, request.n_cells):
@@ -62,7 +62,7 @@ def _fill(request: AnyRequest, out: str, scheduler: str | None, workers: int | N
 @contextmanager
 def _stoppable(out: str) -> Iterator[threading.Event]:
     """An event for a signal that ends the command after this."""
-    from service.commands.signals import stop_requested
+    from gear_rattle.service.commands.signals import stop_requested
 
     with stop_requested() as stop:
         yield stop
@@ -73,7 +73,7 @@ def _stoppable(out: str) -> Iterator[threading.Event]:
 
 def _compile(request: AnyRequest, stop: threading.Event) -> None:
     """Compile what a survey here needs, until that is done or this process shall stop."""
-    from workers import compile_for
+    from gear_rattle.workers import compile_for
 
     compiling = threading.Thread(target=compile_for, args=(request,), name="kernels", daemon=True)
     compiling.start()
@@ -86,7 +86,7 @@ def started(
 ) -> AbstractContextManager[Client]:
     """The cluster, and a word to whoever waits for it."""
     import rattle
-    from workers import connect, embedded_cluster
+    from gear_rattle.workers import connect, embedded_cluster
 
     if scheduler:
         return connect(scheduler)
@@ -103,11 +103,11 @@ def _compute(
     cluster: AbstractContextManager[Client | None],
     should_stop: Callable[[], bool],
 ) -> None:
-    import workers as survey
-    from service.commands.progress import reporter
-    from workers.kinds import place_of_cell
-    from workers.storage.root import attributes_of
-    from workers.survey.refined.audit import TOLD
+    from gear_rattle import workers as survey
+    from gear_rattle.service.commands.progress import reporter
+    from gear_rattle.workers.kinds import place_of_cell
+    from gear_rattle.workers.storage.root import attributes_of
+    from gear_rattle.workers.survey.refined.audit import TOLD
 
     todo = sum(tile.n_cells for tile in missing)
     done = before = request.n_cells - todo
@@ -143,7 +143,7 @@ def _compute(
 
 
 def _complete(request: AnyRequest, out: str, client: Client | None, should_stop: Callable[[], bool]) -> None:
-    import workers as survey
+    from gear_rattle import workers as survey
 
     if isinstance(request, survey.SurveyRequest):
         for words in _what_follows(request):
@@ -157,8 +157,8 @@ def _complete(request: AnyRequest, out: str, client: Client | None, should_stop:
 
 def _what_follows(request: SurveyRequest) -> Iterator[str]:
     """What is done with a survey whose tiles are all there."""
-    from workers import Group
-    from workers.survey.levels.grid import levels_of
+    from gear_rattle.workers import Group
+    from gear_rattle.workers.survey.levels.grid import levels_of
 
     if request.is_bounded:
         yield "Auditing filled cells until the bound is met"

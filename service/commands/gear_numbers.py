@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 import typer
 
-from service.commands.at_point import METRES, Command, with_options
-from service.commands.options import MACHINE, Drive
+from gear_rattle.service.commands.at_point import METRES, Command, with_options
+from gear_rattle.service.commands.options import MACHINE, Drive
 
 VALUE = "NUMBER|DISTRIBUTION"
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
-    from service.database import Database
+    from gear_rattle.service.database import Database
 
 LARGEST = 2**31 - 1  # what a column of integers holds
 LONGEST_NAME = 100
@@ -46,8 +46,8 @@ def add(
     database_url: DatabaseUrl = None,
 ) -> None:
     """Make a key and print it. It is shown this once: the service keeps a hash of it."""
-    from service.access.keys import add_key
-    from service.database.tables import Scope
+    from gear_rattle.service.access.keys import add_key
+    from gear_rattle.service.database.tables import Scope
 
     if not (name.isprintable() and 0 < len(name) <= LONGEST_NAME):
         raise typer.BadParameter(f"NAME has 1 to {LONGEST_NAME} characters that can be printed")
@@ -89,10 +89,10 @@ def revoke(
 
 @contextmanager
 def _database(data: Path | None, database_url: str | None, create: bool = False) -> Iterator[Database]:
-    from service.commands.options import settings_of
-    from service.database import Database
-    from service.errors import DataDirectoryError
-    from service.jobs.directory import DataDirectory
+    from gear_rattle.service.commands.options import settings_of
+    from gear_rattle.service.database import Database
+    from gear_rattle.service.errors import DataDirectoryError
+    from gear_rattle.service.jobs.directory import DataDirectory
 
     settings = settings_of(data=data, database_url=database_url)
     directory = DataDirectory(settings.data)

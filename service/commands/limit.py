@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.commands import options
-from service.commands.gear_numbers import with_numbers
+from gear_rattle.service.commands import options
+from gear_rattle.service.commands.gear_numbers import with_numbers
 
 if TYPE_CHECKING:
     from rattle.populations.limit import Limit
@@ -47,9 +47,9 @@ def limit(
 
     The other numbers are options: delta, epsilon and beta, or a machine's.
     """
+    from gear_rattle.service.commands.progress import compiling_told
     from rattle.attractors.classify import BUDGET
     from rattle.populations.limit import design_limit, design_limits
-    from service.commands.progress import compiling_told
 
     given: dict[str, Any] = {name: text if name == "drive" else _number(name, text) for name, text in numbers.items()}
     asked: dict[str, Any] = {"between": None if between is None else _pair(between)}
@@ -94,7 +94,7 @@ def _pair(text: str) -> tuple[float, float]:
 
 
 def _axis(text: str) -> tuple[str, list[float]]:
-    from workers import Axis
+    from gear_rattle.workers import Axis
 
     name, _, axis = text.partition("=")
     values = Axis.parse(axis)

@@ -9,6 +9,6 @@ import typer
 
 def open_(store: Annotated[str, typer.Argument(metavar="STORE", help="Path or URL of a survey's store.")]) -> None:
     """Print the dataset of a survey, as xarray shows it."""
-    from service.results import open_results
+    from gear_rattle.service.results import open_results
 
     typer.echo(repr(open_results(store)))

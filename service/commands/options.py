@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from service.settings import Settings
-    from workers import Axis, SurveyRequest
+    from gear_rattle.service.settings import Settings
+    from gear_rattle.workers import Axis, SurveyRequest
 
 AXIS = "START:STOP:NUM"
 DEFAULT_URL = "http://127.0.0.1:8000"
@@ -150,12 +150,12 @@ def settings_of(**given: Any) -> Settings:
     """Settings of a service, where None leaves them to the environment; typer.BadParameter names what is wrong."""
     from pydantic import ValidationError
 
-    from service.settings import Settings
+    from gear_rattle.service.settings import Settings
 
     try:
         return Settings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
-        from workers.survey.axes import place_and_reason
+        from gear_rattle.workers.survey.axes import place_and_reason
 
         raise typer.BadParameter(place_and_reason(error)) from error
 
@@ -184,10 +184,10 @@ def survey_request(
     """The request that these options describe; typer.BadParameter names the option that is wrong."""
     from pydantic import ValidationError
 
+    from gear_rattle.workers import Axis, SurveyRequest
+    from gear_rattle.workers.survey.axes import place_and_reason
     from rattle import RattleError
     from rattle.attractors.speeds import read_speed
-    from workers import Axis, SurveyRequest
-    from workers.survey.axes import place_and_reason
 
     given = {name: value for name, value in machine.items() if value is not None}
     asked = {name: value for name, value in (("audit", audit), ("bound", bound)) if value is not None}
@@ -230,7 +230,7 @@ def survey_request(
 
 
 def _number_or_axis(option: str, text: str) -> float | Axis:
-    from workers import Axis
+    from gear_rattle.workers import Axis
 
     if ":" in text:
         return Axis.parse(text)

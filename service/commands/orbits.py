@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from service.commands.at_point import Point, at_point
+from gear_rattle.service.commands.at_point import Point, at_point
 
 WIDTH = 140  # numbers are never cut, whatever the terminal
 NAMES = {"sn1": "SN1", "flip": "flip", "quiet_limit": "quiet limit"}  # of the limits

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.commands import options
-from service.commands.options import DEFAULT_URL, Url
+from gear_rattle.service.commands import options
+from gear_rattle.service.commands.options import DEFAULT_URL, Url
 
 if TYPE_CHECKING:
-    from service.client import Client, Job
+    from gear_rattle.service.client import Client, Job
 
 NOT_FOUND = 404
 
@@ -53,7 +53,7 @@ def submit(
 
     A population of gears is submitted by rattle tolerance --submit.
     """
-    from service.client import Client
+    from gear_rattle.service.client import Client
 
     request = options.survey_request(
         delta=delta,
@@ -102,7 +102,7 @@ def list_(
     from rich.table import Table
     from rich.text import Text
 
-    from service.client import Client
+    from gear_rattle.service.client import Client
 
     table = Table("id", "state", "progress", "gears" if populations else "cells", "created", "name", box=None)
     with Client(url) as client:
@@ -120,7 +120,7 @@ def watch(
     url: Url = DEFAULT_URL,
 ) -> None:
     """Follow a survey or a population until it ends, and print where its results are; of a population what follows."""
-    from service.client import Client
+    from gear_rattle.service.client import Client
 
     with Client(url) as client:
         follow(_job(client, job_id))
@@ -133,7 +133,7 @@ def describe(
     url: Url = DEFAULT_URL,
 ) -> None:
     """Give a survey of a service another name, or notes, and print both."""
-    from service.client import Client
+    from gear_rattle.service.client import Client
 
     with Client(url) as client:
         job = client.job(survey_id)
@@ -143,7 +143,7 @@ def describe(
 
 def _job(client: Client, job_id: str) -> Job:
     """What has this id."""
-    from service.errors import ResponseError
+    from gear_rattle.service.errors import ResponseError
 
     try:
         return client.job(job_id)
@@ -160,7 +160,7 @@ def _job(client: Client, job_id: str) -> Job:
 
 def follow(job: Job) -> None:
     """Show how far it is until it ends, and then what is known."""
-    from service.commands.progress import reporter
+    from gear_rattle.service.commands.progress import reporter
 
     of_gears = job.kind == "population"
     cells, done = job.document["cells"], job.document["cells_done"]
@@ -168,7 +168,7 @@ def follow(job: Job) -> None:
         job.wait(progress=lambda event: progress.show(event["cells_done"]))
     typer.echo(f"{job.state}: {job.store_url}")
     if of_gears:
-        from service.commands.population_tables import print_population
-        from workers.answers import population_in
+        from gear_rattle.service.commands.population_tables import print_population
+        from gear_rattle.workers.answers import population_in
 
         print_population(population_in(job.open(), job.store_url))

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from service.commands import options
-from service.commands.filling import fill
+from gear_rattle.service.commands import options
+from gear_rattle.service.commands.filling import fill
 
 
 def run(
@@ -75,7 +75,7 @@ def run(
             "eccentricity": eccentricity,
         },
     )
-    from service.commands.drawing import draw, require_writable
+    from gear_rattle.service.commands.drawing import draw, require_writable
 
     if figure is not None:
         if request.third:
@@ -98,10 +98,10 @@ def _summarise(out: str) -> None:
     import numpy as np
     import zarr  # xarray takes half a second to load
 
-    from workers.storage.location import place_of
-    from workers.storage.store import bands
-    from workers.survey.refined.audit import TOLD
-    from workers.survey.values.evaluate import FAILED
+    from gear_rattle.workers.storage.location import place_of
+    from gear_rattle.workers.storage.store import bands
+    from gear_rattle.workers.survey.refined.audit import TOLD
+    from gear_rattle.workers.survey.values.evaluate import FAILED
 
     place = place_of(out)
     told = zarr.open_group(place.zarr(), mode="r")

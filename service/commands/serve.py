@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.commands.options import Scheduler
+from gear_rattle.service.commands.options import Scheduler
 
 if TYPE_CHECKING:
-    from service.database import Database
-    from service.settings import Settings
+    from gear_rattle.service.database import Database
+    from gear_rattle.service.settings import Settings
 
 
 def serve(
@@ -36,13 +36,13 @@ def serve(
     RATTLE_MAX_CELLS. On another address than those of this machine only, every request needs an API key (`rattle key
     add`). TLS is left to a proxy in front.
     """
-    from service.access.origins import is_loopback
-    from service.app import create_app
-    from service.commands.options import settings_of
-    from service.commands.signals import stop_requested
-    from service.jobs.opening import opened
-    from service.observability.logs import log_config
-    from service.web.server import run
+    from gear_rattle.service.access.origins import is_loopback
+    from gear_rattle.service.app import create_app
+    from gear_rattle.service.commands.options import settings_of
+    from gear_rattle.service.commands.signals import stop_requested
+    from gear_rattle.service.jobs.opening import opened
+    from gear_rattle.service.observability.logs import log_config
+    from gear_rattle.service.web.server import run
 
     settings = settings_of(
         host=host, port=port, data=data, store=store, scheduler=scheduler, workers=workers, insecure=insecure or None
@@ -66,9 +66,9 @@ def serve(
 
 def require_keys(settings: Settings, database: Database) -> None:
     """Raise AccessError where keys are asked and nobody has one."""
-    from service.access.keys import has_live_key
-    from service.access.middleware import asks_keys
-    from service.errors import AccessError
+    from gear_rattle.service.access.keys import has_live_key
+    from gear_rattle.service.access.middleware import asks_keys
+    from gear_rattle.service.errors import AccessError
 
     if not asks_keys(settings) or has_live_key(database):
         return

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from service.commands.at_point import Point, at_point
-from service.commands.attractors import SpeedLimit, found_at, name_of
-from service.commands.options import Sample, Seed
+from gear_rattle.service.commands.at_point import Point, at_point
+from gear_rattle.service.commands.attractors import SpeedLimit, found_at, name_of
+from gear_rattle.service.commands.options import Sample, Seed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -61,8 +61,8 @@ def _chosen(point: Point, found: tuple[Attractor, ...], number: int | None) -> A
 
 
 def _write(out: Path, heard: np.ndarray, rate: int, full_scale: float | None) -> None:
+    from gear_rattle.service.errors import ServiceError
     from rattle.intensity.sound import wav
-    from service.errors import ServiceError
 
     file = wav(heard, rate, full_scale)
     try:

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from service.commands import options
-from service.commands.filling import fill
-from service.commands.gear_numbers import with_numbers
-from service.commands.population_tables import print_population
-from service.commands.remote import Force, Key, Watch, follow
+from gear_rattle.service.commands import options
+from gear_rattle.service.commands.filling import fill
+from gear_rattle.service.commands.gear_numbers import with_numbers
+from gear_rattle.service.commands.population_tables import print_population
+from gear_rattle.service.commands.remote import Force, Key, Watch, follow
 
 if TYPE_CHECKING:
-    from workers import PopulationRequest
+    from gear_rattle.workers import PopulationRequest
 
 
 @with_numbers
@@ -82,13 +82,13 @@ def tolerance(
         return
     fill(request, out, scheduler, workers)
 
-    from workers.answers import population_of
+    from gear_rattle.workers.answers import population_of
 
     print_population(population_of(out))
 
 
 def _submit(request: PopulationRequest, url: str, key: str | None, force: bool, watch: bool) -> None:
-    from service.client import Client
+    from gear_rattle.service.client import Client
 
     with Client(url) as client:
         job = client.submit_population(request, idempotency_key=key, force=force)
@@ -108,11 +108,11 @@ def _request(
     from pydantic import ValidationError
 
     import rattle
+    from gear_rattle.workers import PopulationRequest
+    from gear_rattle.workers.populations.numbers import described
+    from gear_rattle.workers.survey.axes import place_and_reason
     from rattle.populations.distributions import distribution_of
     from rattle.populations.tolerances import Tolerances
-    from workers import PopulationRequest
-    from workers.populations.numbers import described
-    from workers.survey.axes import place_and_reason
 
     def read(text: str) -> Any:
         try:

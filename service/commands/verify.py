@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from workers import Integrity
-    from workers.certificates import CertificatesIntegrity
+    from gear_rattle.workers import Integrity
+    from gear_rattle.workers.certificates import CertificatesIntegrity
 
 DAMAGED = 1
 MAX_LINES = 20
@@ -25,8 +25,8 @@ def verify(
     lost once the survey was completed. The command that computed the survey, or POST /v1/surveys/ID/verify, computes
     again what is damaged, and only that.
     """
-    from workers import examine, place_of
-    from workers.certificates import examine_beside, examine_certificates, holds_certificates
+    from gear_rattle.workers import examine, place_of
+    from gear_rattle.workers.certificates import examine_beside, examine_certificates, holds_certificates
 
     place, damaged = place_of(store), list[str]()
     if holds_certificates(place):

@@ -8,13 +8,13 @@ from typing import Any
 from sqlalchemy import URL, event, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
-from service.database.engine import open_engine, shown
-from service.database.hold import Hold, hold
-from service.database.identity import NewJob
-from service.database.keys import Keys
-from service.database.schema import is_current, upgrade
-from service.database.surveys import DoneTile, Surveys
-from service.errors import DataDirectoryError
+from gear_rattle.service.database.engine import open_engine, shown
+from gear_rattle.service.database.hold import Hold, hold
+from gear_rattle.service.database.identity import NewJob
+from gear_rattle.service.database.keys import Keys
+from gear_rattle.service.database.schema import is_current, upgrade
+from gear_rattle.service.database.surveys import DoneTile, Surveys
+from gear_rattle.service.errors import DataDirectoryError
 
 __all__ = ["Database", "DoneTile", "NewJob"]
 

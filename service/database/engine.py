@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import URL, Connection, Engine, NullPool, create_engine, event, make_url
 from sqlalchemy.exc import InvalidatePoolError
 
-from service.errors import DataDirectoryError
+from gear_rattle.service.errors import DataDirectoryError
 
 BUSY_SECONDS = 10
 POOL = {"pool_size": 10, "max_overflow": 30, "pool_timeout": BUSY_SECONDS, "pool_pre_ping": True}

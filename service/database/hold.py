@@ -8,8 +8,8 @@ from typing import Any, Protocol
 from filelock import FileLock, Timeout
 from sqlalchemy import Engine, event
 
-from service.database.engine import BUSY_SECONDS, open_engine, shown
-from service.errors import DataDirectoryError
+from gear_rattle.service.database.engine import BUSY_SECONDS, open_engine, shown
+from gear_rattle.service.errors import DataDirectoryError
 
 LOCK = 0x6765_6172_7261_7474  # "gearratt", the number of the advisory lock
 #: One connection, opened anew when it is lost.

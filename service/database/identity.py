@@ -9,8 +9,8 @@ from typing import Any
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
-from service.database.tables import ACTIVE, AnsweredRow, JobRow, Kind, State
-from service.errors import ConflictError
+from gear_rattle.service.database.tables import ACTIVE, AnsweredRow, JobRow, Kind, State
+from gear_rattle.service.errors import ConflictError
 
 #: Idempotency keys of one survey that are remembered beside that which it was made with.
 MOST_ANSWERED = 100

@@ -10,9 +10,9 @@ from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 from sqlalchemy.sql import Select
 
-from service.database.tables import KeyRow, Scope, SessionRow, now
-from service.database.transactions import Transactions
-from service.errors import UnknownKeyError
+from gear_rattle.service.database.tables import KeyRow, Scope, SessionRow, now
+from gear_rattle.service.database.transactions import Transactions
+from gear_rattle.service.errors import UnknownKeyError
 
 #: Browsers that are signed in with one key; the oldest of more is signed out.
 MOST_SESSIONS = 64

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 from sqlalchemy import Connection, Engine, Inspector, inspect
 
-from service.database.engine import shown
-from service.database.tables import Table
-from service.errors import DataDirectoryError
+from gear_rattle.service.database.engine import shown
+from gear_rattle.service.database.tables import Table
+from gear_rattle.service.errors import DataDirectoryError
 
 if TYPE_CHECKING:
     from alembic.config import Config
@@ -65,7 +65,7 @@ def _config() -> Config:
     from alembic.config import Config
 
     config = Config()
-    config.set_main_option("script_location", "service:migrations")
+    config.set_main_option("script_location", "gear_rattle.service:migrations")
     return config
 
 

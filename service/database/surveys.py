@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 from sqlalchemy import bindparam, delete, func, select, text, update
 from sqlalchemy.orm import Session
 
-from service.database.identity import NewJob, find_by_key, find_identical
-from service.database.tables import ACTIVE, EventRow, JobRow, KeyRow, Kind, ServiceRow, State, TileRow, now
-from service.database.transactions import Transactions
-from service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
+from gear_rattle.service.database.identity import NewJob, find_by_key, find_identical
+from gear_rattle.service.database.tables import ACTIVE, EventRow, JobRow, KeyRow, Kind, ServiceRow, State, TileRow, now
+from gear_rattle.service.database.transactions import Transactions
+from gear_rattle.service.errors import ConflictError, QueueFullError, QuotaError, UnauthorizedError, UnknownSurveyError
 
 CHUNK = 500  # values in one IN (…)
 BEING_DELETED = "being deleted"

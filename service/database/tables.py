@@ -1,4 +1,4 @@
-"""Tables of the job database. What changes here changes in a new revision of :mod:`service.migrations` too."""
+"""Tables of the job database. A change here takes a new revision in `service/migrations` too."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class JobRow(Table):
 
     @property
     def is_readable(self) -> bool:
-        """Whether the request is one; damaged JSON is read as None (`service.database.engine`)."""
+        """Whether the request is one; damaged JSON is read as None (`gear_rattle.service.database.engine`)."""
         return isinstance(self.request, dict)
 
     @property

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from sqlalchemy import Engine, select
 from sqlalchemy.orm import Session
 
-from service.database.engine import BUSY_SECONDS
-from service.database.tables import ServiceRow
-from service.errors import DataDirectoryError, UnavailableError
+from gear_rattle.service.database.engine import BUSY_SECONDS
+from gear_rattle.service.database.tables import ServiceRow
+from gear_rattle.service.errors import DataDirectoryError, UnavailableError
 
 TAKEN = (
     "Another service has used the job database meanwhile, so this one writes no more. "

@@ -14,8 +14,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from sse_starlette import ServerSentEvent
 from starlette.concurrency import run_in_threadpool
 
-from service.database.tables import EventRow, State
-from service.errors import UnavailableError, UnknownSurveyError
+from gear_rattle.service.database.tables import EventRow, State
+from gear_rattle.service.errors import UnavailableError, UnknownSurveyError
 
 KEPT = 512  # latest events of a survey that is watched; who is further behind reads the database
 PAUSE = 0.05  # between two reads: what happens meanwhile is sent together

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
 
-from service.jobs.directory import SURVEY_STORE, DataDirectory, Entry
-from workers import Bucket
+from gear_rattle.service.jobs.directory import SURVEY_STORE, DataDirectory, Entry
+from gear_rattle.workers import Bucket
 
 
 class BucketDirectory(DataDirectory):

@@ -16,11 +16,11 @@ from typing import TYPE_CHECKING
 from filelock import FileLock, Timeout
 from sqlalchemy import URL
 
-from service.errors import DataDirectoryError, DirectoryAwayError
-from workers.storage.location import CERTIFICATES, certificates_of
+from gear_rattle.service.errors import DataDirectoryError, DirectoryAwayError
+from gear_rattle.workers.storage.location import CERTIFICATES, certificates_of
 
 if TYPE_CHECKING:
-    from workers import Bucket
+    from gear_rattle.workers import Bucket
 
 TRASH = ".trash-"
 IDENTITY = "identity"

@@ -13,14 +13,13 @@ from distributed.comm import CommClosedError
 from pydantic import ValidationError
 from sqlalchemy.exc import SQLAlchemyError
 
-from rattle import RattleError
-from service.database import Database, DoneTile
-from service.database.tables import UNREADABLE, JobRow, State
-from service.errors import ConflictError, DirectoryAwayError, ServiceError, UnavailableError
-from service.jobs.directory import DataDirectory
-from service.jobs.turns import Turns
-from service.observability.logs import about
-from workers import (
+from gear_rattle.service.database import Database, DoneTile
+from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
+from gear_rattle.service.errors import ConflictError, DirectoryAwayError, ServiceError, UnavailableError
+from gear_rattle.service.jobs.directory import DataDirectory
+from gear_rattle.service.jobs.turns import Turns
+from gear_rattle.service.observability.logs import about
+from gear_rattle.workers import (
     Begun,
     ClusterLostError,
     StoppedError,
@@ -35,17 +34,18 @@ from workers import (
     tiles_done,
     tiles_of,
 )
-from workers.kinds import place_of_cell
-from workers.survey.axes import place_and_reason
+from gear_rattle.workers.kinds import place_of_cell
+from gear_rattle.workers.survey.axes import place_and_reason
+from rattle import RattleError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from distributed import Client
 
-    from workers import AnyRequest, Bucket, TileRecord
-    from workers.kinds import AnyTile
-    from workers.survey.template import Template
+    from gear_rattle.workers import AnyRequest, Bucket, TileRecord
+    from gear_rattle.workers.kinds import AnyTile
+    from gear_rattle.workers.survey.template import Template
 
 FIRST_PAUSE, LONGEST_PAUSE = 1.0, 30.0
 OK, READY, STARTING = "ok", "ready", "starting"

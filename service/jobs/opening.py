@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 
-from service.database import Database
-from service.jobs.bucket_directory import open_directory
-from service.jobs.directory import DataDirectory
-from service.settings import Settings
+from gear_rattle.service.database import Database
+from gear_rattle.service.jobs.bucket_directory import open_directory
+from gear_rattle.service.jobs.directory import DataDirectory
+from gear_rattle.service.settings import Settings
 
 
 @contextmanager

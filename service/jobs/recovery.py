@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 from contextlib import suppress
 
-from service.database import Database
-from service.errors import ConflictError
-from service.jobs.directory import DataDirectory
+from gear_rattle.service.database import Database
+from gear_rattle.service.errors import ConflictError
+from gear_rattle.service.jobs.directory import DataDirectory
 
 log = logging.getLogger(__name__)
 

@@ -1,8 +1,8 @@
-"""Run by alembic, on the connection that :mod:`service.database.schema` hands over, inside its transaction."""
+"""Run by alembic, on the connection that service/database/schema.py hands over, inside its transaction."""
 
 from alembic import context
 
-from service.database.tables import Table
+from gear_rattle.service.database.tables import Table
 
 context.configure(connection=context.config.attributes["connection"], target_metadata=Table.metadata)
 context.run_migrations()

@@ -97,7 +97,7 @@ def log_config(form: str) -> dict[str, Any]:
     if form == "json":
         names = {"asctime": "time", "levelname": "level", "name": "logger"}
         formatter = {
-            "()": "service.observability.logs_json.Json",
+            "()": "gear_rattle.service.observability.logs_json.Json",
             "format": fields,
             "datefmt": "%Y-%m-%dT%H:%M:%S%z",
             "rename_fields": names,

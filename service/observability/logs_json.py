@@ -1,4 +1,4 @@
-"""Lines of JSON, apart from `service.observability.logs`: only a service that writes them needs the library."""
+"""Lines of JSON, apart from `observability.logs`: only a service that writes them needs the library."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 from pythonjsonlogger.json import JsonFormatter
 
-from service.observability.logs import Printable, printable
+from gear_rattle.service.observability.logs import Printable, printable
 
 #: Have lines, each of them printable already.
 TRACEBACKS = ("exc_info", "stack_info")

@@ -9,11 +9,11 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, generate_la
 from prometheus_client.core import GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from service.database.tables import State
+from gear_rattle.service.database.tables import State
 
 if TYPE_CHECKING:
-    from service.database import Database
-    from workers import TileRecord
+    from gear_rattle.service.database import Database
+    from gear_rattle.workers import TileRecord
 
 SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
 

@@ -11,10 +11,10 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from service.observability.logs import current_request, log
+from gear_rattle.service.observability.logs import current_request, log
 
 if TYPE_CHECKING:
-    from service.observability.metrics import Metrics
+    from gear_rattle.service.observability.metrics import Metrics
 
 
 REQUEST_ID = "X-Request-ID"

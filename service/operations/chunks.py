@@ -5,11 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-from service.database.tables import State
-from service.state import Front
-from workers import Bucket, place_of
-from workers.storage.integrity import Manifest, manifest_of
-from workers.survey.seals import SEALED
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.state import Front
+from gear_rattle.workers import Bucket, place_of
+from gear_rattle.workers.storage.integrity import Manifest, manifest_of
+from gear_rattle.workers.survey.seals import SEALED
 
 
 def is_owed(front: Front, survey_id: str, key: str) -> bool:

@@ -8,10 +8,10 @@ from functools import partial
 import numpy as np
 from anyio import BrokenWorkerProcess, CapacityLimiter, to_process
 
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.state import Front
 from rattle import RattleError
 from rattle.models import AnyModel
-from service.errors import UnavailableError
-from service.state import Front
 
 RESOLUTION = 0.02  # in δ: twice as coarse as by default, and half the time
 KEPT = 16

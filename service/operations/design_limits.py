@@ -9,12 +9,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.state import Front
+from gear_rattle.workers.pictures.look import Pair
 from rattle import Limit, design_limit
 from rattle.models import AnyModel
-from service.kernels import Part
-from service.operations.turns import in_turn
-from service.state import Front
-from workers.pictures.look import Pair
 
 VALUES = 17  # of δ, across a survey
 COUNT = 512

@@ -10,13 +10,13 @@ from itertools import islice
 
 from starlette.concurrency import run_in_threadpool
 
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.state import Front
+from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
+from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.attractors.classify import PERIODS, WATCH
-from service.database.tables import JobRow
-from service.kernels import Part
-from service.operations.turns import in_turn
-from service.state import Front
-from workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
-from workers.survey.values.schema import SAMPLED, Group
 
 LOOKED_AT = 100  # newest surveys
 LEAST_CELLS = 16  # of a survey whose speed is taken for that of others

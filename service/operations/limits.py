@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from gear_rattle.service.errors import LimitError
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import AnyRequest, PopulationRequest
+from gear_rattle.workers.certificates import require_proofs
 from rattle import MissingExtraError
-from service.errors import LimitError
-from service.settings import Settings
-from workers import AnyRequest, PopulationRequest
-from workers.certificates import require_proofs
 
 
 def check_limits(request: AnyRequest, settings: Settings) -> None:

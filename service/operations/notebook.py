@@ -7,9 +7,9 @@ from dataclasses import fields
 from typing import Any
 
 import rattle
+from gear_rattle.service.operations.diagrams import COUNT, STEPS, Pair
 from rattle import Machine
 from rattle.models import AnyGear, model_at
-from service.operations.diagrams import COUNT, STEPS, Pair
 
 STARTS, SIDE = 1024, 300  # initial conditions of the attractors; cells of the basins a side
 PACKAGE = "gear-rattle"

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gear_rattle.service.errors import ServiceError
+from gear_rattle.service.operations.crises import Crises
+from gear_rattle.service.operations.design_limits import DesignLimits
+from gear_rattle.service.operations.windows import Windows, inside, is_coarse
+from gear_rattle.service.state import Front
+from gear_rattle.workers import SurveyError, SurveyRequest
+from gear_rattle.workers.pictures.look import CRISIS, LIMIT, Finer, Look, Over, is_of_survey_only
+from gear_rattle.workers.pictures.planes import numbers
 from rattle import RattleError
 from rattle.models import AnyModel
-from service.errors import ServiceError
-from service.operations.crises import Crises
-from service.operations.design_limits import DesignLimits
-from service.operations.windows import Windows, inside, is_coarse
-from service.state import Front
-from workers import SurveyError, SurveyRequest
-from workers.pictures.look import CRISIS, LIMIT, Finer, Look, Over, is_of_survey_only
-from workers.pictures.planes import numbers
 
 Line = np.ndarray
 Band = tuple[np.ndarray, np.ndarray, np.ndarray]

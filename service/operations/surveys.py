@@ -7,14 +7,14 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from service.access.keys import Caller
-from service.database import NewJob
-from service.database.tables import UNREADABLE, JobRow, Kind, State
-from service.errors import ForbiddenError
-from service.operations.limits import check_limits
-from service.state import Front
-from workers import AnyRequest, PopulationRequest
-from workers.survey.axes import Name, Strict, require_visible
+from gear_rattle.service.access.keys import Caller
+from gear_rattle.service.database import NewJob
+from gear_rattle.service.database.tables import UNREADABLE, JobRow, Kind, State
+from gear_rattle.service.errors import ForbiddenError
+from gear_rattle.service.operations.limits import check_limits
+from gear_rattle.service.state import Front
+from gear_rattle.workers import AnyRequest, PopulationRequest
+from gear_rattle.workers.survey.axes import Name, Strict, require_visible
 
 MOST_NOTES = 10_000  # characters
 LINES = "\t\n\r"
@@ -43,7 +43,7 @@ def submit_survey(
     Raises:
         LimitError: it is larger than this service allows.
         DirectoryAwayError: there is no place for its store.
-        ConflictError, QueueFullError, QuotaError, UnauthorizedError: as `service.database.Surveys.accept`.
+        ConflictError, QueueFullError, QuotaError, UnauthorizedError: as `gear_rattle.service.database.Surveys.accept`.
     """
     check_limits(request, front.settings)
     front.directory.require()
@@ -97,7 +97,7 @@ def verify_survey(front: Front, caller: Caller, survey_id: str, kind: Kind = Kin
     Raises:
         UnknownSurveyError: there is no such survey.
         ForbiddenError: it was submitted with another key.
-        ConflictError, QueueFullError: as `service.jobs.manager.JobManager.verify`.
+        ConflictError, QueueFullError: as `gear_rattle.service.jobs.manager.JobManager.verify`.
     """
     require_owner(front, caller, survey_id, kind)
     return front.manager.verify(survey_id, caller.owner, front.settings.max_jobs)

@@ -8,10 +8,10 @@ from typing import TypeVar, TypeVarTuple
 import anyio
 from anyio import BrokenWorkerProcess, to_process
 
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.state import Front
 from rattle.models import Model
-from service.errors import UnavailableError
-from service.kernels import Part
-from service.state import Front
 
 Result = TypeVar("Result")
 Arguments = TypeVarTuple("Arguments")

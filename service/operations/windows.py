@@ -13,11 +13,11 @@ from functools import partial
 
 import numpy as np
 
-from service.errors import UnavailableError
-from service.jobs.manager import STARTING
-from service.state import Front
-from workers import Frame, SurveyRequest, Window, map_quantity, refined, window_survey
-from workers.pictures.look import Pair
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.jobs.manager import STARTING
+from gear_rattle.service.state import Front
+from gear_rattle.workers import Frame, SurveyRequest, Window, map_quantity, refined, window_survey
+from gear_rattle.workers.pictures.look import Pair
 
 LOOK_SECONDS = 0.2
 LEAST_DELTA = 1e-3  # of the upper end, where the window reaches to no damping at all

@@ -2,8 +2,18 @@
 
 from fastapi import APIRouter
 
-from service.routes import certificates, download, events, limits, metrics, picture, populations, store, surveys
-from service.routes.model import (
+from gear_rattle.service.routes import (
+    certificates,
+    download,
+    events,
+    limits,
+    metrics,
+    picture,
+    populations,
+    store,
+    surveys,
+)
+from gear_rattle.service.routes.model import (
     basins,
     curves,
     intensity,

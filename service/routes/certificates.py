@@ -10,15 +10,15 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
-from service.database.tables import JobRow, State
-from service.errors import MissingError
-from service.routes.documents import SurveyId, path_of
-from service.routes.store import FILES, KEY, file_at
-from service.state import Front, FrontState
-from service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE, json_answer
-from service.web.problems import declared
-from workers.certificates import CERTIFICATES, REFUSED
-from workers.storage.location import certificates_of
+from gear_rattle.service.database.tables import JobRow, State
+from gear_rattle.service.errors import MissingError
+from gear_rattle.service.routes.documents import SurveyId, path_of
+from gear_rattle.service.routes.store import FILES, KEY, file_at
+from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE, json_answer
+from gear_rattle.service.web.problems import declared
+from gear_rattle.workers.certificates import CERTIFICATES, REFUSED
+from gear_rattle.workers.storage.location import certificates_of
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from fastapi import Path
 from pydantic import BaseModel, Field
 
-from service.database.tables import JobRow, Kind, State
-from service.web import examples
+from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.web import examples
 
 
 class Links(BaseModel):

@@ -13,14 +13,14 @@ from fastapi.responses import StreamingResponse
 from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 
+from gear_rattle.service.errors import MissingError
+from gear_rattle.service.routes.documents import SurveyId
+from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
+from gear_rattle.service.web.problems import declared
+from gear_rattle.workers import Bucket, open_survey
+from gear_rattle.workers.survey.values.schema import Form
 from rattle import MissingExtraError
-from service.errors import MissingError
-from service.routes.documents import SurveyId
-from service.state import Front, FrontState
-from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
-from service.web.problems import declared
-from workers import Bucket, open_survey
-from workers.survey.values.schema import Form
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
@@ -105,8 +105,8 @@ async def _of(front: Front, survey_id: str, ending: str) -> tuple[Path | Bucket,
 
 
 def _netcdf(place: Path | Bucket) -> IO[bytes]:
-    from workers.storage.export import require_readable, write_netcdf  # xarray
-    from workers.storage.store import open_groups
+    from gear_rattle.workers.storage.export import require_readable, write_netcdf  # xarray
+    from gear_rattle.workers.storage.store import open_groups
 
     with open_survey(place, as_stored=True) as dataset:
         require_readable(dataset)
@@ -114,7 +114,7 @@ def _netcdf(place: Path | Bucket) -> IO[bytes]:
 
 
 def _parquet(place: Path | Bucket, form: Form) -> IO[bytes]:
-    from workers.storage.export import require_readable, table_names, write_parquet
+    from gear_rattle.workers.storage.export import require_readable, table_names, write_parquet
 
     with open_survey(place, as_stored=True) as dataset:
         require_readable(dataset, table_names(dataset, form))
@@ -131,7 +131,7 @@ def _blocks(file: IO[bytes]) -> Iterator[bytes]:
 
 
 def _lines(place: Path | Bucket, form: Form) -> Iterator[str]:
-    from workers.storage.export import csv_lines, require_readable, table_names
+    from gear_rattle.workers.storage.export import csv_lines, require_readable, table_names
 
     dataset = open_survey(place, as_stored=True)  # here, so that what is wrong is answered as a problem
     try:

@@ -12,16 +12,16 @@ from sse_starlette import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
-from service.access.keys import Caller
-from service.access.middleware import CallerState
-from service.access.revocation import Revocations
-from service.database.tables import Kind, State
-from service.errors import UnknownSurveyError
-from service.jobs.broadcast import written
-from service.routes.documents import SurveyId
-from service.state import Front, FrontState
-from service.web import examples
-from service.web.problems import declared
+from gear_rattle.service.access.keys import Caller
+from gear_rattle.service.access.middleware import CallerState
+from gear_rattle.service.access.revocation import Revocations
+from gear_rattle.service.database.tables import Kind, State
+from gear_rattle.service.errors import UnknownSurveyError
+from gear_rattle.service.jobs.broadcast import written
+from gear_rattle.service.routes.documents import SurveyId
+from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.web import examples
+from gear_rattle.service.web.problems import declared
 
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 

@@ -6,10 +6,10 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel, Field
 
 import rattle
-from service.database.tables import ACTIVE, State
-from service.errors import DirectoryAwayError, KernelsError, UnavailableError
-from service.jobs.manager import OK, READY, STARTING
-from service.state import Front, FrontState
+from gear_rattle.service.database.tables import ACTIVE, State
+from gear_rattle.service.errors import DirectoryAwayError, KernelsError, UnavailableError
+from gear_rattle.service.jobs.manager import OK, READY, STARTING
+from gear_rattle.service.state import Front, FrontState
 
 router = APIRouter(prefix="/v1", tags=["service"])
 WARMING = "warming"

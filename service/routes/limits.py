@@ -7,20 +7,20 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, Query
 from pydantic import BaseModel, Field
 
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.operations.points import number
+from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.routes.model.machine import DRAG, DRIVE, ECCENTRICITY, INERTIA, LINE, STIFFNESS, positive
+from gear_rattle.service.routes.model.points import MostImpacts, SampleSeed, require_few
+from gear_rattle.service.state import FrontState
+from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
+from gear_rattle.service.web.problems import declared
+from gear_rattle.workers.survey.request import MOST_STIFF
 from rattle import ParameterError
 from rattle.attractors.classify import BUDGET
 from rattle.models import Model
 from rattle.populations.limit import Limit, design_limit, design_limits
 from rattle.populations.plan import MOST_SHARE
-from service.kernels import Part
-from service.operations.points import number
-from service.operations.turns import in_turn
-from service.routes.model.machine import DRAG, DRIVE, ECCENTRICITY, INERTIA, LINE, STIFFNESS, positive
-from service.routes.model.points import MostImpacts, SampleSeed, require_few
-from service.state import FrontState
-from service.web.conditional import NOT_MODIFIED, function_of_query
-from service.web.problems import declared
-from workers.survey.request import MOST_STIFF
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

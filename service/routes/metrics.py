@@ -5,8 +5,8 @@ from __future__ import annotations
 from fastapi import APIRouter, Response
 from prometheus_client import CONTENT_TYPE_LATEST
 
-from service.state import FrontState
-from service.web.problems import declared
+from gear_rattle.service.state import FrontState
+from gear_rattle.service.web.problems import declared
 
 router = APIRouter(prefix="/v1", tags=["service"])
 

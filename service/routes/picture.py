@@ -15,23 +15,23 @@ from fastapi import APIRouter, Depends, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 import rattle
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.errors import LimitError, UnavailableError
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.operations.notebook import PACKAGE
+from gear_rattle.service.operations.overlaid import Asked, Overlaid
+from gear_rattle.service.routes.documents import SurveyId
+from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
+from gear_rattle.service.web.problems import declared
+from gear_rattle.workers import QUANTITIES, Bucket, SurveyRequest, open_survey
+from gear_rattle.workers.cluster.window import MOST_PIXELS
+from gear_rattle.workers.pictures.look import LARGEST, LINES, SHARE, USUAL_SHARE, Form, Look, Over, Pair, Span
+from gear_rattle.workers.storage.store import has_added
+from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
+from gear_rattle.workers.survey.request import MAX_SLICES
+from gear_rattle.workers.survey.slices import require_slice
 from rattle.populations.plan import MOST_SHARE
-from service.database.tables import JobRow
-from service.errors import LimitError, UnavailableError
-from service.kernels import Part
-from service.operations.notebook import PACKAGE
-from service.operations.overlaid import Asked, Overlaid
-from service.routes.documents import SurveyId
-from service.state import Front, FrontState
-from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, picture_tag
-from service.web.problems import declared
-from workers import QUANTITIES, Bucket, SurveyRequest, open_survey
-from workers.cluster.window import MOST_PIXELS
-from workers.pictures.look import LARGEST, LINES, SHARE, USUAL_SHARE, Form, Look, Over, Pair, Span
-from workers.storage.store import has_added
-from workers.survey.levels.grid import GROUP as LEVELS
-from workers.survey.request import MAX_SLICES
-from workers.survey.slices import require_slice
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 
@@ -224,9 +224,11 @@ def _caption(job: JobRow, address: str) -> str:
 
 
 def _draw(place: Path | Bucket, asked: Asked, form: Form, over: Over) -> bytes:
-    from workers.pictures.largest import open_maps
-    from workers.pictures.levels import groups_of
-    from workers.pictures.maps import map_picture  # matplotlib: a second for who asks first, not for every start
+    from gear_rattle.workers.pictures.largest import open_maps
+    from gear_rattle.workers.pictures.levels import groups_of
+    from gear_rattle.workers.pictures.maps import (
+        map_picture,
+    )  # matplotlib: a second for who asks first, not for every start
 
     opened = partial(open_survey, place)
     with_families = SHARE if asked.look.family is not None else asked.variable

@@ -10,14 +10,14 @@ from fastapi import APIRouter, Body, Depends, Header, Path, Query, Request, Resp
 from sse_starlette import EventSourceResponse
 from starlette.concurrency import run_in_threadpool
 
-from service.access.middleware import CallerState
-from service.database.tables import JobRow, Kind, State
-from service.errors import MissingError
-from service.operations.estimate import estimate
-from service.operations.surveys import remove_survey, submit_survey, verify_survey
-from service.routes.documents import path_of
-from service.routes.events import LARGEST_ID, stream
-from service.routes.population_documents import (
+from gear_rattle.service.access.middleware import CallerState
+from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.errors import MissingError
+from gear_rattle.service.operations.estimate import estimate
+from gear_rattle.service.operations.surveys import remove_survey, submit_survey, verify_survey
+from gear_rattle.service.routes.documents import path_of
+from gear_rattle.service.routes.events import LARGEST_ID, stream
+from gear_rattle.service.routes.population_documents import (
     Answers,
     EstimateDocument,
     PopulationDetail,
@@ -25,8 +25,8 @@ from service.routes.population_documents import (
     PopulationList,
     answers_document,
 )
-from service.routes.store import FILES, stored_file
-from service.routes.surveys import (
+from gear_rattle.service.routes.store import FILES, stored_file
+from gear_rattle.service.routes.surveys import (
     RETRY_SECONDS,
     Cursor,
     IdempotencyKey,
@@ -35,11 +35,11 @@ from service.routes.surveys import (
     require_json,
     tell_of_acceptance,
 )
-from service.state import Front, FrontState
-from service.web import examples
-from service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, json_answer, picture_tag
-from service.web.problems import declared
-from workers import Bucket, PopulationRequest
+from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.web import examples
+from gear_rattle.service.web.conditional import NOT_MODIFIED, REVALIDATE, is_known, json_answer, picture_tag
+from gear_rattle.service.web.problems import declared
+from gear_rattle.workers import Bucket, PopulationRequest
 
 router = APIRouter(prefix="/v1/populations", tags=["populations"])
 estimates = APIRouter(prefix="/v1", tags=["populations"])
@@ -202,7 +202,7 @@ async def answers(request: Request, front: FrontState, population_id: Population
 
 
 def _answered(place: FilePath | Bucket) -> str:
-    from workers.answers import population_of  # zarr
+    from gear_rattle.workers.answers import population_of  # zarr
 
     return answers_document(population_of(place)).model_dump_json()
 

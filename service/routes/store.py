@@ -12,16 +12,16 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from service.database.tables import Kind, State
-from service.errors import MissingError
-from service.operations.chunks import is_owed
-from service.routes.documents import SurveyId, path_of
-from service.state import Front, FrontState
-from service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE
-from service.web.objects import object_response
-from service.web.problems import declared
-from workers import Bucket
-from workers.errors import DamageError
+from gear_rattle.service.database.tables import Kind, State
+from gear_rattle.service.errors import MissingError
+from gear_rattle.service.operations.chunks import is_owed
+from gear_rattle.service.routes.documents import SurveyId, path_of
+from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.web.conditional import HOUR, NOT_MODIFIED, REVALIDATE
+from gear_rattle.service.web.objects import object_response
+from gear_rattle.service.web.problems import declared
+from gear_rattle.workers import Bucket
+from gear_rattle.workers.errors import DamageError
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 

@@ -9,15 +9,21 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Depends, Header, Query, Request, Response
 from starlette.exceptions import HTTPException
 
-from service.access.middleware import CallerState
-from service.database.tables import JobRow, Kind, State
-from service.operations.surveys import Description, describe_survey, remove_survey, submit_survey, verify_survey
-from service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of, request_shown
-from service.state import Front, FrontState
-from service.web import examples
-from service.web.conditional import NOT_MODIFIED, json_answer
-from service.web.problems import ADVICE, declared
-from workers import SurveyRequest
+from gear_rattle.service.access.middleware import CallerState
+from gear_rattle.service.database.tables import JobRow, Kind, State
+from gear_rattle.service.operations.surveys import (
+    Description,
+    describe_survey,
+    remove_survey,
+    submit_survey,
+    verify_survey,
+)
+from gear_rattle.service.routes.documents import Survey, SurveyDetail, SurveyId, SurveyList, path_of, request_shown
+from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.web import examples
+from gear_rattle.service.web.conditional import NOT_MODIFIED, json_answer
+from gear_rattle.service.web.problems import ADVICE, declared
+from gear_rattle.workers import SurveyRequest
 
 router = APIRouter(prefix="/v1/surveys", tags=["surveys"])
 

@@ -16,7 +16,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from workers.survey.version import code_version
+from gear_rattle.workers.survey.version import code_version
 
 #: Asked again each time, and answered with 304 if nothing changed.
 REVALIDATE = "no-cache"

@@ -8,8 +8,8 @@ from fastapi import Request, Response
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 
-from service.web.conditional import is_known
-from workers import Bucket
+from gear_rattle.service.web.conditional import is_known
+from gear_rattle.workers import Bucket
 
 RANGE = re.compile(r"bytes=(\d*)-(\d*)")
 

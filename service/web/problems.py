@@ -20,12 +20,12 @@ from starlette.responses import Response
 from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from gear_rattle.service import errors
+from gear_rattle.service.web.examples import ANSWERS
+from gear_rattle.workers import StorageError, SurveyError
+from gear_rattle.workers.errors import DamageError
+from gear_rattle.workers.survey.axes import words_of
 from rattle import ParameterError, RattleError
-from service import errors
-from service.web.examples import ANSWERS
-from workers import StorageError, SurveyError
-from workers.errors import DamageError
-from workers.survey.axes import words_of
 
 MEDIA_TYPE = "application/problem+json"
 MAX_FIELD_ERRORS = 50

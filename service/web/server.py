@@ -18,8 +18,8 @@ import psutil
 import uvicorn
 from fastapi import FastAPI
 
-from service.errors import AddressError
-from service.settings import Settings
+from gear_rattle.service.errors import AddressError
+from gear_rattle.service.settings import Settings
 
 #: From the signal to the end of everything that is still at work.
 STOP_SECONDS = 3.0

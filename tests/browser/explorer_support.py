@@ -17,19 +17,19 @@ BESIDE = either(100, 300)  # of another one on the way of its diagram
 WINDOW = 80  # cells a side of a window that is computed finer
 #: What a point and a window show, with fewer cells and steps.
 COARSE = f"""
-    @patch("service.explorer.point.view")
+    @patch("gear_rattle.service.explorer.point.view")
     def coarse(point):
         point.RESOLUTIONS = (50, {CELLS})
 
-    @patch("service.explorer.point.along")
+    @patch("gear_rattle.service.explorer.point.along")
     def coarse_too(along):
         along.FINENESS = ((50, "cells"), ({BESIDE}, "refined"))
 
-    @patch("service.operations.diagrams")
+    @patch("gear_rattle.service.operations.diagrams")
     def few(diagrams):
         diagrams.STEPS = 20
 
-    @patch("service.operations.windows")
+    @patch("gear_rattle.service.operations.windows")
     def small(windows):
         whole = windows.window_survey
         def some(request, window, pixels):

@@ -25,9 +25,9 @@ from service_processes import get
 from waiting import HANG, wait_until
 
 import rattle
+from gear_rattle.service.explorer.map.planes import ENLARGED
 from rattle.curves import codimension_two
 from rattle.orbits.period_one import REGIONS
-from service.explorer.map.planes import ENLARGED
 
 DEFAULT_LINES = {"SN1", "SN2", "PD1", "PDC", "PD2", "G1", "G2", "quiet_limit", "points"}
 

@@ -18,7 +18,7 @@ from service_processes import free_port, server
 from typer.testing import CliRunner
 from waiting import HANG
 
-from service.cli import app
+from gear_rattle.service.cli import app
 
 
 class Asking(NamedTuple):

@@ -17,7 +17,7 @@ from service_processes import get
 from waiting import HANG, wait_until
 
 import rattle
-from service.explorer.map.planes import ENLARGED
+from gear_rattle.service.explorer.map.planes import ENLARGED
 
 MODEL = "Bokeh.documents.map((each) => each.get_model_by_name('{}')).find((each) => each)"
 IDLE = "() => Bokeh.documents.every((each) => each.is_idle)"

@@ -10,10 +10,10 @@ from fastapi.routing import APIRoute, _EffectiveRouteContext
 from waiting import HANG
 from zarr.storage import MemoryStore
 
-import workers.storage.store
-import workers.survey.template
-from service.database import engine, transactions
-from workers import SurveyRequest
+import gear_rattle.workers.storage.store
+import gear_rattle.workers.survey.template
+from gear_rattle.service.database import engine, transactions
+from gear_rattle.workers import SurveyRequest
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -43,7 +43,7 @@ def _routes_are_made_once() -> Iterator[None]:
 @pytest.fixture(autouse=True, scope="session")
 def _curves_are_traced_once() -> Iterator[None]:
     """Of a template: they are those of any other request for the same window, and the same bytes."""
-    write, written = workers.survey.template._write_curves, dict[Any, dict[str, Any]]()
+    write, written = gear_rattle.workers.survey.template._write_curves, dict[Any, dict[str, Any]]()
 
     def curves(root: zarr.Group, request: SurveyRequest) -> None:
         assert isinstance(root.store, MemoryStore)
@@ -55,7 +55,7 @@ def _curves_are_traced_once() -> Iterator[None]:
         kept.update(written[key])
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workers.survey.template, "_write_curves", curves)
+        patch.setattr(gear_rattle.workers.survey.template, "_write_curves", curves)
         yield
 
 
@@ -63,5 +63,7 @@ def _curves_are_traced_once() -> Iterator[None]:
 def templates_once() -> Iterator[None]:
     """Of the stores of one request the template is made once: it takes longer than its few cells."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workers.storage.store, "template_of", cache(workers.storage.store.template_of))
+        patch.setattr(
+            gear_rattle.workers.storage.store, "template_of", cache(gear_rattle.workers.storage.store.template_of)
+        )
         yield

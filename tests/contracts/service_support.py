@@ -13,16 +13,16 @@ from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from waiting import HANG
 
-from service.access import keys
-from service.app import create_app
-from service.database import DoneTile
-from service.database.tables import Scope
-from service.errors import UnavailableError
-from service.operations import turns
-from service.settings import Settings
-from service.state import Front
-from workers import SurveyRequest, compute_tile, create_store, tiles_of
-from workers.storage.store import write_tile
+from gear_rattle.service.access import keys
+from gear_rattle.service.app import create_app
+from gear_rattle.service.database import DoneTile
+from gear_rattle.service.database.tables import Scope
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.operations import turns
+from gear_rattle.service.settings import Settings
+from gear_rattle.service.state import Front
+from gear_rattle.workers import SurveyRequest, compute_tile, create_store, tiles_of
+from gear_rattle.workers.storage.store import write_tile
 
 HERE = "http://127.0.0.1:8000"
 BODY: dict[str, Any] = {

@@ -14,7 +14,7 @@ from depth import deep
 from distributed import Client, LocalCluster
 from typer.testing import CliRunner
 
-import workers
+from gear_rattle import workers
 
 TINY = ["--thin", "512", "--row", "2", "--sample", "4", "--count", "4", "--side", "8", "--workers", "1"]
 

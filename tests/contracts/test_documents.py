@@ -15,12 +15,12 @@ import pytest
 from depth import deep
 
 import rattle
+from gear_rattle.workers import SurveyRequest
 from rattle import crisis, curves, stiff
 from rattle.attractors import classify
 from rattle.attractors.speeds import PAPER_SPEED, sampled_speed
 from rattle.continuation.curves import Curve
 from rattle.stiff import StiffGear
-from workers import SurveyRequest
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

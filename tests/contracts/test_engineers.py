@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 import rattle
-from service.cli import app
+from gear_rattle.service.cli import app
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "docs" / "engineers.md").read_text()

@@ -26,8 +26,8 @@ STEP = re.compile(
 PROMISES = {
     "quantity": """
 import sys
-from workers import SurveyRequest, compute_tile, tiles_of
-from workers.survey.template import template_of
+from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
+from gear_rattle.workers.survey.template import template_of
 request = SurveyRequest(
     delta={"start": 0.6, "stop": 0.7, "num": 2}, epsilon={"start": 0.1, "stop": 0.2, "num": 2}, quantities=["orbits"]
 )
@@ -43,10 +43,10 @@ assert "orbit_count" in SCHEMA
     "curve": """
 import rattle
 from rattle.plot.plane import plane
-from service.explorer.map.overlays import entries
+from gear_rattle.service.explorer.map.overlays import entries
 from rattle.models import Impacting
-from workers import SurveyRequest
-from workers.survey.template import template_of
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.survey.template import template_of
 curve = rattle.curves.trace("PDC_low", 0.6, (0.4, 0.6), (0.0, 0.3))
 assert 0.49 < curve.delta.max() <= 0.5 + 1e-9
 assert abs(curve.epsilon - [rattle.flip(delta) for delta in curve.delta]).max() < 1e-9
@@ -63,8 +63,8 @@ import sys
 import tempfile
 from pathlib import Path
 from fastapi.testclient import TestClient
-from service.app import create_app
-from service.settings import Settings
+from gear_rattle.service.app import create_app
+from gear_rattle.service.settings import Settings
 app = create_app(Settings(data=Path(tempfile.mkdtemp()), explorer=False))
 assert "/v1/balance" in app.openapi()["paths"]
 here = TestClient(app, "http://127.0.0.1:8000", client=("127.0.0.1", 50000))
@@ -82,7 +82,7 @@ with guarded:
 
 def test_no_module_is_imported_in_a_circle() -> None:
     """Also not for its types, or inside a function."""
-    graph = grimp.build_graph(*PACKAGES, cache_dir=None)
+    graph = grimp.build_graph("rattle", "gear_rattle", cache_dir=None)
     TopologicalSorter({each: graph.find_modules_directly_imported_by(each) for each in graph.modules}).prepare()
 
 
@@ -146,7 +146,9 @@ def steps_of(what: str, name: str) -> list[re.Match[str]]:
 def followed(what: str, name: str, root: Path) -> None:
     """Copy the code, and carry out a recipe there under this name."""
     for package in (*PACKAGES, "gear_rattle", "tests/contracts"):
-        shutil.copytree(ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / package, root / package, ignore=shutil.ignore_patterns("__pycache__", "documents"), symlinks=True
+        )
     for step in steps_of(what, name):
         carry_out(step, root)
 

@@ -32,7 +32,7 @@ def test_the_first_example_prints_what_its_comment_says(capsys):
 
 
 def test_commands_named_in_the_readme_exist():
-    from service.cli import app
+    from gear_rattle.service.cli import app
 
     named = set(re.findall(r"`rattle (\w+)", README))
     assert named

@@ -11,11 +11,11 @@ import pytest
 from depth import deep
 from typer.main import get_command
 
-from service.app import create_app
-from service.cli import app
-from service.settings import Settings
-from workers import QUANTITIES
-from workers.survey.values.quantities import REFINED
+from gear_rattle.service.app import create_app
+from gear_rattle.service.cli import app
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import QUANTITIES
+from gear_rattle.workers.survey.values.quantities import REFINED
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

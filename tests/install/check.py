@@ -230,10 +230,10 @@ def build(top: Path) -> Path:
     """
     source, made = top / "source", top / "dist"
     source.mkdir()
-    for name in (*DOCUMENTS, "pyproject.toml", "setup.py", "MANIFEST.in", "constraints.txt"):
+    for name in (*DOCUMENTS, "pyproject.toml", "MANIFEST.in", "constraints.txt"):
         shutil.copy(ROOT / name, source)
     for package in (*PACKAGES, "docs"):
-        shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(ROOT / package, source / package, ignore=shutil.ignore_patterns("__pycache__"), symlinks=True)
     _made(sys.executable, "-m", "build", "--installer", "uv", "--outdir", str(made), str(source))
     _made(sys.executable, "-m", "twine", "check", "--strict", *map(str, made.iterdir()))
     shutil.rmtree(source)

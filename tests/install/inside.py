@@ -26,8 +26,8 @@ from bokeh.protocol import Protocol
 from websockets.sync.client import connect
 
 import rattle
-import service as foreign_service
-import workers as foreign_workers
+import service as foreign_service  # noqa: TID251
+import workers as foreign_workers  # noqa: TID251
 from gear_rattle import run_survey, service, workers
 
 RATTLE = str(Path(sys.executable).with_name("rattle"))
@@ -83,7 +83,12 @@ def is_installed(checkout: Path) -> None:
 
 def is_the_version_of(checkout: Path) -> None:
     """A survey of the checkout is resumed by the wheel, and the other way round."""
-    asked = "import sys; sys.path.insert(0, sys.argv[1]); from workers.survey.version import *; print(code_version())"
+    asked = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from gear_rattle.workers.survey.version import code_version
+print(code_version())
+"""
     said = subprocess.run([sys.executable, "-c", asked, str(checkout)], check=True, capture_output=True, text=True)
     assert said.stdout.strip() == workers.survey.version.code_version()
 

@@ -18,8 +18,8 @@ from typing import Any
 import psutil
 from service_processes import client_of, free_port, server
 
-from service.client import FINAL, Client, Job
-from service.errors import ResponseError
+from gear_rattle.service.client import FINAL, Client, Job
+from gear_rattle.service.errors import ResponseError
 
 PLACE = {"delta": (0.6, 0.61, 2), "epsilon": (0.1, 0.11, 2)}
 STIFF = PLACE | {"model": "stiff"}

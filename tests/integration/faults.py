@@ -11,7 +11,7 @@ from pathlib import Path
 
 from service_processes import ENVIRONMENT, ROOT
 
-from workers import Axis, SurveyRequest
+from gear_rattle.workers import Axis, SurveyRequest
 
 #: 64 cells in 16 tiles.
 REQUEST = SurveyRequest(
@@ -33,7 +33,7 @@ def die():
     os.kill(os.getpid(), signal.SIGKILL)
 
 def in_service():
-    return "service.jobs.manager" in sys.modules
+    return "gear_rattle.service.jobs.manager" in sys.modules
 
 def before(module, name, act):
     function = getattr(module, name)
@@ -98,7 +98,7 @@ def disarmed(word):
         return False
     return True
 
-@patch("workers.survey.tiles")
+@patch("gear_rattle.workers.survey.tiles")
 def count(tiles):
     def act(request, tile, outcomes=None):
         note(f"tile {{tile.index}} {{os.getpid()}}")
@@ -109,7 +109,7 @@ def count(tiles):
 
 #: A cluster in the process of the service, which loads kernels when it needs them: it starts sooner, and dies with it.
 IN_PROCESS = """
-    @patch("workers.cluster.cluster")
+    @patch("gear_rattle.workers.cluster.cluster")
     def inside(cluster):
         spec = cluster.SpecCluster
         def start(scheduler, security):
@@ -132,14 +132,14 @@ BOUNDED = SurveyRequest(
 )
 SPARE = 0.1
 FEW_AUDITED = f"""
-    @patch("workers.survey.refined.rounds")
+    @patch("gear_rattle.workers.survey.refined.rounds")
     def few_audited(rounds):
         rounds.SPARE = {SPARE}
 """
 
 #: A service that waits for ever for what it ends by itself.
 NO_DEADLINE = """
-    @patch("service.web.server")
+    @patch("gear_rattle.service.web.server")
     def patient(server):
         server.STOP_SECONDS = 1e6
         config = server.uvicorn.Config

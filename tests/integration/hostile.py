@@ -12,8 +12,8 @@ from service_processes import FIELDS, client_of, free_port, get, server
 from typer.testing import CliRunner
 from waiting import HANG
 
-from service.cli import app
-from workers import SurveyRequest, create_store
+from gear_rattle.service.cli import app
+from gear_rattle.workers import SurveyRequest, create_store
 
 CONNECTIONS = 24
 NO_CLUSTER = ["--scheduler", "tcp://127.0.0.1:9"]  # surveys wait for ever

@@ -18,9 +18,9 @@ import xarray as xr
 from service_processes import FIELDS, answers, assert_bit_identical, client_of, free_port, serial_run, start, workers_of
 from waiting import wait_until
 
-from service.client import Job
-from service.errors import ServiceError
-from workers import SurveyRequest, examine
+from gear_rattle.service.client import Job
+from gear_rattle.service.errors import ServiceError
+from gear_rattle.workers import SurveyRequest, examine
 
 
 def main() -> None:

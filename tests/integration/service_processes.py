@@ -18,9 +18,9 @@ import psutil
 import xarray as xr
 from waiting import HANG, wait_until
 
-from service.client import Client
-from workers import SurveyRequest, compute_tile, tiles_of
-from workers.cluster.nannies import TRACKER
+from gear_rattle.service.client import Client
+from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
+from gear_rattle.workers.cluster.nannies import TRACKER
 
 ROOT = Path(__file__).parents[2]
 RATTLE = [sys.executable, "-m", "gear_rattle.cli"]
@@ -112,7 +112,11 @@ def client_of(port: int, key: str | None = None) -> Iterator[Client]:
 
 def nannies_of(pid: int) -> list[psutil.Process]:
     """Return the process that starts the workers of a process."""
-    return [each for each in psutil.Process(pid).children() if "workers.cluster.nannies" in " ".join(each.cmdline())]
+    return [
+        each
+        for each in psutil.Process(pid).children()
+        if "gear_rattle.workers.cluster.nannies" in " ".join(each.cmdline())
+    ]
 
 
 def workers_of(pid: int) -> list[psutil.Process]:

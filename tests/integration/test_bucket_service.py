@@ -24,8 +24,8 @@ from service_processes import (
 from typer.testing import CliRunner
 from waiting import HANG, wait_until
 
-from service.cli import app
-from workers import Bucket, SurveyRequest, open_survey
+from gear_rattle.service.cli import app
+from gear_rattle.workers import Bucket, SurveyRequest, open_survey
 
 ONE = ("--workers", "1")
 SOME = ("region", "attractors")

@@ -12,8 +12,8 @@ import zarr
 from depth import deep
 from s3_server import BUCKET, S3
 
-import workers.storage.bucket
-from workers import (
+import gear_rattle.workers.storage.bucket
+from gear_rattle.workers import (
     Axis,
     Bucket,
     StorageError,
@@ -30,8 +30,8 @@ from workers import (
     tiles_done,
     tiles_of,
 )  # fmt: skip
-from workers.storage import bucket_lock
-from workers.storage.store import write_tile
+from gear_rattle.workers.storage import bucket_lock
+from gear_rattle.workers.storage.store import write_tile
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.9, num=5),
@@ -54,7 +54,7 @@ def s3(storage: S3, monkeypatch: pytest.MonkeyPatch) -> S3:
 def _few_objects(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 216 objects of a template 190 are of curves: one test looks at them."""
     if request.function is not test_bytes_are_those_on_disk:
-        monkeypatch.setattr("workers.survey.template._write_curves", lambda *_: None)
+        monkeypatch.setattr("gear_rattle.workers.survey.template._write_curves", lambda *_: None)
 
 
 @pytest.fixture
@@ -72,8 +72,8 @@ def documents(place: Any) -> dict[str, bytes]:
 
 
 def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("workers.survey.template.now", lambda: "2009-01-01T00:00:00+00:00")
-    monkeypatch.setattr("workers.storage.store.now", lambda: "2009-01-01T00:00:00+00:00")
+    monkeypatch.setattr("gear_rattle.workers.survey.template.now", lambda: "2009-01-01T00:00:00+00:00")
+    monkeypatch.setattr("gear_rattle.workers.storage.store.now", lambda: "2009-01-01T00:00:00+00:00")
     path = tmp_path / "survey.zarr"
     for where in (url, path):
         create_store(REQUEST, where)
@@ -88,8 +88,8 @@ def test_bytes_are_those_on_disk(url: str, tmp_path: Path, monkeypatch: pytest.M
 @deep
 def test_families_are_joined_in_it(url: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """And nothing of what is kept meanwhile is left."""
-    monkeypatch.setattr("workers.families.join._curves", lambda *_: {})
-    monkeypatch.setattr("workers.families.blocks.SLOTS_OF_BLOCK", 8 * 3**2)
+    monkeypatch.setattr("gear_rattle.workers.families.join._curves", lambda *_: {})
+    monkeypatch.setattr("gear_rattle.workers.families.blocks.SLOTS_OF_BLOCK", 8 * 3**2)
     groups = {"quantities": ("attractors", "lyapunov", "families"), "initial_conditions": {"count": 4}}
     request = SurveyRequest.model_validate(REQUEST.model_dump() | groups)
     create_store(request, url)
@@ -173,14 +173,14 @@ def test_the_lock_of_a_dead_process_is_taken_over(url: str) -> None:
     with subprocess.Popen(["true"]) as ended:
         pass
     holder = bucket_lock.identity() | {"process": ended.pid}
-    obstore.put(place.objects, workers.storage.bucket.LOCK, json.dumps(holder).encode())
+    obstore.put(place.objects, gear_rattle.workers.storage.bucket.LOCK, json.dumps(holder).encode())
     with place.writing():
         pass
     elsewhere = json.dumps(holder | {"host": "elsewhere"}).encode()
-    obstore.put(place.objects, workers.storage.bucket.LOCK, elsewhere)
+    obstore.put(place.objects, gear_rattle.workers.storage.bucket.LOCK, elsewhere)
     with pytest.raises(SurveyError, match=r"on elsewhere.*delete the object .*\.lock"), place.writing():
         pass
-    assert place.read(workers.storage.bucket.LOCK) == elsewhere
+    assert place.read(gear_rattle.workers.storage.bucket.LOCK) == elsewhere
 
 
 def test_lost_and_damaged_objects_are_found_and_mended(url: str) -> None:
@@ -232,7 +232,7 @@ def test_a_server_that_fails_once_is_asked_again(url: str, s3: S3) -> None:
 
 def test_a_server_that_fails_is_waited_for(url: str, s3: S3, monkeypatch: pytest.MonkeyPatch) -> None:
     create_store(REQUEST, url)
-    monkeypatch.setattr(workers.storage.bucket, "RETRIES", 0)
+    monkeypatch.setattr(gear_rattle.workers.storage.bucket, "RETRIES", 0)
     impatient = Bucket(url)
     s3.fail(100)
     with pytest.raises(StorageError, match="goes on"):

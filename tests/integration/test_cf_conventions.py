@@ -11,9 +11,9 @@ from depth import either
 from waiting import HANG
 
 from gear_rattle import split_complex
-from workers import Group, SurveyRequest, create_store, open_survey, run_survey
-from workers.storage.export import write_netcdf
-from workers.storage.store import open_groups
+from gear_rattle.workers import Group, SurveyRequest, create_store, open_survey, run_survey
+from gear_rattle.workers.storage.export import write_netcdf
+from gear_rattle.workers.storage.store import open_groups
 
 CHECKER = Path(__file__).parents[2] / ".venv-cf" / "bin" / "compliance-checker"
 AXES: dict[str, Any] = {"delta": (0.55, 0.7, 2), "epsilon": (0.05, 0.1, 2), "initial_conditions": {"count": 4}}

@@ -15,7 +15,7 @@ from intruders import CERTIFICATE_REQUIRED, anybody, intrude, is_private, listen
 from service_processes import free_port, get, nannies_of, server
 from waiting import wait_until
 
-from workers import embedded_cluster
+from gear_rattle.workers import embedded_cluster
 
 WORKERS = either(1, 2)
 #: Pages of dask's HTTP servers, if they were on.

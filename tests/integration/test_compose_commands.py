@@ -23,8 +23,8 @@ from service_processes import REQUEST, ROOT, assert_bit_identical, client_of, fr
 from waiting import HANG, SELDOM, wait_until
 
 import rattle.numerics.compile
-from service.client import Client
-from service.errors import ResponseError, ServiceError
+from gear_rattle.service.client import Client
+from gear_rattle.service.errors import ResponseError, ServiceError
 
 SERVICES: dict[str, Any] = yaml.safe_load((ROOT / "docker-compose.yml").read_text())["services"]
 PASSWORD = "of this test only"

@@ -12,8 +12,8 @@ from postgres import Postgres, missing
 from service_processes import assert_bit_identical, client_of, free_port, serial_run, server
 from waiting import wait_until
 
-from service.client import Client
-from service.errors import ResponseError
+from gear_rattle.service.client import Client
+from gear_rattle.service.errors import ResponseError
 
 MIDDLE = 3  # tiles that are done while the others are held
 

@@ -20,15 +20,14 @@ from intruders import certificates
 from service_processes import assert_bit_identical, serial_run
 from waiting import HANG, eventually
 
-import workers.cluster.refinement
-from rattle import RattleError
-from service.app import create_app
-from service.errors import UnavailableError
-from service.operations import windows as service_windows
-from service.operations.windows import Windows, refine
-from service.settings import Settings
-from service.state import Front
-from workers import (
+import gear_rattle.workers.cluster.refinement
+from gear_rattle.service.app import create_app
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.operations import windows as service_windows
+from gear_rattle.service.operations.windows import Windows, refine
+from gear_rattle.service.settings import Settings
+from gear_rattle.service.state import Front
+from gear_rattle.workers import (
     ClusterLostError,
     Frame,
     SurveyError,
@@ -39,6 +38,7 @@ from workers import (
     embedded_cluster,
     window_survey,
 )
+from rattle import RattleError
 
 REQUEST = SurveyRequest(
     delta={"start": 0.5, "stop": 0.8, "num": 12},
@@ -79,7 +79,7 @@ def gate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     gate.touch()
     survey = window_survey(REQUEST, WINDOW, PIXELS)
     coarsest = {*survey.delta.values()[::32]}, {*survey.epsilon.values()[::32]}
-    monkeypatch.setattr(workers.cluster.refinement, "compute_part", partial(behind, gate, coarsest))
+    monkeypatch.setattr(gear_rattle.workers.cluster.refinement, "compute_part", partial(behind, gate, coarsest))
     yield gate
     gate.unlink(missing_ok=True)
 
@@ -151,7 +151,7 @@ def parts(cluster: Client) -> int:
 def test_frames_become_the_survey_of_the_window(
     tmp_path: Path, cluster: Client, gate: Path, monkeypatch: pytest.MonkeyPatch, variable: str, index: int
 ) -> None:
-    monkeypatch.setattr(workers.cluster.refinement, "FRAME_SECONDS", 0.0)  # as where every part takes long
+    monkeypatch.setattr(gear_rattle.workers.cluster.refinement, "FRAME_SECONDS", 0.0)  # as where every part takes long
 
     async def body(front: Front, _: Any) -> None:
         survey = window_survey(REQUEST, WINDOW, PIXELS)
@@ -226,7 +226,9 @@ def test_a_survey_stays_as_it_is_beside_a_window(tmp_path: Path, cluster: Client
 def test_closing_gives_up_what_is_not_begun_and_the_loop_runs_on(
     tmp_path: Path, cluster: Client, gate: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(workers.cluster.refinement, "PART_SECONDS", 0)  # of a cell each, so that some must wait
+    monkeypatch.setattr(
+        gear_rattle.workers.cluster.refinement, "PART_SECONDS", 0
+    )  # of a cell each, so that some must wait
 
     async def body(front: Front, _: Any) -> None:
         async with aclosing(shown(front, "lyapunov_max")) as frames:

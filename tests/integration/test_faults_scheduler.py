@@ -15,12 +15,12 @@ from service_processes import ROOT, assert_bit_identical, client_of, free_port, 
 from service_support import IdleClient, local_client
 from waiting import wait_until
 
-from service.app import create_app
-from service.jobs import manager
-from service.settings import Settings
-from workers import ClusterLostError, open_survey
-from workers.cluster.runner import compute_and_write
-from workers.kinds import template_of
+from gear_rattle.service.app import create_app
+from gear_rattle.service.jobs import manager
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import ClusterLostError, open_survey
+from gear_rattle.workers.cluster.runner import compute_and_write
+from gear_rattle.workers.kinds import template_of
 
 MIDDLE = 5  # tiles that are done while the others are held
 

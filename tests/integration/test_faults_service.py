@@ -16,63 +16,63 @@ from faults import BOUNDED, FEW_AUDITED, IN_PROCESS, REQUEST, SPARE, Faults
 from service_processes import assert_bit_identical, client_of, free_port, server, start, workers_of, written_in
 from waiting import HANG, wait_until
 
-from service.client import Client
-from service.errors import ResponseError, ServiceError
-from workers import SurveyRequest, open_survey, run_survey
+from gear_rattle.service.client import Client
+from gear_rattle.service.errors import ResponseError, ServiceError
+from gear_rattle.workers import SurveyRequest, open_survey, run_survey
 
 N_TILES = REQUEST.n_tiles
 
 #: Where the service kills itself; together, in this order, they are the life of one survey.
 INSTANTS = {
     "template creation": """
-        @patch("workers.storage.location")
+        @patch("gear_rattle.workers.storage.location")
         def kill(location):
             before(os, "rename", lambda _, path: str(path).endswith(".zarr") and die())
     """,
     "template renamed": """
-        @patch("workers.storage.store")
+        @patch("gear_rattle.workers.storage.store")
         def kill(store):
             before(store, "_require_same", lambda *_: in_service() and die())
     """,
     "tile half written": """
-        @patch("workers.storage.location")
+        @patch("gear_rattle.workers.storage.location")
         def kill(location):
             third = at_call(3, die)
             before(location.Directory, "put", lambda _, key, content: key.startswith("status/c/") and third())
     """,
     "tile written, row not": """
-        @patch("service.database")
+        @patch("gear_rattle.service.database")
         def kill(database):
             before(database.Database, "add_tile", at_call(3, die))
     """,
     "row committed": """
-        @patch("service.database")
+        @patch("gear_rattle.service.database")
         def kill(database):
             after(database.Database, "add_tile", at_call(3, die))
     """,
     "all tiles done": """
-        @patch("workers.storage.store")
+        @patch("gear_rattle.workers.storage.store")
         def kill(store):
             before(store, "_missing_cells", lambda *_: die())
     """,
     "whole, not dated": """
-        @patch("workers.storage.location")
+        @patch("gear_rattle.workers.storage.location")
         def kill(location):
             before(location.Directory, "put", lambda _, key, content: key == "zarr.json" and die())
     """,
     "dated, not published": """
-        @patch("service.database")
+        @patch("gear_rattle.service.database")
         def kill(database):
             before(database.Database, "set_state", lambda _, id, state, *__: state == "successful" and die())
     """,
     "published": """
-        @patch("service.database")
+        @patch("gear_rattle.service.database")
         def kill(database):
             after(database.Database, "set_state", lambda _, id, state, *__: state == "successful" and die())
     """,
 }
 STATUS_HALF_WRITTEN = """
-    @patch("workers.storage.location")
+    @patch("gear_rattle.workers.storage.location")
     def kill(location):
         last = at_call({}, die)
         before(location.Directory, "put", lambda _, key, content: key.startswith("status/c/") and last())
@@ -127,7 +127,7 @@ def test_a_refined_survey_of_a_service_that_is_killed(tmp_path: Path, monkeypatc
         faults.inject(IN_PROCESS, FEW_AUDITED)
         with server(data, port, settings=faults.environment):
             job.wait()
-    monkeypatch.setattr("workers.survey.refined.rounds.SPARE", SPARE)
+    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.SPARE", SPARE)
     run_survey(BOUNDED, out=tmp_path / "here.zarr").close()
     assert written_in(data / "surveys" / f"{job.id}.zarr") == written_in(tmp_path / "here.zarr")
     other = run_survey(BOUNDED, tile={"delta": 96, "epsilon": 64})
@@ -157,7 +157,7 @@ def try_to_submit(client: Client, request: SurveyRequest) -> Any:
 #: A survey whose curves are never traced.
 ENDLESS = "endless"
 ENDLESS_CURVES = """
-    @patch("workers.survey.template")
+    @patch("gear_rattle.workers.survey.template")
     def endless(template):
         def act(request, created=None):
             if request.name == "endless":

@@ -16,11 +16,11 @@ from service_processes import assert_bit_identical, client_of, finish, free_port
 from typer.testing import CliRunner, Result
 from waiting import wait_until
 
-from service.cli import app
-from service.errors import ResponseError
-from workers import SurveyError, create_store, examine, finish_store, tiles_done
-from workers.cluster.runner import compute_and_write
-from workers.survey.tiles import tiles_of
+from gear_rattle.service.cli import app
+from gear_rattle.service.errors import ResponseError
+from gear_rattle.workers import SurveyError, create_store, examine, finish_store, tiles_done
+from gear_rattle.workers.cluster.runner import compute_and_write
+from gear_rattle.workers.survey.tiles import tiles_of
 
 OPTIONS = ["--delta", "0.58:0.78:8", "--epsilon", "0.05:0.24:8", "--count", "4", "--tile", "2x2"]
 N_TILES = REQUEST.n_tiles
@@ -77,7 +77,7 @@ def test_a_run_on_a_full_disk_is_resumed(disk: Path, tmp_path: Path, expected: d
 def test_a_service_waits_for_a_full_disk(disk: Path, tmp_path: Path, expected: dict[str, np.ndarray]) -> None:
     faults, port, data = Faults(tmp_path), free_port(), tmp_path / "data"
     faults.inject("""
-        @patch("workers.cluster.runner")
+        @patch("gear_rattle.workers.cluster.runner")
         def tries(runner):
             before(runner, "run_tiles", lambda *_: note("try"))
     """)

@@ -16,10 +16,10 @@ from faults import BOUNDED, FEW_AUDITED, REQUEST, SPARE, Faults
 from service_processes import assert_bit_identical, serial_run, written_in
 from waiting import HANG, wait_until
 
-import workers.cluster.cluster
-import workers.cluster.runner
-import workers.cluster.submission
-from workers import (
+import gear_rattle.workers.cluster.cluster
+import gear_rattle.workers.cluster.runner
+import gear_rattle.workers.cluster.submission
+from gear_rattle.workers import (
     SurveyError,
     TileRecord,
     create_store,
@@ -30,10 +30,10 @@ from workers import (
     run_tiles,
     template_on,
 )
-from workers.cluster.isolation import CELL_SECONDS
-from workers.survey.template import template_of
-from workers.survey.tiles import POLL_SECONDS, tiles_of
-from workers.survey.values.evaluate import FAILED
+from gear_rattle.workers.cluster.isolation import CELL_SECONDS
+from gear_rattle.workers.survey.template import template_of
+from gear_rattle.workers.survey.tiles import POLL_SECONDS, tiles_of
+from gear_rattle.workers.survey.values.evaluate import FAILED
 
 TILES = tiles_of(REQUEST)
 N_TILES = REQUEST.n_tiles
@@ -43,7 +43,7 @@ DELTA, EPSILON = REQUEST.delta.values(), REQUEST.epsilon.values()
 DEADLY, RAISING = (4, 3), (1, 6)
 POISONED = REQUEST.model_copy(update={"seed": 13})
 POISON = """
-    @patch("workers.survey.tiles")
+    @patch("gear_rattle.workers.survey.tiles")
     def poison(tiles):
         deadly, raising = {}, {}
         def act(request, cells):
@@ -60,14 +60,14 @@ POISON = """
 ENDLESS = REQUEST.model_copy(update={"seed": 14})
 ENDLESS_CELL = (3, 5)
 NEVER_ENDING = """
-    @patch("workers.survey.tiles")
+    @patch("gear_rattle.workers.survey.tiles")
     def endless(tiles):
         import resource
         def act(request, cells):
             if request.seed == 14 and {0} in cells.delta and {1} in cells.epsilon:
                 limit = resource.getrlimit(resource.RLIMIT_CPU)[0]
                 note(f"endless {{limit - time.process_time():.0f}}")
-                if "workers.cluster.isolation" in sys.modules and limit > 0:
+                if "gear_rattle.workers.cluster.isolation" in sys.modules and limit > 0:
                     os.kill(os.getpid(), signal.SIGXCPU)
                 while True:
                     time.sleep(0.01)
@@ -87,7 +87,7 @@ FREEZING = """
 CREATED = "2026-11-22T12:00:00+00:00"
 #: A survey whose curves kill the processes that trace them, as often as its seed says from 100 on.
 DEADLY_CURVES = """
-    @patch("workers.survey.template")
+    @patch("gear_rattle.workers.survey.template")
     def deadly(template):
         def act(request, created=None):
             if request.seed >= 100:
@@ -102,7 +102,7 @@ DEADLY_CURVES = """
 #: Tiles of the survey that has to meet a bound kill the process that has half written them: the fourth, and the second
 #: of those that go through a further round.
 DEADLY_WRITES = """
-    @patch("workers.storage.location")
+    @patch("gear_rattle.workers.storage.location")
     def deadly(location):
         def act(place, key, content):
             if place.path.name == "bounded.zarr" and key.startswith("audit_leaf/c/"):
@@ -145,14 +145,14 @@ def faults(environment: Faults) -> Iterator[Faults]:
 @pytest.fixture(autouse=True)
 def _long_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine may be so busy that a worker takes minutes to come back."""
-    monkeypatch.setattr(workers.cluster.submission, "WORKERLESS_SECONDS", HANG)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "WORKERLESS_SECONDS", HANG)
 
 
 @pytest.fixture(scope="module")
 def client(environment: Faults) -> Iterator[Client]:  # noqa: ARG001
     """Two workers whose silence is borne for long."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workers.cluster.cluster, "SILENT_SECONDS", HANG)
+        patch.setattr(gear_rattle.workers.cluster.cluster, "SILENT_SECONDS", HANG)
         with embedded_cluster(2) as client:
             yield client
 
@@ -211,7 +211,7 @@ def test_workers_killed_at_random(faults: Faults, client: Client, store: Path, e
 def test_a_refined_survey_has_the_same_bytes_whatever_is_killed(
     faults: Faults, client: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("workers.survey.refined.rounds.SPARE", SPARE)
+    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.SPARE", SPARE)
     run_survey(BOUNDED, out=tmp_path / "bounded.zarr", cluster=client).close()
     assert faults.notes("written").total() >= 2 * BOUNDED.n_tiles  # a further round
     assert faults.notes("dead").total() == 2
@@ -224,8 +224,8 @@ def test_a_refined_survey_has_the_same_bytes_whatever_is_killed(
 def test_a_frozen_worker_is_replaced(
     faults: Faults, store: Path, expected: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(workers.cluster.cluster, "SILENT_SECONDS", 1)  # dask makes it 5 at least
-    monkeypatch.setattr(workers.cluster.submission, "LATE_SECONDS", HANG)  # nobody else helps
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "SILENT_SECONDS", 1)  # dask makes it 5 at least
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_SECONDS", HANG)  # nobody else helps
     with embedded_cluster(2) as client:
         before = pids(client)
         victim = before[0]
@@ -242,8 +242,8 @@ def test_a_tile_of_a_frozen_worker_is_repeated_elsewhere(
     faults: Faults, client: Client, store: Path, expected: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As on an existing cluster, whose scheduler waits for minutes."""
-    monkeypatch.setattr(workers.cluster.submission, "LATE_SECONDS", 0.1)
-    monkeypatch.setattr(workers.cluster.submission, "LATE_FACTOR", 0)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_SECONDS", 0.1)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_FACTOR", 0)
     victim = pids(client)[0]
     run(store, client, lambda done: os.kill(victim, signal.SIGSTOP) if done == 5 else None)
     before = snapshot(store)
@@ -261,8 +261,10 @@ def test_a_result_that_a_frozen_worker_holds_is_not_waited_for(
     faults: Faults, client: Client, store: Path, expected: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It freezes when it is asked for the result: the tile is repeated, as are others that it is given."""
-    monkeypatch.setattr(workers.cluster.submission, "LATE_SECONDS", 10 * POLL_SECONDS)  # asked for many times till then
-    monkeypatch.setattr(workers.cluster.submission, "LATE_FACTOR", 0)
+    monkeypatch.setattr(
+        gear_rattle.workers.cluster.submission, "LATE_SECONDS", 10 * POLL_SECONDS
+    )  # asked for many times till then
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_FACTOR", 0)
     try:
         run(store, client, lambda done: faults.arm("freezing") if done == 5 else None)
     finally:
@@ -290,7 +292,7 @@ def test_curves_whose_processes_are_killed_are_traced_again(faults: Faults, clie
 def test_curves_that_kill_their_processes_fail_the_survey(
     faults: Faults, client: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(workers.cluster.runner, "ATTEMPTS", 1)
+    monkeypatch.setattr(gear_rattle.workers.cluster.runner, "ATTEMPTS", 1)
     with pytest.raises(SurveyError, match="the curves of the survey killed the process"):
         template_on(client, REQUEST.model_copy(update={"seed": 10**6}), None, lambda: False)
     assert faults.notes("curves").total() == 2
@@ -353,14 +355,14 @@ def test_a_cell_that_never_ends_is_the_only_one_lost(
     path = tmp_path / "endless.zarr"
     create_store(ENDLESS, path)
     records: list[TileRecord] = []
-    monkeypatch.setattr(workers.cluster.submission, "TILE_SECONDS", HANG)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "TILE_SECONDS", HANG)
 
     looks: list[float] = []
 
     def should_stop() -> bool:
         if len(records) == N_TILES - 1:  # alone, and for one look: two ends at once count as two deaths of a third
             looks.append(HANG if looks else 0.0)
-            monkeypatch.setattr(workers.cluster.submission, "TILE_SECONDS", looks[-1])
+            monkeypatch.setattr(gear_rattle.workers.cluster.submission, "TILE_SECONDS", looks[-1])
         return False
 
     run_tiles(ENDLESS, path, TILES, client, records.append, should_stop)

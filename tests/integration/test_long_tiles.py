@@ -15,7 +15,7 @@ from faults import Faults
 from service_processes import assert_bit_identical, start
 from waiting import HANG, wait_until
 
-from workers import SurveyRequest, examine, open_survey
+from gear_rattle.workers import SurveyRequest, examine, open_survey
 
 STARTS = 65536  # of each cell: a tile computes for four seconds
 REQUEST = SurveyRequest(
@@ -40,11 +40,11 @@ def turned():
 
 time.time = turned
 
-@patch("workers.cluster.cluster")
+@patch("gear_rattle.workers.cluster.cluster")
 def silence(cluster):
     cluster.SILENT_SECONDS = 5
 
-@patch("workers.survey.tiles")
+@patch("gear_rattle.workers.survey.tiles")
 def count_ends(tiles):
     after(tiles, "compute_tile", lambda request, tile, *_, **__: note(f"end {{tile.index}} {{os.getpid()}}"))
 """

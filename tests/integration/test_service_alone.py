@@ -13,16 +13,16 @@ from depth import deep
 from service_processes import ENVIRONMENT, ROOT, finish, free_port
 from waiting import HANG
 
-from service.database import Database
-from service.jobs.directory import DataDirectory
+from gear_rattle.service.database import Database
+from gear_rattle.service.jobs.directory import DataDirectory
 
 NO_CLUSTER = "tcp://127.0.0.1:1"
 
 # Writes on and on, and says what has been committed.
 WRITER = """
 import sys
-from service.database import Database, DoneTile, NewJob
-from service.database.tables import State
+from gear_rattle.service.database import Database, DoneTile, NewJob
+from gear_rattle.service.database.tables import State
 database = Database(sys.argv[1])
 while True:
     survey_id = database.accept(NewJob("", {}, "c", "b", 60, 10), 10**6).id
@@ -73,7 +73,16 @@ def test_a_second_service_is_refused_by_data_directory_and_by_database(tmp_path:
 
 
 def test_several_workers_of_uvicorn_are_refused(tmp_path: Path) -> None:
-    arguments = ["-m", "uvicorn", "service.app:create_app", "--factory", "--workers", "2", "--port", str(free_port())]
+    arguments = [
+        "-m",
+        "uvicorn",
+        "gear_rattle.service.app:create_app",
+        "--factory",
+        "--workers",
+        "2",
+        "--port",
+        str(free_port()),
+    ]
     environment = ENVIRONMENT | {"RATTLE_DATA": str(tmp_path), "RATTLE_SCHEDULER": NO_CLUSTER}
     with running(*arguments, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as process:
         said, _ = process.communicate(timeout=HANG)  # it ends, though one of the workers could have gone on

@@ -17,7 +17,7 @@ from faults import NO_DEADLINE, Faults
 from service_processes import REQUEST, client_of, finish, free_port, server, start
 from waiting import HANG, wait_until
 
-from service.web.server import STOP_SECONDS
+from gear_rattle.service.web.server import STOP_SECONDS
 
 MIDDLE = 3  # tiles that are done; the next one never ends
 PROMISED = 5.0  # seconds, in CHANGELOG.md
@@ -95,24 +95,24 @@ def test_a_busy_service_ends_by_itself_with_its_tiles(tmp_path: Path) -> None:
 #: workers are there.
 STAGES = {
     "begun": """
-        @patch("service.web.server")
+        @patch("gear_rattle.service.web.server")
         def begun(server):
             after(server, "bind", lambda *_: [note("begun"), wait_for_signal()])
         """,
     "opened": """
-        @patch("service.jobs.manager")
+        @patch("gear_rattle.service.jobs.manager")
         def opened(jobs):
             before(jobs.JobManager, "start", lambda self: [note("opened"), wait_for_signal()])
         """,
     "processes": """
-        @patch("workers.survey.tiles")
+        @patch("gear_rattle.workers.survey.tiles")
         def processes(tiles):
             if any("multiprocessing" in each for each in sys.orig_argv):  # a worker, as it loads
                 note("processes")
                 wait_for_signal()
         """,
     "warming": """
-        @patch("workers.cluster.cluster")
+        @patch("gear_rattle.workers.cluster.cluster")
         def warming(cluster):
             async def setup(self, worker):
                 note("warming")
@@ -178,7 +178,7 @@ def test_a_service_that_starts_ends_by_itself_and_leaves_nothing(tmp_path: Path,
 def test_what_cannot_be_ended_is_killed_in_time(tmp_path: Path) -> None:
     faults, port, log = Faults(tmp_path), free_port(), tmp_path / "log"
     faults.inject("""
-        @patch("workers.cluster.cluster")
+        @patch("gear_rattle.workers.cluster.cluster")
         def endless(cluster):
             def act(*_):
                 note("started")
@@ -203,7 +203,7 @@ def test_what_cannot_be_ended_is_killed_in_time(tmp_path: Path) -> None:
 def test_a_port_that_is_taken_is_told_before_anything_starts(tmp_path: Path) -> None:
     faults = Faults(tmp_path)
     faults.inject("""
-        @patch("service.jobs.manager")
+        @patch("gear_rattle.service.jobs.manager")
         def noted(jobs):
             before(jobs.JobManager, "start", lambda self: note("manager"))
     """)

@@ -12,9 +12,9 @@ from service_processes import client_of, finish
 from typer.testing import CliRunner
 from waiting import wait_until
 
-from service.cli import app
-from service.errors import ServiceError
-from service.results import open_results
+from gear_rattle.service.cli import app
+from gear_rattle.service.errors import ServiceError
+from gear_rattle.service.results import open_results
 
 
 @pytest.fixture(scope="module")

@@ -29,10 +29,10 @@ from service_processes import (
 from typer.testing import CliRunner
 from waiting import HANG, wait_until
 
-from service.cli import app
-from service.client import Client
-from service.errors import ResponseError, ServiceError
-from workers import SurveyError, open_survey
+from gear_rattle.service.cli import app
+from gear_rattle.service.client import Client
+from gear_rattle.service.errors import ResponseError, ServiceError
+from gear_rattle.workers import SurveyError, open_survey
 
 MIDDLE = 3  # tiles that are done while the others are held
 

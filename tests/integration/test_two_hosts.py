@@ -19,7 +19,7 @@ from parts import authority, dask_part, environment
 from service_processes import RATTLE, ROOT, assert_bit_identical
 from waiting import HANG, SELDOM, wait_until
 
-from workers import examine, open_survey
+from gear_rattle.workers import examine, open_survey
 
 HERE, THERE = "10.77.0.1", "10.77.0.2"
 PORT, HELD = 8000, 6

@@ -25,14 +25,13 @@ from distributed.scheduler import TaskGroup
 from intruders import certificates, listening
 from waiting import HANG, wait_until
 
-import workers.certificates
-import workers.cluster.cluster
-import workers.cluster.joining
-import workers.cluster.runner
-import workers.cluster.submission
-import workers.families.blocks
-from rattle import MissingExtraError
-from workers import (
+import gear_rattle.workers.certificates
+import gear_rattle.workers.cluster.cluster
+import gear_rattle.workers.cluster.joining
+import gear_rattle.workers.cluster.runner
+import gear_rattle.workers.cluster.submission
+import gear_rattle.workers.families.blocks
+from gear_rattle.workers import (
     Axis,
     ClusterLostError,
     Group,
@@ -53,7 +52,8 @@ from workers import (
     tiles_done,
     tiles_of,
 )
-from workers.cluster.runner import compute_and_write
+from gear_rattle.workers.cluster.runner import compute_and_write
+from rattle import MissingExtraError
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.58, stop=0.78, num=8),
@@ -67,8 +67,8 @@ TILES = tiles_of(REQUEST)
 @pytest.fixture(autouse=True)
 def _long_starts(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine may be so busy that a worker takes minutes to come, or to come back."""
-    monkeypatch.setattr(workers.cluster.cluster, "CONNECT_SECONDS", HANG)
-    for room in (workers.cluster.submission, workers.cluster.joining):
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "CONNECT_SECONDS", HANG)
+    for room in (gear_rattle.workers.cluster.submission, gear_rattle.workers.cluster.joining):
         monkeypatch.setattr(room, "WORKERLESS_SECONDS", HANG)
 
 
@@ -154,7 +154,7 @@ def test_nothing_is_kept_of_what_is_over(cluster: Client) -> None:
     def notes(dask_worker: Worker) -> list[int]:
         return [len(dask_worker.batched_stream.recent_message_log), len(dask_worker.profile_history)]
 
-    before, last, scheduler = groups(), workers.cluster.cluster.LAST, cluster.cluster.scheduler
+    before, last, scheduler = groups(), gear_rattle.workers.cluster.cluster.LAST, cluster.cluster.scheduler
     for number in range(3 * last):  # a window of the explorer each
         assert cluster.submit(int, number, key=f"window{number}").result() == number
         wait_until(lambda: not scheduler.tasks)  # else the next one is counted to the same computation
@@ -232,7 +232,7 @@ def test_an_existing_scheduler(cluster: Client, store: Path, serial: xr.Dataset)
 
 
 def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers.cluster.cluster, "CONNECT_SECONDS", 0.3)
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "CONNECT_SECONDS", 0.3)
     for url in ("tcp://127.0.0.1:9", "unknown://x", "", "tcp://127.0.0.1:no"):
         with pytest.raises(ClusterLostError, match="no dask scheduler"), connect(url):
             pass
@@ -250,9 +250,9 @@ def test_a_connection_that_ends_with_its_cluster_says_nothing(
 
     client = SimpleNamespace(register_plugin=lambda _: None)
     processes = SimpleNamespace(wait=lambda _: None, started=threading.Event())
-    monkeypatch.setattr(workers.cluster.cluster, "_scheduler", left)
-    monkeypatch.setattr(workers.cluster.cluster, "_Processes", lambda *_: nullcontext(processes))
-    monkeypatch.setattr(workers.cluster.cluster, "Client", lambda *_, **__: nullcontext(client))
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_scheduler", left)
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "_Processes", lambda *_: nullcontext(processes))
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "Client", lambda *_, **__: nullcontext(client))
     handler = logging.StreamHandler()  # as dask's own, which writes elsewhere than this test sees
     logging.getLogger("distributed").addHandler(handler)
     try:
@@ -300,10 +300,10 @@ def test_a_dead_scheduler_is_told_from_a_stop(
 def test_a_worker_that_preloads_the_package_has_what_tiles_need_and_a_start_no_more() -> None:
     """Or the import would hold the heart of a worker of somebody else's cluster; xarray alone takes half a second."""
     asked = """
-import sys, workers.cluster
-workers.cluster.dask_setup(None)
-assert "workers.cluster.runner" in sys.modules
-import service.app
+import sys, gear_rattle.workers.cluster
+gear_rattle.workers.cluster.dask_setup(None)
+assert "gear_rattle.workers.cluster.runner" in sys.modules
+import gear_rattle.service.app
 print(*sys.modules.keys() & {"xarray", "pandas", "matplotlib", "scipy.optimize", "bokeh", "alembic.command"})
 """
     said = subprocess.run(
@@ -326,7 +326,7 @@ def test_a_task_that_began_while_it_was_given_up_has_ended(
     future = cluster.submit(endless, pure=False)
     wait_until(begun.exists)
     monkeypatch.setattr(cluster, "processing", dict)
-    workers.cluster.cluster.end_tasks_and_wait(cluster, [future])
+    gear_rattle.workers.cluster.cluster.end_tasks_and_wait(cluster, [future])
     at_work = cluster.run(lambda dask_worker: len(dask_worker.state.executing))
     assert set(at_work.values()) <= {0}
     cluster.wait_for_workers(2)
@@ -334,7 +334,7 @@ def test_a_task_that_began_while_it_was_given_up_has_ended(
 
 def test_families_are_joined_on_the_cluster(cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Block by block as in this process, to the byte; a stop leaves a survey that is joined later."""
-    monkeypatch.setattr(workers.families.blocks, "SLOTS_OF_BLOCK", 8 * 3**2)
+    monkeypatch.setattr(gear_rattle.workers.families.blocks, "SLOTS_OF_BLOCK", 8 * 3**2)
     request = REQUEST.model_copy(update={"quantities": tuple(map(Group, ("attractors", "lyapunov", "families")))})
     there, here = tmp_path / "there.zarr", tmp_path / "here.zarr"
     create_store(request, there)
@@ -355,7 +355,7 @@ def test_attractors_are_proved_on_the_cluster(
     cluster: Client, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kill: bool
 ) -> None:
     """Stopped and resumed, a worker killed meanwhile: the same bytes as in this process."""
-    monkeypatch.setattr(workers.certificates, "AT_ONCE", 1)
+    monkeypatch.setattr(gear_rattle.workers.certificates, "AT_ONCE", 1)
     asked = {"quantities": (Group.ATTRACTORS,), "certify": True}
     request = REQUEST.model_copy(update=asked)
     there, here = tmp_path / "there.zarr", tmp_path / "here.zarr"
@@ -390,7 +390,7 @@ def test_workers_that_cannot_prove_say_so_before_they_compute(
     def missing() -> None:
         raise MissingExtraError("proofs need python-flint")
 
-    monkeypatch.setattr(workers.cluster.runner, "require_proofs", missing)
+    monkeypatch.setattr(gear_rattle.workers.cluster.runner, "require_proofs", missing)
     request = REQUEST.model_copy(update={"certify": True})
     create_store(request, tmp_path / "survey.zarr")
     with pytest.raises(MissingExtraError, match="proofs need"):

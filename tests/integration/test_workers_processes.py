@@ -16,9 +16,17 @@ from faults import REQUEST
 from service_processes import ENVIRONMENT, OPTIONS, assert_bit_identical, nannies_of, workers_of
 from waiting import HANG, wait_until
 
-import workers.cluster.submission
-from workers import create_store, embedded_cluster, finish_store, open_survey, run_tiles, tiles_of
-from workers.cluster.scratch import HELD, PREFIX, scratch_directory
+import gear_rattle.workers.cluster.submission
+from gear_rattle.workers import (
+    TileRecord,
+    create_store,
+    embedded_cluster,
+    finish_store,
+    open_survey,
+    run_tiles,
+    tiles_of,
+)
+from gear_rattle.workers.cluster.scratch import HELD, PREFIX, scratch_directory
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +42,7 @@ def pids(client: Client) -> set[int]:
 #: Starts a worker, and says so; then waits for ever.
 STARTS_ONE = """
 import time
-from workers import embedded_cluster
+from gear_rattle.workers import embedded_cluster
 with embedded_cluster(1):
     print("started", flush=True)
     time.sleep(1e6)
@@ -125,11 +133,11 @@ def test_they_have_the_environment_of_now(cluster: Client, monkeypatch: pytest.M
 def test_another_process_starts_them_again_when_that_process_is_killed(
     cluster: Client, tmp_path: Path, expected: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(workers.cluster.submission, "WORKERLESS_SECONDS", HANG)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "WORKERLESS_SECONDS", HANG)
     create_store(REQUEST, tmp_path / "survey.zarr")
     before, done = pids(cluster), list[int]()
 
-    def kill(record: workers.TileRecord) -> None:
+    def kill(record: TileRecord) -> None:
         done.append(record.index)
         if len(done) == 5:
             psutil.Process(next(iter(before))).parent().send_signal(signal.SIGKILL)

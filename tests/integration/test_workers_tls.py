@@ -12,8 +12,8 @@ from parts import Settings, authority, dask_part, environment
 from service_processes import client_of, free_port, server
 from waiting import HANG, wait_until
 
-import workers.cluster.cluster
-from workers import ClusterLostError, connect
+import gear_rattle.workers.cluster.cluster
+from gear_rattle.workers import ClusterLostError, connect
 
 BODY = {
     "delta": (0.5, 0.7, 4),
@@ -26,14 +26,14 @@ BODY = {
 @pytest.fixture
 def hopeless(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody waits long for who never answers."""
-    monkeypatch.setattr(workers.cluster.cluster, "CONNECT_SECONDS", 1)
+    monkeypatch.setattr(gear_rattle.workers.cluster.cluster, "CONNECT_SECONDS", 1)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def _patience() -> Iterator[None]:
     """The others wait, however long an answer takes."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workers.cluster.cluster, "CONNECT_SECONDS", HANG)
+        patch.setattr(gear_rattle.workers.cluster.cluster, "CONNECT_SECONDS", HANG)
         yield
 
 

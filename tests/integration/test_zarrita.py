@@ -14,8 +14,8 @@ import xarray as xr
 from depth import deep
 from waiting import HANG
 
-from workers import Group, run_survey
-from workers.survey.levels import grid
+from gear_rattle.workers import Group, run_survey
+from gear_rattle.workers.survey.levels import grid
 
 READERS = Path(__file__).parents[1] / "readers"
 INSTALLED = shutil.which("node") is not None and (READERS / "node_modules" / "zarrita").is_dir()

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, THEMES, Entered, View
-from service.explorer.design import axes
-from workers.pictures.look import USUAL_SHARE
+from gear_rattle.service.explorer.common.address import FURTHER, LIMITS, OVERLAYS, THEMES, Entered, View
+from gear_rattle.service.explorer.design import axes
+from gear_rattle.workers.pictures.look import USUAL_SHARE
 
 numbers = st.floats(-1e3, 1e3)
 windows = st.tuples(numbers, numbers).filter(lambda pair: pair[0] < pair[1])

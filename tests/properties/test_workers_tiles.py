@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rattle
+from gear_rattle.workers import Axis, SurveyRequest, create_store, open_survey, tiles_done
+from gear_rattle.workers.cluster.runner import compute_and_write
+from gear_rattle.workers.survey.tiles import compute_tile, tiles_of
 from rattle import models
-from workers import Axis, SurveyRequest, create_store, open_survey, tiles_done
-from workers.cluster.runner import compute_and_write
-from workers.survey.tiles import compute_tile, tiles_of
 
 # Periodic, chaotic and quiet cells, on both sides of the quiet limit.
 GRID = {"delta": Axis(start=0.58, stop=0.78, num=6), "epsilon": Axis(start=0.05, stop=0.24, num=5)}

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gear_rattle.workers.boundaries.labels import labels_of
+from gear_rattle.workers.survey.crossings import Crossings
 from rattle import FamilyTable
 from rattle.attractors.table import CHAOTIC
 from rattle.families.spread import Rectangle
-from workers.boundaries.labels import labels_of
-from workers.survey.crossings import Crossings
 
 
 class Edges(NamedTuple):

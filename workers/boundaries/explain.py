@@ -13,15 +13,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
+from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_of
+from gear_rattle.workers.boundaries.pairs import KINDS, Attractor, Grid, Pairs, crossed, name_of
+from gear_rattle.workers.errors import SurveyError
 from rattle import REGIONS, RattleError, curves, period_one, quiet_limit
 from rattle.curves import Curve
 from rattle.impacting.bifurcations.branches import fate
 from rattle.impacting.bifurcations.events import Event
 from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.models import Model
-from workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_of
-from workers.boundaries.pairs import KINDS, Attractor, Grid, Pairs, crossed, name_of
-from workers.errors import SurveyError
 
 CHAOTIC = KINDS.index("chaotic")
 MOST_CURVES = 100

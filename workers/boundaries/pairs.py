@@ -6,12 +6,12 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.survey.slices import surveyed_model
+from gear_rattle.workers.survey.values.evaluate import FAILED, KINDS
 from rattle import quiet_limit
 from rattle.curves import Curve
-from workers.boundaries.labels import QUIET_LABEL, Label
-from workers.errors import SurveyError
-from workers.survey.slices import surveyed_model
-from workers.survey.values.evaluate import FAILED, KINDS
 
 UNDECIDED = KINDS.index("undecided")
 

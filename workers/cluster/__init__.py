@@ -8,4 +8,4 @@ from importlib import import_module
 
 def dask_setup(_worker: object) -> None:
     """Called by dask for a preloaded module, before a worker reports to its scheduler."""
-    import_module("workers.cluster.runner")
+    import_module("gear_rattle.workers.cluster.runner")

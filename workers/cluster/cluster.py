@@ -23,10 +23,10 @@ from distributed.scheduler import DEFAULT_EXTENSIONS
 from distributed.utils import silence_logging_cmgr
 
 import rattle
+from gear_rattle.workers.cluster import nannies
+from gear_rattle.workers.cluster.scratch import scratch_directory
+from gear_rattle.workers.errors import ClusterLostError, SurveyError
 from rattle.numerics.processes import environment
-from workers.cluster import nannies
-from workers.cluster.scratch import scratch_directory
-from workers.errors import ClusterLostError, SurveyError
 
 MEMORY_LIMIT = 2 * 2**30
 CONNECT_SECONDS = 10

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from workers.cluster.partial import PartialTile
-from workers.kinds import AnyTile
-from workers.survey.tiles import TileRecord
+from gear_rattle.workers.cluster.partial import PartialTile
+from gear_rattle.workers.kinds import AnyTile
+from gear_rattle.workers.survey.tiles import TileRecord
 
 MANY = 64  # tiles: of fewer, the first ones tell as much as a cell of each
 MEASURED = 256  # tiles of which cells are computed for their cost, at most ...

@@ -14,7 +14,7 @@ from uuid import uuid4
 from dask.typing import Key
 from distributed import Client, Future
 
-from workers.errors import ClusterLostError
+from gear_rattle.workers.errors import ClusterLostError
 
 if TYPE_CHECKING:
     from tornado.ioloop import IOLoop

@@ -7,12 +7,12 @@ from typing import Any
 
 from distributed import Client, KilledWorker
 
-from workers.cluster.cluster import end_tasks_and_wait
-from workers.cluster.in_flight import InFlight, Task
-from workers.cluster.submission import LOST, WORKERLESS_SECONDS
-from workers.errors import StoppedError, SurveyError
-from workers.survey.request import SurveyRequest
-from workers.survey.tiles import POLL_SECONDS
+from gear_rattle.workers.cluster.cluster import end_tasks_and_wait
+from gear_rattle.workers.cluster.in_flight import InFlight, Task
+from gear_rattle.workers.cluster.submission import LOST, WORKERLESS_SECONDS
+from gear_rattle.workers.errors import StoppedError, SurveyError
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.tiles import POLL_SECONDS
 
 #: At a task, of two deaths each, as at a template.
 ATTEMPTS = 3

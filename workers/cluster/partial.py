@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from workers.kinds import AnyRequest, AnyTile, compute_tile
-from workers.populations.request import PopulationRequest
-from workers.survey.tiles import Tile, TileArrays, TileRecord
-from workers.survey.values.schema import SAMPLED, Group
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile
+from gear_rattle.workers.populations.request import PopulationRequest
+from gear_rattle.workers.survey.tiles import Tile, TileArrays, TileRecord
+from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 
 PART_SECONDS = 2.0  # of a task, unless one cell takes longer: surveys take turns between tasks
 FEW = 16  # cells of a tile, which has no parts if it has fewer

@@ -5,10 +5,10 @@ from collections.abc import Callable, Generator, Iterator
 
 from distributed import Client, KilledWorker
 
-from workers.cluster.in_flight import InFlight, Task
-from workers.cluster.window import Frame, Grid, Part, PartValues, compute_part, map_quantity
-from workers.errors import SurveyError
-from workers.survey.request import SurveyRequest
+from gear_rattle.workers.cluster.in_flight import InFlight, Task
+from gear_rattle.workers.cluster.window import Frame, Grid, Part, PartValues, compute_part, map_quantity
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.survey.request import SurveyRequest
 
 PRIORITY = 10  # of dask; tiles have 0
 PART_SECONDS = 0.3  # aimed at: a part that is begun is not interrupted

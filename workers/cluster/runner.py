@@ -16,22 +16,22 @@ from uuid import uuid4
 
 from distributed import Client, Future, KilledWorker, get_worker
 
-from workers.certificates import Answers, Claim, certified, certify_survey, require_proofs
-from workers.cluster.cluster import end_tasks, end_tasks_and_wait
-from workers.cluster.costs import Begun
-from workers.cluster.isolation import compute_tile_apart
-from workers.cluster.joining import Joining
-from workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
-from workers.cluster.submission import Submission
-from workers.completion import complete
-from workers.errors import ClusterLostError, StoppedError, SurveyError
-from workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
-from workers.populations.tiles import GearTile
-from workers.storage.location import Place, place_of
-from workers.storage.store import before_tiles, require_aligned, write_tile
-from workers.survey.request import SurveyRequest
-from workers.survey.template import Template
-from workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord
+from gear_rattle.workers.certificates import Answers, Claim, certified, certify_survey, require_proofs
+from gear_rattle.workers.cluster.cluster import end_tasks, end_tasks_and_wait
+from gear_rattle.workers.cluster.costs import Begun
+from gear_rattle.workers.cluster.isolation import compute_tile_apart
+from gear_rattle.workers.cluster.joining import Joining
+from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
+from gear_rattle.workers.cluster.submission import Submission
+from gear_rattle.workers.completion import complete
+from gear_rattle.workers.errors import ClusterLostError, StoppedError, SurveyError
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
+from gear_rattle.workers.populations.tiles import GearTile
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.store import before_tiles, require_aligned, write_tile
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.template import Template
+from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, Tile, TileRecord
 
 if TYPE_CHECKING:
     from xarray import Dataset

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from dask.typing import Key
 from distributed import Client, Future, KilledWorker
 
-from workers.cluster.cluster import end_tasks
-from workers.cluster.in_flight import InFlight, Task
-from workers.cluster.partial import PART_SECONDS, PartialTile
-from workers.errors import SurveyError
-from workers.kinds import AnyRequest, AnyTile, described, tile_error
-from workers.survey.tiles import TileRecord
+from gear_rattle.workers.cluster.cluster import end_tasks
+from gear_rattle.workers.cluster.in_flight import InFlight, Task
+from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, described, tile_error
+from gear_rattle.workers.survey.tiles import TileRecord
 
 #: A tile is late after this time, and after ten times the longest tile of the run: its worker may be frozen.
 LATE_SECONDS, LATE_FACTOR = 30.0, 10

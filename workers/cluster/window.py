@@ -13,16 +13,16 @@ from typing import NamedTuple
 import numpy as np
 from pydantic import ValidationError
 
+from gear_rattle.workers.errors import SurveyError, no_map
+from gear_rattle.workers.survey.axes import Axis, Window, reason
+from gear_rattle.workers.survey.request import SurveyRequest, TileShape
+from gear_rattle.workers.survey.tiles import MACHINE_FAILURES
+from gear_rattle.workers.survey.values.cells import Cells
+from gear_rattle.workers.survey.values.evaluate import FAILED
+from gear_rattle.workers.survey.values.quantities import QUANTITIES, shape_of, stored
+from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle.errors import require_integer, require_pair
 from rattle.models import Model
-from workers.errors import SurveyError, no_map
-from workers.survey.axes import Axis, Window, reason
-from workers.survey.request import SurveyRequest, TileShape
-from workers.survey.tiles import MACHINE_FAILURES
-from workers.survey.values.cells import Cells
-from workers.survey.values.evaluate import FAILED
-from workers.survey.values.quantities import QUANTITIES, shape_of, stored
-from workers.survey.values.schema import SAMPLED, Group, Quantity
 
 HALVINGS = 5  # from the coarsest level to the whole grid
 MOST_PIXELS = 4096

@@ -10,12 +10,12 @@ from types import EllipsisType
 import numpy as np
 import zarr
 
+from gear_rattle.workers.errors import reading
+from gear_rattle.workers.storage.location import Place
+from gear_rattle.workers.survey.families import FAMILY, GROUP, STORED, Slots, listed
+from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
 from rattle.families.spread import Rectangle
-from workers.errors import reading
-from workers.storage.location import Place
-from workers.survey.families import FAMILY, GROUP, STORED, Slots, listed
-from workers.survey.request import Along, SurveyRequest
 
 #: Slots of the cells of a block, some 100 MB of a worker. The bits of an orbit that enters depend on it, once in 10⁸.
 SLOTS_OF_BLOCK = 1 << 19

@@ -10,25 +10,25 @@ from typing import Any, TypeVar
 import numpy as np
 import zarr
 
+from gear_rattle.workers.boundaries.edges import Edges, edges_of
+from gear_rattle.workers.errors import reading, storage_error
+from gear_rattle.workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, with_rim, within
+from gear_rattle.workers.families.move import move_tile
+from gear_rattle.workers.families.tasks import Border, Connected, Told, connect, enter, tell, write_families
+from gear_rattle.workers.storage.added import Each, here
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.store import added_to_store, has_added
+from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
+from gear_rattle.workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
+from gear_rattle.workers.survey.request import Along, SurveyRequest
+from gear_rattle.workers.survey.seals import path_of
+from gear_rattle.workers.survey.tiles import Tile, tiles_at
+from gear_rattle.workers.survey.values.schema import Group
 from rattle import Attractors
 from rattle.families.join import in_order, together
 from rattle.families.pieces import no_attractors
 from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, added, numbers_of
 from rattle.families.table import tabulated
-from workers.boundaries.edges import Edges, edges_of
-from workers.errors import reading, storage_error
-from workers.families.blocks import COMPONENTS, TARGETS, Block, blocks_of, with_rim, within
-from workers.families.move import move_tile
-from workers.families.tasks import Border, Connected, Told, connect, enter, tell, write_families
-from workers.storage.added import Each, here
-from workers.storage.location import Place, place_of
-from workers.storage.store import added_to_store, has_added
-from workers.survey.crossings import Crossings, Polyline, crossings_of
-from workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
-from workers.survey.request import Along, SurveyRequest
-from workers.survey.seals import path_of
-from workers.survey.tiles import Tile, tiles_at
-from workers.survey.values.schema import Group
 
 #: Of a curve in the store: its points and what joins them.
 CURVE_POINTS = ("point_delta", "point_epsilon", "piece")

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gear_rattle.workers.families.blocks import Block, place_in_cell, read_targets
+from gear_rattle.workers.kinds import compute_tile
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.store import read_tile, rewrite_tile, write_tile
+from gear_rattle.workers.survey.families import listed, with_empty
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.tiles import Tile, TileArrays
+from gear_rattle.workers.survey.values.schema import SLOT
 from rattle.families.spread import Rectangle
-from workers.families.blocks import Block, place_in_cell, read_targets
-from workers.kinds import compute_tile
-from workers.storage.location import Place, place_of
-from workers.storage.store import read_tile, rewrite_tile, write_tile
-from workers.survey.families import listed, with_empty
-from workers.survey.request import SurveyRequest
-from workers.survey.tiles import Tile, TileArrays
-from workers.survey.values.schema import SLOT
 
 
 def move_tile(request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block]) -> None:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.storage.location import Place
+from gear_rattle.workers.storage.store import open_survey
+from gear_rattle.workers.survey.families import FAMILY, GROUP
+from gear_rattle.workers.survey.slices import group_in, slice_of
+from gear_rattle.workers.survey.values.schema import CELL, Group
 from rattle import KINDS, wilson_interval
-from workers.errors import SurveyError
-from workers.storage.location import Place
-from workers.storage.store import open_survey
-from workers.survey.families import FAMILY, GROUP
-from workers.survey.slices import group_in, slice_of
-from workers.survey.values.schema import CELL, Group
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -14,13 +14,8 @@ import zarr
 from zarr.core.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from rattle import Attractors
-from rattle.families.join import in_order, together
-from rattle.families.pieces import connected, entering
-from rattle.families.spread import Rectangle
-from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, sums_of
-from workers.boundaries.edges import Ends, ends_in
-from workers.families.blocks import (
+from gear_rattle.workers.boundaries.edges import Ends, ends_in
+from gear_rattle.workers.families.blocks import (
     COMPONENTS,
     TARGETS,
     Block,
@@ -32,11 +27,16 @@ from workers.families.blocks import (
     with_rim,
     within,
 )
-from workers.storage.location import Place, place_of
-from workers.survey.crossings import Crossings
-from workers.survey.families import Slots, create_numbers, slots_of
-from workers.survey.request import SurveyRequest
-from workers.survey.seals import checksum
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.survey.crossings import Crossings
+from gear_rattle.workers.survey.families import Slots, create_numbers, slots_of
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.seals import checksum
+from rattle import Attractors
+from rattle.families.join import in_order, together
+from rattle.families.pieces import connected, entering
+from rattle.families.spread import Rectangle
+from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, sums_of
 
 PLACES = 1 << 16  # more than a cell has attractors
 

@@ -32,7 +32,7 @@ class SurveyAccessor:
         Raises:
             SurveyError: the survey has no such map, or it cannot be read.
         """
-        from workers.pictures.maps import map_figure
-        from workers.survey.slices import slice_of
+        from gear_rattle.workers.pictures.maps import map_figure
+        from gear_rattle.workers.survey.slices import slice_of
 
         return map_figure(slice_of(self._survey, slice_number), variable, index)

@@ -7,12 +7,12 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, draw_legend, draw_map
+from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
+from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import REGIONS
 from rattle.plot.drawing import HALO, new_figure
-from workers.errors import SurveyError
-from workers.pictures.maps import WITHOUT_VALUE, draw_legend, draw_map
-from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
-from workers.survey.slices import surveyed_model
 
 PANELS = {
     "region": "Regions",

@@ -14,14 +14,14 @@ import xarray as xr
 from xarray.backends import BackendArray
 from xarray.core.indexing import ExplicitIndexer, IndexingSupport, LazilyIndexedArray, explicit_indexing_adapter
 
+from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.pictures.look import AMONG, LARGEST, SHARE, WHICH
+from gear_rattle.workers.survey.families import FAMILY, GROUP
+from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model
+from gear_rattle.workers.survey.values.schema import CELL, SLOT, Group
 from rattle import KINDS
 from rattle.attractors.table import CHAOTIC, PERIODIC
 from rattle.plot.colours import KIND_COLOURS, Palette, name_of
-from workers.errors import SurveyError, reading
-from workers.pictures.look import AMONG, LARGEST, SHARE, WHICH
-from workers.survey.families import FAMILY, GROUP
-from workers.survey.slices import group_in, slice_of, surveyed_model
-from workers.survey.values.schema import CELL, SLOT, Group
 
 OTHERS = 31  # the last code: as many as a level tells apart, the first of which is none
 FLAG_COLOURS = "flag_colours"  # attribute of a map: the colour of each code

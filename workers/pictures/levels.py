@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
-from workers.errors import reading
-from workers.pictures.planes import numbers, plane_of, with_periodic
-from workers.survey.levels import reduce
-from workers.survey.levels.grid import GROUP, Level, Pair, centres, halvings, levels_of
-from workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
-from workers.survey.slices import slice_of
-from workers.survey.values.evaluate import FAILED
-from workers.survey.values.schema import CELL, is_phase
+from gear_rattle.workers.errors import reading
+from gear_rattle.workers.pictures.planes import numbers, plane_of, with_periodic
+from gear_rattle.workers.survey.levels import reduce
+from gear_rattle.workers.survey.levels.grid import GROUP, Level, Pair, centres, halvings, levels_of
+from gear_rattle.workers.survey.levels.template import LEVEL_CELL, OCCURS, SHARE, STATISTIC
+from gear_rattle.workers.survey.slices import slice_of
+from gear_rattle.workers.survey.values.evaluate import FAILED
+from gear_rattle.workers.survey.values.schema import CELL, is_phase
 
 BAND = 1 << 22  # cells that are made smaller at a time
 RARE = 2.0  # an extreme is rare where the mean is more than so many times closer to the other one

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from gear_rattle.workers.survey.values.quantities import QUANTITIES
+from gear_rattle.workers.survey.values.schema import OF_PERIODIC, SLOT
 from rattle.curves import NAMES
-from workers.survey.values.quantities import QUANTITIES
-from workers.survey.values.schema import OF_PERIODIC, SLOT
 
 if TYPE_CHECKING:  # a second for who draws, not for who asks
     import xarray as xr
     from matplotlib.colors import Normalize
 
-    from workers.survey.request import SurveyRequest
+    from gear_rattle.workers.survey.request import SurveyRequest
 
 Pair = tuple[float, float]
 Span = Literal["auto", "robust", "full"]

@@ -13,13 +13,10 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import BoundaryNorm, Colormap, ListedColormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from rattle.orbits.period_one import PAPER_REGIONS
-from rattle.plot.colours import REGION_COLOURS
-from rattle.plot.drawing import new_figure
-from workers.errors import SurveyError, reading
-from workers.pictures.largest import FLAG_COLOURS
-from workers.pictures.levels import OpenGroup, overview, part_for
-from workers.pictures.look import (
+from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.pictures.largest import FLAG_COLOURS
+from gear_rattle.workers.pictures.levels import OpenGroup, overview, part_for
+from gear_rattle.workers.pictures.look import (
     AMONG,
     COVERED,
     LARGEST,
@@ -33,15 +30,18 @@ from workers.pictures.look import (
     Look,
     Over,
 )
-from workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
-from workers.pictures.planes import SLOT_ORDER, UNJOINED, numbers, plane_of, with_periodic
-from workers.survey.levels.grid import centres, halvings
-from workers.survey.levels.reduce import pooled
-from workers.survey.request import BY_FAMILY, BY_FRACTION
-from workers.survey.slices import value_along
-from workers.survey.values.evaluate import FAILED
-from workers.survey.values.quantities import QUANTITIES
-from workers.survey.values.schema import FIXED, OF_PERIODIC, SLOT, Group, is_phase
+from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
+from gear_rattle.workers.pictures.planes import SLOT_ORDER, UNJOINED, numbers, plane_of, with_periodic
+from gear_rattle.workers.survey.levels.grid import centres, halvings
+from gear_rattle.workers.survey.levels.reduce import pooled
+from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
+from gear_rattle.workers.survey.slices import value_along
+from gear_rattle.workers.survey.values.evaluate import FAILED
+from gear_rattle.workers.survey.values.quantities import QUANTITIES
+from gear_rattle.workers.survey.values.schema import FIXED, OF_PERIODIC, SLOT, Group, is_phase
+from rattle.orbits.period_one import PAPER_REGIONS
+from rattle.plot.colours import REGION_COLOURS
+from rattle.plot.drawing import new_figure
 
 ONLY_QUIET, EMPTY_SLOT = "only quiet", "empty slot"
 NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"

@@ -6,12 +6,12 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 
+from gear_rattle.workers.pictures.look import LIMIT, NOTHING_OVER, OPACITY, OWN_STYLES, Over
+from gear_rattle.workers.survey.axes import Window
+from gear_rattle.workers.survey.curves import Missing, traced, window_around
+from gear_rattle.workers.survey.slices import surveyed_model
 from rattle.curves import NAMES
 from rattle.plot import plane
-from workers.pictures.look import LIMIT, NOTHING_OVER, OPACITY, OWN_STYLES, Over
-from workers.survey.axes import Window
-from workers.survey.curves import Missing, traced, window_around
-from workers.survey.slices import surveyed_model
 
 #: Which curves explain which map.
 CURVES_ON: dict[str, tuple[str, ...]] = {

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gear_rattle.workers.errors import SurveyError, no_map
+from gear_rattle.workers.survey.families import FAMILY
+from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
+from gear_rattle.workers.survey.slices import require_slice, third_of
+from gear_rattle.workers.survey.values.schema import CELL, OF_PERIODIC, SLOT
 from rattle.attractors.table import PERIODIC
-from workers.errors import SurveyError, no_map
-from workers.survey.families import FAMILY
-from workers.survey.request import BY_FAMILY, BY_FRACTION
-from workers.survey.slices import require_slice, third_of
-from workers.survey.values.schema import CELL, OF_PERIODIC, SLOT
 
 if TYPE_CHECKING:  # half a second for who reads a survey, not for who starts a service
     import xarray as xr

@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
 from pydantic_core import PydanticCustomError
 
+from gear_rattle.workers.survey.axes import Real, Strict, words_of
 from rattle import LogNormal, Measured, Normal, Triangular, Uniform
 from rattle.populations.distributions import Distribution
-from workers.survey.axes import Real, Strict, words_of
 
 MOST_MEASURED = 10_000
 

@@ -8,17 +8,17 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from gear_rattle.workers.populations.numbers import AnyDistribution, GearNumbers, meant
+from gear_rattle.workers.survey.axes import Name, Real, Strict
+from gear_rattle.workers.survey.request import DEFAULT_SAMPLES, LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES, STIFF_SAMPLES
+from gear_rattle.workers.survey.values.schema import Group
+from gear_rattle.workers.survey.version import code_version
 from rattle import Shock
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH
 from rattle.attractors.table import LARGEST_BUDGET
 from rattle.models import Model
 from rattle.populations.plan import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Plan
 from rattle.populations.tolerances import Tolerances
-from workers.populations.numbers import AnyDistribution, GearNumbers, meant
-from workers.survey.axes import Name, Real, Strict
-from workers.survey.request import DEFAULT_SAMPLES, LEAST_TILES, MAX_TILE_SAMPLES, MAX_TILES, STIFF_SAMPLES
-from workers.survey.values.schema import Group
-from workers.survey.version import code_version
 
 MAX_TILE_GEARS = 65_536
 FEWEST = 64  # gears of a default tile, where each is soon told

@@ -7,12 +7,12 @@ import zarr
 from zarr.core.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from workers.populations.request import PopulationRequest
-from workers.populations.variables import SAMPLE, Variable, variables_of
-from workers.survey.seals import TILES
-from workers.survey.template import CODECS, WHOLE, Template, completed, create_checksums, now
-from workers.survey.values.quantities import DOI
-from workers.survey.version import code_version
+from gear_rattle.workers.populations.request import PopulationRequest
+from gear_rattle.workers.populations.variables import SAMPLE, Variable, variables_of
+from gear_rattle.workers.survey.seals import TILES
+from gear_rattle.workers.survey.template import CODECS, WHOLE, Template, completed, create_checksums, now
+from gear_rattle.workers.survey.values.quantities import DOI
+from gear_rattle.workers.survey.version import code_version
 
 KIND = "population"
 
@@ -31,7 +31,7 @@ def template_of(request: PopulationRequest, created: str | None = None) -> Templ
 
 
 def blank(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
-    """Return what tiles write to, in memory, as `workers.survey.template.blank` does."""
+    """Return what tiles write to, in memory, as `gear_rattle.workers.survey.template.blank` does."""
     kept: dict[str, Buffer] = {}
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     variables = variables_of(request)

@@ -7,11 +7,18 @@ from types import EllipsisType
 
 import numpy as np
 
+from gear_rattle.workers.populations.request import PopulationRequest
+from gear_rattle.workers.populations.variables import Variable, variables_of
+from gear_rattle.workers.survey.tiles import (
+    LONGEST_MESSAGE,
+    MACHINE_FAILURES,
+    CellOutcome,
+    FailedCell,
+    TileArrays,
+    TileRecord,
+)
+from gear_rattle.workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
 from rattle.populations.gears import Gears, computed
-from workers.populations.request import PopulationRequest
-from workers.populations.variables import Variable, variables_of
-from workers.survey.tiles import LONGEST_MESSAGE, MACHINE_FAILURES, CellOutcome, FailedCell, TileArrays, TileRecord
-from workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,7 @@ def tiles_of(request: PopulationRequest) -> list[GearTile]:
 def compute_tile(
     request: PopulationRequest, tile: GearTile, outcomes: Iterable[CellOutcome] | None = None
 ) -> tuple[TileArrays, TileRecord]:
-    """Compute every variable of a tile, as `workers.survey.tiles.compute_tile` does for a survey: a gear is a cell."""
+    """Compute every variable of a tile, as `survey.tiles.compute_tile` does for a survey: a gear is a cell."""
     began = time.perf_counter()
     if outcomes is not None:
         arrays, failed = _gather(request, tile, outcomes)

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from gear_rattle.workers.populations.request import PopulationRequest
+from gear_rattle.workers.survey.values.evaluate import OK, SOME_UNDECIDED, STATUS
+from gear_rattle.workers.survey.values.quantities import DOI
 from rattle.machine.given import UNITS
 from rattle.populations.answers import means
 from rattle.populations.gears import VERDICTS, Gears
 from rattle.populations.tolerances import is_machine
-from workers.populations.request import PopulationRequest
-from workers.survey.values.evaluate import OK, SOME_UNDECIDED, STATUS
-from workers.survey.values.quantities import DOI
 
 GEAR, SAMPLE = "gear", "sample"
 NAMES = {"delta": "damping δ", "epsilon": "eccentricity ε", "beta": "half-backlash β", "kappa": "stiffness κ"}

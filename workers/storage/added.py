@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.request import SurveyRequest
 
 #: Does a task, a function of a request, a path and what follows, for each of these; results in their order.
 Each = Callable[[Callable[..., Any], SurveyRequest, str, Sequence[tuple[Any, ...]]], list[Any]]

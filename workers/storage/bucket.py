@@ -15,9 +15,9 @@ from urllib.parse import urlsplit
 
 from zarr.storage import ObjectStore
 
-from workers.errors import StorageError, SurveyError
-from workers.storage.bucket_lock import has_died, identity
-from workers.survey.seals import ROOT
+from gear_rattle.workers.errors import StorageError, SurveyError
+from gear_rattle.workers.storage.bucket_lock import has_died, identity
+from gear_rattle.workers.survey.seals import ROOT
 
 if TYPE_CHECKING:
     from obstore.store import S3Store

@@ -8,12 +8,12 @@ from typing import IO
 import numpy as np
 import xarray as xr
 
+from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.storage.complex import split_complex
+from gear_rattle.workers.survey.machine import AXES
+from gear_rattle.workers.survey.slices import slices_of, third_of
+from gear_rattle.workers.survey.values.schema import CELL, FIXED, Form
 from rattle import MissingExtraError
-from workers.errors import SurveyError, reading
-from workers.storage.complex import split_complex
-from workers.survey.machine import AXES
-from workers.survey.slices import slices_of, third_of
-from workers.survey.values.schema import CELL, FIXED, Form
 
 ROWS = 32  # of the grid, where the store does not say how many its chunks have
 CELLS = 16_384  # that are text at the same time

@@ -20,9 +20,9 @@ import numpy as np
 import zarr
 from zarr.errors import ZarrUserWarning
 
-from workers.errors import StoppedError, StorageError, SurveyError
-from workers.storage.location import Place, place_of
-from workers.survey.seals import (
+from gear_rattle.workers.errors import StoppedError, StorageError, SurveyError
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.survey.seals import (
     GROUP,
     OWN,
     ROOT,
@@ -37,7 +37,7 @@ from workers.survey.seals import (
     seal_of,
     tile_key,
 )
-from workers.survey.version import code_version
+from gear_rattle.workers.survey.version import code_version
 
 STATUS = "status"
 COMPLETED = "date_completed"  # what the root of a completed survey says

@@ -12,9 +12,9 @@ from functools import lru_cache
 from pathlib import Path
 from uuid import uuid4
 
-from workers.errors import SurveyError, storage_error
-from workers.storage.bucket import LOCK, SCHEME, Bucket
-from workers.survey.seals import ROOT
+from gear_rattle.workers.errors import SurveyError, storage_error
+from gear_rattle.workers.storage.bucket import LOCK, SCHEME, Bucket
+from gear_rattle.workers.survey.seals import ROOT
 
 CERTIFICATES = ".certificates.zarr"  # the ending of a store of certificates
 

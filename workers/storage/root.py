@@ -6,10 +6,10 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from workers.errors import SurveyError
-from workers.storage.integrity import read_sealed, require_there
-from workers.storage.location import Place
-from workers.survey.seals import ROOT, sealed
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.storage.integrity import read_sealed, require_there
+from gear_rattle.workers.storage.location import Place
+from gear_rattle.workers.survey.seals import ROOT, sealed
 
 
 def attributes_of(place: Place) -> dict[str, Any]:

@@ -12,12 +12,12 @@ import numpy as np
 import zarr
 from zarr.core.buffer import cpu
 
-from workers.errors import StorageError, SurveyError, storage_error
-from workers.kinds import AnyRequest, AnyTile, blank, template_of
-from workers.populations.request import PopulationRequest
-from workers.storage.bucket import SCHEME
-from workers.storage.encoding import prepare_for_writing
-from workers.storage.integrity import (
+from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, blank, template_of
+from gear_rattle.workers.populations.request import PopulationRequest
+from gear_rattle.workers.storage.bucket import SCHEME
+from gear_rattle.workers.storage.encoding import prepare_for_writing
+from gear_rattle.workers.storage.integrity import (
     COMPLETED,
     STATUS,
     Manifest,
@@ -29,18 +29,38 @@ from workers.storage.integrity import (
     said_by_root,
     whole_tile,
 )
-from workers.storage.location import Place, place_of
-from workers.storage.root import attributes_of, tell
-from workers.survey.families import FAMILY
-from workers.survey.families import GROUP as FAMILIES
-from workers.survey.levels.grid import GROUP as LEVELS
-from workers.survey.refined.audit import AUDIT, AUDITED, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL, TOLD, told_of_audit
-from workers.survey.request import SurveyRequest
-from workers.survey.seals import GROUP, OWN, ROOT, SLICES, TILES, checksums_of, chunk_key, files_of, sealed, tile_key
-from workers.survey.template import Template, now
-from workers.survey.tiles import Tile
-from workers.survey.values.schema import CELL, SLOT
-from workers.survey.version import code_version
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.root import attributes_of, tell
+from gear_rattle.workers.survey.families import FAMILY
+from gear_rattle.workers.survey.families import GROUP as FAMILIES
+from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
+from gear_rattle.workers.survey.refined.audit import (
+    AUDIT,
+    AUDITED,
+    DISAGREED,
+    LEAF,
+    ROUNDS,
+    SOURCE_LEVEL,
+    TOLD,
+    told_of_audit,
+)
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.seals import (
+    GROUP,
+    OWN,
+    ROOT,
+    SLICES,
+    TILES,
+    checksums_of,
+    chunk_key,
+    files_of,
+    sealed,
+    tile_key,
+)
+from gear_rattle.workers.survey.template import Template, now
+from gear_rattle.workers.survey.tiles import Tile
+from gear_rattle.workers.survey.values.schema import CELL, SLOT
+from gear_rattle.workers.survey.version import code_version
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -376,7 +396,7 @@ def open_survey(path_or_url: str | Path | Place, group: str | None = None, as_st
     dataset = prepare_for_writing(dataset)
     if as_stored:
         return dataset
-    from workers.storage.complex import joined
+    from gear_rattle.workers.storage.complex import joined
 
     return joined(dataset)
 

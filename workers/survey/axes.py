@@ -19,8 +19,8 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from gear_rattle.workers.errors import SurveyError
 from rattle.errors import did_you_mean
-from workers.errors import SurveyError
 
 #: Strict: neither True nor "0.6" is a number here.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False)]

@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gear_rattle.workers.survey.axes import Axis, Window
+from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
+from gear_rattle.workers.survey.values.quantities import DOI
+from gear_rattle.workers.survey.values.schema import PARTS
 from rattle import RattleError
 from rattle.curves import CodimensionTwo, Curve
 from rattle.models import AnyModel
-from workers.survey.axes import Axis, Window
-from workers.survey.crossings import Crossings, Polyline, crossings_of
-from workers.survey.values.quantities import DOI
-from workers.survey.values.schema import PARTS
 
 LOWEST_DELTA = 0.1  # of the axis' start: where half a cell reaches 0, which no curve does
 NARROWEST = 1e-9  # half of a window, as a share of its parameter: below, a curve takes minutes

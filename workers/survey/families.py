@@ -8,13 +8,21 @@ import zarr
 from zarr.core.buffer import Buffer
 from zarr.storage import MemoryStore
 
+from gear_rattle.workers.survey.curves import TEXT, Variable
+from gear_rattle.workers.survey.request import Along, SurveyRequest
+from gear_rattle.workers.survey.template import (
+    CODECS,
+    WHOLE,
+    Template,
+    consolidate,
+    contents,
+    group_of,
+    write_variables,
+)
+from gear_rattle.workers.survey.values.schema import CELL, SLOT
 from rattle import KINDS, Attractors, FamilyTable
 from rattle.families.join import in_order
 from rattle.families.sums import NO_FAMILY
-from workers.survey.curves import TEXT, Variable
-from workers.survey.request import Along, SurveyRequest
-from workers.survey.template import CODECS, WHOLE, Template, consolidate, contents, group_of, write_variables
-from workers.survey.values.schema import CELL, SLOT
 
 #: What a survey's attractors are read from.
 STORED = (
@@ -58,7 +66,7 @@ FAMILY_VARIABLES: tuple[Variable, ...] = (
 )
 
 
-#: What is known of where families end: of `workers.boundaries.edges.Edges`.
+#: What is known of where families end: of `gear_rattle.workers.boundaries.edges.Edges`.
 EDGE_VARIABLES: tuple[Variable, ...] = (
     Variable("curve", ("curve",), TEXT, "curve of the period-one motions, a group of /curves", lambda x: x.names),
     Variable("edges", ROW, np.int64, "pairs of neighbouring cells of which one has it", lambda x: x.number),

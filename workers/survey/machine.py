@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal, TypeVar
 import numpy as np
 from pydantic import Field, ValidationError
 
+from gear_rattle.workers.survey.axes import Axis, Real, Strict, reason
 from rattle import Machine
 from rattle.machine.conversion import DRIVES
 from rattle.machine.given import RPM
-from workers.survey.axes import Axis, Real, Strict, reason
 
 Part = TypeVar("Part", bound=Strict)
 Positive = Annotated[Real, Field(gt=0)]

@@ -16,17 +16,17 @@ from pydantic import (
     model_validator,
 )
 
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.survey.axes import Axis, Name, NumberOrAxis, Real, Strict
+from gear_rattle.workers.survey.machine import SurveyedMachine, in_the_model
+from gear_rattle.workers.survey.refined.asked import BLOCK, Refine, RefineOrNot, require_refinable
+from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored
+from gear_rattle.workers.survey.values.schema import DEFAULT, FIXED, NEEDS, SAMPLED, Group, Quantity
+from gear_rattle.workers.survey.version import code_version
 from rattle.attractors.classify import BUDGET, PERIODS, WATCH
 from rattle.attractors.speeds import NATURAL, PAPER_SPEED, in_paper_plane
 from rattle.attractors.table import LARGEST_BUDGET
 from rattle.models import AnyModel, Model, model_of
-from workers.errors import SurveyError
-from workers.survey.axes import Axis, Name, NumberOrAxis, Real, Strict
-from workers.survey.machine import SurveyedMachine, in_the_model
-from workers.survey.refined.asked import BLOCK, Refine, RefineOrNot, require_refinable
-from workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored
-from workers.survey.values.schema import DEFAULT, FIXED, NEEDS, SAMPLED, Group, Quantity
-from workers.survey.version import code_version
 
 Along = tuple[int, ...]  # an index along the third axis, () where there is none
 Count = Annotated[int, Field(strict=True, ge=1, le=65_536)]

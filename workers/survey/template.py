@@ -15,15 +15,22 @@ from zarr.errors import ZarrUserWarning
 from zarr.storage import MemoryStore, StoreLike
 
 import rattle
-from workers.survey.axes import Axis
-from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES, Variable, curve_attributes, traced, window_around
-from workers.survey.machine import AXES
-from workers.survey.request import Along, SurveyRequest
-from workers.survey.seals import GROUP, OWN, ROOT, SLICE, SLICES, TILES, files_of, path_of, sealed
-from workers.survey.tiles import cells_of
-from workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of
-from workers.survey.values.schema import FIXED, SLOT, Quantity
-from workers.survey.version import code_version
+from gear_rattle.workers.survey.axes import Axis
+from gear_rattle.workers.survey.curves import (
+    CURVE_VARIABLES,
+    POINT_VARIABLES,
+    Variable,
+    curve_attributes,
+    traced,
+    window_around,
+)
+from gear_rattle.workers.survey.machine import AXES
+from gear_rattle.workers.survey.request import Along, SurveyRequest
+from gear_rattle.workers.survey.seals import GROUP, OWN, ROOT, SLICE, SLICES, TILES, files_of, path_of, sealed
+from gear_rattle.workers.survey.tiles import cells_of
+from gear_rattle.workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of
+from gear_rattle.workers.survey.values.schema import FIXED, SLOT, Quantity
+from gear_rattle.workers.survey.version import code_version
 
 #: Every chunk ends in a checksum, so that any reader fails loudly on a damaged one instead of showing other numbers.
 CODECS = (ZstdCodec(level=0), Crc32cCodec())

@@ -7,14 +7,14 @@ from types import EllipsisType
 
 import numpy as np
 
-from workers.survey.curves import crossings
-from workers.survey.refined.fill import Plan, RefinedCells, refined_cells
-from workers.survey.refined.rounds import Round, first_round
-from workers.survey.request import Along, SurveyRequest
-from workers.survey.values.cells import Cells
-from workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
-from workers.survey.values.quantities import shape_of
-from workers.survey.values.schema import SAMPLED, Quantity
+from gear_rattle.workers.survey.curves import crossings
+from gear_rattle.workers.survey.refined.fill import Plan, RefinedCells, refined_cells
+from gear_rattle.workers.survey.refined.rounds import Round, first_round
+from gear_rattle.workers.survey.request import Along, SurveyRequest
+from gear_rattle.workers.survey.values.cells import Cells
+from gear_rattle.workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
+from gear_rattle.workers.survey.values.quantities import shape_of
+from gear_rattle.workers.survey.values.schema import SAMPLED, Quantity
 
 LONGEST_MESSAGE = 300
 POLL_SECONDS = 0.2  # between two questions whether a run shall stop

@@ -18,6 +18,5 @@ def code_version() -> str:
     for folder in FOLDERS:
         room = Path(__file__).parents[1] / folder
         for path in sorted(room.rglob("*.py")):
-            source = path.read_bytes().replace(b"gear_rattle.", b"")  # where a wheel has the packages (setup.py)
-            digest.update(path.relative_to(room).as_posix().encode() + b"\0" + source + b"\0")
+            digest.update(path.relative_to(room).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return f"{rattle.__version__}+{digest.hexdigest()[:16]}"

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeVar
 from urllib.parse import urlencode
 
+from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
 from rattle import Machine
 from rattle.curves import NAMES
 from rattle.models import AnyModel, model_of
 from rattle.populations.plan import MOST_SHARE
-from workers.pictures.look import LINES, POINTS, USUAL_SHARE
 
 Pair = tuple[float, float]
 Ranges = tuple[Pair, Pair]  # of δ and of ε, as a figure shows them: it may show more than the plane

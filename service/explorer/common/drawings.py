@@ -5,8 +5,8 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Callable, Hashable, Sequence
 
-from service.database.tables import JobRow, State
-from service.explorer.common.viewer import Viewer
+from gear_rattle.service.database.tables import JobRow, State
+from gear_rattle.service.explorer.common.viewer import Viewer
 
 PAUSE = 1.0  # between two drawings of a survey that runs
 

@@ -7,7 +7,7 @@ from typing import Any
 from bokeh.models import Range1d
 from bokeh.plotting import figure
 
-from service.explorer.common.theme import INK
+from gear_rattle.service.explorer.common.theme import INK
 
 Limits = tuple[float, float]
 #: Style of a column: where a sheet of paper ends, it goes on after a part, which Chromium's flexible boxes do not.

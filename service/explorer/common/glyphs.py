@@ -20,9 +20,9 @@ from bokeh.models.annotations import ColorBar, Label
 from bokeh.models.glyphs import Image, Line, MultiLine, Scatter, Text, VArea
 from bokeh.models.renderers import GlyphRenderer
 
+from gear_rattle.service.explorer.files import asset
+from gear_rattle.workers.pictures.look import COVERED, LIMIT, OPACITY, OWN_STYLES
 from rattle.plot.plane import STYLES
-from service.explorer.files import asset
-from workers.pictures.look import COVERED, LIMIT, OPACITY, OWN_STYLES
 
 BAR_WIDTH, BAR_PADDING = 12, 6  # pixels
 CLEAR = "#00000000"

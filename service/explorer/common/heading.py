@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.text import Text
 
 
 class Heading(Text):

@@ -8,7 +8,7 @@ from typing import Any
 import param
 from panel.custom import JSComponent
 
-from service.explorer.files import asset
+from gear_rattle.service.explorer.files import asset
 
 
 class SurveyList(JSComponent):

@@ -13,9 +13,9 @@ from datetime import datetime
 from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 
-from service.database.tables import JobRow, State
-from service.errors import UnavailableError
-from service.state import Front
+from gear_rattle.service.database.tables import JobRow, State
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.state import Front
 
 LISTED = 100  # newest surveys
 PAUSE = 0.5  # between two readings

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from starlette.concurrency import run_in_threadpool
 
+from gear_rattle.service.access.keys import Caller
+from gear_rattle.service.database.tables import Scope
+from gear_rattle.service.errors import ForbiddenError, UnauthorizedError
+from gear_rattle.service.state import Front
 from rattle import RattleError
-from service.access.keys import Caller
-from service.database.tables import Scope
-from service.errors import ForbiddenError, UnauthorizedError
-from service.state import Front
 
 if TYPE_CHECKING:
     from bokeh.document import Document

@@ -10,10 +10,10 @@ from typing import Any
 from bokeh.models import CustomJS, CustomJSTicker, CustomJSTickFormatter, LinearAxis, NoOverlap, Range1d
 from bokeh.plotting import figure
 
-from service.explorer.common.address import Pair
-from service.explorer.design.fields import NUMBERS
-from service.explorer.files import asset
-from workers.survey.machine import SurveyedMachine
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.design.fields import NUMBERS
+from gear_rattle.service.explorer.files import asset
+from gear_rattle.workers.survey.machine import SurveyedMachine
 
 NAMES = ("damping δ", "eccentricity ε")
 ROUND = "return String(Number((inverse ? scale / tick : scale * tick).toPrecision(7)))"

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 
 import panel as pn
 
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
 from rattle.machine.conversion import DRIVES
-from service.explorer.common.address import Pair
-from workers.survey.machine import SurveyedMachine
 
 DIGITS = 12  # of a number that was converted and back
 EXACT = "0[.][0000000000000000]"

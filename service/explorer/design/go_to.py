@@ -8,12 +8,12 @@ from typing import Any
 
 import panel as pn
 
+from gear_rattle.service.explorer.common.address import Entered
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.design.fields import EXACT, POINT, MachineFields
+from gear_rattle.service.explorer.design.places import Place, places
 from rattle import RattleError
-from service.explorer.common.address import Entered
-from service.explorer.common.text import Text
-from service.explorer.common.watch import Watch, on_press
-from service.explorer.design.fields import EXACT, POINT, MachineFields
-from service.explorer.design.places import Place, places
 
 
 class GoTo:

@@ -7,13 +7,13 @@ from typing import Any
 
 import panel as pn
 
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.design.fields import EXACT, NUMBERS
+from gear_rattle.service.explorer.design.tolerance import Tolerance
+from gear_rattle.workers.pictures.look import USUAL_SHARE
 from rattle import Machine
 from rattle.models import AnyGear
-from service.explorer.common.text import Text
-from service.explorer.common.watch import on_press
-from service.explorer.design.fields import EXACT, NUMBERS
-from service.explorer.design.tolerance import Tolerance
-from workers.pictures.look import USUAL_SHARE
 
 TENTH = 0.1  # of the point's numbers: standard deviations that are offered
 

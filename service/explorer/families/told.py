@@ -12,17 +12,17 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.map.planes import Plane
+from gear_rattle.service.explorer.point.words import number, percent
+from gear_rattle.workers import Bucket, SurveyRequest, open_survey
+from gear_rattle.workers.errors import SurveyError, reading
+from gear_rattle.workers.pictures.largest import names_of, open_maps
+from gear_rattle.workers.pictures.look import LARGEST
+from gear_rattle.workers.survey.families import GROUP
+from gear_rattle.workers.survey.slices import group_in
+from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle.models import AnyModel
-from service.explorer.common.address import Pair
-from service.explorer.map.planes import Plane
-from service.explorer.point.words import number, percent
-from workers import Bucket, SurveyRequest, open_survey
-from workers.errors import SurveyError, reading
-from workers.pictures.largest import names_of, open_maps
-from workers.pictures.look import LARGEST
-from workers.survey.families import GROUP
-from workers.survey.slices import group_in
-from workers.survey.values.evaluate import FAILED
 
 MOST_LISTED = 100  # the first of them, by falling number of cells
 NOT_ALONE = "Where two of its attractors are in one cell, one becomes the other on a way through other cells."

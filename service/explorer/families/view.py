@@ -10,20 +10,28 @@ from typing import Any, NamedTuple
 import numpy as np
 import panel as pn
 
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.errors import MissingError
+from gear_rattle.service.explorer.common.address import Ranges, View
+from gear_rattle.service.explorer.common.drawings import Drawings, Show
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.families.told import (
+    Extent,
+    Family,
+    family_of,
+    in_words,
+    listed,
+    require_family,
+    stored,
+)
+from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.workers import Group, SurveyError, SurveyRequest
+from gear_rattle.workers.pictures.look import SHARE
 from rattle import RattleError
-from service.database.tables import JobRow
-from service.errors import MissingError
-from service.explorer.common.address import Ranges, View
-from service.explorer.common.drawings import Drawings, Show
-from service.explorer.common.text import Text
-from service.explorer.common.viewer import Viewer
-from service.explorer.common.watch import Watch, on_press
-from service.explorer.families.told import Extent, Family, family_of, in_words, listed, require_family, stored
-from service.explorer.map.planes import Block, Plane
-from service.explorer.map.shared import Shared
-from service.explorer.map.view import MapView
-from workers import Group, SurveyError, SurveyRequest
-from workers.pictures.look import SHARE
 
 NOBODY = "all of them"
 NO_NUMBERS = "The families of this survey are known when it is computed."

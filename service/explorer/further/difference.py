@@ -7,14 +7,14 @@ import math
 import numpy as np
 import xarray as xr
 
-from service.explorer.map.planes import Plane, cells_at
-from workers import SurveyRequest
-from workers.errors import SurveyError
-from workers.pictures.look import LARGEST
-from workers.pictures.maps import SYMMETRIC, title_of
-from workers.survey.levels.grid import halvings
-from workers.survey.values.evaluate import FAILED
-from workers.survey.values.schema import CELL, is_phase
+from gear_rattle.service.explorer.map.planes import Plane, cells_at
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.pictures.look import LARGEST
+from gear_rattle.workers.pictures.maps import SYMMETRIC, title_of
+from gear_rattle.workers.survey.levels.grid import halvings
+from gear_rattle.workers.survey.values.evaluate import FAILED
+from gear_rattle.workers.survey.values.schema import CELL, is_phase
 
 MOST_CELLS = 24_000_000
 SAME, OTHER = "the_same", "different"

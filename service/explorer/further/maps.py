@@ -7,15 +7,15 @@ from functools import partial
 
 import panel as pn
 
-from service.database.tables import JobRow
-from service.explorer.common.address import MOST_FURTHER, Further, Pair, View
-from service.explorer.common.viewer import Viewer
-from service.explorer.common.watch import on_press
-from service.explorer.further.one import Around, FurtherMap, Uses
-from service.explorer.further.surveys import surveys_of
-from service.explorer.map.planes import names_of
-from service.explorer.map.shared import Shared
-from service.explorer.map.view import MapView
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.explorer.common.address import MOST_FURTHER, Further, Pair, View
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.further.one import Around, FurtherMap, Uses
+from gear_rattle.service.explorer.further.surveys import surveys_of
+from gear_rattle.service.explorer.map.planes import names_of
+from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.map.view import MapView
 
 
 class FurtherMaps:

@@ -11,27 +11,27 @@ from typing import Any
 
 import panel as pn
 
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.explorer.common.address import Chosen, Further, Pair, Ranges, View, numbered
+from gear_rattle.service.explorer.common.drawings import Drawings, Show
+from gear_rattle.service.explorer.common.heading import Heading
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.further.difference import Difference, require_small
+from gear_rattle.service.explorer.further.surveys import request_of
+from gear_rattle.service.explorer.map.closer import Closer
+from gear_rattle.service.explorer.map.colouring import Colouring, Shade, colouring
+from gear_rattle.service.explorer.map.figure import Map
+from gear_rattle.service.explorer.map.overlays import WHOLE, pieces_of, points_in
+from gear_rattle.service.explorer.map.picture import AsSeen, links, picture_query
+from gear_rattle.service.explorer.map.planes import Block, Plane, names_of
+from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.kernels import Part
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.pictures.look import POINTS
 from rattle import RattleError
-from service.database.tables import JobRow
-from service.explorer.common.address import Chosen, Further, Pair, Ranges, View, numbered
-from service.explorer.common.drawings import Drawings, Show
-from service.explorer.common.heading import Heading
-from service.explorer.common.text import Text
-from service.explorer.common.viewer import Viewer
-from service.explorer.common.watch import Watch, on_press
-from service.explorer.further.difference import Difference, require_small
-from service.explorer.further.surveys import request_of
-from service.explorer.map.closer import Closer
-from service.explorer.map.colouring import Colouring, Shade, colouring
-from service.explorer.map.figure import Map
-from service.explorer.map.overlays import WHOLE, pieces_of, points_in
-from service.explorer.map.picture import AsSeen, links, picture_query
-from service.explorer.map.planes import Block, Plane, names_of
-from service.explorer.map.readout import in_words
-from service.explorer.map.shared import Shared
-from service.kernels import Part
-from workers import SurveyRequest
-from workers.pictures.look import POINTS
 
 SHOWN = "shown"
 GONE = "This survey is no longer there."

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from service.database.tables import JobRow
-from workers import SurveyRequest
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.workers import SurveyRequest
 
 
 def request_of(job: JobRow) -> SurveyRequest:

@@ -8,18 +8,18 @@ from typing import Any
 
 import panel as pn
 
+from gear_rattle.service.explorer.common.address import Pair, Ranges
+from gear_rattle.service.explorer.common.figures import PRINTED
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.design.go_to import GoTo
+from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.service.explorer.map.readout import finer_value, readout
+from gear_rattle.service.explorer.point.panel import Above, PointPanel
+from gear_rattle.service.explorer.point.view import PointView
 from rattle import Machine
 from rattle.models import AnyModel
-from service.explorer.common.address import Pair, Ranges
-from service.explorer.common.figures import PRINTED
-from service.explorer.common.text import Text
-from service.explorer.common.viewer import Viewer
-from service.explorer.common.watch import on_press
-from service.explorer.design.go_to import GoTo
-from service.explorer.map.planes import Block, Plane
-from service.explorer.map.readout import finer_value, readout
-from service.explorer.point.panel import Above, PointPanel
-from service.explorer.point.view import PointView
 
 RESERVED = frozenset({"self", "panel", "front", "delta", "epsilon", "model", "machine"})  # an address may name anything
 OPENED = "with-point"  # the page gives it more room

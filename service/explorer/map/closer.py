@@ -11,16 +11,16 @@ from functools import partial
 
 import numpy as np
 
+from gear_rattle.service.explorer.common.address import Ranges
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.map.colouring import values_shown, window_shown
+from gear_rattle.service.explorer.map.figure import Map
+from gear_rattle.service.explorer.map.planes import Block, Plane, Room, box_of
+from gear_rattle.service.operations.windows import Windows, inside, is_coarse
+from gear_rattle.workers import Frame
+from gear_rattle.workers.pictures.look import is_of_survey_only
+from gear_rattle.workers.pictures.planes import numbers
 from rattle import RattleError
-from service.explorer.common.address import Ranges
-from service.explorer.common.viewer import Viewer
-from service.explorer.map.colouring import values_shown, window_shown
-from service.explorer.map.figure import Map
-from service.explorer.map.planes import Block, Plane, Room, box_of
-from service.operations.windows import Windows, inside, is_coarse
-from workers import Frame
-from workers.pictures.look import is_of_survey_only
-from workers.pictures.planes import numbers
 
 SURVEY_ONLY = "This is shown for the cells of the survey only."
 

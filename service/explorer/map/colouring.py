@@ -8,12 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from matplotlib.colors import to_hex
 
-from service.explorer.common.address import Limits, Pair, Ranges
-from service.explorer.map.planes import UNSEEN, Block, Plane, Room
-from workers.pictures.figure import region_places, widest_of
-from workers.pictures.largest import OTHERS
-from workers.pictures.look import LARGEST, limits_of, positive
-from workers.pictures.maps import ZERO, colours_of_codes, scale_of, title_of, valueless_layers, without_value
+from gear_rattle.service.explorer.common.address import Limits, Pair, Ranges
+from gear_rattle.service.explorer.map.planes import UNSEEN, Block, Plane, Room
+from gear_rattle.workers.pictures.figure import region_places, widest_of
+from gear_rattle.workers.pictures.largest import OTHERS
+from gear_rattle.workers.pictures.look import LARGEST, limits_of, positive
+from gear_rattle.workers.pictures.maps import (
+    ZERO,
+    colours_of_codes,
+    scale_of,
+    title_of,
+    valueless_layers,
+    without_value,
+)
 
 SHADES = 256
 #: Families have a name on the map where they are so wide, a share of it, and no other name is so near: pixels.

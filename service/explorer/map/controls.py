@@ -8,10 +8,10 @@ from typing import Any
 
 import panel as pn
 
-from service.explorer.common.address import LIMITS, Limits, Pair
-from service.explorer.common.watch import Watch, on_press
-from service.explorer.map.colouring import Colouring
-from workers import SurveyRequest
+from gear_rattle.service.explorer.common.address import LIMITS, Limits, Pair
+from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.map.colouring import Colouring
+from gear_rattle.workers import SurveyRequest
 
 LIMIT_NAMES = {"auto": "as in the pictures", "robust": "middle 96 %", "full": "all values"}
 LETTERS = {"beta": "β", "kappa": "κ"}

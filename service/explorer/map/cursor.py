@@ -11,10 +11,10 @@ from bokeh.events import DocumentReady
 from bokeh.models import ColumnDataSource, CustomAction, CustomJS
 from bokeh.plotting import figure
 
-from service.explorer.common.address import Pair, Ranges
-from service.explorer.files import asset
-from service.explorer.map.planes import Plane
-from service.explorer.point.state import point_of
+from gear_rattle.service.explorer.common.address import Pair, Ranges
+from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.map.planes import Plane
+from gear_rattle.service.explorer.point.state import point_of
 
 FEWEST = 8  # cells across a window whose cells are stepped through; a finer one has STEPS steps across
 STEPS = 40

@@ -16,15 +16,15 @@ from bokeh.models import (
 )
 from bokeh.plotting import figure
 
+from gear_rattle.service.explorer.common import glyphs
+from gear_rattle.service.explorer.common.address import Pair, Ranges
+from gear_rattle.service.explorer.common.theme import INK
+from gear_rattle.service.explorer.design import axes
+from gear_rattle.service.explorer.map.colouring import Colouring
+from gear_rattle.service.explorer.map.planes import UNSEEN, Block
+from gear_rattle.workers.pictures.look import LIMIT, OWN_STYLES
+from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle.plot.plane import MARKERS, STYLES
-from service.explorer.common import glyphs
-from service.explorer.common.address import Pair, Ranges
-from service.explorer.common.theme import INK
-from service.explorer.design import axes
-from service.explorer.map.colouring import Colouring
-from service.explorer.map.planes import UNSEEN, Block
-from workers.pictures.look import LIMIT, OWN_STYLES
-from workers.survey.machine import SurveyedMachine
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 #: Where the name of a point is: those that lie close together are named on different sides.

@@ -11,22 +11,22 @@ from typing import Any
 import numpy as np
 import panel as pn
 
+from gear_rattle.service.explorer.common.address import DEFAULT_OVERLAYS, OVERLAYS, Pair, Ranges
+from gear_rattle.service.explorer.common.glyphs import style_of
+from gear_rattle.service.explorer.common.lists import Key
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.watch import Watch
+from gear_rattle.service.explorer.map.colouring import Shade
+from gear_rattle.service.explorer.map.figure import Map
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.operations.overlaid import Overlaid, limit_band, limit_line
+from gear_rattle.workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
+from gear_rattle.workers.survey.axes import Window
+from gear_rattle.workers.survey.curves import LOWEST_DELTA, Missing, traced
 from rattle import RattleError
 from rattle.models import AnyModel
 from rattle.plot.plane import polyline
 from rattle.populations.plan import MOST_SHARE
-from service.explorer.common.address import DEFAULT_OVERLAYS, OVERLAYS, Pair, Ranges
-from service.explorer.common.glyphs import style_of
-from service.explorer.common.lists import Key
-from service.explorer.common.viewer import Viewer
-from service.explorer.common.watch import Watch
-from service.explorer.map.colouring import Shade
-from service.explorer.map.figure import Map
-from service.kernels import Part
-from service.operations.overlaid import Overlaid, limit_band, limit_line
-from workers.pictures.look import CRISIS, LIMIT, POINTS, USUAL_SHARE
-from workers.survey.axes import Window
-from workers.survey.curves import LOWEST_DELTA, Missing, traced
 
 MEANINGS = {
     CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 from urllib.parse import urlencode
 
-from service.explorer.common.address import Pair, View
-from service.explorer.map.colouring import Colouring
-from service.explorer.map.planes import Room
-from workers.pictures.look import LIMIT
-from workers.survey.values.schema import FIXED
+from gear_rattle.service.explorer.common.address import Pair, View
+from gear_rattle.service.explorer.map.colouring import Colouring
+from gear_rattle.service.explorer.map.planes import Room
+from gear_rattle.workers.pictures.look import LIMIT
+from gear_rattle.workers.survey.values.schema import FIXED
 
 FORMS = ("png", "svg", "pdf")
 

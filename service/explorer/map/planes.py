@@ -13,21 +13,21 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from service.database.tables import JobRow, State
-from service.explorer.common.address import Chosen, Pair, Ranges
-from service.state import Front
-from workers import SurveyRequest, open_survey
-from workers.errors import reading
-from workers.pictures.largest import open_maps
-from workers.pictures.levels import Part, Seen, of_cells, of_level, part_for
-from workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH
-from workers.pictures.planes import numbers, plane_of, with_periodic
-from workers.storage.store import has_added
-from workers.survey.levels.grid import GROUP, centres, halvings, levels_of
-from workers.survey.levels.reduce import pooled
-from workers.survey.slices import slice_of
-from workers.survey.tiles import tiles_at
-from workers.survey.values.schema import CELL, Group
+from gear_rattle.service.database.tables import JobRow, State
+from gear_rattle.service.explorer.common.address import Chosen, Pair, Ranges
+from gear_rattle.service.state import Front
+from gear_rattle.workers import SurveyRequest, open_survey
+from gear_rattle.workers.errors import reading
+from gear_rattle.workers.pictures.largest import open_maps
+from gear_rattle.workers.pictures.levels import Part, Seen, of_cells, of_level, part_for
+from gear_rattle.workers.pictures.look import IN_SLOTS, LARGEST, SHARE, WHICH
+from gear_rattle.workers.pictures.planes import numbers, plane_of, with_periodic
+from gear_rattle.workers.storage.store import has_added
+from gear_rattle.workers.survey.levels.grid import GROUP, centres, halvings, levels_of
+from gear_rattle.workers.survey.levels.reduce import pooled
+from gear_rattle.workers.survey.slices import slice_of
+from gear_rattle.workers.survey.tiles import tiles_at
+from gear_rattle.workers.survey.values.schema import CELL, Group
 
 KEPT, KEPT_CELLS = 24, 24_000_000  # maps, and cells of them all, which take 5 bytes each
 ENLARGED = 200  # points along an axis of an enlarged window
@@ -44,7 +44,7 @@ class Block:
     """The cells of a map that are drawn: values float32 and status (epsilon, delta), and what they cover.
 
     Of more cells than there is room for, several are one, which shows what is rare among them. shares, without: of
-    `workers.pictures.levels.Seen`.
+    `gear_rattle.workers.pictures.levels.Seen`.
     """
 
     delta: np.ndarray
@@ -326,7 +326,7 @@ class Atlas:
 
 def maps_of(request: SurveyRequest) -> dict[str, Any]:
     """The variables of a survey that are maps, in the order of the store; each with the names of its several maps."""
-    from workers.survey.values.quantities import held, labels_of
+    from gear_rattle.workers.survey.values.quantities import held, labels_of
 
     joined = {LARGEST: WHICH} if Group.FAMILIES in request.quantities else {}
     return {

@@ -10,18 +10,18 @@ import numpy as np
 import xarray as xr
 
 import rattle
+from gear_rattle.service.explorer.common.address import Ranges
+from gear_rattle.service.explorer.design.axes import written
+from gear_rattle.service.explorer.design.fields import NUMBERS, in_unit
+from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.workers import QUANTITIES
+from gear_rattle.workers.pictures.maps import meanings_of, title_of, without_value
+from gear_rattle.workers.survey.families import FAMILY
+from gear_rattle.workers.survey.machine import SurveyedMachine
+from gear_rattle.workers.survey.values.evaluate import FAILED, KINDS, STATUS
+from gear_rattle.workers.survey.values.schema import CELL
 from rattle.models import AnyModel
 from rattle.plot import name_of
-from service.explorer.common.address import Ranges
-from service.explorer.design.axes import written
-from service.explorer.design.fields import NUMBERS, in_unit
-from service.explorer.map.planes import Block, Plane
-from workers import QUANTITIES
-from workers.pictures.maps import meanings_of, title_of, without_value
-from workers.survey.families import FAMILY
-from workers.survey.machine import SurveyedMachine
-from workers.survey.values.evaluate import FAILED, KINDS, STATUS
-from workers.survey.values.schema import CELL
 
 Row = tuple[str, str]
 

@@ -12,20 +12,20 @@ from weakref import ReferenceType, ref
 
 from starlette.concurrency import run_in_threadpool
 
+from gear_rattle.service.database.tables import JobRow, State
+from gear_rattle.service.explorer.common.address import UNCHOSEN, Limits, Pair, Ranges, View
+from gear_rattle.service.explorer.common.news import LISTED, News
+from gear_rattle.service.explorer.map.colouring import Colouring, colouring
+from gear_rattle.service.explorer.map.overlays import usual_lines
+from gear_rattle.service.explorer.map.planes import UNSEEN, Atlas, Block, Plane, Room, maps_of, window_of
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.state import Front
+from gear_rattle.workers import SurveyRequest, map_quantity
+from gear_rattle.workers.cluster.window import CLOSED_FORM
+from gear_rattle.workers.pictures.look import LARGEST
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting, Model
-from service.database.tables import JobRow, State
-from service.explorer.common.address import UNCHOSEN, Limits, Pair, Ranges, View
-from service.explorer.common.news import LISTED, News
-from service.explorer.map.colouring import Colouring, colouring
-from service.explorer.map.overlays import usual_lines
-from service.explorer.map.planes import UNSEEN, Atlas, Block, Plane, Room, maps_of, window_of
-from service.kernels import Part
-from service.operations.overlaid import Overlaid
-from service.state import Front
-from workers import SurveyRequest, map_quantity
-from workers.cluster.window import CLOSED_FORM
-from workers.pictures.look import LARGEST
 
 KEPT = 4  # drawings of finished maps, of a few MiB each: whoever opens a page looks at one of few
 

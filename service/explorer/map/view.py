@@ -11,34 +11,34 @@ from typing import Any
 
 import panel as pn
 
+from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
+from gear_rattle.service.errors import MissingError
+from gear_rattle.service.explorer.common.address import UNCHOSEN, Entered, Pair, Pin, Ranges, View, numbered
+from gear_rattle.service.explorer.common.drawings import PAUSE
+from gear_rattle.service.explorer.common.heading import Heading
+from gear_rattle.service.explorer.common.news import Standing
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.design.go_to import GoTo
+from gear_rattle.service.explorer.design.places import Place
+from gear_rattle.service.explorer.map.beside import Beside
+from gear_rattle.service.explorer.map.closer import Closer
+from gear_rattle.service.explorer.map.colouring import Colouring, colouring
+from gear_rattle.service.explorer.map.controls import Controls, Uses
+from gear_rattle.service.explorer.map.cursor import Cursor, History
+from gear_rattle.service.explorer.map.figure import Map
+from gear_rattle.service.explorer.map.overlays import WHOLE, Lines
+from gear_rattle.service.explorer.map.picture import AsSeen
+from gear_rattle.service.explorer.map.planes import SIDE, Block, Plane, maps_of, window_of
+from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.shared import Shared, in_closed_form, usual_variable
+from gear_rattle.service.explorer.point.panel import Above
+from gear_rattle.service.explorer.point.state import marks_of, stands_for
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.pictures.look import LARGEST, LIMIT
+from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import RattleError
 from rattle.models import AnyModel, Impacting
-from service.database.tables import UNREADABLE, JobRow, State
-from service.errors import MissingError
-from service.explorer.common.address import UNCHOSEN, Entered, Pair, Pin, Ranges, View, numbered
-from service.explorer.common.drawings import PAUSE
-from service.explorer.common.heading import Heading
-from service.explorer.common.news import Standing
-from service.explorer.common.text import Text
-from service.explorer.common.viewer import Viewer
-from service.explorer.design.go_to import GoTo
-from service.explorer.design.places import Place
-from service.explorer.map.beside import Beside
-from service.explorer.map.closer import Closer
-from service.explorer.map.colouring import Colouring, colouring
-from service.explorer.map.controls import Controls, Uses
-from service.explorer.map.cursor import Cursor, History
-from service.explorer.map.figure import Map
-from service.explorer.map.overlays import WHOLE, Lines
-from service.explorer.map.picture import AsSeen
-from service.explorer.map.planes import SIDE, Block, Plane, maps_of, window_of
-from service.explorer.map.readout import in_words
-from service.explorer.map.shared import Shared, in_closed_form, usual_variable
-from service.explorer.point.panel import Above
-from service.explorer.point.state import marks_of, stands_for
-from workers import SurveyRequest
-from workers.pictures.look import LARGEST, LIMIT
-from workers.survey.machine import SurveyedMachine
 
 #: What does not stay when another survey is chosen.
 OF_A_SURVEY = {"delta": None, "epsilon": None, "point": None, "machine": None, "slice": 0, "family": None}

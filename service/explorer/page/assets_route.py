@@ -9,7 +9,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import Message, Receive, Scope, Send
 
 if TYPE_CHECKING:
-    from service.explorer.page.transport import Transport
+    from gear_rattle.service.explorer.page.transport import Transport
 
 FOREVER = "private, max-age=31536000, immutable"  # an address with a version never means anything else
 MOST_KEPT = 16 << 20  # bytes

@@ -10,24 +10,24 @@ from typing import Any
 import panel as pn
 from pydantic import ValidationError
 
+from gear_rattle.service.database.tables import Scope
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.page.machine_axes import MachineAxes
+from gear_rattle.service.explorer.page.sample_fields import RefineFields, SampleFields
+from gear_rattle.service.operations.estimate import Estimate, estimate
+from gear_rattle.service.operations.limits import check_limits
+from gear_rattle.service.operations.surveys import submit_survey
+from gear_rattle.service.web.problems import field_errors_of
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.survey.machine import SurveyedMachine
+from gear_rattle.workers.survey.values.quantities import groups_of
+from gear_rattle.workers.survey.values.schema import DEFAULT, Group
 from rattle import RattleError
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.speeds import read_speed
 from rattle.models import AnyModel, Model
-from service.database.tables import Scope
-from service.explorer.common.address import Pair
-from service.explorer.common.viewer import Viewer
-from service.explorer.common.watch import on_press
-from service.explorer.page.machine_axes import MachineAxes
-from service.explorer.page.sample_fields import RefineFields, SampleFields
-from service.operations.estimate import Estimate, estimate
-from service.operations.limits import check_limits
-from service.operations.surveys import submit_survey
-from service.web.problems import field_errors_of
-from workers import SurveyRequest
-from workers.survey.machine import SurveyedMachine
-from workers.survey.values.quantities import groups_of
-from workers.survey.values.schema import DEFAULT, Group
 
 STIFFNESS = 1e4  # offered at first
 PATIENCE = 0.4  # seconds without a change, then the cost is estimated

@@ -5,11 +5,11 @@ from __future__ import annotations
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
-from service.explorer.common.address import THEMES, View
-from service.explorer.files import asset
+from gear_rattle.service.explorer.common.address import THEMES, View
+from gear_rattle.service.explorer.files import asset
 
 if TYPE_CHECKING:
-    from service.explorer.page.transport import Transport
+    from gear_rattle.service.explorer.page.transport import Transport
 
 UNUSED = ("bokeh-gl",)  # the page has no WebGL; Panel's own script needs all others
 #: Styles that parts of the page ask for, each where it is: late.

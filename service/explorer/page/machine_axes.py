@@ -6,10 +6,10 @@ from typing import Any
 
 import panel as pn
 
-from service.explorer.common.address import Pair
-from service.explorer.design.fields import EXACT, NUMBERS, PAIR, MachineFields, spans_of
-from workers import SurveyRequest
-from workers.survey.machine import SurveyedMachine
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.design.fields import EXACT, NUMBERS, PAIR, MachineFields, spans_of
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.survey.machine import SurveyedMachine
 
 LEAST_DELTA = 0.1  # of the upper end
 FIRST = {"rpm": (1000.0, 3000.0, 61), "eccentricity": (1.0, 60.0, 60)}

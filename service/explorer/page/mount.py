@@ -16,23 +16,23 @@ from starlette.responses import HTMLResponse
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import Message, Receive, Scope, Send
 
-from service.access import login
-from service.access.origins import require_root
-from service.errors import UnavailableError
-from service.explorer.common.news import News
-from service.explorer.page.assets_route import Assets
-from service.explorer.page.head import SCHEME, body_of, head_of
-from service.jobs.manager import STARTING
-from service.observability.logs import adopt_handlers
-from service.operations.overlaid import Overlaid
-from service.settings import Settings
-from service.state import Front
+from gear_rattle.service.access import login
+from gear_rattle.service.access.origins import require_root
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.explorer.common.news import News
+from gear_rattle.service.explorer.page.assets_route import Assets
+from gear_rattle.service.explorer.page.head import SCHEME, body_of, head_of
+from gear_rattle.service.jobs.manager import STARTING
+from gear_rattle.service.observability.logs import adopt_handlers
+from gear_rattle.service.operations.overlaid import Overlaid
+from gear_rattle.service.settings import Settings
+from gear_rattle.service.state import Front
 
 if TYPE_CHECKING:
     from bokeh.server.session import ServerSession
 
-    from service.explorer.map.shared import Shared
-    from service.explorer.page.transport import Transport
+    from gear_rattle.service.explorer.map.shared import Shared
+    from gear_rattle.service.explorer.page.transport import Transport
 
 TITLE = "gear rattle"
 SIGNED_OUT = "The API key was revoked, or this browser has signed out."
@@ -120,10 +120,10 @@ class Explorer:
     def _build(self) -> Transport:
         from bokeh.settings import settings
 
-        from service.explorer.map.planes import Atlas
-        from service.explorer.map.shared import Shared
-        from service.explorer.page.page import open_page
-        from service.explorer.places.exact import Exact
+        from gear_rattle.service.explorer.map.planes import Atlas
+        from gear_rattle.service.explorer.map.shared import Shared
+        from gear_rattle.service.explorer.page.page import open_page
+        from gear_rattle.service.explorer.places.exact import Exact
 
         assert self._front is not None
         assert self._news is not None
@@ -143,7 +143,7 @@ class Explorer:
         """
         assert self._front is not None
         if self._front.settings.preload and self._warming is None:
-            from service.explorer.point.work import prepare
+            from gear_rattle.service.explorer.point.work import prepare
 
             self._warming = asyncio.create_task(prepare(self._front))
 
@@ -153,7 +153,7 @@ class Explorer:
         return HTMLResponse(self._head, headers=PAGE_HEADERS)
 
     async def _page(self, request: Request) -> Response:
-        from service.explorer.common.viewer import CALLER
+        from gear_rattle.service.explorer.common.viewer import CALLER
 
         require_root(request.headers)
         bokeh = await self.load()
@@ -206,7 +206,7 @@ class _Socket:
         self._load = load
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        from service.explorer.common.viewer import CALLER
+        from gear_rattle.service.explorer.common.viewer import CALLER
 
         bokeh = await self._load()
         caller = scope["state"]["caller"]
@@ -237,9 +237,11 @@ class _Socket:
 def _transport_of(open_page: Callable[[], Any], title: str) -> Transport:
     """The application that opens a page by calling this in the event loop. Imports take more than a second."""
     if find_spec("bokeh.server.asgi") is not None:
-        from service.explorer.page.transport_asgi import AsgiTransport
+        from gear_rattle.service.explorer.page.transport_asgi import AsgiTransport
 
         return AsgiTransport(open_page, title)
-    from service.explorer.page.transport_fastapi import FastapiTransport  # all that there is for Python 3.11
+    from gear_rattle.service.explorer.page.transport_fastapi import (
+        FastapiTransport,
+    )  # all that there is for Python 3.11
 
     return FastapiTransport(open_page, title)

@@ -14,25 +14,25 @@ from bokeh.events import ConnectionLost, DocumentReady
 from bokeh.models import CustomJS
 from pydantic import ValidationError
 
-from service.database.tables import Kind, Scope
-from service.errors import ServiceError, UnknownSurveyError
-from service.explorer.common.address import FURTHER, Pair, Pin, View
-from service.explorer.common.lists import SurveyList
-from service.explorer.common.news import Standing, overall_rate
-from service.explorer.common.viewer import CALLER, Viewer
-from service.explorer.common.watch import on_press
-from service.explorer.families.view import Families
-from service.explorer.files import asset
-from service.explorer.further.maps import FurtherMaps
-from service.explorer.map.shared import Shared, shown_first
-from service.explorer.map.view import MapView
-from service.explorer.page.form import Form, what_is_wrong
-from service.explorer.page.head import SCHEME, theme_of
-from service.explorer.page.rows import row_of
-from service.explorer.pins.view import Pins
-from service.explorer.section.section import Section
-from service.operations.surveys import Description, describe_survey, remove_survey, verify_survey
-from workers import SurveyRequest
+from gear_rattle.service.database.tables import Kind, Scope
+from gear_rattle.service.errors import ServiceError, UnknownSurveyError
+from gear_rattle.service.explorer.common.address import FURTHER, Pair, Pin, View
+from gear_rattle.service.explorer.common.lists import SurveyList
+from gear_rattle.service.explorer.common.news import Standing, overall_rate
+from gear_rattle.service.explorer.common.viewer import CALLER, Viewer
+from gear_rattle.service.explorer.common.watch import on_press
+from gear_rattle.service.explorer.families.view import Families
+from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.further.maps import FurtherMaps
+from gear_rattle.service.explorer.map.shared import Shared, shown_first
+from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.explorer.page.form import Form, what_is_wrong
+from gear_rattle.service.explorer.page.head import SCHEME, theme_of
+from gear_rattle.service.explorer.page.rows import row_of
+from gear_rattle.service.explorer.pins.view import Pins
+from gear_rattle.service.explorer.section.section import Section
+from gear_rattle.service.operations.surveys import Description, describe_survey, remove_survey, verify_survey
+from gear_rattle.workers import SurveyRequest
 
 
 class _Template(pn.Template):

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from service.explorer.common.address import View
-from service.explorer.common.news import Standing
-from service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
-from service.explorer.map.picture import AsSeen, picture_query, thirds
-from workers import SurveyRequest
-from workers.pictures.look import LARGEST
-from workers.survey.families import FAMILY
+from gear_rattle.service.explorer.common.address import View
+from gear_rattle.service.explorer.common.news import Standing
+from gear_rattle.service.explorer.design.fields import NUMBERS, PAIR, in_unit, spans_of
+from gear_rattle.service.explorer.map.picture import AsSeen, picture_query, thirds
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.pictures.look import LARGEST
+from gear_rattle.workers.survey.families import FAMILY
 
 STORED = {LARGEST: FAMILY}  # what a map is read from that is no variable of the store
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import panel as pn
 
-from workers import SurveyRequest
-from workers.survey.refined.asked import AUDIT
-from workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.survey.refined.asked import AUDIT
+from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION, MAX_SLOTS
 
 UNSAID = ""
 REFINED = "few cells first, more where they differ"

@@ -16,8 +16,8 @@ from panel.io.asgi import PanelASGI
 from starlette.requests import Request
 from starlette.types import Message, Receive, Scope, Send
 
-from service.explorer.common.opening import applications_of
-from service.explorer.page.transport import PRIVATE
+from gear_rattle.service.explorer.common.opening import applications_of
+from gear_rattle.service.explorer.page.transport import PRIVATE
 
 #: Arguments by which a request would get the page of another one.
 NAMING = (b"bokeh-session-id", b"bokeh-token")
@@ -41,7 +41,7 @@ def _without_session(scope: Scope) -> Scope:
 
 
 class AsgiTransport:
-    """See `service.explorer.page.transport.Transport`."""
+    """See `gear_rattle.service.explorer.page.transport.Transport`."""
 
     def __init__(self, open_page: Callable[[], Any], title: str) -> None:
         self._panel: Any = PanelASGI(

@@ -14,9 +14,9 @@ from panel.io.fastapi import DocHandler
 from starlette.requests import Request
 from starlette.types import Receive, Scope, Send
 
-from service.explorer.common.opening import applications_of
-from service.explorer.page.socket import PageSocket
-from service.explorer.page.transport import PRIVATE
+from gear_rattle.service.explorer.common.opening import applications_of
+from gear_rattle.service.explorer.page.socket import PageSocket
+from gear_rattle.service.explorer.page.transport import PRIVATE
 
 if TYPE_CHECKING:
     from bokeh.server.contexts import ApplicationContext
@@ -34,7 +34,7 @@ class _PageHandler(DocHandler):
 
 
 class FastapiTransport:
-    """See `service.explorer.page.transport.Transport`."""
+    """See `gear_rattle.service.explorer.page.transport.Transport`."""
 
     def __init__(self, open_page: Callable[[], Any], title: str) -> None:
         self._bokeh: Any = BokehFastAPI(

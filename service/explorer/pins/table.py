@@ -9,12 +9,12 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import rattle
+from gear_rattle.service.explorer.common.address import Pin
+from gear_rattle.service.explorer.point.parts import Chances, chances, lettered
+from gear_rattle.service.explorer.point.words import number, percent
 from rattle.models import model_at
 from rattle.orbits.period_one import in_words
 from rattle.plot.colours import name_of
-from service.explorer.common.address import Pin
-from service.explorer.point.parts import Chances, chances, lettered
-from service.explorer.point.words import number, percent
 
 HEADER = (
     "delta", "epsilon", "beta", "kappa", "region", "quiet_limit", "starts", "attractor", "kind", "letter",

@@ -10,12 +10,12 @@ from typing import Any
 import param
 from panel.custom import JSComponent
 
+from gear_rattle.service.explorer.common.address import MOST_PINS, Pin
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.pins.table import Known, csv_of, known, lines_of
+from gear_rattle.service.explorer.point.work import Work
 from rattle import RattleError
-from service.explorer.common.address import MOST_PINS, Pin
-from service.explorer.common.viewer import Viewer
-from service.explorer.files import asset
-from service.explorer.pins.table import Known, csv_of, known, lines_of
-from service.explorer.point.work import Work
 
 COUNT = 1024  # initial conditions of each
 FULL = f"{MOST_PINS} points are pinned, which is as many as there is room for. Take one away first."

@@ -14,16 +14,16 @@ from threading import Lock
 import numpy as np
 import xarray as xr
 
-from service.database.tables import JobRow
-from service.errors import MissingError
-from service.explorer.map.planes import SIDE, Plane
-from workers import Axis, SurveyRequest
-from workers.pictures.planes import numbers, plane_of
-from workers.survey.levels.grid import halvings
-from workers.survey.tiles import cells_of
-from workers.survey.values.cells import Cells
-from workers.survey.values.quantities import held, labels_of
-from workers.survey.values.schema import Group
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.errors import MissingError
+from gear_rattle.service.explorer.map.planes import SIDE, Plane
+from gear_rattle.workers import Axis, SurveyRequest
+from gear_rattle.workers.pictures.planes import numbers, plane_of
+from gear_rattle.workers.survey.levels.grid import halvings
+from gear_rattle.workers.survey.tiles import cells_of
+from gear_rattle.workers.survey.values.cells import Cells
+from gear_rattle.workers.survey.values.quantities import held, labels_of
+from gear_rattle.workers.survey.values.schema import Group
 
 #: A cell is half a step wider than the axes on either side, so that the map is the paper's δ 0.4 … 1, ε 0 … 0.3.
 ASKED = SurveyRequest(

@@ -7,13 +7,13 @@ from collections.abc import Callable
 from functools import partial
 
 import rattle
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.point import basins, parts
+from gear_rattle.service.explorer.point.panel import PLACES, PointPanel
+from gear_rattle.service.explorer.point.state import PointState, place_on, way_of
+from gear_rattle.service.explorer.point.work import Work
 from rattle.models import AnyGear, model_at
 from rattle.plot.colours import Palette
-from service.explorer.common.address import Pair
-from service.explorer.point import basins, parts
-from service.explorer.point.panel import PLACES, PointPanel
-from service.explorer.point.state import PointState, place_on, way_of
-from service.explorer.point.work import Work
 
 FINENESS = ((100, "cells"), (300, "refined"))  # cells a side of the basins, at first and when the slider rests
 

@@ -10,12 +10,12 @@ from bokeh.events import Tap
 from bokeh.models import ColumnDataSource, CustomJSHover, HoverTool, LinearColorMapper
 
 import rattle
+from gear_rattle.service.explorer.common.figures import new_figure
+from gear_rattle.service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.point.parts import PlaneLine
 from rattle.attractors.speeds import PAPER_SPEED
 from rattle.plot.basins import MANIFOLDS
 from rattle.plot.colours import Palette, name_of
-from service.explorer.common.figures import new_figure
-from service.explorer.common.glyphs import empty
-from service.explorer.point.parts import PlaneLine
 
 MOST_NAMED = 24  # basins in the legend
 GAMMA = "Γ"

@@ -8,19 +8,19 @@ from dataclasses import replace
 from html import escape
 
 import rattle
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.design import rattling, tolerance
+from gear_rattle.service.explorer.design.fields import machine_beside
+from gear_rattle.service.explorer.design.tolerance import Tolerance
+from gear_rattle.service.explorer.point import diagram, loudness, motion, parts
+from gear_rattle.service.explorer.point.along import Along
+from gear_rattle.service.explorer.point.panel import PointPanel
+from gear_rattle.service.explorer.point.parts import DiagramLines
+from gear_rattle.service.explorer.point.state import PointState
+from gear_rattle.service.explorer.point.work import Work, waiting
 from rattle import Machine
 from rattle.models import AnyGear
 from rattle.plot.colours import Palette, name_of
-from service.explorer.common.address import Pair
-from service.explorer.design import rattling, tolerance
-from service.explorer.design.fields import machine_beside
-from service.explorer.design.tolerance import Tolerance
-from service.explorer.point import diagram, loudness, motion, parts
-from service.explorer.point.along import Along
-from service.explorer.point.panel import PointPanel
-from service.explorer.point.parts import DiagramLines
-from service.explorer.point.state import PointState
-from service.explorer.point.work import Work, waiting
 
 POINTS = 3000  # of a motion
 PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # of a motion; of a periodic one three of its own

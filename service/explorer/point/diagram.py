@@ -7,10 +7,10 @@ from typing import Any
 from bokeh.models import ColumnDataSource, HoverTool, Range1d
 from bokeh.models.annotations import Span
 
-from service.explorer.common.figures import BESIDE, ink_of, new_figure
-from service.explorer.common.glyphs import empty
-from service.explorer.point.parts import DiagramLines, Marks
-from service.explorer.point.words import pair
+from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, new_figure
+from gear_rattle.service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.point.parts import DiagramLines, Marks
+from gear_rattle.service.explorer.point.words import pair
 
 MARKERS = {"SN": "circle", "PD": "diamond", "GR": "square"}
 SIGNS = {"SN": "●", "PD": "◆", "GR": "■"}

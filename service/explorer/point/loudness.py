@@ -11,14 +11,14 @@ import numpy as np
 from bokeh.models import ColumnDataSource
 
 import rattle
+from gear_rattle.service.explorer.common.figures import new_figure
+from gear_rattle.service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.design.rattling import HIGHEST
+from gear_rattle.service.explorer.point.words import number, table
 from rattle import Machine
 from rattle.intensity.intensity import natural_energy
 from rattle.intensity.spectrum import Density, Lines
 from rattle.plot.colours import Palette, name_of
-from service.explorer.common.figures import new_figure
-from service.explorer.common.glyphs import empty
-from service.explorer.design.rattling import HIGHEST
-from service.explorer.point.words import number, table
 
 PLAIN = ("Impacts a period", "Mean speed", "Largest", "Energy Σv²/2", "dB re 2π²δ²")
 IN_SI = ("Impacts/s", "Mean, m/s", "Largest, m/s", "J a revolution", "Power, W", "dB re 1 pW")

@@ -9,8 +9,8 @@ from bokeh.models import ColumnDataSource, HoverTool
 from bokeh.models.annotations import Span
 
 import rattle
-from service.explorer.common.figures import ink_of, new_figure
-from service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.common.figures import ink_of, new_figure
+from gear_rattle.service.explorer.common.glyphs import empty
 
 ROOM = 1.12  # of a picture beyond the walls
 

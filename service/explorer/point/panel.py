@@ -10,14 +10,14 @@ from typing import Any
 import panel as pn
 from bokeh.models import Range1d
 
-from service.explorer.common.address import Pair
-from service.explorer.common.figures import PRINTED
-from service.explorer.common.text import Text
-from service.explorer.common.watch import Watch, on_press
-from service.explorer.design.fields import EXACT
-from service.explorer.design.tolerance_fields import ToleranceFields
-from service.explorer.files import asset
-from service.explorer.point import basins, diagram, loudness, motion
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.common.figures import PRINTED
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.watch import Watch, on_press
+from gear_rattle.service.explorer.design.fields import EXACT
+from gear_rattle.service.explorer.design.tolerance_fields import ToleranceFields
+from gear_rattle.service.explorer.files import asset
+from gear_rattle.service.explorer.point import basins, diagram, loudness, motion
 
 MARGIN = (0, 4)
 #: Two pictures stand side by side where there is room. Panel would keep room for both.

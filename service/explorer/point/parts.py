@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rattle
+from gear_rattle.service.explorer.design import rattling
+from gear_rattle.service.operations import diagrams
 from rattle.attractors.basins import classified
 from rattle.attractors.speeds import sampled_speed
 from rattle.attractors.table import listed
@@ -17,8 +19,6 @@ from rattle.continuation.diagram import Diagram
 from rattle.flight.law import wrapped
 from rattle.impacting.attractors.plane import ImpactingPlane
 from rattle.models import AnyGear, model_at
-from service.explorer.design import rattling
-from service.operations import diagrams
 
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
 MOST_POINTS = 8000  # of it that are drawn

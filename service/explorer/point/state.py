@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gear_rattle.service.explorer.common.address import Entered, Pair, View
+from gear_rattle.service.explorer.design.fields import machine_at
+from gear_rattle.service.explorer.design.tolerance import Tolerance, outline
+from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, diagram_ends
+from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
 from rattle.models import AnyGear, AnyModel, model_of
-from service.explorer.common.address import Entered, Pair, View
-from service.explorer.design.fields import machine_at
-from service.explorer.design.tolerance import Tolerance, outline
-from service.operations.diagrams import LEAST_SPAN, MOST_SPAN, SPANS, diagram_ends
-from workers.survey.machine import SurveyedMachine
 
 MOST_ATTRACTORS = 1000
 

@@ -10,19 +10,19 @@ import panel as pn
 import param
 
 import rattle
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.design import rattling
+from gear_rattle.service.explorer.point import basins, loudness, parts, words
+from gear_rattle.service.explorer.point.choices import Choices
+from gear_rattle.service.explorer.point.panel import PointPanel
+from gear_rattle.service.explorer.point.parts import Lines
+from gear_rattle.service.explorer.point.state import PointState
+from gear_rattle.service.explorer.point.work import Work, waiting
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.state import Front
 from rattle import Machine
 from rattle.models import AnyModel
 from rattle.plot.colours import Palette
-from service.explorer.common.address import Pair
-from service.explorer.design import rattling
-from service.explorer.point import basins, loudness, parts, words
-from service.explorer.point.choices import Choices
-from service.explorer.point.panel import PointPanel
-from service.explorer.point.parts import Lines
-from service.explorer.point.state import PointState
-from service.explorer.point.work import Work, waiting
-from service.kernels import Part
-from service.state import Front
 
 COUNT = 1024  # initial conditions of the probabilities
 RESOLUTIONS = (300, 600)  # cells a side of the basins, at first and in the end

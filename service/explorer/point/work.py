@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
 import anyio
 
 import rattle
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.viewer import change_and_wait
+from gear_rattle.service.explorer.point import parts
+from gear_rattle.service.kernels import AT, Part
+from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.state import Front
 from rattle import RattleError
 from rattle.models import Model
-from service.explorer.common.text import Text
-from service.explorer.common.viewer import change_and_wait
-from service.explorer.point import parts
-from service.kernels import AT, Part
-from service.operations.turns import in_turn
-from service.state import Front
 
 if TYPE_CHECKING:
     from bokeh.document import Document

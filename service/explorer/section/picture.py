@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from bokeh.models import BasicTicker, ColumnDataSource, FixedTicker, HoverTool, Range1d
 
-from service.explorer.common.address import Pair
-from service.explorer.common.figures import BESIDE, ink_of, new_figure
-from service.explorer.common.glyphs import empty
-from service.explorer.section.profile import Profile
+from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.common.figures import BESIDE, ink_of, new_figure
+from gear_rattle.service.explorer.common.glyphs import empty
+from gear_rattle.service.explorer.section.profile import Profile
 
 HEIGHT = 190
 ROOM = 0.06  # of the values, above and below

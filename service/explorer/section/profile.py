@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from service.explorer.common.address import Pair, Ranges
-from service.explorer.map.colouring import layers_of, values_shown
-from service.explorer.map.planes import Block, Plane
-from workers.pictures.maps import scale_of, title_of
+from gear_rattle.service.explorer.common.address import Pair, Ranges
+from gear_rattle.service.explorer.map.colouring import layers_of, values_shown
+from gear_rattle.service.explorer.map.planes import Block, Plane
+from gear_rattle.workers.pictures.maps import scale_of, title_of
 
 ROOM = (1024, 1024)  # cells about the line that are read; of more, several are one, as they are drawn
 OUTSIDE = "outside of the survey"

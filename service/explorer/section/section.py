@@ -9,21 +9,21 @@ from typing import Any
 
 import panel as pn
 
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.explorer.common.address import Chosen, Pair, View
+from gear_rattle.service.explorer.common.drawings import Drawings, Show
+from gear_rattle.service.explorer.common.text import Text
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.common.watch import Watch
+from gear_rattle.service.explorer.map.planes import names_of
+from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.point.panel import Above
+from gear_rattle.service.explorer.point.state import PointState, stands_for
+from gear_rattle.service.explorer.section.picture import ProfilePicture
+from gear_rattle.service.explorer.section.profile import Ends, in_words, profile_of
+from gear_rattle.service.operations.diagrams import diagram_ends, diagram_span
+from gear_rattle.workers import SurveyRequest
 from rattle import RattleError
-from service.database.tables import JobRow
-from service.explorer.common.address import Chosen, Pair, View
-from service.explorer.common.drawings import Drawings, Show
-from service.explorer.common.text import Text
-from service.explorer.common.viewer import Viewer
-from service.explorer.common.watch import Watch
-from service.explorer.map.planes import names_of
-from service.explorer.map.shared import Shared
-from service.explorer.point.panel import Above
-from service.explorer.point.state import PointState, stands_for
-from service.explorer.section.picture import ProfilePicture
-from service.explorer.section.profile import Ends, in_words, profile_of
-from service.operations.diagrams import diagram_ends, diagram_span
-from workers import SurveyRequest
 
 OTHER_GEAR = "This point is of another gear than the survey, which has no profile of it."
 NO_WAY = "A way leads to a δ above 0 and an ε of 0 or more."

@@ -8,16 +8,16 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.operations.points import curves_document
+from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.routes.model.points import Backlash, Multiplier, Stiffness
+from gear_rattle.service.state import FrontState
+from gear_rattle.service.web import examples
+from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
+from gear_rattle.service.web.problems import declared
 from rattle.continuation.curves import FARTHEST
 from rattle.models import model_of
-from service.kernels import Part
-from service.operations.points import curves_document
-from service.operations.turns import in_turn
-from service.routes.model.points import Backlash, Multiplier, Stiffness
-from service.state import FrontState
-from service.web import examples
-from service.web.conditional import NOT_MODIFIED, function_of_query
-from service.web.problems import declared
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

@@ -8,15 +8,11 @@ from typing import Any
 from fastapi import APIRouter, Depends
 from pydantic import BaseModel, Field
 
-from rattle import Attractor, Intensity
-from rattle.attractors.classify import BUDGET
-from rattle.intensity.intensity import natural_energy
-from rattle.models import model_at
-from service.kernels import Part
-from service.operations.points import intensities, number
-from service.operations.turns import in_turn
-from service.routes.model.machine import Place, PlaceQuery
-from service.routes.model.points import (
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.operations.points import intensities, number
+from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.routes.model.machine import Place, PlaceQuery
+from gear_rattle.service.routes.model.points import (
     MostImpacts,
     Point,
     SampleCount,
@@ -25,9 +21,13 @@ from service.routes.model.points import (
     point_document,
     require_few,
 )
-from service.state import FrontState
-from service.web.conditional import NOT_MODIFIED, function_of_query
-from service.web.problems import declared
+from gear_rattle.service.state import FrontState
+from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
+from gear_rattle.service.web.problems import declared
+from rattle import Attractor, Intensity
+from rattle.attractors.classify import BUDGET
+from rattle.intensity.intensity import natural_energy
+from rattle.models import model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

@@ -10,12 +10,12 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel, Field
 
+from gear_rattle.service.operations.points import number
+from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
+from gear_rattle.service.web.problems import declared
+from gear_rattle.workers.survey.request import MOST_STIFF
 from rattle import Machine, ParameterError
 from rattle.models import AnyGear, model_of
-from service.operations.points import number
-from service.web.conditional import NOT_MODIFIED, function_of_query
-from service.web.problems import declared
-from workers.survey.request import MOST_STIFF
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

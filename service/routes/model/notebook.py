@@ -7,12 +7,12 @@ from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Response
 
+from gear_rattle.service.operations.diagrams import LEAST_SPAN, MOST_SPAN, diagram_ends
+from gear_rattle.service.operations.notebook import notebook_of
+from gear_rattle.service.routes.model.machine import PlaceQuery, positive
+from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
+from gear_rattle.service.web.problems import declared
 from rattle import ParameterError
-from service.operations.diagrams import LEAST_SPAN, MOST_SPAN, diagram_ends
-from service.operations.notebook import notebook_of
-from service.routes.model.machine import PlaceQuery, positive
-from service.web.conditional import NOT_MODIFIED, function_of_query
-from service.web.problems import declared
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

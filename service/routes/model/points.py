@@ -9,20 +9,20 @@ from pydantic import BaseModel, Field
 from starlette.concurrency import run_in_threadpool
 
 import rattle
+from gear_rattle.service.errors import LimitError
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.operations.points import number, orbits_document
+from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.routes.model.machine import Place, PlaceQuery
+from gear_rattle.service.state import Front, FrontState
+from gear_rattle.service.web import examples
+from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
+from gear_rattle.service.web.problems import declared
+from gear_rattle.workers.survey.request import MOST_STIFF, OneSpeed
 from rattle.attractors.classify import BUDGET
 from rattle.attractors.speeds import sampled_speed
 from rattle.attractors.table import LARGEST_BUDGET
 from rattle.models import AnyGear, model_at
-from service.errors import LimitError
-from service.kernels import Part
-from service.operations.points import number, orbits_document
-from service.operations.turns import in_turn
-from service.routes.model.machine import Place, PlaceQuery
-from service.state import Front, FrontState
-from service.web import examples
-from service.web.conditional import NOT_MODIFIED, function_of_query
-from service.web.problems import declared
-from workers.survey.request import MOST_STIFF, OneSpeed
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

@@ -7,15 +7,15 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Query
 from pydantic import Field
 
+from gear_rattle.service.errors import LimitError
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.routes.model.machine import PlaceQuery
+from gear_rattle.service.routes.model.points import AttractorDocument, Point, attractor_document, point_document
+from gear_rattle.service.state import FrontState
+from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
+from gear_rattle.service.web.problems import declared
 from rattle.models import model_at
-from service.errors import LimitError
-from service.kernels import Part
-from service.operations.turns import in_turn
-from service.routes.model.machine import PlaceQuery
-from service.routes.model.points import AttractorDocument, Point, attractor_document, point_document
-from service.state import FrontState
-from service.web.conditional import NOT_MODIFIED, function_of_query
-from service.web.problems import declared
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

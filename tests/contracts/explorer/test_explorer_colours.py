@@ -9,11 +9,11 @@ import pytest
 import xarray as xr
 from colour_difference import difference, lab_of
 
+from gear_rattle.service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, Controls, Uses
+from gear_rattle.workers.pictures.largest import colours_of
 from rattle import KINDS
 from rattle.plot.colours import REGION_COLOURS
 from rattle.plot.plane import STYLES
-from service.explorer.map.controls import LIMIT_NAMES, LOG, OWN, Controls, Uses
-from workers.pictures.largest import colours_of
 
 
 @pytest.mark.parametrize(

@@ -15,18 +15,18 @@ from service_support import no_cluster
 from waiting import eventually
 
 import rattle
+from gear_rattle.service.app import create_app
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.explorer.design import rattling, tolerance
+from gear_rattle.service.explorer.design.tolerance import RADIUS, Tolerance
+from gear_rattle.service.explorer.point import loudness, parts
+from gear_rattle.service.explorer.point.panel import PointPanel
+from gear_rattle.service.explorer.point.view import PointView
+from gear_rattle.service.operations import design_limits
+from gear_rattle.service.operations.design_limits import DesignLimits, coarse_first
+from gear_rattle.service.settings import Settings
+from gear_rattle.service.state import Front
 from rattle.models import AnyGear, Impacting, Stiff
-from service.app import create_app
-from service.errors import UnavailableError
-from service.explorer.design import rattling, tolerance
-from service.explorer.design.tolerance import RADIUS, Tolerance
-from service.explorer.point import loudness, parts
-from service.explorer.point.panel import PointPanel
-from service.explorer.point.view import PointView
-from service.operations import design_limits
-from service.operations.design_limits import DesignLimits, coarse_first
-from service.settings import Settings
-from service.state import Front
 
 MACHINE = rattle.Machine(0.003, 5e-4, 100e-6, 15e-6, 0.05, rpm=3000)
 

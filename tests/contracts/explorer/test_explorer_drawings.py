@@ -11,10 +11,10 @@ from typing import Any
 import pytest
 from waiting import HANG, eventually
 
-from service.database.tables import JobRow, State
-from service.explorer.common import drawings
-from service.explorer.common.drawings import Drawings, Show
-from service.explorer.common.viewer import THREADS, Viewer
+from gear_rattle.service.database.tables import JobRow, State
+from gear_rattle.service.explorer.common import drawings
+from gear_rattle.service.explorer.common.drawings import Drawings, Show
+from gear_rattle.service.explorer.common.viewer import THREADS, Viewer
 
 
 class Slow:

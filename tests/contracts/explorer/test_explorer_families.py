@@ -12,21 +12,21 @@ from service_support import BODY
 from test_explorer_view import accepted, compute, done, with_map
 from waiting import eventually
 
-from service.database.tables import JobRow, State
-from service.explorer.common.address import Pin, View
-from service.explorer.families.told import longest
-from service.explorer.families.view import Families
-from service.explorer.further.difference import Difference
-from service.explorer.map.colouring import colouring, layers_of
-from service.explorer.map.picture import picture_query
-from service.explorer.map.readout import in_words
-from service.explorer.map.view import MapView
-from service.state import Front
-from workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
-from workers.pictures.largest import open_maps
-from workers.pictures.look import LARGEST, SHARE, is_of_survey_only
-from workers.pictures.maps import meanings_of
-from workers.pictures.planes import plane_of
+from gear_rattle.service.database.tables import JobRow, State
+from gear_rattle.service.explorer.common.address import Pin, View
+from gear_rattle.service.explorer.families.told import longest
+from gear_rattle.service.explorer.families.view import Families
+from gear_rattle.service.explorer.further.difference import Difference
+from gear_rattle.service.explorer.map.colouring import colouring, layers_of
+from gear_rattle.service.explorer.map.picture import picture_query
+from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.state import Front
+from gear_rattle.workers import Group, SurveyError, SurveyRequest, complete, open_family, open_survey
+from gear_rattle.workers.pictures.largest import open_maps
+from gear_rattle.workers.pictures.look import LARGEST, SHARE, is_of_survey_only
+from gear_rattle.workers.pictures.maps import meanings_of
+from gear_rattle.workers.pictures.planes import plane_of
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -11,15 +11,15 @@ from pydantic import ValidationError
 from service_support import BODY, no_cluster
 
 import rattle
+from gear_rattle.service.access.keys import Caller
+from gear_rattle.service.app import create_app
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.page.form import CELLS, Form, lasting, what_is_wrong
+from gear_rattle.service.explorer.page.rows import machine_facts
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.survey.refined.asked import Refine
 from rattle.models import Impacting
-from service.access.keys import Caller
-from service.app import create_app
-from service.explorer.common.viewer import Viewer
-from service.explorer.page.form import CELLS, Form, lasting, what_is_wrong
-from service.explorer.page.rows import machine_facts
-from service.settings import Settings
-from workers import SurveyRequest
-from workers.survey.refined.asked import Refine
 
 MACHINE: dict[str, Any] = {
     "inertia": 0.003, "drag": 0.05, "backlash": 100e-6, "radius": 0.05, "drive": "speed",

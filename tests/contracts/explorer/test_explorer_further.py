@@ -13,19 +13,19 @@ from test_explorer_view import accepted, done, with_map
 from waiting import eventually
 
 import rattle
+from gear_rattle.service.database.tables import JobRow
+from gear_rattle.service.explorer.common.address import Further, View
+from gear_rattle.service.explorer.further import difference
+from gear_rattle.service.explorer.further.difference import Difference, require_small
+from gear_rattle.service.explorer.further.maps import FurtherMaps
+from gear_rattle.service.explorer.further.one import NO_FIRST, FurtherMap
+from gear_rattle.service.explorer.map.colouring import colouring
+from gear_rattle.service.explorer.map.planes import Plane
+from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.state import Front
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.errors import SurveyError
 from rattle.models import Stiff
-from service.database.tables import JobRow
-from service.explorer.common.address import Further, View
-from service.explorer.further import difference
-from service.explorer.further.difference import Difference, require_small
-from service.explorer.further.maps import FurtherMaps
-from service.explorer.further.one import NO_FIRST, FurtherMap
-from service.explorer.map.colouring import colouring
-from service.explorer.map.planes import Plane
-from service.explorer.map.view import MapView
-from service.state import Front
-from workers import SurveyRequest
-from workers.errors import SurveyError
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -12,13 +12,13 @@ from test_explorer_view import accepted, cells, done, with_map
 from waiting import eventually
 
 import rattle
-from service.explorer.common.address import Entered
-from service.explorer.design.fields import POINT, MachineFields
-from service.explorer.design.tolerance import Tolerance, outline
-from service.explorer.map.readout import readout
-from service.explorer.map.view import MapView
-from service.state import Front
-from workers import SurveyRequest
+from gear_rattle.service.explorer.common.address import Entered
+from gear_rattle.service.explorer.design.fields import POINT, MachineFields
+from gear_rattle.service.explorer.design.tolerance import Tolerance, outline
+from gear_rattle.service.explorer.map.readout import readout
+from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.state import Front
+from gear_rattle.workers import SurveyRequest
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -43,12 +43,12 @@ def _no_points(monkeypatch: pytest.MonkeyPatch) -> None:
     def told(*_: Any) -> None:
         return None
 
-    monkeypatch.setattr("service.explorer.point.view.PointView._say_what_is_computed", told)
+    monkeypatch.setattr("gear_rattle.service.explorer.point.view.PointView._say_what_is_computed", told)
 
     async def nothing(_: Any) -> None:
         return None
 
-    monkeypatch.setattr("service.explorer.point.view.PointView._fill", nothing)
+    monkeypatch.setattr("gear_rattle.service.explorer.point.view.PointView._fill", nothing)
 
 
 def test_speeds_and_eccentricities_are_beside_the_axes_of_a_machine_only(tmp_path: Path) -> None:

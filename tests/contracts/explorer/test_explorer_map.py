@@ -15,24 +15,24 @@ from bokeh.models import Axis, ColorBar, Label, NoOverlap
 from fastapi.testclient import TestClient
 from service_support import BODY, compute, front_end, front_of
 
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.explorer.common.glyphs import style_of
+from gear_rattle.service.explorer.map import planes, shared
+from gear_rattle.service.explorer.map.colouring import NAME, colouring, family_places, values_shown
+from gear_rattle.service.explorer.map.cursor import following, stepped, zoomed
+from gear_rattle.service.explorer.map.figure import Map
+from gear_rattle.service.explorer.map.overlays import points_in
+from gear_rattle.service.explorer.map.planes import Atlas, Block, LeveledPlane, Plane
+from gear_rattle.service.explorer.map.readout import in_words
+from gear_rattle.service.explorer.map.shared import KEPT
+from gear_rattle.workers import SurveyRequest, complete, is_incomplete, open_survey
+from gear_rattle.workers.pictures.levels import groups_of, overview
+from gear_rattle.workers.survey.levels import grid
 from rattle import KINDS
 from rattle.curves import codimension_two
 from rattle.models import Impacting
 from rattle.orbits.period_one import REGIONS
 from rattle.plot.colours import REGION_COLOURS
-from service.database.tables import State
-from service.explorer.common.glyphs import style_of
-from service.explorer.map import planes, shared
-from service.explorer.map.colouring import NAME, colouring, family_places, values_shown
-from service.explorer.map.cursor import following, stepped, zoomed
-from service.explorer.map.figure import Map
-from service.explorer.map.overlays import points_in
-from service.explorer.map.planes import Atlas, Block, LeveledPlane, Plane
-from service.explorer.map.readout import in_words
-from service.explorer.map.shared import KEPT
-from workers import SurveyRequest, complete, is_incomplete, open_survey
-from workers.pictures.levels import groups_of, overview
-from workers.survey.levels import grid
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -157,7 +157,7 @@ def test_a_picture_is_drawn_from_levels(client: TestClient, leveled: str, monkey
     store, room = front_of(client).directory.store(leveled), (9, 16)
     with open_survey(store) as survey:
         whole = overview(survey, "region", 0, room, None)
-        monkeypatch.setattr("workers.pictures.levels.of_cells", None)
+        monkeypatch.setattr("gear_rattle.workers.pictures.levels.of_cells", None)
         levels = groups_of(partial(open_survey, store), None, True)
         drawn = overview(survey, "region", 0, room, levels)
     xr.testing.assert_identical(drawn, whole)

@@ -7,7 +7,7 @@ from fastapi.testclient import TestClient
 from service_support import BODY, front_end
 from waiting import wait_until
 
-from service.explorer.common.news import Listener, News, Standing
+from gear_rattle.service.explorer.common.news import Listener, News, Standing
 
 
 def submit(client: TestClient, name: str) -> None:

@@ -15,20 +15,20 @@ from service_support import BODY, no_cluster
 from test_explorer_view import accepted, with_map
 
 import rattle
-from service.access.keys import Caller
-from service.app import create_app
-from service.errors import UnavailableError
-from service.explorer.common.address import MOST_PINS, Pin, View
-from service.explorer.common.news import Standing
-from service.explorer.common.viewer import Viewer
-from service.explorer.map.view import MapView
-from service.explorer.page.page import Page
-from service.explorer.pins import view
-from service.explorer.pins.table import COMPUTED, Known, csv_of, known, lines_of
-from service.explorer.pins.view import Pins
-from service.settings import Settings
-from service.state import Front
-from workers import SurveyRequest
+from gear_rattle.service.access.keys import Caller
+from gear_rattle.service.app import create_app
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.explorer.common.address import MOST_PINS, Pin, View
+from gear_rattle.service.explorer.common.news import Standing
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.explorer.page.page import Page
+from gear_rattle.service.explorer.pins import view
+from gear_rattle.service.explorer.pins.table import COMPUTED, Known, csv_of, known, lines_of
+from gear_rattle.service.explorer.pins.view import Pins
+from gear_rattle.service.settings import Settings
+from gear_rattle.service.state import Front
+from gear_rattle.workers import SurveyRequest
 
 HERE, QUIET, STIFF = Pin(0.6, 0.1, 0.6), Pin(0.9, 0.01, 0.6), Pin(1 / 3, 0.1, 0.6, 1e4)
 COUNT = 64

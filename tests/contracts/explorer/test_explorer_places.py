@@ -9,16 +9,16 @@ from test_explorer_view import REGIONS, STIFF, accepted, cells, done, with_map
 from waiting import eventually
 
 import rattle
+from gear_rattle.service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, places
+from gear_rattle.service.explorer.map.cursor import History
+from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.explorer.point import parts
+from gear_rattle.service.explorer.point.diagram import table
+from gear_rattle.service.explorer.point.state import PointState
+from gear_rattle.service.operations import diagrams
+from gear_rattle.service.state import Front
 from rattle.crisis import boundary_crisis
 from rattle.plot.paper_ranges import FIGURE_5, FIGURE_8, FIGURE_9
-from service.explorer.design.places import CORNERS, CRISES, EITHER_WAY, places
-from service.explorer.map.cursor import History
-from service.explorer.map.view import MapView
-from service.explorer.point import parts
-from service.explorer.point.diagram import table
-from service.explorer.point.state import PointState
-from service.operations import diagrams
-from service.state import Front
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -18,25 +18,25 @@ from service_support import no_cluster
 from waiting import HANG, eventually
 
 import rattle
+from gear_rattle.service.app import create_app
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.explorer.point import parts, words, work
+from gear_rattle.service.explorer.point.basins import MOST_NAMED, legend
+from gear_rattle.service.explorer.point.diagram import DiagramPicture
+from gear_rattle.service.explorer.point.diagram import legend as diagram_legend
+from gear_rattle.service.explorer.point.motion import caption
+from gear_rattle.service.explorer.point.panel import PointPanel
+from gear_rattle.service.explorer.point.parts import DiagramLines, Marks, Stroke
+from gear_rattle.service.explorer.point.state import PointState
+from gear_rattle.service.explorer.point.view import PointView
+from gear_rattle.service.explorer.point.work import prepare
+from gear_rattle.service.operations import diagrams
+from gear_rattle.service.operations.turns import in_turn
+from gear_rattle.service.settings import Settings
+from gear_rattle.service.state import Front
 from rattle.models import AnyGear, Impacting, Stiff
 from rattle.plot.colours import Palette
 from rattle.stiff import StiffGear
-from service.app import create_app
-from service.errors import UnavailableError
-from service.explorer.point import parts, words, work
-from service.explorer.point.basins import MOST_NAMED, legend
-from service.explorer.point.diagram import DiagramPicture
-from service.explorer.point.diagram import legend as diagram_legend
-from service.explorer.point.motion import caption
-from service.explorer.point.panel import PointPanel
-from service.explorer.point.parts import DiagramLines, Marks, Stroke
-from service.explorer.point.state import PointState
-from service.explorer.point.view import PointView
-from service.explorer.point.work import prepare
-from service.operations import diagrams
-from service.operations.turns import in_turn
-from service.settings import Settings
-from service.state import Front
 
 # Words
 

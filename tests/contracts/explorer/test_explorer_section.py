@@ -10,16 +10,16 @@ from test_explorer_view import done, with_map
 from waiting import eventually
 
 import rattle
+from gear_rattle.service.explorer.common.address import Chosen, View
+from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.explorer.places.exact import Exact
+from gear_rattle.service.explorer.point.diagram import DiagramPicture
+from gear_rattle.service.explorer.section.picture import spanned
+from gear_rattle.service.explorer.section.profile import OUTSIDE, crossed, in_words, profile_of
+from gear_rattle.service.explorer.section.section import NO_WAY, Section
+from gear_rattle.service.state import Front
+from gear_rattle.workers import SurveyRequest
 from rattle import KINDS
-from service.explorer.common.address import Chosen, View
-from service.explorer.map.view import MapView
-from service.explorer.places.exact import Exact
-from service.explorer.point.diagram import DiagramPicture
-from service.explorer.section.picture import spanned
-from service.explorer.section.profile import OUTSIDE, crossed, in_words, profile_of
-from service.explorer.section.section import NO_WAY, Section
-from service.state import Front
-from workers import SurveyRequest
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

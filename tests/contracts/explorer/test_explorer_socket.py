@@ -9,7 +9,7 @@ import pytest
 from bokeh.document import Document
 from panel.io.state import state
 
-from service.explorer.page.socket import CHANGE, DOCUMENT, PageSocket
+from gear_rattle.service.explorer.page.socket import CHANGE, DOCUMENT, PageSocket
 
 
 class Browser:

@@ -14,26 +14,26 @@ from service_support import BODY, compute, no_cluster
 from waiting import eventually
 
 import rattle
+from gear_rattle.service.access.keys import Caller
+from gear_rattle.service.app import create_app
+from gear_rattle.service.database.tables import JobRow, State
+from gear_rattle.service.explorer.common.address import Pair, View
+from gear_rattle.service.explorer.common.news import News, Standing
+from gear_rattle.service.explorer.common.viewer import Viewer
+from gear_rattle.service.explorer.map import shared as map_shared
+from gear_rattle.service.explorer.map import view as map_view
+from gear_rattle.service.explorer.map.closer import block_of
+from gear_rattle.service.explorer.map.colouring import colouring
+from gear_rattle.service.explorer.map.planes import Atlas, maps_of
+from gear_rattle.service.explorer.map.shared import Shared, usual_variable
+from gear_rattle.service.explorer.map.view import MapView
+from gear_rattle.service.explorer.page.rows import row_of
+from gear_rattle.service.explorer.places.exact import Exact, ExactPlane
+from gear_rattle.service.operations.surveys import submit_survey
+from gear_rattle.service.settings import Settings
+from gear_rattle.service.state import Front
+from gear_rattle.workers import Frame, SurveyRequest, open_survey
 from rattle.models import Impacting, Stiff
-from service.access.keys import Caller
-from service.app import create_app
-from service.database.tables import JobRow, State
-from service.explorer.common.address import Pair, View
-from service.explorer.common.news import News, Standing
-from service.explorer.common.viewer import Viewer
-from service.explorer.map import shared as map_shared
-from service.explorer.map import view as map_view
-from service.explorer.map.closer import block_of
-from service.explorer.map.colouring import colouring
-from service.explorer.map.planes import Atlas, maps_of
-from service.explorer.map.shared import Shared, usual_variable
-from service.explorer.map.view import MapView
-from service.explorer.page.rows import row_of
-from service.explorer.places.exact import Exact, ExactPlane
-from service.operations.surveys import submit_survey
-from service.settings import Settings
-from service.state import Front
-from workers import Frame, SurveyRequest, open_survey
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

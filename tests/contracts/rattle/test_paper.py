@@ -8,11 +8,11 @@ import pytest
 from depth import DEEP
 from typer.testing import CliRunner
 
+from gear_rattle.service.cli import app
 from rattle import paper
 from rattle.crisis import boundary_crisis
 from rattle.paper import numbers
 from rattle.paper.records import AGREES, OFF, UNDECIDED
-from service.cli import app
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "paper.md").read_text()
 NUMBER = re.compile(r"\d+\.\d+")

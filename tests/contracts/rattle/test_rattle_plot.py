@@ -18,6 +18,7 @@ from scipy.ndimage import distance_transform_edt
 from typer.testing import CliRunner
 from waiting import HANG
 
+from gear_rattle.service.cli import app, main
 from rattle import Attractor, Gear, ParameterError, attractors_of
 from rattle.attractors.basins import Basins, boundary
 from rattle.curves import trace
@@ -28,7 +29,6 @@ from rattle.plot.colours import Palette
 from rattle.plot.drawing import new_figure
 from rattle.plot.paper_figures import Range, Takes, parse, request
 from rattle.plot.plane import IN_PAPER
-from service.cli import app, main
 
 CELLS = 120
 

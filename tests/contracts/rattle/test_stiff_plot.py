@@ -7,12 +7,12 @@ import pytest
 from depth import deep
 from typer.testing import CliRunner
 
+from gear_rattle.service.cli import app
 from rattle.errors import ParameterError
 from rattle.plot import diagram, stiff, stiff_figure
 from rattle.plot.diagram import curves_along, parameter_axis, strokes
 from rattle.stiff import StiffGear
 from rattle.stiff import diagram as stiff_diagram
-from service.cli import app
 
 
 @deep

@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
 import rattle
+from gear_rattle.service.cli import app
 from rattle.errors import ParameterError
 from rattle.plot import branch_figure
 from rattle.plot.diagram import _notes
 from rattle.stiff import StiffGear, stiff_branch
-from service.cli import app
 
 
 def run(*arguments: str) -> tuple[int, str]:

@@ -8,9 +8,9 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-from service.cli import app
-from workers import SurveyRequest, open_survey, run_survey
-from workers.storage.store import open_groups
+from gear_rattle.service.cli import app
+from gear_rattle.workers import SurveyRequest, open_survey, run_survey
+from gear_rattle.workers.storage.store import open_groups
 
 REQUEST = SurveyRequest(
     delta={"start": 0.55, "stop": 0.65, "num": 4},

@@ -7,7 +7,7 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import rattle
-from service.cli import app
+from gear_rattle.service.cli import app
 
 SI = {"inertia": "0.003", "drag": "0.05", "backlash": "100e-6", "radius": "0.05"}
 SPANS = {"rpm": "1500:6000:3", "eccentricity": "2e-6:60e-6:2"}

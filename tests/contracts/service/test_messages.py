@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 import rattle
 from gear_rattle import Client, ServiceError, SurveyError, run_survey
+from gear_rattle.service.cli import app
+from gear_rattle.workers import Axis, SurveyRequest
+from gear_rattle.workers.cluster.window import map_quantity
 from rattle.errors import did_you_mean
-from service.cli import app
-from workers import Axis, SurveyRequest
-from workers.cluster.window import map_quantity
 
 #: Words of pydantic, json and Python, which speak of the program.
 FOREIGN = re.compile(

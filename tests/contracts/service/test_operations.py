@@ -7,11 +7,11 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from service_support import front_end
 
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import SurveyRequest
+from gear_rattle.workers.survey.request import DEFAULT
+from gear_rattle.workers.survey.values.quantities import stored
 from rattle.models import Model
-from service.settings import Settings
-from workers import SurveyRequest
-from workers.survey.request import DEFAULT
-from workers.survey.values.quantities import stored
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "operations.md"
 TEXT = DOCUMENT.read_text()

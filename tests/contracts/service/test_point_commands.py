@@ -9,7 +9,7 @@ from scipy.io import wavfile
 from typer.testing import CliRunner
 
 import rattle
-from service.cli import app
+from gear_rattle.service.cli import app
 
 SI = {"inertia": 0.003, "drag": 5e-4, "backlash": 100e-6, "eccentricity": 15e-6, "radius": 0.05, "rpm": 3000.0}
 

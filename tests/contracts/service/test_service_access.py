@@ -9,8 +9,8 @@ import pytest
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of, key, submit
 
-from service.access import keys
-from service.database.tables import Scope, State
+from gear_rattle.service.access import keys
+from gear_rattle.service.database.tables import Scope, State
 
 CELLS = 24  # of BODY
 

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from waiting import eventually
 
-from service.errors import UnknownSurveyError
-from service.jobs import broadcast
-from service.jobs.broadcast import Broadcast, written
+from gear_rattle.service.errors import UnknownSurveyError
+from gear_rattle.service.jobs import broadcast
+from gear_rattle.service.jobs.broadcast import Broadcast, written
 
 PAGE = 7
 KEPT = 10

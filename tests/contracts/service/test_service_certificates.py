@@ -12,12 +12,12 @@ from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, compute, front_end, front_of, idle_cluster, local_client
 from waiting import HANG, wait_until
 
+from gear_rattle.service.app import create_app
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.jobs import manager
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import SurveyRequest, complete, finish_store
 from rattle.proof.check import check
-from service.app import create_app
-from service.database.tables import State
-from service.jobs import manager
-from service.settings import Settings
-from workers import SurveyRequest, complete, finish_store
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

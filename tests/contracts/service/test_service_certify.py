@@ -11,8 +11,8 @@ from depth import deep
 from typer.testing import CliRunner, Result
 
 import rattle
-from service.cli import app
-from workers.areas import certify_areas
+from gear_rattle.service.cli import app
+from gear_rattle.workers.areas import certify_areas
 
 
 def ran(*arguments: object) -> Result:

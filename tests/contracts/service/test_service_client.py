@@ -7,10 +7,10 @@ import httpx
 import numpy as np
 import pytest
 
-import service.client
-from service.client import Client, Document, Job
-from service.errors import ServiceError, WaitTimeoutError
-from service.web.examples import DETAIL, SURVEY
+import gear_rattle.service.client
+from gear_rattle.service.client import Client, Document, Job
+from gear_rattle.service.errors import ServiceError, WaitTimeoutError
+from gear_rattle.service.web.examples import DETAIL, SURVEY
 
 DOCUMENT = {**DETAIL, "state": "running", "progress": 40}
 
@@ -39,7 +39,7 @@ def job() -> Iterator[Job]:
 
 @pytest.mark.parametrize("timeout", [0.0, 0.5, 30.0])
 def test_who_waits_can_say_for_how_long(job: Job, timeout: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(service.client, "time", clock := Clock())
+    monkeypatch.setattr(gear_rattle.service.client, "time", clock := Clock())
     told: list[Document] = []
     with pytest.raises(WaitTimeoutError, match=f"is running after {timeout:g} s") as raised:
         job.wait(told.append, timeout=timeout)
@@ -54,7 +54,7 @@ def test_who_waits_can_say_for_how_long(job: Job, timeout: float, monkeypatch: p
 def test_a_service_may_be_away_for_so_long_however_long_it_was_silent_before(
     away: float, is_lost: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(service.client, "time", clock := Clock())
+    monkeypatch.setattr(gear_rattle.service.client, "time", clock := Clock())
     silence = 1000.0  # of the stream, in which nothing happened to the survey
 
     def answer(request: httpx.Request) -> httpx.Response:
@@ -77,7 +77,7 @@ def test_a_service_may_be_away_for_so_long_however_long_it_was_silent_before(
 
 
 def test_who_waits_for_a_service_that_is_away_waits_no_longer_than_was_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(service.client, "time", clock := Clock())
+    monkeypatch.setattr(gear_rattle.service.client, "time", clock := Clock())
 
     def answer(_: httpx.Request) -> httpx.Response:
         raise httpx.ConnectError("nobody listens")

@@ -13,16 +13,16 @@ import zarr
 from typer.testing import CliRunner
 from waiting import HANG
 
-from service.cli import app
-from service.client import Client
-from service.commands import letters
-from service.commands import run as run_command
-from service.commands.drawing import require_writable
-from service.errors import ServiceError
-from service.settings import Settings
-from workers.bound import ROUNDS
-from workers.errors import SurveyError
-from workers.storage.location import place_of
+from gear_rattle.service.cli import app
+from gear_rattle.service.client import Client
+from gear_rattle.service.commands import letters
+from gear_rattle.service.commands import run as run_command
+from gear_rattle.service.commands.drawing import require_writable
+from gear_rattle.service.errors import ServiceError
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers.bound import ROUNDS
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.storage.location import place_of
 
 NAME = "[/x] [red]hi"
 
@@ -128,7 +128,7 @@ def test_a_refined_survey_says_what_was_filled_and_how_far_it_can_be_trusted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """After further rounds, which the first audit makes needed."""
-    monkeypatch.setattr("workers.survey.refined.rounds.SPARE", 0.1)
+    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.SPARE", 0.1)
     store = tmp_path / "survey.zarr"
     asked = ["run", "--delta", "0.4:1:64", "--epsilon", "0.005:0.3:64", "--quantity", "region", "--out", str(store)]
     for option in ("--audit", "--bound"):
@@ -152,11 +152,12 @@ TAKEN_DOWN = """
 import ctypes, sys, threading
 library = ctypes.CDLL(None)
 assert library.__cxa_atexit(ctypes.cast(library.abort, ctypes.c_void_p), None, None) == 0
-import service.cli
-service.cli.app.command("computes")(lambda: (threading.Thread(target=threading.Event().wait, daemon={daemon}).start()
+import gear_rattle.service.cli
+wait = threading.Event().wait
+gear_rattle.service.cli.app.command("computes")(lambda: (threading.Thread(target=wait, daemon={daemon}).start()
     if {daemon} else None, print("told", end=""), sys.exit(130)))
 sys.argv[1:] = ["computes"]
-service.cli.main()
+gear_rattle.service.cli.main()
 """
 
 

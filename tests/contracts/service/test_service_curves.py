@@ -14,11 +14,11 @@ from service_support import IN_A_THREAD, assert_problem, front_end, front_of
 from typer.testing import CliRunner
 from waiting import HANG
 
+from gear_rattle.service.cli import app
+from gear_rattle.service.kernels import Part
+from gear_rattle.service.routes import model as routes
 from rattle import curves
 from rattle.models import Model
-from service.cli import app
-from service.kernels import Part
-from service.routes import model as routes
 
 WINDOW = "delta_min=0.45&delta_max=0.85&epsilon_min=0.05&epsilon_max=0.25"
 

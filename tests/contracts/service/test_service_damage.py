@@ -12,17 +12,17 @@ from service_support import BODY, assert_problem, compute, front_end, front_of, 
 from sqlalchemy import text
 from waiting import wait_until
 
-from service.app import create_app
-from service.database import Database, DoneTile
-from service.database.tables import State
-from service.explorer.common.address import View
-from service.explorer.common.news import Standing
-from service.explorer.map.shared import shown_first
-from service.explorer.page.rows import row_of
-from service.settings import Settings
-from workers import Bucket, SurveyRequest, complete, compute_tile, create_store, tiles_of
-from workers.storage.store import write_tile
-from workers.survey.levels import grid
+from gear_rattle.service.app import create_app
+from gear_rattle.service.database import Database, DoneTile
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.explorer.common.address import View
+from gear_rattle.service.explorer.common.news import Standing
+from gear_rattle.service.explorer.map.shared import shown_first
+from gear_rattle.service.explorer.page.rows import row_of
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import Bucket, SurveyRequest, complete, compute_tile, create_store, tiles_of
+from gear_rattle.workers.storage.store import write_tile
+from gear_rattle.workers.survey.levels import grid
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -227,10 +227,10 @@ def test_the_surveys_behind_a_damaged_one_run(
     tmp_path: Path, database_url: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     computed: list[str] = []
-    monkeypatch.setattr("service.jobs.manager.create_store", lambda *_: None)
-    monkeypatch.setattr("service.jobs.manager.finish_store", lambda *_: None)
-    monkeypatch.setattr("service.jobs.manager.tiles_done", lambda *_: set())
-    monkeypatch.setattr("service.jobs.manager.run_tiles", lambda _, path, *__: computed.append(path.stem))
+    monkeypatch.setattr("gear_rattle.service.jobs.manager.create_store", lambda *_: None)
+    monkeypatch.setattr("gear_rattle.service.jobs.manager.finish_store", lambda *_: None)
+    monkeypatch.setattr("gear_rattle.service.jobs.manager.tiles_done", lambda *_: set())
+    monkeypatch.setattr("gear_rattle.service.jobs.manager.run_tiles", lambda _, path, *__: computed.append(path.stem))
     with front_end(tmp_path, database_url=database_url) as client:
         ids = [client.post("/v1/surveys?force=true", json=BODY).json()["id"] for _ in range(2)]
         damage(front_of(client).database, ids[0], damages(database_url)[0])

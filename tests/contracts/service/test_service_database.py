@@ -12,12 +12,18 @@ from sqlalchemy import select, text
 from sqlalchemy.exc import SQLAlchemyError
 from waiting import HANG
 
-from service.database import Database, DoneTile, NewJob
-from service.database.engine import UNPOOLED, open_engine
-from service.database.hold import LOCK
-from service.database.identity import MOST_ANSWERED
-from service.database.tables import AnsweredRow, Scope, State
-from service.errors import ConflictError, DataDirectoryError, QueueFullError, UnavailableError, UnknownSurveyError
+from gear_rattle.service.database import Database, DoneTile, NewJob
+from gear_rattle.service.database.engine import UNPOOLED, open_engine
+from gear_rattle.service.database.hold import LOCK
+from gear_rattle.service.database.identity import MOST_ANSWERED
+from gear_rattle.service.database.tables import AnsweredRow, Scope, State
+from gear_rattle.service.errors import (
+    ConflictError,
+    DataDirectoryError,
+    QueueFullError,
+    UnavailableError,
+    UnknownSurveyError,
+)
 
 THREADS = 12
 

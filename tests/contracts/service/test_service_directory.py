@@ -9,11 +9,11 @@ from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of, idle_cluster, local_client
 from waiting import wait_until
 
-from service.app import create_app
-from service.errors import DataDirectoryError
-from service.jobs import manager
-from service.jobs.opening import opened
-from service.settings import Settings
+from gear_rattle.service.app import create_app
+from gear_rattle.service.errors import DataDirectoryError
+from gear_rattle.service.jobs import manager
+from gear_rattle.service.jobs.opening import opened
+from gear_rattle.service.settings import Settings
 
 SMALLER = BODY | {"seed": 3}
 

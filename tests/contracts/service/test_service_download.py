@@ -14,16 +14,16 @@ import xarray as xr
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, compute, front_end, front_of
 
-from service.database import DoneTile
-from service.database.tables import State
-from service.errors import MissingError
-from service.explorer.map.colouring import colouring
-from service.explorer.map.planes import Atlas
-from service.explorer.page.form import in_words
-from service.operations.estimate import cell_seconds, estimate, most_like
-from workers import SurveyRequest, compute_tile, open_survey, tiles_of
-from workers.storage.store import open_groups, write_tile
-from workers.survey.values.schema import Form
+from gear_rattle.service.database import DoneTile
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.errors import MissingError
+from gear_rattle.service.explorer.map.colouring import colouring
+from gear_rattle.service.explorer.map.planes import Atlas
+from gear_rattle.service.explorer.page.form import in_words
+from gear_rattle.service.operations.estimate import cell_seconds, estimate, most_like
+from gear_rattle.workers import SurveyRequest, compute_tile, open_survey, tiles_of
+from gear_rattle.workers.storage.store import open_groups, write_tile
+from gear_rattle.workers.survey.values.schema import Form
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -8,11 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from rattle import RattleError
-from service.client import Client, Job
-from service.results import open_family
-from service.web.examples import SURVEY
-from workers import (
+from gear_rattle.service.client import Client, Job
+from gear_rattle.service.results import open_family
+from gear_rattle.service.web.examples import SURVEY
+from gear_rattle.workers import (
     SurveyRequest,
     create_store,
     finish_store,
@@ -21,7 +20,8 @@ from workers import (
     run_tiles_here,
     tiles_of,
 )
-from workers import open_family as open_stored
+from gear_rattle.workers import open_family as open_stored
+from rattle import RattleError
 
 KEY = "rattle_key"
 REQUEST = SurveyRequest.model_validate(

@@ -8,12 +8,12 @@ from urllib.parse import urljoin, urlsplit
 import pytest
 from service_support import front_end
 
-import service.app
+import gear_rattle.service.app
 
 
 def test_documents_are_shown_where_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(service.app, "DOCUMENTS", tmp_path / "help")
-    monkeypatch.setattr(service.app, "SOURCES", tmp_path / "docs")
+    monkeypatch.setattr(gear_rattle.service.app, "DOCUMENTS", tmp_path / "help")
+    monkeypatch.setattr(gear_rattle.service.app, "SOURCES", tmp_path / "docs")
     with front_end(tmp_path / "one") as client:
         assert client.get("/help/").status_code == 404
     (tmp_path / "help" / "tutorials").mkdir(parents=True)
@@ -34,10 +34,12 @@ def test_documents_are_shown_where_they_are(tmp_path: Path, monkeypatch: pytest.
 def test_documents_are_pages_before_a_site_is_built(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
-    monkeypatch.setattr(service.app, "DOCUMENTS", tmp_path / "help")
+    monkeypatch.setattr(gear_rattle.service.app, "DOCUMENTS", tmp_path / "help")
     if where == "DOCUMENTS":  # as a wheel has them
-        shutil.copytree(service.app.SOURCES, tmp_path / "help", ignore=shutil.ignore_patterns("site", "generated"))
-        monkeypatch.setattr(service.app, "SOURCES", tmp_path / "docs")
+        shutil.copytree(
+            gear_rattle.service.app.SOURCES, tmp_path / "help", ignore=shutil.ignore_patterns("site", "generated")
+        )
+        monkeypatch.setattr(gear_rattle.service.app, "SOURCES", tmp_path / "docs")
     with front_end(tmp_path / "data") as client:
         todo, asked, seen = ["/help/"], {"/help/"}, dict[str, str]()
         while todo:  # every page that is linked, and every picture

@@ -9,10 +9,10 @@ import pytest
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of
 
-import workers.survey.request
-from service.access.keys import add_key
-from service.database import Database, NewJob
-from service.database.tables import Scope, State
+import gear_rattle.workers.survey.request
+from gear_rattle.service.access.keys import add_key
+from gear_rattle.service.database import Database, NewJob
+from gear_rattle.service.database.tables import Scope, State
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def test_a_deleted_one_and_one_without_its_store_are_computed_again(client: Test
 def test_other_code_computes_another_survey(client: TestClient, monkeypatch: pytest.MonkeyPatch) -> None:
     first = post(client, 202)
     finish(client, first)
-    monkeypatch.setattr(workers.survey.request, "code_version", lambda: "of tomorrow")
+    monkeypatch.setattr(gear_rattle.workers.survey.request, "code_version", lambda: "of tomorrow")
     assert post(client, 202) != first
 
 

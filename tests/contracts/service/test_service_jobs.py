@@ -12,10 +12,10 @@ from httpx_sse import EventSource
 from service_support import BODY, assert_problem, front_end, front_of
 from waiting import HANG
 
-from service.database import DoneTile
-from service.database.engine import UNPOOLED, open_engine
-from service.database.tables import State
-from service.errors import DataDirectoryError
+from gear_rattle.service.database import DoneTile
+from gear_rattle.service.database.engine import UNPOOLED, open_engine
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.errors import DataDirectoryError
 
 
 @pytest.fixture

@@ -13,10 +13,10 @@ from dying import die
 from service_support import IN_A_THREAD, assert_problem, front_end, front_of, idle_cluster, local_client, points_in
 from waiting import HANG, wait_until
 
+from gear_rattle.service.app import create_app
+from gear_rattle.service.kernels import Kernels, Part
+from gear_rattle.service.settings import Settings
 from rattle.models import Model
-from service.app import create_app
-from service.kernels import Kernels, Part
-from service.settings import Settings
 
 POINTS = (
     "/v1/orbits?delta=0.6&epsilon=0.1",
@@ -29,7 +29,7 @@ POINTS = (
 @pytest.fixture
 def note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """Where it would be written that all is compiled, and is not."""
-    monkeypatch.setattr("service.kernels.note_in_cache", lambda name: tmp_path / f"{name}.note")
+    monkeypatch.setattr("gear_rattle.service.kernels.note_in_cache", lambda name: tmp_path / f"{name}.note")
     return tmp_path / "impacting.note"
 
 
@@ -95,7 +95,7 @@ def test_ready_says_when_surveys_and_points_can_be_computed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, note: Path
 ) -> None:
     """What the work of each part compiles is tested below."""
-    monkeypatch.setattr("service.compilation.WORK", dict.fromkeys(Part, repr))
+    monkeypatch.setattr("gear_rattle.service.compilation.WORK", dict.fromkeys(Part, repr))
     with local_client(create_app(Settings(data=tmp_path), idle_cluster)) as client:
         client.portal.call(front_of(client).kernels.begin)
         assert not note.exists()
@@ -119,7 +119,7 @@ def test_a_service_ends_while_it_compiles(tmp_path: Path) -> None:
 def test_a_process_that_dies_of_compiling_is_no_hang(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, note: Path
 ) -> None:
-    monkeypatch.setattr("service.compilation.WORK", dict.fromkeys(Part, die))
+    monkeypatch.setattr("gear_rattle.service.compilation.WORK", dict.fromkeys(Part, die))
     with front_end(tmp_path, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
         task = front_of(client).kernels._tasks[Model.IMPACTING]
@@ -149,15 +149,15 @@ import numpy as np
 from rattle import RattleError
 from rattle.families.join import joined
 from rattle.models import Model, model_of
-from service.operations.estimate import cell_seconds
-from service.explorer.point import parts as point_parts
-from service.compilation import compile_all
-from service.kernels import KAPPA
-from service.routes.model.basins import _draw
-from service.operations import diagrams
-from service.operations.points import curves_document, intensities, orbits_document
-from workers import SurveyRequest, compute_tile, tiles_of
-from workers.survey.template import template_of
+from gear_rattle.service.operations.estimate import cell_seconds
+from gear_rattle.service.explorer.point import parts as point_parts
+from gear_rattle.service.compilation import compile_all
+from gear_rattle.service.kernels import KAPPA
+from gear_rattle.service.routes.model.basins import _draw
+from gear_rattle.service.operations import diagrams
+from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
+from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
+from gear_rattle.workers.survey.template import template_of
 
 name = Model(sys.argv[1])
 compile_all(name)

@@ -12,13 +12,13 @@ from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of
 from typer.testing import CliRunner
 
-from service import cli
-from service.client import Client
-from service.commands.serve import require_keys
-from service.database import Database
-from service.errors import ServiceError
-from service.results import key_headers, open_results
-from service.settings import Settings
+from gear_rattle.service import cli
+from gear_rattle.service.client import Client
+from gear_rattle.service.commands.serve import require_keys
+from gear_rattle.service.database import Database
+from gear_rattle.service.errors import ServiceError
+from gear_rattle.service.results import key_headers, open_results
+from gear_rattle.service.settings import Settings
 
 
 def rattle(*arguments: str) -> Any:

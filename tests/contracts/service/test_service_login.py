@@ -11,11 +11,11 @@ from service_support import BODY, assert_problem, front_end, front_of
 from starlette.websockets import WebSocketDisconnect
 from waiting import HANG
 
-from service.access import keys
-from service.access.keys import COOKIE, OLD_COOKIE
-from service.database.keys import MOST_SESSIONS
-from service.database.tables import Scope
-from service.explorer.page import mount
+from gear_rattle.service.access import keys
+from gear_rattle.service.access.keys import COOKIE, OLD_COOKIE
+from gear_rattle.service.database.keys import MOST_SESSIONS
+from gear_rattle.service.database.tables import Scope
+from gear_rattle.service.explorer.page import mount
 
 HOST = "127.0.0.1:8000"
 SOCKET = f"ws://{HOST}/ws"

@@ -11,11 +11,11 @@ from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_of, idle_cluster, local_client
 from waiting import HANG, wait_until
 
-from service.app import create_app
-from service.database.tables import State
-from service.jobs import manager
-from service.settings import Settings
-from workers import StorageError, TileRecord
+from gear_rattle.service.app import create_app
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.jobs import manager
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import StorageError, TileRecord
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from waiting import HANG
 #: Bytes of large blocks that the system was asked for each by itself, after larger ones than these were freed.
 ASKED = """
 import ctypes
-from service.web.server import return_large_blocks
+from gear_rattle.service.web.server import return_large_blocks
 class Info(ctypes.Structure):
     names = "arena ordblks smblks hblks hblkhd usmblks fsmblks uordblks fordblks keepcost"
     _fields_ = [(name, ctypes.c_size_t) for name in names.split()]

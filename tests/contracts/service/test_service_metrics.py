@@ -17,12 +17,12 @@ from prometheus_client.parser import text_string_to_metric_families
 from service_support import BODY, front_end, front_of
 from sqlalchemy.exc import OperationalError
 
-from service.access.middleware import AccessMiddleware
-from service.database import Database
-from service.database.tables import State
-from service.observability.logs import about, adopt_handlers, log_config
-from service.observability.logs_json import TRACEBACKS
-from workers import SurveyRequest, compute_tile, tiles_of
+from gear_rattle.service.access.middleware import AccessMiddleware
+from gear_rattle.service.database import Database
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.observability.logs import about, adopt_handlers, log_config
+from gear_rattle.service.observability.logs_json import TRACEBACKS
+from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
 
 REQUEST = SurveyRequest(**BODY)
 Labels = tuple[tuple[str, str], ...]
@@ -146,19 +146,21 @@ def lines(request: pytest.FixtureRequest) -> Iterator[Callable[[], list[str]]]:
 @pytest.mark.parametrize("lines", ["json"], indirect=True)
 def test_json_lines(client: TestClient, lines: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
     clock = count(0, 2.5)
-    monkeypatch.setattr("service.observability.request_log.time", SimpleNamespace(perf_counter=lambda: next(clock)))
+    monkeypatch.setattr(
+        "gear_rattle.service.observability.request_log.time", SimpleNamespace(perf_counter=lambda: next(clock))
+    )
     survey_id = "0123456789abcdef"
     response = client.get(f"/v1/surveys/{survey_id}", headers={"X-Request-ID": "mine-1"})
     assert response.headers["x-request-id"] == "mine-1"
     with about(survey_id):
-        logging.getLogger("service.jobs.manager").warning("two\nlines %s", "here")
+        logging.getLogger("gear_rattle.service.jobs.manager").warning("two\nlines %s", "here")
     records = [json.loads(line) for line in lines()]
-    request = next(record for record in records if record["logger"] == "service.observability.logs")
+    request = next(record for record in records if record["logger"] == "gear_rattle.service.observability.logs")
     assert request["survey"] == survey_id
     assert (request["request"], request["method"], request["status"]) == ("mine-1", "GET", 404)
     assert request["route"] == "/v1/surveys/{survey_id}"
     assert request["seconds"] == 2.5
-    job = next(record for record in records if record["logger"] == "service.jobs.manager")
+    job = next(record for record in records if record["logger"] == "gear_rattle.service.jobs.manager")
     assert (job["survey"], job["level"], job["message"]) == (survey_id, "WARNING", r"two\nlines here")
 
 
@@ -214,7 +216,7 @@ def test_nobody_forges_a_line_of_text(
     assert sum(rf"a\r\n{FORGED}\x1b[2J\x9b31m\u2028" in line for line in found) >= 5
     others = (
         " httpx ",
-        " service.jobs.manager ",
+        " gear_rattle.service.jobs.manager ",
     )  # the latter tries again to start a cluster, as often as it has time to
     dated = [line for line in found if not line.startswith("  ") and not any(name in line for name in others)]
     assert all(re.match(r"\d{4}-", line) for line in dated)
@@ -229,7 +231,7 @@ def test_nobody_forges_a_line_of_json(
     attack(client, monkeypatch)
     found = lines()
     assert all(line.isascii() and line.isprintable() for line in found)
-    others = "httpx", "service.jobs.manager"
+    others = "httpx", "gear_rattle.service.jobs.manager"
     records = [record for record in map(json.loads, found) if record["logger"] not in others]
     assert len(records) == 10
     values = [(name, value) for record in records for name, value in record.items() if isinstance(value, str)]

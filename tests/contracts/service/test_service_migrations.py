@@ -9,10 +9,10 @@ from alembic.migration import MigrationContext
 from alembic.operations import Operations
 from sqlalchemy import Engine, inspect
 
-from service.database import Database
-from service.database.engine import UNPOOLED, open_engine
-from service.database.tables import Scope, Table
-from service.errors import DataDirectoryError
+from gear_rattle.service.database import Database
+from gear_rattle.service.database.engine import UNPOOLED, open_engine
+from gear_rattle.service.database.tables import Scope, Table
+from gear_rattle.service.errors import DataDirectoryError
 
 
 @pytest.fixture

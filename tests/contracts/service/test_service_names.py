@@ -8,13 +8,13 @@ from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of, key, submit
 from typer.testing import CliRunner
 
-from service import cli
-from service.client import Client
-from service.database.tables import State
-from service.errors import ServiceError
-from service.explorer.common.address import View
-from service.explorer.common.news import Standing
-from service.explorer.page.rows import row_of
+from gear_rattle.service import cli
+from gear_rattle.service.client import Client
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.errors import ServiceError
+from gear_rattle.service.explorer.common.address import View
+from gear_rattle.service.explorer.common.news import Standing
+from gear_rattle.service.explorer.page.rows import row_of
 
 NOTES = (
     "Regions agree with Figure 7.\n\tδ below 0.5\u00a0is still to be looked at, from 1\u202f000 cells.\n"
@@ -90,8 +90,8 @@ def test_the_client_and_the_command_describe_a_survey(tmp_path: Path, monkeypatc
         assert job.document["name"] == "small"
         with pytest.raises(ServiceError, match="cannot be printed"):
             job.describe("\t")
-        monkeypatch.setattr("service.client.Client.close", lambda _: None)
-        monkeypatch.setattr("service.client.httpx.Client", lambda **_: http)
+        monkeypatch.setattr("gear_rattle.service.client.Client.close", lambda _: None)
+        monkeypatch.setattr("gear_rattle.service.client.httpx.Client", lambda **_: http)
         said = [
             CliRunner().invoke(cli.app, ["describe", job.id, *given]).output for given in (["--name", "Figure 7"], [])
         ]

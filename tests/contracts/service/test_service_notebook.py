@@ -12,9 +12,9 @@ from fastapi.testclient import TestClient
 from service_support import IN_A_THREAD, assert_problem, front_end
 
 import rattle
+from gear_rattle.service.operations.diagrams import diagram_span
 from rattle import Machine
 from rattle.stiff import StiffGear
-from service.operations.diagrams import diagram_span
 
 COARSE = {"starts": 16, "side": 8, "steps": 4, "count": 2}
 MACHINE = {"inertia": 0.003, "drag": 0.0005, "backlash": 1e-4, "eccentricity": 1.5e-5, "radius": 0.05, "rpm": 3000.0}

@@ -10,11 +10,11 @@ from pydantic import ValidationError
 from service_support import BODY, HERE, NOBODY, assert_problem, front_end, front_of, key, peer, submit
 from starlette.websockets import WebSocketDisconnect
 
-from service.access import keys
-from service.access.middleware import asks_keys
-from service.access.origins import is_loopback
-from service.database.tables import Scope, State
-from service.settings import Settings
+from gear_rattle.service.access import keys
+from gear_rattle.service.access.middleware import asks_keys
+from gear_rattle.service.access.origins import is_loopback
+from gear_rattle.service.database.tables import Scope, State
+from gear_rattle.service.settings import Settings
 
 
 @pytest.fixture(scope="module")

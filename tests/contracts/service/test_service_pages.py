@@ -19,10 +19,10 @@ from service_support import front_end
 from starlette.websockets import WebSocket, WebSocketDisconnect
 from waiting import HANG, wait_until
 
-from service.explorer.map.figure import Map
-from service.explorer.map.shared import Shared
-from service.explorer.page import mount
-from service.explorer.point import work
+from gear_rattle.service.explorer.map.figure import Map
+from gear_rattle.service.explorer.map.shared import Shared
+from gear_rattle.service.explorer.page import mount
+from gear_rattle.service.explorer.point import work
 
 SWEEP_SECONDS = mount.SWEEP_SECONDS
 HOST = "127.0.0.1:8000"
@@ -98,11 +98,14 @@ def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path
 def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    caplog.set_level(logging.INFO, "service.explorer.page.socket")
+    caplog.set_level(logging.INFO, "gear_rattle.service.explorer.page.socket")
     records: list[logging.LogRecord] = []
     handler = logging.Handler()
     handler.emit = records.append  # type: ignore[method-assign]
-    loggers = [logging.getLogger(name) for name in ("bokeh", "bokeh_fastapi", "service.explorer.page.socket", "panel")]
+    loggers = [
+        logging.getLogger(name)
+        for name in ("bokeh", "bokeh_fastapi", "gear_rattle.service.explorer.page.socket", "panel")
+    ]
     for logger in loggers:
         logger.addHandler(handler)
     gone, failed = threading.Event(), threading.Semaphore(0)
@@ -237,12 +240,12 @@ def test_others_have_their_turn_between_the_parts_of_a_page_and_its_document(
 
     with front_end(tmp_path) as client:
         client.get("/page")  # what it imports is there
-        from service.explorer.page import page
+        from gear_rattle.service.explorer.page import page
 
         noted(page, "Page")
         noted(page._Template, "_init_doc")
         if find_spec("bokeh.server.asgi") is None:
-            from service.explorer.page.transport_fastapi import DocHandler
+            from gear_rattle.service.explorer.page.transport_fastapi import DocHandler
 
             noted(DocHandler, "render_session")
         counting = client.portal.start_task_soon(count)
@@ -275,7 +278,7 @@ def test_a_page_whose_browser_leaves_while_it_is_made_is_finished_and_swept(
 
     with front_end(tmp_path) as client:
         client.get("/page")
-        from service.explorer.page import page
+        from gear_rattle.service.explorer.page import page
 
         client.portal.call(visit, client, page)
         assert open_pages(client) == []
@@ -288,8 +291,8 @@ def test_what_a_page_imports_is_imported_in_one_thread_only(tmp_path: Path) -> N
 import sys
 from pathlib import Path
 from service_support import front_end
-from service.errors import UnavailableError
-from service.explorer.page.mount import Explorer
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.explorer.page.mount import Explorer
 def load(self):
     raise UnavailableError("it is being loaded")
 Explorer.load = load

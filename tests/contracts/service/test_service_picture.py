@@ -21,14 +21,14 @@ from matplotlib.image import imread
 from service_support import assert_problem, compute, front_end, front_of
 
 import rattle
-from service.explorer.common.address import View
-from service.explorer.map.picture import AsSeen, picture_query
-from service.routes import picture
-from workers import SurveyError, SurveyRequest, open_survey
-from workers.pictures import maps
-from workers.pictures.look import OWN_STYLES, SHARE, Finer, Look, Over
-from workers.pictures.maps import draw_map, map_picture
-from workers.pictures.overlay import draw_curves
+from gear_rattle.service.explorer.common.address import View
+from gear_rattle.service.explorer.map.picture import AsSeen, picture_query
+from gear_rattle.service.routes import picture
+from gear_rattle.workers import SurveyError, SurveyRequest, open_survey
+from gear_rattle.workers.pictures import maps
+from gear_rattle.workers.pictures.look import OWN_STYLES, SHARE, Finer, Look, Over
+from gear_rattle.workers.pictures.maps import draw_map, map_picture
+from gear_rattle.workers.pictures.overlay import draw_curves
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

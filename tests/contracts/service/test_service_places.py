@@ -6,7 +6,7 @@ from collections.abc import Callable, Coroutine
 from anyio import Event, sleep_forever
 from waiting import HANG
 
-from service.places import Places
+from gear_rattle.service.places import Places
 
 
 def run(body: Callable[[], Coroutine[None, None, None]]) -> None:

@@ -9,15 +9,23 @@ from fastapi.testclient import TestClient
 from service_support import BODY, IN_A_THREAD, assert_problem, front_end, front_of, key
 from typer.testing import CliRunner
 
-from service.cli import app
-from service.client import Client, Job
-from service.database import DoneTile
-from service.database.tables import State
-from service.errors import ResponseError, ServiceError
-from workers import PopulationRequest, SurveyError, SurveyRequest, create_store, finish_store, open_survey, tiles_of
-from workers.answers import population_in, population_of
-from workers.kinds import compute_tile
-from workers.storage.store import write_tile
+from gear_rattle.service.cli import app
+from gear_rattle.service.client import Client, Job
+from gear_rattle.service.database import DoneTile
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.errors import ResponseError, ServiceError
+from gear_rattle.workers import (
+    PopulationRequest,
+    SurveyError,
+    SurveyRequest,
+    create_store,
+    finish_store,
+    open_survey,
+    tiles_of,
+)
+from gear_rattle.workers.answers import population_in, population_of
+from gear_rattle.workers.kinds import compute_tile
+from gear_rattle.workers.storage.store import write_tile
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -202,7 +210,7 @@ def test_commands_submit_list_and_follow_a_population(client: TestClient, monkey
     survey_id = finished(client, seed=10)
     store = front_of(client).directory.store(survey_id)
     monkeypatch.setattr(Client, "close", lambda _: None)
-    monkeypatch.setattr("service.client.Client", lambda _url: Client(http=client))
+    monkeypatch.setattr("gear_rattle.service.client.Client", lambda _url: Client(http=client))
     monkeypatch.setattr(Job, "open", lambda _: open_survey(store))
 
     def said(*arguments: str, code: int = 0) -> str:

@@ -10,12 +10,12 @@ from fastapi.testclient import TestClient
 from service_support import BODY, front_end, idle_cluster, local_client
 from waiting import wait_until
 
-from service.app import create_app
-from service.database import Database, DoneTile, NewJob
-from service.database.tables import State
-from service.jobs.directory import DataDirectory
-from service.settings import Settings
-from workers import SurveyRequest, create_store
+from gear_rattle.service.app import create_app
+from gear_rattle.service.database import Database, DoneTile, NewJob
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.jobs.directory import DataDirectory
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import SurveyRequest, create_store
 
 HEX = "0123456789abcdef" * 2
 

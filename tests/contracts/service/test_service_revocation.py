@@ -13,10 +13,10 @@ from fastapi.testclient import TestClient
 from service_support import BODY, front_end, front_of
 from waiting import HANG, wait_until
 
-from service.access import keys
-from service.database import Database
-from service.database.keys import Keys
-from service.database.tables import KeyRow, Scope
+from gear_rattle.service.access import keys
+from gear_rattle.service.database import Database
+from gear_rattle.service.database.keys import Keys
+from gear_rattle.service.database.tables import KeyRow, Scope
 
 HOST = "127.0.0.1:8000"
 OWN = {"Origin": f"http://{HOST}", "Sec-Fetch-Site": "same-origin"}

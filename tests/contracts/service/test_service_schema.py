@@ -22,24 +22,22 @@ from service_support import BODY, IN_A_THREAD, idle_cluster, points_in
 from typer.testing import CliRunner
 from waiting import HANG, wait_until
 
-from rattle import Gear, Limit
-from rattle.models import Impacting
-from service.access.keys import add_key
-from service.app import create_app
-from service.cli import app as cli
-from service.client import Client
-from service.database.tables import Kind, Scope, State
-from service.errors import UnavailableError
-from service.jobs import manager
-from service.operations import estimate, windows
-from service.operations.crises import Crises
-from service.operations.design_limits import DesignLimits
-from service.operations.points import curves_document, intensities, orbits_document
-from service.routes import download, limits
-from service.routes.model import basins, curves, intensity, points, reached
-from service.settings import Settings
-from service.web import examples
-from workers import (
+from gear_rattle.service.access.keys import add_key
+from gear_rattle.service.app import create_app
+from gear_rattle.service.cli import app as cli
+from gear_rattle.service.client import Client
+from gear_rattle.service.database.tables import Kind, Scope, State
+from gear_rattle.service.errors import UnavailableError
+from gear_rattle.service.jobs import manager
+from gear_rattle.service.operations import estimate, windows
+from gear_rattle.service.operations.crises import Crises
+from gear_rattle.service.operations.design_limits import DesignLimits
+from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
+from gear_rattle.service.routes import download, limits
+from gear_rattle.service.routes.model import basins, curves, intensity, points, reached
+from gear_rattle.service.settings import Settings
+from gear_rattle.service.web import examples
+from gear_rattle.workers import (
     SurveyError,
     SurveyRequest,
     compute_tile,
@@ -49,10 +47,12 @@ from workers import (
     request_of,
     tiles_of,
 )
-from workers.certificates import certify_survey
-from workers.storage.export import write_netcdf
-from workers.storage.location import certificates_of
-from workers.storage.store import write_tile
+from gear_rattle.workers.certificates import certify_survey
+from gear_rattle.workers.storage.export import write_netcdf
+from gear_rattle.workers.storage.location import certificates_of
+from gear_rattle.workers.storage.store import write_tile
+from rattle import Gear, Limit
+from rattle.models import Impacting
 
 HOW_TO = (Path(__file__).parents[3] / "docs" / "how-to" / "service.md").read_text()
 #: Answers that are never 200 for data that fit the schema: what does not exist is not found, what is too large for the

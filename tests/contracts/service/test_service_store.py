@@ -7,7 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, front_end, front_of
 
-from service.database.tables import State
+from gear_rattle.service.database.tables import State
 
 CHUNK = bytes(range(64))
 

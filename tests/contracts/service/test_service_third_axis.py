@@ -11,13 +11,13 @@ from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, compute, front_end, front_of
 from typer.testing import CliRunner
 
-from service.cli import app
-from service.client import Client
-from service.commands.options import survey_request
-from service.database.tables import State
-from service.operations.chunks import is_owed
-from service.operations.estimate import _few_cells, most_like
-from workers import Axis, SurveyRequest, create_store, examine
+from gear_rattle.service.cli import app
+from gear_rattle.service.client import Client
+from gear_rattle.service.commands.options import survey_request
+from gear_rattle.service.database.tables import State
+from gear_rattle.service.operations.chunks import is_owed
+from gear_rattle.service.operations.estimate import _few_cells, most_like
+from gear_rattle.workers import Axis, SurveyRequest, create_store, examine
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -8,12 +8,12 @@ import pytest
 from service_support import BODY, front_of, idle_cluster, local_client
 from waiting import wait_until
 
-from service.app import create_app
-from service.database.surveys import Active
-from service.jobs import manager, turns
-from service.jobs.turns import TURN_SECONDS, Turns
-from service.settings import Settings
-from workers import TileRecord
+from gear_rattle.service.app import create_app
+from gear_rattle.service.database.surveys import Active
+from gear_rattle.service.jobs import manager, turns
+from gear_rattle.service.jobs.turns import TURN_SECONDS, Turns
+from gear_rattle.service.settings import Settings
+from gear_rattle.workers import TileRecord
 
 
 def served(turns: Turns, cells: dict[str, int], owners: dict[str, str] | None = None, each: int = 3) -> Iterator[str]:

@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 import rattle
-from service.cli import app
-from workers.answers import population_of
+from gear_rattle.service.cli import app
+from gear_rattle.workers.answers import population_of
 
 PLAIN = ["--delta", "0.6", "--epsilon", "uniform:0.03:0.21", "--beta", "normal:0.6:0.02"]
 FEW = ["--gears", "30", "--count", "4", "--pairs", "20"]

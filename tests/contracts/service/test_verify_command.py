@@ -8,9 +8,9 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner, Result
 
-from service.cli import app
-from workers import SurveyRequest, create_store, finish_store, open_survey, run_tiles_here, tiles_of
-from workers.certificates import CERTIFICATES, certify_survey
+from gear_rattle.service.cli import app
+from gear_rattle.workers import SurveyRequest, create_store, finish_store, open_survey, run_tiles_here, tiles_of
+from gear_rattle.workers.certificates import CERTIFICATES, certify_survey
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -8,10 +8,10 @@ import xarray as xr
 from depth import DEEP, deep
 
 import rattle
-from workers import Axis, Group, SurveyRequest, create_store, finish_store, tiles_of
-from workers.cluster.runner import compute_and_write
-from workers.pictures import maps
-from workers.pictures.maps import map_picture
+from gear_rattle.workers import Axis, Group, SurveyRequest, create_store, finish_store, tiles_of
+from gear_rattle.workers.cluster.runner import compute_and_write
+from gear_rattle.workers.pictures import maps
+from gear_rattle.workers.pictures.maps import map_picture
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -11,11 +11,20 @@ import pytest
 import zarr
 from pydantic import ValidationError
 
-from workers import SurveyRequest, complete, compute_tile, is_incomplete, open_survey, place_of, run_survey, tiles_of
-from workers.bound import ROUNDS, lacks_bound
-from workers.storage.location import Directory
-from workers.survey.refined.audit import AUDITED, TOLD, told_of_audit, upper_share
-from workers.survey.refined.rounds import CHAOTIC, KINDS, Counts, Round, first_round, next_round, upper_of
+from gear_rattle.workers import (
+    SurveyRequest,
+    complete,
+    compute_tile,
+    is_incomplete,
+    open_survey,
+    place_of,
+    run_survey,
+    tiles_of,
+)
+from gear_rattle.workers.bound import ROUNDS, lacks_bound
+from gear_rattle.workers.storage.location import Directory
+from gear_rattle.workers.survey.refined.audit import AUDITED, TOLD, told_of_audit, upper_share
+from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, Counts, Round, first_round, next_round, upper_of
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -34,7 +43,7 @@ SAMPLED = SurveyRequest(
 
 
 def few_audited(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("workers.survey.refined.rounds.SPARE", 0.1)
+    monkeypatch.setattr("gear_rattle.workers.survey.refined.rounds.SPARE", 0.1)
 
 
 @pytest.fixture(scope="module")
@@ -141,9 +150,11 @@ def test_after_each_pause_it_goes_on_to_the_same_bytes(
     with open_survey(whole) as survey:
         told, rounds = dict(survey.attrs), len(json.loads(survey.attrs[ROUNDS]))
     with monkeypatch.context() as patched:
-        patched.setattr("workers.run.complete", lambda *_: None)
+        patched.setattr("gear_rattle.workers.run.complete", lambda *_: None)
         run_survey(REGIONS, out=store).close()
-    monkeypatch.setattr("workers.completion.lacks_families", lambda *_: followed.append(lacks_bound(request, store)))
+    monkeypatch.setattr(
+        "gear_rattle.workers.completion.lacks_families", lambda *_: followed.append(lacks_bound(request, store))
+    )
     followed: list[bool] = []
     turns = 0
     while lacks_bound(request, store):
@@ -224,7 +235,7 @@ def test_a_store_tells_no_bound_before_it_is_met(tmp_path: Path, monkeypatch: py
     def stop(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("workers.completion.meet_bound", stop)
+    monkeypatch.setattr("gear_rattle.workers.completion.meet_bound", stop)
     with pytest.raises(KeyboardInterrupt):
         run_survey(REGIONS, out=tmp_path / "survey.zarr")
     assert not set(TOLD) & set(zarr.open_group(tmp_path / "survey.zarr", mode="r").attrs)

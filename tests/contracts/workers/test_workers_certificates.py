@@ -11,8 +11,7 @@ import pytest
 import xarray as xr
 
 import rattle
-from rattle.proof.check import check
-from workers import (
+from gear_rattle.workers import (
     SurveyRequest,
     complete,
     create_store,
@@ -24,9 +23,17 @@ from workers import (
     run_tiles_here,
     tiles_of,
 )
-from workers import certificates as certified
-from workers.certificates import CERTIFICATES, REFUSED, SEAL, certify_survey, examine_beside, examine_certificates
-from workers.errors import SurveyError
+from gear_rattle.workers import certificates as certified
+from gear_rattle.workers.certificates import (
+    CERTIFICATES,
+    REFUSED,
+    SEAL,
+    certify_survey,
+    examine_beside,
+    examine_certificates,
+)
+from gear_rattle.workers.errors import SurveyError
+from rattle.proof.check import check
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -7,11 +7,11 @@ import pytest
 import xarray as xr
 from depth import deep
 
+from gear_rattle.workers import Axis, SurveyRequest, create_store
+from gear_rattle.workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES
 from rattle import curves
 from rattle.continuation import arclength
 from rattle.numerics.complex_step import Array, Function
-from workers import Axis, SurveyRequest, create_store
-from workers.survey.curves import CURVE_VARIABLES, POINT_VARIABLES
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.45, stop=0.85, num=9),

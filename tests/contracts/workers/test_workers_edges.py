@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import rattle
+from gear_rattle.workers.boundaries.edges import Edges, edges_of, ends_in
+from gear_rattle.workers.survey.crossings import Crossings, crossings_of
 from rattle import curves
 from rattle.families.spread import Rectangle
 from rattle.families.table import Families
-from workers.boundaries.edges import Edges, edges_of, ends_in
-from workers.survey.crossings import Crossings, crossings_of
 
 DELTA, EPSILON = np.linspace(0.55, 0.65, 19), np.linspace(0.05, 0.08, 23)
 WINDOW = (0.54, 0.66), (0.045, 0.085)

@@ -9,13 +9,13 @@ from depth import deep, either
 from typer.testing import CliRunner
 
 import rattle
+from gear_rattle.service.cli import app
+from gear_rattle.workers import Axis, SurveyError, SurveyRequest, create_store, join_survey, open_survey, tiles_of
+from gear_rattle.workers.boundaries.explain import MOST_CURVES, Explanation, explain
+from gear_rattle.workers.boundaries.labels import PERIODIC
+from gear_rattle.workers.boundaries.pairs import Grid, crossed
+from gear_rattle.workers.cluster.runner import compute_and_write
 from rattle import curves
-from service.cli import app
-from workers import Axis, SurveyError, SurveyRequest, create_store, join_survey, open_survey, tiles_of
-from workers.boundaries.explain import MOST_CURVES, Explanation, explain
-from workers.boundaries.labels import PERIODIC
-from workers.boundaries.pairs import Grid, crossed
-from workers.cluster.runner import compute_and_write
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 
@@ -170,7 +170,7 @@ def printing(monkeypatch: pytest.MonkeyPatch, found: Explanation, most_curves: i
         assert (curves, group is not None) == (most_curves, families)
         return found
 
-    monkeypatch.setattr("workers.boundaries.explain.explain", known)
+    monkeypatch.setattr("gear_rattle.workers.boundaries.explain.explain", known)
 
 
 def test_the_command_tells_what_samples_missed(
@@ -198,7 +198,7 @@ def test_the_command_fails_where_a_region_has_no_boundary(store: Path, monkeypat
     with open_survey(store) as dataset:
         wrong = dataset.isel(delta=slice(-4, None), epsilon=slice(4)).load()
     wrong["region"][0, -1] = 5
-    monkeypatch.setattr("workers.open_survey", lambda *_: wrong)
+    monkeypatch.setattr("gear_rattle.workers.open_survey", lambda *_: wrong)
     assert CliRunner().invoke(app, ["explain", str(store), "--curves", "0"]).exit_code == 1
 
 

@@ -12,9 +12,9 @@ import zarr
 from depth import deep
 from pydantic import ValidationError
 
+import gear_rattle.workers.families.blocks
 import rattle
-import workers.families.blocks
-from workers import (
+from gear_rattle.workers import (
     Axis,
     Directory,
     SurveyError,
@@ -30,9 +30,9 @@ from workers import (
     tiles_done,
     tiles_of,
 )
-from workers.cluster.runner import compute_and_write
-from workers.storage.added import here
-from workers.survey.families import EDGE_VARIABLES, FAMILY_VARIABLES
+from gear_rattle.workers.cluster.runner import compute_and_write
+from gear_rattle.workers.storage.added import here
+from gear_rattle.workers.survey.families import EDGE_VARIABLES, FAMILY_VARIABLES
 
 GROUPS = ("attractors", "lyapunov", "families")
 TILES = ((12, 10), (5, 4), (3, 10))
@@ -240,7 +240,7 @@ def test_blocks_do_not_show(
         done.append(task.__name__)
         return here(task, *arguments)
 
-    monkeypatch.setattr(workers.families.blocks, "SLOTS_OF_BLOCK", 8 * side**2)
+    monkeypatch.setattr(gear_rattle.workers.families.blocks, "SLOTS_OF_BLOCK", 8 * side**2)
     shutil.copytree(apart, path)
     join_survey(request, path, each)
     assert_same(path, followed)

@@ -15,8 +15,7 @@ from matplotlib.colors import to_hex
 from matplotlib.text import Annotation, Text
 
 import rattle
-from rattle.plot.colours import REGION_COLOURS
-from workers import (
+from gear_rattle.workers import (
     QUANTITIES,
     Axis,
     Group,
@@ -26,9 +25,10 @@ from workers import (
     open_survey,
     tiles_of,
 )
-from workers.cluster.runner import compute_and_write
-from workers.pictures.figure import survey_figure
-from workers.pictures.maps import WITHOUT_VALUE, map_picture, scale_of
+from gear_rattle.workers.cluster.runner import compute_and_write
+from gear_rattle.workers.pictures.figure import survey_figure
+from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, map_picture, scale_of
+from rattle.plot.colours import REGION_COLOURS
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.8, num=8),
@@ -209,9 +209,9 @@ def test_drawing_in_threads_gives_the_same_pictures(whole: xr.Dataset) -> None:
 
 
 def test_no_global_drawing_state() -> None:
-    assert "workers.pictures.maps" in sys.modules
-    assert "pyplot" not in vars(sys.modules["workers.pictures.maps"])
-    assert "plt" not in vars(sys.modules["workers.pictures.figure"])
+    assert "gear_rattle.workers.pictures.maps" in sys.modules
+    assert "pyplot" not in vars(sys.modules["gear_rattle.workers.pictures.maps"])
+    assert "plt" not in vars(sys.modules["gear_rattle.workers.pictures.figure"])
 
 
 def test_colour_bars_say_what_they_measure(whole: xr.Dataset) -> None:

@@ -15,9 +15,9 @@ from service_processes import assert_bit_identical, finish, serial_run, start
 from typer.testing import CliRunner
 from waiting import HANG, wait_until
 
-import workers.in_process
-from service.cli import app
-from workers import (
+import gear_rattle.workers.in_process
+from gear_rattle.service.cli import app
+from gear_rattle.workers import (
     SurveyError,
     SurveyRequest,
     create_store,
@@ -82,7 +82,7 @@ def test_a_stop_keeps_the_finished_tiles_and_leaves_the_one_at_work(
 ) -> None:
     """The second tile never ends; what it would write after the stop is not written."""
     out, stop, release = tmp_path / "survey.zarr", threading.Event(), threading.Event()
-    compute, written = workers.in_process.compute_tile, []
+    compute, written = gear_rattle.workers.in_process.compute_tile, []
 
     def held(request: SurveyRequest, tile: Any) -> Any:
         if tile.index == 1:
@@ -90,7 +90,7 @@ def test_a_stop_keeps_the_finished_tiles_and_leaves_the_one_at_work(
             assert release.wait(HANG)
         return compute(request, tile)
 
-    monkeypatch.setattr(workers.in_process, "compute_tile", held)
+    monkeypatch.setattr(gear_rattle.workers.in_process, "compute_tile", held)
     create_store(REQUEST, out)
     run_tiles_here(REQUEST, out, tiles_of(REQUEST), written.append, stop.is_set)
     assert [record.index for record in written] == [0]
@@ -107,7 +107,7 @@ def test_a_tile_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     def fails(*_: object) -> None:
         raise RuntimeError("a fault")
 
-    monkeypatch.setattr(workers.in_process, "compute_tile", fails)
+    monkeypatch.setattr(gear_rattle.workers.in_process, "compute_tile", fails)
     create_store(REQUEST, tmp_path / "survey.zarr")
     with pytest.raises(SurveyError, match=r"tile 0 \(delta 0\.45 to .*RuntimeError: a fault"):
         run_tiles_here(REQUEST, tmp_path / "survey.zarr", tiles_of(REQUEST), lambda _: None, never)
@@ -118,7 +118,7 @@ def test_a_signal_ends_a_short_survey_which_the_same_command_resumes(
 ) -> None:
     """It comes while the second tile is computed, which ends long after the command."""
     out, release = tmp_path / "survey.zarr", threading.Event()
-    compute = workers.in_process.compute_tile
+    compute = gear_rattle.workers.in_process.compute_tile
 
     def signalled(request: SurveyRequest, tile: Any) -> Any:
         if tile.index == 1:
@@ -127,7 +127,7 @@ def test_a_signal_ends_a_short_survey_which_the_same_command_resumes(
         return compute(request, tile)
 
     with monkeypatch.context() as patch:
-        patch.setattr(workers.in_process, "compute_tile", signalled)
+        patch.setattr(gear_rattle.workers.in_process, "compute_tile", signalled)
         stopped = CliRunner().invoke(app, ["run", *OPTIONS, "--out", str(out)])
         release.set()
         wait_until(lambda: not any(thread.name == "tiles" for thread in threading.enumerate()))

@@ -12,13 +12,22 @@ import pytest
 import xarray as xr
 from depth import deep, either
 
-import workers.storage.store
-from workers import Axis, SurveyError, SurveyRequest, create_store, examine, finish_store, tiles_done, tiles_of
-from workers.cluster.runner import compute_and_write
-from workers.storage.integrity import read_sealed
-from workers.storage.location import Directory
-from workers.survey.seals import sealed
-from workers.survey.version import code_version
+import gear_rattle.workers.storage.store
+from gear_rattle.workers import (
+    Axis,
+    SurveyError,
+    SurveyRequest,
+    create_store,
+    examine,
+    finish_store,
+    tiles_done,
+    tiles_of,
+)
+from gear_rattle.workers.cluster.runner import compute_and_write
+from gear_rattle.workers.storage.integrity import read_sealed
+from gear_rattle.workers.storage.location import Directory
+from gear_rattle.workers.survey.seals import sealed
+from gear_rattle.workers.survey.version import code_version
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.9, num=4),
@@ -29,7 +38,7 @@ REQUEST = SurveyRequest(
 ROOT, OWN = "zarr.json", "checksums/zarr.json"
 
 
-_template_of = cache(workers.storage.store.template_of)
+_template_of = cache(gear_rattle.workers.storage.store.template_of)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +59,7 @@ def store(whole: Path, tmp_path: Path) -> Path:
 @pytest.fixture(autouse=True)
 def _curves_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """The template is computed once: the same curves are mended many times."""
-    monkeypatch.setattr(workers.storage.store, "template_of", _template_of)
+    monkeypatch.setattr(gear_rattle.workers.storage.store, "template_of", _template_of)
 
 
 def contents(path: Path) -> dict[str, bytes]:
@@ -331,7 +340,7 @@ def test_damage_is_mended_by_one_run_at_a_time(store: Path) -> None:
 
 def test_a_store_of_another_version_is_left_alone(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = contents(store)
-    monkeypatch.setattr(workers.storage.store, "code_version", lambda: f"{code_version()}.1")
+    monkeypatch.setattr(gear_rattle.workers.storage.store, "code_version", lambda: f"{code_version()}.1")
     monkeypatch.setattr(SurveyRequest, "content_hash", lambda _: "other")
     with pytest.raises(SurveyError, match="computed by version"):
         create_store(REQUEST, store)

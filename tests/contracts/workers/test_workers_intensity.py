@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from workers import Axis, SurveyRequest, TileShape, tiles_of
-from workers.survey.tiles import cells_of, compute_tile
-from workers.survey.values.evaluate import FAILED, KINDS
-from workers.survey.values.quantities import stored
+from gear_rattle.workers import Axis, SurveyRequest, TileShape, tiles_of
+from gear_rattle.workers.survey.tiles import cells_of, compute_tile
+from gear_rattle.workers.survey.values.evaluate import FAILED, KINDS
+from gear_rattle.workers.survey.values.quantities import stored
 
 FIELDS = {
     "delta": Axis(start=0.5, stop=0.9, num=5),

@@ -7,9 +7,9 @@ import pytest
 from distributed import KilledWorker
 from ended_tasks import ENDLESS, Client
 
-import workers.cluster.joining
-from workers import Axis, StoppedError, SurveyError, SurveyRequest
-from workers.cluster.joining import ATTEMPTS, Joining
+import gear_rattle.workers.cluster.joining
+from gear_rattle.workers import Axis, StoppedError, SurveyError, SurveyRequest
+from gear_rattle.workers.cluster.joining import ATTEMPTS, Joining
 
 REQUEST = SurveyRequest(delta=Axis(start=0.5, stop=0.6, num=4), epsilon=Axis(start=0.05, stop=0.1, num=2))
 
@@ -29,7 +29,9 @@ def each(task: Callable[[Any], Any], stop: Callable[[], bool] = lambda: False) -
 def given_up(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """How many tasks are given up, each time."""
     found: list[int] = []
-    monkeypatch.setattr(workers.cluster.joining, "end_tasks_and_wait", lambda _, futures: found.append(len(futures)))
+    monkeypatch.setattr(
+        gear_rattle.workers.cluster.joining, "end_tasks_and_wait", lambda _, futures: found.append(len(futures))
+    )
     return found
 
 

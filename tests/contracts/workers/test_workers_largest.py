@@ -7,13 +7,22 @@ import numpy as np
 import pytest
 from depth import deep
 
+from gear_rattle.workers import (
+    Axis,
+    SurveyError,
+    SurveyRequest,
+    complete,
+    create_store,
+    open_family,
+    open_survey,
+    run_tiles_here,
+)
+from gear_rattle.workers.kinds import tiles_of
+from gear_rattle.workers.pictures import largest
+from gear_rattle.workers.pictures.largest import OTHERS, colours_of, names_of, open_maps
+from gear_rattle.workers.pictures.look import LARGEST, SHARE, Look
+from gear_rattle.workers.pictures.maps import map_picture
 from rattle.plot.colours import KIND_COLOURS, colour
-from workers import Axis, SurveyError, SurveyRequest, complete, create_store, open_family, open_survey, run_tiles_here
-from workers.kinds import tiles_of
-from workers.pictures import largest
-from workers.pictures.largest import OTHERS, colours_of, names_of, open_maps
-from workers.pictures.look import LARGEST, SHARE, Look
-from workers.pictures.maps import map_picture
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

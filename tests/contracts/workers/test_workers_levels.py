@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import workers.survey.levels.grid as grid
-from rattle import REGIONS
-from workers import (
+import gear_rattle.workers.survey.levels.grid as grid
+from gear_rattle.workers import (
     QUANTITIES,
     PopulationRequest,
     SurveyRequest,
@@ -29,16 +28,17 @@ from workers import (
     place_of,
     tiles_of,
 )
-from workers.overviews import make_levels
-from workers.pictures.levels import groups_of, overview
-from workers.storage.added import here
-from workers.storage.store import before_tiles, write_tile
-from workers.survey.levels import reduce
-from workers.survey.levels.grid import GROUP, Pair, blocks_of, levels_of, steps_of
-from workers.survey.levels.template import OCCURS, SHARE, meanings
-from workers.survey.slices import slice_of
-from workers.survey.values.quantities import held
-from workers.survey.values.schema import is_phase
+from gear_rattle.workers.overviews import make_levels
+from gear_rattle.workers.pictures.levels import groups_of, overview
+from gear_rattle.workers.storage.added import here
+from gear_rattle.workers.storage.store import before_tiles, write_tile
+from gear_rattle.workers.survey.levels import reduce
+from gear_rattle.workers.survey.levels.grid import GROUP, Pair, blocks_of, levels_of, steps_of
+from gear_rattle.workers.survey.levels.template import OCCURS, SHARE, meanings
+from gear_rattle.workers.survey.slices import slice_of
+from gear_rattle.workers.survey.values.quantities import held
+from gear_rattle.workers.survey.values.schema import is_phase
+from rattle import REGIONS
 
 TILES = ({"delta": 4, "epsilon": 3}, {"delta": 7, "epsilon": 9})
 SHAPES: tuple[Pair, ...] = ((9, 13), (16, 8), (1, 31), (5, 5))

@@ -9,12 +9,12 @@ import xarray as xr
 from depth import either
 from matplotlib.colors import to_rgb
 
+from gear_rattle.workers.pictures.levels import Seen, of_cells, part_for
+from gear_rattle.workers.pictures.maps import CODE_COLOURS, map_picture
+from gear_rattle.workers.survey.levels.grid import halvings
+from gear_rattle.workers.survey.values.evaluate import FAILED
+from gear_rattle.workers.survey.values.schema import CELL
 from rattle import KINDS
-from workers.pictures.levels import Seen, of_cells, part_for
-from workers.pictures.maps import CODE_COLOURS, map_picture
-from workers.survey.levels.grid import halvings
-from workers.survey.values.evaluate import FAILED
-from workers.survey.values.schema import CELL
 
 SHAPE, WHOLE = (70, 45), (64, 32)  # that have cells of levels with fewer cells, and that have none
 CODED = {"flag_meanings": " ".join(KINDS)}

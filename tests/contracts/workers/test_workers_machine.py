@@ -10,9 +10,9 @@ import xarray as xr
 from pydantic import ValidationError
 
 import rattle
-from workers import Axis, SurveyRequest, Window, create_store, finish_store, tiles_of, window_survey
-from workers.cluster.runner import compute_and_write
-from workers.storage.export import csv_lines, write_netcdf
+from gear_rattle.workers import Axis, SurveyRequest, Window, create_store, finish_store, tiles_of, window_survey
+from gear_rattle.workers.cluster.runner import compute_and_write
+from gear_rattle.workers.storage.export import csv_lines, write_netcdf
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import rattle
+from gear_rattle.workers import Axis, PopulationRequest, SurveyRequest, TileRecord, compute_tile, tiles_of
+from gear_rattle.workers.cluster import costs, partial, runner
+from gear_rattle.workers.cluster.costs import Begun, evenly
+from gear_rattle.workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
+from gear_rattle.workers.kinds import AnyRequest
 from rattle import models
-from workers import Axis, PopulationRequest, SurveyRequest, TileRecord, compute_tile, tiles_of
-from workers.cluster import costs, partial, runner
-from workers.cluster.costs import Begun, evenly
-from workers.cluster.partial import PART_SECONDS, PartialTile, compute_partly, is_divisible
-from workers.kinds import AnyRequest
 
 GRID: dict[str, Any] = {
     "delta": Axis(start=0.58, stop=0.78, num=7),

@@ -9,10 +9,9 @@ import pytest
 import xarray as xr
 from pydantic import ValidationError
 
+import gear_rattle.workers.populations.tiles
 import rattle
-import workers.populations.tiles
-from rattle.populations.gears import Gears, computed
-from workers import (
+from gear_rattle.workers import (
     PopulationRequest,
     SurveyError,
     SurveyRequest,
@@ -24,11 +23,12 @@ from workers import (
     tiles_done,
     tiles_of,
 )
-from workers.answers import population_of
-from workers.kinds import cell_outcomes, compute_tile
-from workers.populations.numbers import described, meant
-from workers.storage.integrity import manifest_of
-from workers.storage.location import place_of
+from gear_rattle.workers.answers import population_of
+from gear_rattle.workers.kinds import cell_outcomes, compute_tile
+from gear_rattle.workers.populations.numbers import described, meant
+from gear_rattle.workers.storage.integrity import manifest_of
+from gear_rattle.workers.storage.location import place_of
+from rattle.populations.gears import Gears, computed
 
 FIELDS: dict[str, Any] = {
     "gear": {
@@ -167,7 +167,7 @@ def test_a_gear_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch)
         return computed(plan, start, stop)
 
     exact, _ = compute_tile(REQUEST, TILES[0])
-    monkeypatch.setattr(workers.populations.tiles, "computed", failing)
+    monkeypatch.setattr(gear_rattle.workers.populations.tiles, "computed", failing)
     arrays, record = compute_tile(REQUEST, TILES[0])
     assert record.failed_cells == ((0, 3, "ArithmeticError: no luck"),)
     assert np.flatnonzero(arrays["status"] == 3).tolist() == [3]
@@ -181,7 +181,9 @@ def test_a_gear_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch)
 def test_a_gear_that_failed_is_undecided_in_the_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     test = tmp_path / "population.zarr"
     create_store(REQUEST, test)
-    monkeypatch.setattr(workers.populations.tiles, "_evaluate", _no_third(workers.populations.tiles._evaluate))
+    monkeypatch.setattr(
+        gear_rattle.workers.populations.tiles, "_evaluate", _no_third(gear_rattle.workers.populations.tiles._evaluate)
+    )
     run_tiles_here(REQUEST, test, TILES, lambda _: None, never)
     found = population_of(test)
     assert np.isnan(found.rows.energy[3]).all()

@@ -10,8 +10,7 @@ from depth import deep
 from pydantic import ValidationError
 
 import rattle
-from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET
-from workers import (
+from gear_rattle.workers import (
     SurveyRequest,
     compute_tile,
     create_store,
@@ -21,14 +20,15 @@ from workers import (
     run_survey,
     tiles_of,
 )
-from workers.storage.location import place_of
-from workers.storage.store import write_tile
-from workers.survey import tiles as computing
-from workers.survey.refined.asked import BLOCK
-from workers.survey.refined.audit import AUDITED, DISAGREED, draws, upper_share
-from workers.survey.refined.blocks import Blocks
-from workers.survey.refined.evidence import differ
-from workers.survey.refined.shares import _parts
+from gear_rattle.workers.storage.location import place_of
+from gear_rattle.workers.storage.store import write_tile
+from gear_rattle.workers.survey import tiles as computing
+from gear_rattle.workers.survey.refined.asked import BLOCK
+from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED, draws, upper_share
+from gear_rattle.workers.survey.refined.blocks import Blocks
+from gear_rattle.workers.survey.refined.evidence import differ
+from gear_rattle.workers.survey.refined.shares import _parts
+from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -8,10 +8,10 @@ import pytest
 import xarray as xr
 
 import rattle
-from workers import QUANTITIES, Axis, Group, Quantity, SurveyRequest, create_store, open_survey
-from workers.cluster.runner import compute_and_write
-from workers.survey.tiles import tiles_of
-from workers.survey.values.quantities import COORDINATES
+from gear_rattle.workers import QUANTITIES, Axis, Group, Quantity, SurveyRequest, create_store, open_survey
+from gear_rattle.workers.cluster.runner import compute_and_write
+from gear_rattle.workers.survey.tiles import tiles_of
+from gear_rattle.workers.survey.values.quantities import COORDINATES
 
 CELL = ("epsilon", "delta")
 ORBIT, SLOT, CURVE = ("orbit", *CELL), ("attractor", *CELL), ("grazing_curve", "delta")

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-import workers.survey.request
-from workers import Axis, Group, InitialConditions, SurveyError, SurveyRequest, compute_tile, tiles_of
-from workers.survey.values.quantities import stored
+import gear_rattle.workers.survey.request
+from gear_rattle.workers import Axis, Group, InitialConditions, SurveyError, SurveyRequest, compute_tile, tiles_of
+from gear_rattle.workers.survey.values.quantities import stored
 
 AXES = {"delta": {"start": 0.4, "stop": 1.0, "num": 61}, "epsilon": {"start": 0.005, "stop": 0.3, "num": 60}}
 
@@ -258,5 +258,5 @@ def test_hash_tells_surveys_apart(fields: dict[str, object]) -> None:
 
 def test_hash_tells_versions_of_the_code_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     before = survey().content_hash()
-    monkeypatch.setattr(workers.survey.request, "code_version", lambda: "another")
+    monkeypatch.setattr(gear_rattle.workers.survey.request, "code_version", lambda: "another")
     assert survey().content_hash() != before

@@ -9,9 +9,9 @@ import pytest
 import xarray as xr
 
 from gear_rattle import split_complex
-from workers import SurveyRequest, create_store, open_survey, run_tiles_here, tiles_of
-from workers.storage.export import tables, write_netcdf, write_parquet
-from workers.survey.values.schema import Form
+from gear_rattle.workers import SurveyRequest, create_store, open_survey, run_tiles_here, tiles_of
+from gear_rattle.workers.storage.export import tables, write_netcdf, write_parquet
+from gear_rattle.workers.survey.values.schema import Form
 
 REQUEST = SurveyRequest(
     delta=(0.1, 0.7, 4),  # from complex multipliers to real ones

@@ -8,9 +8,7 @@ import xarray as xr
 from pydantic import ValidationError
 
 import rattle
-from rattle import stiff
-from rattle.models import Model, Stiff
-from workers import (
+from gear_rattle.workers import (
     Axis,
     SurveyRequest,
     Window,
@@ -21,11 +19,13 @@ from workers import (
     tiles_of,
     window_survey,
 )
-from workers.boundaries.explain import explain
-from workers.cluster.runner import compute_and_write
-from workers.errors import SurveyError
-from workers.pictures.figure import survey_figure
-from workers.survey.values.schema import OPTIONAL
+from gear_rattle.workers.boundaries.explain import explain
+from gear_rattle.workers.cluster.runner import compute_and_write
+from gear_rattle.workers.errors import SurveyError
+from gear_rattle.workers.pictures.figure import survey_figure
+from gear_rattle.workers.survey.values.schema import OPTIONAL
+from rattle import stiff
+from rattle.models import Model, Stiff
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-import workers.storage.store
-from workers import (
+import gear_rattle.workers.storage.store
+from gear_rattle.workers import (
     Axis,
     StorageError,
     SurveyError,
@@ -21,11 +21,11 @@ from workers import (
     open_survey,
     tiles_done,
 )
-from workers.cluster.runner import compute_and_write, run_tiles
-from workers.storage.location import place_of
-from workers.storage.root import tell
-from workers.storage.store import added_to_store, bands, write_tile
-from workers.survey.tiles import compute_tile, tiles_of
+from gear_rattle.workers.cluster.runner import compute_and_write, run_tiles
+from gear_rattle.workers.storage.location import place_of
+from gear_rattle.workers.storage.root import tell
+from gear_rattle.workers.storage.store import added_to_store, bands, write_tile
+from gear_rattle.workers.survey.tiles import compute_tile, tiles_of
 
 # No attractors: these tests are about files.
 REQUEST = SurveyRequest(
@@ -139,13 +139,13 @@ def test_a_creation_that_fails_leaves_nothing(tmp_path: Path, monkeypatch: pytes
 
 @pytest.mark.parametrize("winner", [REQUEST, REQUEST.model_copy(update={"seed": 1})], ids=["same", "other"])
 def test_of_two_creators_the_first_wins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, winner: SurveyRequest) -> None:
-    path, template_of = tmp_path / "survey.zarr", workers.storage.store.template_of
+    path, template_of = tmp_path / "survey.zarr", gear_rattle.workers.storage.store.template_of
 
     def overtaken(request: SurveyRequest, created: str | None) -> dict[str, bytes]:
         place_of(path).build(template_of(winner, created))
         return template_of(request, created)
 
-    monkeypatch.setattr(workers.storage.store, "template_of", overtaken)
+    monkeypatch.setattr(gear_rattle.workers.storage.store, "template_of", overtaken)
     if winner == REQUEST:
         create_store(REQUEST, path)
     else:

@@ -10,11 +10,11 @@ from typing import Any
 import ended_tasks
 import pytest
 
-import workers.cluster.submission
-from workers import Axis, SurveyRequest, TileRecord, tiles_of
-from workers.cluster import runner
-from workers.cluster.submission import Submission
-from workers.survey.tiles import Tile
+import gear_rattle.workers.cluster.submission
+from gear_rattle.workers import Axis, SurveyRequest, TileRecord, tiles_of
+from gear_rattle.workers.cluster import runner
+from gear_rattle.workers.cluster.submission import Submission
+from gear_rattle.workers.survey.tiles import Tile
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.6, num=4),
@@ -53,9 +53,11 @@ def test_endless_tiles_are_taken_one_at_a_time(monkeypatch: pytest.MonkeyPatch) 
     """Two processes that end at once can both be given the same tile, and that is two deaths of it."""
     ended: list[str] = []
     monkeypatch.setattr(
-        workers.cluster.submission, "end_tasks", lambda _, futures: ended.extend(each.key for each in futures)
+        gear_rattle.workers.cluster.submission,
+        "end_tasks",
+        lambda _, futures: ended.extend(each.key for each in futures),
     )
-    monkeypatch.setattr(workers.cluster.submission, "TILE_SECONDS", -1.0)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "TILE_SECONDS", -1.0)
     submission = Submission(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
     first, second = tiles_of(REQUEST)[:2]
     submission.submit(first)
@@ -78,13 +80,13 @@ def test_endless_tiles_are_taken_one_at_a_time(monkeypatch: pytest.MonkeyPatch) 
 
 def test_a_large_tile_may_take_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tiles of a large survey that is refined were taken for endless on a machine that had other things to do."""
-    monkeypatch.setattr(workers.cluster.submission, "end_tasks", lambda *_: None)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "end_tasks", lambda *_: None)
     submission = Submission(lambda: None, REQUEST, "nowhere", Client())  # type: ignore[arg-type, return-value]
     small, large = (Tile(index, slice(0, side), slice(0, side)) for index, side in enumerate((64, 128)))
     submission.submit(large)
     submission.submit(small)
     now = time.monotonic()
-    monkeypatch.setattr(time, "monotonic", lambda: now + 1.5 * workers.cluster.submission.TILE_SECONDS)
+    monkeypatch.setattr(time, "monotonic", lambda: now + 1.5 * gear_rattle.workers.cluster.submission.TILE_SECONDS)
     submission.set_endless_tile_apart()
     monkeypatch.setattr(submission, "_next_end", 0.0)
     submission.set_endless_tile_apart()
@@ -110,7 +112,7 @@ def test_a_late_tile_is_repeated_once_while_others_wait(monkeypatch: pytest.Monk
     submission.submit(tiles_of(REQUEST)[0])
     submission.repeat_late_tiles(again=True)
     assert asked == []
-    monkeypatch.setattr(workers.cluster.submission, "LATE_SECONDS", -1.0)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_SECONDS", -1.0)
     for again, expected in ((False, ["idle"]), (False, ["idle"]), (True, ["idle", "idle"])):
         submission.repeat_late_tiles(again)
         assert asked == expected
@@ -147,9 +149,9 @@ def test_a_result_that_waits_with_one_of_a_frozen_worker_is_not_waited_for(monke
                 submission._ended.put((future, TileRecord(tile.index, tile.n_cells, (), 0, 0.0), None))
             return future
 
-    monkeypatch.setattr(workers.cluster.submission, "LATE_SECONDS", -1.0)
-    monkeypatch.setattr(workers.cluster.submission, "end_tasks", lambda *_: None)
-    monkeypatch.setattr(workers.cluster.submission, "LATE_FACTOR", 0)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_SECONDS", -1.0)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "end_tasks", lambda *_: None)
+    monkeypatch.setattr(gear_rattle.workers.cluster.submission, "LATE_FACTOR", 0)
     monkeypatch.setattr(runner, "POLL_SECONDS", 0.0)
     submission = Submission(lambda: None, REQUEST, "nowhere", Two())  # type: ignore[arg-type, return-value]
     done: list[Any] = []

@@ -10,8 +10,7 @@ import xarray as xr
 from depth import deep
 from pydantic import ValidationError
 
-from rattle.models import Stiff
-from workers import (
+from gear_rattle.workers import (
     Axis,
     SurveyError,
     SurveyRequest,
@@ -26,19 +25,20 @@ from workers import (
     tiles_done,
     tiles_of,
 )
-from workers.boundaries.explain import explain
-from workers.certificates import KNOWN, certify_survey
-from workers.kinds import place_of_cell
-from workers.pictures.figure import survey_figure
-from workers.pictures.maps import map_picture
-from workers.storage.export import csv_lines, require_readable, tables, write_netcdf
-from workers.storage.integrity import manifest_of
-from workers.storage.location import place_of
-from workers.storage.store import open_groups, write_tile
-from workers.survey import tiles as computing
-from workers.survey.request import MAX_SLICES
-from workers.survey.slices import slice_of, slices_of, surveyed_model
-from workers.survey.values.schema import Form
+from gear_rattle.workers.boundaries.explain import explain
+from gear_rattle.workers.certificates import KNOWN, certify_survey
+from gear_rattle.workers.kinds import place_of_cell
+from gear_rattle.workers.pictures.figure import survey_figure
+from gear_rattle.workers.pictures.maps import map_picture
+from gear_rattle.workers.storage.export import csv_lines, require_readable, tables, write_netcdf
+from gear_rattle.workers.storage.integrity import manifest_of
+from gear_rattle.workers.storage.location import place_of
+from gear_rattle.workers.storage.store import open_groups, write_tile
+from gear_rattle.workers.survey import tiles as computing
+from gear_rattle.workers.survey.request import MAX_SLICES
+from gear_rattle.workers.survey.slices import slice_of, slices_of, surveyed_model
+from gear_rattle.workers.survey.values.schema import Form
+from rattle.models import Stiff
 
 AXES: dict[str, Any] = {"delta": (0.5, 0.8, 4), "epsilon": (0.05, 0.15, 3)}
 FIELDS: dict[str, Any] = {

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 from depth import deep
 
-import workers.cluster.window
-import workers.survey.values.quantities
-from rattle import RattleError
-from workers import (
+import gear_rattle.workers.cluster.window
+import gear_rattle.workers.survey.values.quantities
+from gear_rattle.workers import (
     SurveyError,
     SurveyRequest,
     Window,
@@ -20,7 +19,8 @@ from workers import (
     tiles_of,
     window_survey,
 )
-from workers.cluster.window import Frame, Grid, PartValues
+from gear_rattle.workers.cluster.window import Frame, Grid, PartValues
+from rattle import RattleError
 
 REQUEST = SurveyRequest(
     delta={"start": 0.4, "stop": 1.0, "num": 7},
@@ -176,11 +176,14 @@ def test_a_cell_that_fails_is_the_only_one_lost(monkeypatch: pytest.MonkeyPatch,
 
     healthy = map_quantity("lyapunov_max", 0, REQUEST)
     quantities = [
-        replace(each, evaluate=failing) if each is healthy else each for each in workers.cluster.window.QUANTITIES
+        replace(each, evaluate=failing) if each is healthy else each
+        for each in gear_rattle.workers.cluster.window.QUANTITIES
     ]
-    monkeypatch.setattr(workers.cluster.window, "QUANTITIES", quantities)
+    monkeypatch.setattr(gear_rattle.workers.cluster.window, "QUANTITIES", quantities)
     fails = map_quantity("lyapunov_max", 0, REQUEST)
-    monkeypatch.setattr(workers.cluster.window, "stored", lambda *_: (quantities[-1], fails, quantities[-1]))
+    monkeypatch.setattr(
+        gear_rattle.workers.cluster.window, "stored", lambda *_: (quantities[-1], fails, quantities[-1])
+    )
     values, failed, _ = compute_part(request, variable, 0, delta, epsilon)
     assert failed == 1
     np.testing.assert_equal(values[1, 1], lost)

@@ -6,7 +6,7 @@ import pytest
 from mpmath import mp, mpf
 
 import rattle
-from workers import SurveyRequest, Window, compute_part, window_survey
+from gear_rattle.workers import SurveyRequest, Window, compute_part, window_survey
 
 REQUEST = SurveyRequest(delta={"start": 0.4, "stop": 1.0, "num": 2}, epsilon={"start": 0.01, "stop": 0.3, "num": 2})
 ROUNDING = 2e-15  # in ε: labels are right wherever double precision tells which side of a curve a cell is on

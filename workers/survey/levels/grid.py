@@ -8,8 +8,8 @@ from types import EllipsisType
 
 import numpy as np
 
-from workers.survey.request import Along, SurveyRequest
-from workers.survey.values.quantities import held, shape_of
+from gear_rattle.workers.survey.request import Along, SurveyRequest
+from gear_rattle.workers.survey.values.quantities import held, shape_of
 
 GROUP = "levels"
 LARGEST = 512  # cells along an axis of a survey that needs no levels

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workers.survey.levels.grid import Pair
+from gear_rattle.workers.survey.levels.grid import Pair
 
 #: What is told of numbers: share is that of the known cells that have a finite one.
 STATISTICS = ("mean", "least", "largest", "share")

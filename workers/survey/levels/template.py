@@ -8,10 +8,10 @@ import zarr
 from zarr.core.buffer import Buffer
 from zarr.storage import MemoryStore
 
-from workers.survey.levels.grid import GROUP, Level, block_shape, centres, levels_of, steps_of
-from workers.survey.levels.reduce import STATISTICS, mask_type
-from workers.survey.request import SurveyRequest
-from workers.survey.template import (
+from gear_rattle.workers.survey.levels.grid import GROUP, Level, block_shape, centres, levels_of, steps_of
+from gear_rattle.workers.survey.levels.reduce import STATISTICS, mask_type
+from gear_rattle.workers.survey.request import SurveyRequest
+from gear_rattle.workers.survey.template import (
     CODECS,
     WHOLE,
     Template,
@@ -22,8 +22,8 @@ from workers.survey.template import (
     fixed,
     write,
 )
-from workers.survey.values.quantities import COORDINATES, held, labels_of
-from workers.survey.values.schema import CELL, Quantity
+from gear_rattle.workers.survey.values.quantities import COORDINATES, held, labels_of
+from gear_rattle.workers.survey.values.schema import CELL, Quantity
 
 #: Dimensions of a level: others than the survey's, whose coordinates are other ones.
 LEVEL_CELL = ("level_epsilon", "level_delta")

@@ -5,9 +5,9 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field
 
+from gear_rattle.workers.survey.axes import Real, Strict
+from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import Model
-from workers.survey.axes import Real, Strict
-from workers.survey.values.schema import SAMPLED, Group
 
 BLOCK = 32  # cells along a side of a block, whose corners are at its multiples whatever the tiles
 AUDIT = 0.02  # of the filled cells

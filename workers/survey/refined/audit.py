@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from workers.survey.refined.blocks import Blocks
-from workers.survey.refined.evidence import scrambled
+from gear_rattle.workers.survey.refined.blocks import Blocks
+from gear_rattle.workers.survey.refined.evidence import scrambled
 
 SOURCE_LEVEL, AUDIT, LEAF = "source_level", "audit", "audit_leaf"  # the variables that tell of it
 AUDITED, DISAGREED = 1, 2  # codes of an audited cell; 0: it was not

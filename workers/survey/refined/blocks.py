@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workers.survey.refined.asked import BLOCK
+from gear_rattle.workers.survey.refined.asked import BLOCK
 
 
 class Leaves(NamedTuple):

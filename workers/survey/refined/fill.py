@@ -9,19 +9,19 @@ from typing import NamedTuple
 
 import numpy as np
 
+from gear_rattle.workers.survey.crossings import Crossings
+from gear_rattle.workers.survey.refined.audit import draws
+from gear_rattle.workers.survey.refined.blocks import Blocks
+from gear_rattle.workers.survey.refined.evidence import Evidence
+from gear_rattle.workers.survey.refined.rounds import Round
+from gear_rattle.workers.survey.refined.shares import filling
+from gear_rattle.workers.survey.refined.tree import Tree, passed
+from gear_rattle.workers.survey.values.cells import Cells
+from gear_rattle.workers.survey.values.evaluate import fraction, in_slots
+from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle import Attractors, wilson_interval
 from rattle.attractors.table import CHAOTIC, QUIET
 from rattle.families.join import in_order, together
-from workers.survey.crossings import Crossings
-from workers.survey.refined.audit import draws
-from workers.survey.refined.blocks import Blocks
-from workers.survey.refined.evidence import Evidence
-from workers.survey.refined.rounds import Round
-from workers.survey.refined.shares import filling
-from workers.survey.refined.tree import Tree, passed
-from workers.survey.values.cells import Cells
-from workers.survey.values.evaluate import fraction, in_slots
-from workers.survey.values.schema import SAMPLED, Group, Quantity
 
 #: What a chaotic attractor tells by its trajectory, which a filled cell has none of.
 BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from workers.survey.refined.audit import SURE, upper_share
+from gear_rattle.workers.survey.refined.audit import SURE, upper_share
 
 LAST = 5  # the number of the round that computes all that is left; the first has 0
 CHAOTIC, KINDS = 8, 16  # a kind of leaf: the logarithm of its size, and CHAOTIC where chaos was seen on its edges

@@ -8,12 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from workers.survey.crossings import Crossings
-from workers.survey.refined.asked import BLOCK
-from workers.survey.refined.audit import AUDITED, DISAGREED
-from workers.survey.refined.blocks import Blocks, Leaves, Square, together
-from workers.survey.refined.evidence import Evidence
-from workers.survey.refined.rounds import CHAOTIC, KINDS, Round
+from gear_rattle.workers.survey.crossings import Crossings
+from gear_rattle.workers.survey.refined.asked import BLOCK
+from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED
+from gear_rattle.workers.survey.refined.blocks import Blocks, Leaves, Square, together
+from gear_rattle.workers.survey.refined.evidence import Evidence
+from gear_rattle.workers.survey.refined.rounds import CHAOTIC, KINDS, Round
 
 
 @dataclass(eq=False)

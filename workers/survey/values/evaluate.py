@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 import rattle
-from workers.survey.values.cells import Cells
+from gear_rattle.workers.survey.values.cells import Cells
 
 KINDS = rattle.KINDS
 STATUS = ("not_computed", "ok", "some_undecided", "failed")

@@ -6,10 +6,10 @@ To add a variable, add one `Quantity` to `QUANTITIES`. A new dimension needs one
 from collections.abc import Iterable
 
 import rattle
+from gear_rattle.workers.survey.values import evaluate, intensity
+from gear_rattle.workers.survey.values.cells import AUDIT, GRAZING_CURVES
+from gear_rattle.workers.survey.values.schema import CELL, Coordinate, Group, Quantity
 from rattle.models import Model
-from workers.survey.values import evaluate, intensity
-from workers.survey.values.cells import AUDIT, GRAZING_CURVES
-from workers.survey.values.schema import CELL, Coordinate, Group, Quantity
 
 DOI = "10.1137/090759641"
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from gear_rattle.workers.survey.values.evaluate import Evaluate
 from rattle.models import Model
-from workers.survey.values.evaluate import Evaluate
 
 CELL = ("epsilon", "delta")
 SLOT = "attractor"  # the dimension of slots
