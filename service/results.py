@@ -71,7 +71,7 @@ def open_results(store: str | Path, headers: Mapping[str, str] | None = None, gr
 def open_family(
     store: str | Path, number: int, headers: Mapping[str, str] | None = None, slice_number: int | None = None
 ) -> xr.Dataset:
-    """Open one family of a survey, from disk or from a service, as `gear_rattle.open_family`, with `open_results`'s key.
+    """Open one family of a survey, from disk or from a service, as `gear_rattle.open_family` does, with a key.
 
     Raises:
         RattleError: there is no survey, it has no families, or none of this number.
