@@ -38,7 +38,7 @@ from gear_rattle.service.web.conditional import AnyTagMiddleware
 from gear_rattle.service.web.documents import documents_of
 from gear_rattle.service.web.head import HeadMiddleware
 from gear_rattle.service.web.queries import refuse_unknown
-from rattle.numerics.processes import leave_working_directory
+from rattle.numerics import leave_working_directory
 
 if TYPE_CHECKING:
     from distributed import Client

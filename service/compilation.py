@@ -8,8 +8,8 @@ import rattle
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.kernels import AT, Part, Work, model_for, note_compiled
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
-from rattle.attractors.classify import BUDGET
-from rattle.families.join import joined
+from rattle.attractors import BUDGET
+from rattle.families import joined
 from rattle.models import AnyModel, Model
 
 

@@ -20,7 +20,7 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.errors import KernelsError
 from gear_rattle.service.settings import Settings
 from rattle.models import AnyModel, Model, model_of
-from rattle.numerics.compile import note_in_cache
+from rattle.numerics import note_in_cache
 
 AT = 0.6, 0.1  # δ, ε of the gear that is computed for its kernels; β = 0.6
 KAPPA = 1e4

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from gear_rattle.workers.errors import storage_error
-from rattle.numerics.processes import environment
+from rattle.numerics import environment
 from rattle.proof.areas.block import Block
 from rattle.proof.areas.columns import columns, proved
 from rattle.proof.certificate import Ends

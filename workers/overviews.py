@@ -21,7 +21,7 @@ from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.seals import checksum
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import OF_PERIODIC, Quantity, is_phase
-from rattle.attractors.table import PERIODIC
+from rattle.attractors import PERIODIC
 
 
 def lacks_levels(request: SurveyRequest, where: str | Path | Place) -> bool:

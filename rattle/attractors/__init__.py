@@ -1,1 +1,34 @@
 """Which attractor a state goes to; basins, and how they intermingle. Knows no gear."""
+
+from rattle.attractors.basins import classified
+from rattle.attractors.classify import BUDGET, PERIODS, WATCH
+from rattle.attractors.speeds import (
+    NATURAL,
+    PAPER_SPEED,
+    SpeedLimit,
+    in_paper_plane,
+    read_speed,
+    sampled_speed,
+    sampled_speeds,
+)
+from rattle.attractors.table import CHAOTIC, LARGEST_BUDGET, PERIODIC, QUIET, UNDECIDED, listed
+
+__all__ = [
+    "BUDGET",
+    "CHAOTIC",
+    "LARGEST_BUDGET",
+    "NATURAL",
+    "PAPER_SPEED",
+    "PERIODIC",
+    "PERIODS",
+    "QUIET",
+    "UNDECIDED",
+    "WATCH",
+    "SpeedLimit",
+    "classified",
+    "in_paper_plane",
+    "listed",
+    "read_speed",
+    "sampled_speed",
+    "sampled_speeds",
+]

@@ -1,1 +1,25 @@
 """One motion, one number over the plane: the attractors of a grid of cells, joined between neighbours."""
+
+from rattle.families.join import in_order, joined, together
+from rattle.families.pieces import Piece, connected, entering, no_attractors
+from rattle.families.spread import Rectangle
+from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, added, numbers_of, sums_of
+from rattle.families.table import tabulated
+
+__all__ = [
+    "NO_FAMILY",
+    "QUIET_FAMILY",
+    "Piece",
+    "Rectangle",
+    "Sums",
+    "added",
+    "connected",
+    "entering",
+    "in_order",
+    "joined",
+    "no_attractors",
+    "numbers_of",
+    "sums_of",
+    "tabulated",
+    "together",
+]

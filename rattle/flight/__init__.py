@@ -1,1 +1,7 @@
 """A free flight between the walls: its law, a guess of its end, the proof that it is the first impact, its tangent."""
+
+from rattle.flight.law import wrapped
+
+__all__ = [
+    "wrapped",
+]

@@ -1,1 +1,8 @@
 """What any return map has: iterates and tangents, periodic orbits, saddles, manifolds."""
+
+from rattle.orbits.period_one import PAPER_REGIONS, in_words
+
+__all__ = [
+    "PAPER_REGIONS",
+    "in_words",
+]

@@ -2,8 +2,21 @@
 wrong or incomplete.
 """
 
-from rattle.paper.document import markdown
+from rattle.paper.document import RULE, difference, markdown, value, verdict
 from rattle.paper.records import Evidence, Finding, Number, Report, Statement
 from rattle.paper.report import one_finding, report
 
-__all__ = ["Evidence", "Finding", "Number", "Report", "Statement", "markdown", "one_finding", "report"]
+__all__ = [
+    "RULE",
+    "Evidence",
+    "Finding",
+    "Number",
+    "Report",
+    "Statement",
+    "difference",
+    "markdown",
+    "one_finding",
+    "report",
+    "value",
+    "verdict",
+]

@@ -10,23 +10,60 @@ try:
 except ImportError as error:
     raise MissingExtraError("pictures need matplotlib: pip install 'gear-rattle[plot]'") from error
 
-from rattle.plot.colours import colour, name_of
+from rattle.plot.areas import areas_figure
+from rattle.plot.basins import MANIFOLDS, gamma_line, manifold_line, panels
+from rattle.plot.colours import KIND_COLOURS, REGION_COLOURS, Palette, colour, name_of
 from rattle.plot.crisis import crisis_figure
-from rattle.plot.diagram import branch_figure, diagram_figure
-from rattle.plot.drawing import Drawing, save
-from rattle.plot.paper_figures import FIGURES, PaperFigure, draw
+from rattle.plot.diagram import branch_figure, curves_along, diagram_figure, impacts_at, parameter_axis, strokes
+from rattle.plot.drawing import FORMATS, HALO, Drawing, new_figure, save
+from rattle.plot.paper_figures import FIGURES, PaperFigure, Request, StiffRequest, draw, parse, request, stiff_request
+from rattle.plot.paper_ranges import BETA, FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_8, FIGURE_9
+from rattle.plot.plane import MARKERS, STYLES, draw_curve, draw_line, draw_points, polyline
 from rattle.plot.stiff import stiff_figure
 
 __all__ = [
+    "BETA",
     "FIGURES",
+    "FIGURE_4",
+    "FIGURE_5",
+    "FIGURE_6",
+    "FIGURE_7",
+    "FIGURE_8",
+    "FIGURE_9",
+    "FORMATS",
+    "HALO",
+    "KIND_COLOURS",
+    "MANIFOLDS",
+    "MARKERS",
+    "REGION_COLOURS",
+    "STYLES",
     "Drawing",
+    "Palette",
     "PaperFigure",
+    "Request",
+    "StiffRequest",
+    "areas_figure",
     "branch_figure",
     "colour",
     "crisis_figure",
+    "curves_along",
     "diagram_figure",
     "draw",
+    "draw_curve",
+    "draw_line",
+    "draw_points",
+    "gamma_line",
+    "impacts_at",
+    "manifold_line",
     "name_of",
+    "new_figure",
+    "panels",
+    "parameter_axis",
+    "parse",
+    "polyline",
+    "request",
     "save",
     "stiff_figure",
+    "stiff_request",
+    "strokes",
 ]

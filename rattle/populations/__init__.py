@@ -1,1 +1,26 @@
 """Populations of gears that differ within their tolerances."""
+
+from rattle.populations.answers import means
+from rattle.populations.distributions import Distribution, distribution_of
+from rattle.populations.gears import VERDICTS, Gears, computed
+from rattle.populations.limit import SAFE_IF_SMALL
+from rattle.populations.plan import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Plan
+from rattle.populations.tolerances import Tolerances, is_machine
+
+__all__ = [
+    "JUDGED",
+    "MOST_COUNT",
+    "MOST_GEARS",
+    "MOST_SHARE",
+    "PAIRS",
+    "SAFE_IF_SMALL",
+    "VERDICTS",
+    "Distribution",
+    "Gears",
+    "Plan",
+    "Tolerances",
+    "computed",
+    "distribution_of",
+    "is_machine",
+    "means",
+]

@@ -31,8 +31,7 @@ def prove_areas(
     for share in shares(found, (across[1] - across[0]) * (along[1] - along[0])):
         typer.echo(share)
     if figure is not None:
-        from rattle.plot.areas import areas_figure
-        from rattle.plot.drawing import save
+        from rattle.plot import areas_figure, save
 
         save(areas_figure(found, across, along).figure, figure)
     if stop.is_set():

@@ -45,14 +45,13 @@ def compare(
     Times are in seconds and speeds in m/s along the line of action for a machine; with DELTA and EPSILON speeds are the
     model's, and times in seconds if --rpm is given, else in revolutions.
     """
-    from rattle.comparison import compare as compared
-    from rattle.comparison import read_csv
+    from rattle import comparison
 
     turn = 1.0 if point.rpm is None else 60.0 / point.rpm
     velocity = 1.0 if point.machine is None else point.machine.units.velocity
-    measured = read_csv(table, turn, velocity)
+    measured = comparison.read_csv(table, turn, velocity)
     when = None if offset is None else offset / turn
-    found = compared(measured, point.gear, when, bins=bins, tolerance=tolerance, count=count, seed=seed)
+    found = comparison.compare(measured, point.gear, when, bins=bins, tolerance=tolerance, count=count, seed=seed)
     unit = "revolutions" if point.rpm is None else "s"
     typer.echo(f"{point.words}\n{measured.time.size} impacts in {measured.span:.6g} revolutions")
     _print(found, turn, unit)

@@ -13,7 +13,7 @@ from gear_rattle.service.commands.drawing import draw
 from gear_rattle.service.commands.options import Slice
 
 if TYPE_CHECKING:
-    from rattle.plot.paper_figures import Request, StiffRequest
+    from rattle.plot import Request, StiffRequest
 
 ALL, STIFF = "all", "stiff"
 SURVEY_PICTURE = "survey.png"
@@ -96,8 +96,7 @@ def _requests(
     what: list[str], delta: list[str], epsilon: list[str], beta: float | None, kappa: float | None
 ) -> list[Request | StiffRequest]:
     """The figures that are asked for, all checked before the first is computed."""
-    from rattle.plot.paper_figures import FIGURES, parse, request, stiff_request
-    from rattle.plot.paper_ranges import BETA
+    from rattle.plot import BETA, FIGURES, parse, request, stiff_request
 
     numbers: list[int] = []
     for each in what:
@@ -114,7 +113,7 @@ def _requests(
 
 def _draw_figures(requests: list[Request | StiffRequest], directory: Path, formats: list[str]) -> None:
     from gear_rattle.service.errors import ServiceError
-    from rattle.plot.drawing import FORMATS, save
+    from rattle.plot import FORMATS, save
 
     for each in formats:
         if each not in FORMATS:

@@ -11,7 +11,7 @@ from gear_rattle.service.commands import options
 from gear_rattle.service.commands.gear_numbers import with_numbers
 
 if TYPE_CHECKING:
-    from rattle.populations.limit import Limit
+    from rattle import Limit
 
 #: The unit of a machine's number, and how many of it its SI unit is.
 UNITS = {"eccentricity": (" µm", 1e6), "backlash": (" µm", 1e6), "rpm": (" rpm", 1.0), "drag": (" N m s/rad", 1.0)}
@@ -48,8 +48,8 @@ def limit(
     The other numbers are options: delta, epsilon and beta, or a machine's.
     """
     from gear_rattle.service.commands.progress import compiling_told
-    from rattle.attractors.classify import BUDGET
-    from rattle.populations.limit import design_limit, design_limits
+    from rattle import design_limit, design_limits
+    from rattle.attractors import BUDGET
 
     given: dict[str, Any] = {name: text if name == "drive" else _number(name, text) for name, text in numbers.items()}
     asked: dict[str, Any] = {"between": None if between is None else _pair(between)}
@@ -68,7 +68,7 @@ def limit(
 
 def _words(of: str, share: float, found: Limit, at: str = "") -> str:
     """A limit in a line."""
-    from rattle.populations.limit import SAFE_IF_SMALL
+    from rattle.populations import SAFE_IF_SMALL
 
     unit, scale = UNITS.get(of, ("", 1.0))
     if math.isnan(found.value):

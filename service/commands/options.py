@@ -187,7 +187,7 @@ def survey_request(
     from gear_rattle.workers import Axis, SurveyRequest
     from gear_rattle.workers.survey.axes import place_and_reason
     from rattle import RattleError
-    from rattle.attractors.speeds import read_speed
+    from rattle.attractors import read_speed
 
     given = {name: value for name, value in machine.items() if value is not None}
     asked = {name: value for name, value in (("audit", audit), ("bound", bound)) if value is not None}

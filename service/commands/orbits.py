@@ -15,7 +15,7 @@ def orbits(point: Point) -> None:
     from rich.table import Table
 
     from rattle.models import model_at
-    from rattle.orbits.period_one import in_words
+    from rattle.orbits import in_words
 
     gear, machine = point.gear, point.machine
     found = model_at(gear).limits(gear.delta)

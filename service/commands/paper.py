@@ -46,7 +46,7 @@ def _show(report: Report) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from rattle.paper.document import RULE, difference, value, verdict
+    from rattle.paper import RULE, difference, value, verdict
 
     console = Console(highlight=False, markup=False, width=WIDTH)
     numbers = Table(box=None)

@@ -26,7 +26,7 @@ def print_population(found: Population) -> None:
     from rich.console import Console
 
     from rattle import RattleError
-    from rattle.populations.tolerances import is_machine
+    from rattle.populations import is_machine
 
     console = Console(highlight=False, markup=False, width=WIDTH)
     console.print(f"{found.plan.gears} gears, {found.plan.count} starts each; in brackets 95 % intervals")
@@ -62,7 +62,7 @@ def _indices(found: Population, of: str, what: str) -> Table:
 def _worst(found: Population) -> Table:
     from rich.table import Table
 
-    from rattle.populations.tolerances import is_machine
+    from rattle.populations import is_machine
 
     machine = is_machine(found.plan.tolerances.given)
     units = {name: UNITS.get(name, ("", 1.0)) if machine else ("", 1.0) for name in found.names}

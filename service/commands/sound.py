@@ -62,7 +62,7 @@ def _chosen(point: Point, found: tuple[Attractor, ...], number: int | None) -> A
 
 def _write(out: Path, heard: np.ndarray, rate: int, full_scale: float | None) -> None:
     from gear_rattle.service.errors import ServiceError
-    from rattle.intensity.sound import wav
+    from rattle.intensity import wav
 
     file = wav(heard, rate, full_scale)
     try:

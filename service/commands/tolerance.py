@@ -111,8 +111,7 @@ def _request(
     from gear_rattle.workers import PopulationRequest
     from gear_rattle.workers.populations.numbers import described
     from gear_rattle.workers.survey.axes import place_and_reason
-    from rattle.populations.distributions import distribution_of
-    from rattle.populations.tolerances import Tolerances
+    from rattle.populations import Tolerances, distribution_of
 
     def read(text: str) -> Any:
         try:

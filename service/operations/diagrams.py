@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rattle.continuation.arclength import plane_scale
+from rattle.continuation import plane_scale
 from rattle.models import AnyGear
 
 Pair = tuple[float, float]

@@ -16,7 +16,7 @@ from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from gear_rattle.workers import AnyRequest, Axis, PopulationRequest, SurveyRequest, TileShape, compute_tile, tiles_of
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
-from rattle.attractors.classify import PERIODS, WATCH
+from rattle.attractors import PERIODS, WATCH
 
 LOOKED_AT = 100  # newest surveys
 LEAST_CELLS = 16  # of a survey whose speed is taken for that of others

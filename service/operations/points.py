@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rattle import REGIONS, Attractor, Intensity, ParameterError, RattleError
-from rattle.attractors.speeds import SpeedLimit
+from rattle.attractors import SpeedLimit
 from rattle.curves import Curve
 from rattle.models import AnyGear, AnyModel, model_at
 

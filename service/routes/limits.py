@@ -16,11 +16,10 @@ from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
 from gear_rattle.workers.survey.request import MOST_STIFF
-from rattle import ParameterError
-from rattle.attractors.classify import BUDGET
+from rattle import Limit, ParameterError, design_limit, design_limits
+from rattle.attractors import BUDGET
 from rattle.models import Model
-from rattle.populations.limit import Limit, design_limit, design_limits
-from rattle.populations.plan import MOST_SHARE
+from rattle.populations import MOST_SHARE
 
 router = APIRouter(prefix="/v1", tags=["points"])
 

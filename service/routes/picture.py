@@ -31,7 +31,7 @@ from gear_rattle.workers.storage.store import has_added
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
 from gear_rattle.workers.survey.request import MAX_SLICES
 from gear_rattle.workers.survey.slices import require_slice
-from rattle.populations.plan import MOST_SHARE
+from rattle.populations import MOST_SHARE
 
 router = APIRouter(prefix="/v1/surveys", tags=["results"])
 

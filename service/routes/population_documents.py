@@ -9,8 +9,7 @@ from pydantic import BaseModel, Field
 from gear_rattle.service.database.tables import JobRow, Kind
 from gear_rattle.service.operations.points import number
 from gear_rattle.service.routes.documents import Standing, path_of, request_shown, standing
-from rattle import RattleError
-from rattle.populations.answers import Estimate, Population
+from rattle import Estimate, Population, RattleError
 
 
 class PopulationLinks(BaseModel):

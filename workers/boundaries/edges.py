@@ -8,8 +8,8 @@ import numpy as np
 from gear_rattle.workers.boundaries.labels import labels_of
 from gear_rattle.workers.survey.crossings import Crossings
 from rattle import FamilyTable
-from rattle.attractors.table import CHAOTIC
-from rattle.families.spread import Rectangle
+from rattle.attractors import CHAOTIC
+from rattle.families import Rectangle
 
 
 class Edges(NamedTuple):

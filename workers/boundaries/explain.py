@@ -16,11 +16,8 @@ import xarray as xr
 from gear_rattle.workers.boundaries.labels import QUIET_LABEL, Label, labels, labels_of
 from gear_rattle.workers.boundaries.pairs import KINDS, Attractor, Grid, Pairs, crossed, name_of
 from gear_rattle.workers.errors import SurveyError
-from rattle import REGIONS, RattleError, curves, period_one, quiet_limit
+from rattle import REGIONS, Event, PeriodicOrbit, RattleError, curves, fate, period_one, periodic_orbit, quiet_limit
 from rattle.curves import Curve
-from rattle.impacting.bifurcations.branches import fate
-from rattle.impacting.bifurcations.events import Event
-from rattle.impacting.orbits.periodic import PeriodicOrbit, periodic_orbit
 from rattle.models import Model
 
 CHAOTIC = KINDS.index("chaotic")

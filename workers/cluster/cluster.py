@@ -26,7 +26,7 @@ import rattle
 from gear_rattle.workers.cluster import nannies
 from gear_rattle.workers.cluster.scratch import scratch_directory
 from gear_rattle.workers.errors import ClusterLostError, SurveyError
-from rattle.numerics.processes import environment
+from rattle.numerics import environment
 
 MEMORY_LIMIT = 2 * 2**30
 CONNECT_SECONDS = 10

@@ -13,7 +13,7 @@ from typing import IO
 
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, cell_outcomes, compute_tile
 from gear_rattle.workers.survey.tiles import CellOutcome, TileArrays, TileRecord
-from rattle.numerics.processes import environment
+from rattle.numerics import environment
 
 #: A cell is given up after this many processes that died of it: one death may be somebody else's doing.
 ATTEMPTS = 2

@@ -15,7 +15,7 @@ from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.families import FAMILY, GROUP, STORED, Slots, listed
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from rattle import Attractors
-from rattle.families.spread import Rectangle
+from rattle.families import Rectangle
 
 #: Slots of the cells of a block, some 100 MB of a worker. The bits of an orbit that enters depend on it, once in 10⁸.
 SLOTS_OF_BLOCK = 1 << 19

@@ -25,10 +25,7 @@ from gear_rattle.workers.survey.seals import path_of
 from gear_rattle.workers.survey.tiles import Tile, tiles_at
 from gear_rattle.workers.survey.values.schema import Group
 from rattle import Attractors
-from rattle.families.join import in_order, together
-from rattle.families.pieces import no_attractors
-from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, added, numbers_of
-from rattle.families.table import tabulated
+from rattle.families import NO_FAMILY, QUIET_FAMILY, added, in_order, no_attractors, numbers_of, tabulated, together
 
 #: Of a curve in the store: its points and what joins them.
 CURVE_POINTS = ("point_delta", "point_epsilon", "piece")

@@ -14,7 +14,7 @@ from gear_rattle.workers.survey.families import listed, with_empty
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays
 from gear_rattle.workers.survey.values.schema import SLOT
-from rattle.families.spread import Rectangle
+from rattle.families import Rectangle
 
 
 def move_tile(request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block]) -> None:

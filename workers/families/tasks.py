@@ -33,10 +33,7 @@ from gear_rattle.workers.survey.families import Slots, create_numbers, slots_of
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.seals import checksum
 from rattle import Attractors
-from rattle.families.join import in_order, together
-from rattle.families.pieces import connected, entering
-from rattle.families.spread import Rectangle
-from rattle.families.sums import NO_FAMILY, QUIET_FAMILY, Sums, sums_of
+from rattle.families import NO_FAMILY, QUIET_FAMILY, Rectangle, Sums, connected, entering, in_order, sums_of, together
 
 PLACES = 1 << 16  # more than a cell has attractors
 

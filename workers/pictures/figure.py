@@ -12,7 +12,7 @@ from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, draw_legend, draw_m
 from gear_rattle.workers.pictures.overlay import CURVES_ON, draw_curves, draw_points
 from gear_rattle.workers.survey.slices import surveyed_model
 from rattle import REGIONS
-from rattle.plot.drawing import HALO, new_figure
+from rattle.plot import HALO, new_figure
 
 PANELS = {
     "region": "Regions",

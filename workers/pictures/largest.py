@@ -20,8 +20,8 @@ from gear_rattle.workers.survey.families import FAMILY, GROUP
 from gear_rattle.workers.survey.slices import group_in, slice_of, surveyed_model
 from gear_rattle.workers.survey.values.schema import CELL, SLOT, Group
 from rattle import KINDS
-from rattle.attractors.table import CHAOTIC, PERIODIC
-from rattle.plot.colours import KIND_COLOURS, Palette, name_of
+from rattle.attractors import CHAOTIC, PERIODIC
+from rattle.plot import KIND_COLOURS, Palette, name_of
 
 OTHERS = 31  # the last code: as many as a level tells apart, the first of which is none
 FLAG_COLOURS = "flag_colours"  # attribute of a map: the colour of each code

@@ -34,7 +34,7 @@ SURVEY_ONLY = frozenset({LARGEST, SHARE, *OF_PERIODIC})
 IN_SLOTS = frozenset(quantity.name for quantity in QUANTITIES if SLOT in quantity.dims)
 AMONG, WHICH = "among", ("all", "rattling")
 LINES = (*NAMES, CRISIS, LIMIT, POINTS)
-#: Styles of those lines that are no bifurcation curves, as `rattle.plot.plane.STYLES` has them.
+#: Styles of those lines that are no bifurcation curves, as `rattle.plot.STYLES` has them.
 OWN_STYLES: dict[str, tuple[str, Any]] = {CRISIS: ("#00695c", (0, (4, 1.5))), LIMIT: ("#b8860b", "-")}
 USUAL_SHARE = 0.9  # the least P(quiet) of a design limit
 COVERED = 0xC4 / 0xFF  # how much is covered of the cells in which a chosen family is not

@@ -39,9 +39,8 @@ from gear_rattle.workers.survey.slices import value_along
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.quantities import QUANTITIES
 from gear_rattle.workers.survey.values.schema import FIXED, OF_PERIODIC, SLOT, Group, is_phase
-from rattle.orbits.period_one import PAPER_REGIONS
-from rattle.plot.colours import REGION_COLOURS
-from rattle.plot.drawing import new_figure
+from rattle.orbits import PAPER_REGIONS
+from rattle.plot import REGION_COLOURS, new_figure
 
 ONLY_QUIET, EMPTY_SLOT = "only quiet", "empty slot"
 NOT_COMPUTED, FAILURE, NOTHING, INFINITE, ZERO = "0.78", "#3b0a0a", "#eee3bd", "#f3f6f9", "#c9b2c2"

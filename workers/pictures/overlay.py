@@ -10,8 +10,8 @@ from gear_rattle.workers.pictures.look import LIMIT, NOTHING_OVER, OPACITY, OWN_
 from gear_rattle.workers.survey.axes import Window
 from gear_rattle.workers.survey.curves import Missing, traced, window_around
 from gear_rattle.workers.survey.slices import surveyed_model
+from rattle import plot
 from rattle.curves import NAMES
-from rattle.plot import plane
 
 #: Which curves explain which map.
 CURVES_ON: dict[str, tuple[str, ...]] = {
@@ -33,9 +33,9 @@ def draw_curves(axes: Axes, dataset: xr.Dataset, names: Sequence[str], over: Ove
     for name in (name for name in names if name in model.curve_names):
         curve = traced(name, model, window)
         if not isinstance(curve, Missing) and len(curve):
-            drawn.append(plane.draw_curve(axes, curve))
+            drawn.append(plot.draw_curve(axes, curve))
     for name in (name for name in names if name in over.lines):
-        plane.draw_line(axes, name, over.lines[name], OWN_STYLES[name])
+        plot.draw_line(axes, name, over.lines[name], OWN_STYLES[name])
         drawn.append(over.lines[name])
     axes.set(**limits)
     return drawn
@@ -47,4 +47,4 @@ def _window(dataset: xr.Dataset) -> Window:
 
 def draw_points(axes: Axes, dataset: xr.Dataset, curves: Sequence[np.ndarray]) -> None:
     """Mark and name the codimension-two points, away from the curves and from what is written already."""
-    plane.draw_points(axes, surveyed_model(dataset).codimension_two(), curves)
+    plot.draw_points(axes, surveyed_model(dataset).codimension_two(), curves)

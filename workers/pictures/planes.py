@@ -11,7 +11,7 @@ from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.request import BY_FAMILY, BY_FRACTION
 from gear_rattle.workers.survey.slices import require_slice, third_of
 from gear_rattle.workers.survey.values.schema import CELL, OF_PERIODIC, SLOT
-from rattle.attractors.table import PERIODIC
+from rattle.attractors import PERIODIC
 
 if TYPE_CHECKING:  # half a second for who reads a survey, not for who starts a service
     import xarray as xr

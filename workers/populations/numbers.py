@@ -8,7 +8,7 @@ from pydantic_core import PydanticCustomError
 
 from gear_rattle.workers.survey.axes import Real, Strict, words_of
 from rattle import LogNormal, Measured, Normal, Triangular, Uniform
-from rattle.populations.distributions import Distribution
+from rattle.populations import Distribution
 
 MOST_MEASURED = 10_000
 

@@ -14,11 +14,9 @@ from gear_rattle.workers.survey.request import DEFAULT_SAMPLES, LEAST_TILES, MAX
 from gear_rattle.workers.survey.values.schema import Group
 from gear_rattle.workers.survey.version import code_version
 from rattle import Shock
-from rattle.attractors.classify import BUDGET, PERIODS, WATCH
-from rattle.attractors.table import LARGEST_BUDGET
+from rattle.attractors import BUDGET, LARGEST_BUDGET, PERIODS, WATCH
 from rattle.models import Model
-from rattle.populations.plan import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Plan
-from rattle.populations.tolerances import Tolerances
+from rattle.populations import JUDGED, MOST_COUNT, MOST_GEARS, MOST_SHARE, PAIRS, Plan, Tolerances
 
 MAX_TILE_GEARS = 65_536
 FEWEST = 64  # gears of a default tile, where each is soon told

@@ -18,7 +18,7 @@ from gear_rattle.workers.survey.tiles import (
     TileRecord,
 )
 from gear_rattle.workers.survey.values.evaluate import FAILED, SOME_UNDECIDED
-from rattle.populations.gears import Gears, computed
+from rattle.populations import Gears, computed
 
 
 @dataclass(frozen=True)

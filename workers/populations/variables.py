@@ -9,10 +9,8 @@ import numpy as np
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.survey.values.evaluate import OK, SOME_UNDECIDED, STATUS
 from gear_rattle.workers.survey.values.quantities import DOI
-from rattle.machine.given import UNITS
-from rattle.populations.answers import means
-from rattle.populations.gears import VERDICTS, Gears
-from rattle.populations.tolerances import is_machine
+from rattle.machine import UNITS
+from rattle.populations import VERDICTS, Gears, is_machine, means
 
 GEAR, SAMPLE = "gear", "sample"
 NAMES = {"delta": "damping δ", "epsilon": "eccentricity ε", "beta": "half-backlash β", "kappa": "stiffness κ"}

@@ -21,8 +21,7 @@ from gear_rattle.workers.survey.template import (
 )
 from gear_rattle.workers.survey.values.schema import CELL, SLOT
 from rattle import KINDS, Attractors, FamilyTable
-from rattle.families.join import in_order
-from rattle.families.sums import NO_FAMILY
+from rattle.families import NO_FAMILY, in_order
 
 #: What a survey's attractors are read from.
 STORED = (

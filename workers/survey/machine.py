@@ -12,8 +12,7 @@ from pydantic import Field, ValidationError
 
 from gear_rattle.workers.survey.axes import Axis, Real, Strict, reason
 from rattle import Machine
-from rattle.machine.conversion import DRIVES
-from rattle.machine.given import RPM
+from rattle.machine import DRIVES, RPM
 
 Part = TypeVar("Part", bound=Strict)
 Positive = Annotated[Real, Field(gt=0)]

@@ -23,9 +23,7 @@ from gear_rattle.workers.survey.refined.asked import BLOCK, Refine, RefineOrNot,
 from gear_rattle.workers.survey.values.quantities import BOUNDED, REFINED, groups_of, stored
 from gear_rattle.workers.survey.values.schema import DEFAULT, FIXED, NEEDS, SAMPLED, Group, Quantity
 from gear_rattle.workers.survey.version import code_version
-from rattle.attractors.classify import BUDGET, PERIODS, WATCH
-from rattle.attractors.speeds import NATURAL, PAPER_SPEED, in_paper_plane
-from rattle.attractors.table import LARGEST_BUDGET
+from rattle.attractors import BUDGET, LARGEST_BUDGET, NATURAL, PAPER_SPEED, PERIODS, WATCH, in_paper_plane
 from rattle.models import AnyModel, Model, model_of
 
 Along = tuple[int, ...]  # an index along the third axis, () where there is none

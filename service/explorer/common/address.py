@@ -12,7 +12,7 @@ from gear_rattle.workers.pictures.look import LINES, POINTS, USUAL_SHARE
 from rattle import Machine
 from rattle.curves import NAMES
 from rattle.models import AnyModel, model_of
-from rattle.populations.plan import MOST_SHARE
+from rattle.populations import MOST_SHARE
 
 Pair = tuple[float, float]
 Ranges = tuple[Pair, Pair]  # of δ and of ε, as a figure shows them: it may show more than the plane

@@ -22,7 +22,7 @@ from bokeh.models.renderers import GlyphRenderer
 
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.workers.pictures.look import COVERED, LIMIT, OPACITY, OWN_STYLES
-from rattle.plot.plane import STYLES
+from rattle.plot import STYLES
 
 BAR_WIDTH, BAR_PADDING = 12, 6  # pixels
 CLEAR = "#00000000"

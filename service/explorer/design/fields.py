@@ -11,7 +11,7 @@ import panel as pn
 from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.workers.survey.machine import SurveyedMachine
 from rattle import Machine, RattleError
-from rattle.machine.conversion import DRIVES
+from rattle.machine import DRIVES
 
 DIGITS = 12  # of a number that was converted and back
 EXACT = "0[.][0000000000000000]"

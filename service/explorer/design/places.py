@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from gear_rattle.service.explorer.common.address import Pair, Ranges
-from rattle.plot.paper_ranges import FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_8, FIGURE_9
+from rattle.plot import FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_8, FIGURE_9
 
 #: About these points, as `rattle.curves.codimension_two` has them; so much either way shows what meets there.
 CORNERS = {

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import rattle
-from rattle.intensity.sound import wav
-from rattle.intensity.spectrum import Density, Lines
+from rattle import Density, Lines
+from rattle.intensity import wav
 from rattle.models import AnyGear
 
 HIGHEST = 24.0  # order of a spectrum

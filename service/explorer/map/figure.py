@@ -24,7 +24,7 @@ from gear_rattle.service.explorer.map.colouring import Colouring
 from gear_rattle.service.explorer.map.planes import UNSEEN, Block
 from gear_rattle.workers.pictures.look import LIMIT, OWN_STYLES
 from gear_rattle.workers.survey.machine import SurveyedMachine
-from rattle.plot.plane import MARKERS, STYLES
+from rattle.plot import MARKERS, STYLES
 
 SHAPES = {"o": "circle", "s": "square", "D": "diamond", "^": "triangle"}
 #: Where the name of a point is: those that lie close together are named on different sides.

@@ -25,8 +25,8 @@ from gear_rattle.workers.survey.axes import Window
 from gear_rattle.workers.survey.curves import LOWEST_DELTA, Missing, traced
 from rattle import RattleError
 from rattle.models import AnyModel
-from rattle.plot.plane import polyline
-from rattle.populations.plan import MOST_SHARE
+from rattle.plot import polyline
+from rattle.populations import MOST_SHARE
 
 MEANINGS = {
     CRISIS: "boundary crisis: the chaotic attractor ends where it touches the stable manifold of the saddle A",

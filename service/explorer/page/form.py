@@ -25,8 +25,7 @@ from gear_rattle.workers.survey.machine import SurveyedMachine
 from gear_rattle.workers.survey.values.quantities import groups_of
 from gear_rattle.workers.survey.values.schema import DEFAULT, Group
 from rattle import RattleError
-from rattle.attractors.classify import BUDGET
-from rattle.attractors.speeds import read_speed
+from rattle.attractors import BUDGET, read_speed
 from rattle.models import AnyModel, Model
 
 STIFFNESS = 1e4  # offered at first

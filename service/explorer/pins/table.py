@@ -13,8 +13,8 @@ from gear_rattle.service.explorer.common.address import Pin
 from gear_rattle.service.explorer.point.parts import Chances, chances, lettered
 from gear_rattle.service.explorer.point.words import number, percent
 from rattle.models import model_at
-from rattle.orbits.period_one import in_words
-from rattle.plot.colours import name_of
+from rattle.orbits import in_words
+from rattle.plot import name_of
 
 HEADER = (
     "delta", "epsilon", "beta", "kappa", "region", "quiet_limit", "starts", "attractor", "kind", "letter",

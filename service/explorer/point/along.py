@@ -13,7 +13,7 @@ from gear_rattle.service.explorer.point.panel import PLACES, PointPanel
 from gear_rattle.service.explorer.point.state import PointState, place_on, way_of
 from gear_rattle.service.explorer.point.work import Work
 from rattle.models import AnyGear, model_at
-from rattle.plot.colours import Palette
+from rattle.plot import Palette
 
 FINENESS = ((100, "cells"), (300, "refined"))  # cells a side of the basins, at first and when the slider rests
 

@@ -13,9 +13,8 @@ import rattle
 from gear_rattle.service.explorer.common.figures import new_figure
 from gear_rattle.service.explorer.common.glyphs import empty
 from gear_rattle.service.explorer.point.parts import PlaneLine
-from rattle.attractors.speeds import PAPER_SPEED
-from rattle.plot.basins import MANIFOLDS
-from rattle.plot.colours import Palette, name_of
+from rattle.attractors import PAPER_SPEED
+from rattle.plot import MANIFOLDS, Palette, name_of
 
 MOST_NAMED = 24  # basins in the legend
 GAMMA = "Γ"

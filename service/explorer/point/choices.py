@@ -20,7 +20,7 @@ from gear_rattle.service.explorer.point.state import PointState
 from gear_rattle.service.explorer.point.work import Work, waiting
 from rattle import Machine
 from rattle.models import AnyGear
-from rattle.plot.colours import Palette, name_of
+from rattle.plot import Palette, name_of
 
 POINTS = 3000  # of a motion
 PERIODS, MOST_PERIODS, CHAOTIC_PERIODS = 12.0, 60.0, 30.0  # of a motion; of a periodic one three of its own

@@ -15,10 +15,9 @@ from gear_rattle.service.explorer.common.figures import new_figure
 from gear_rattle.service.explorer.common.glyphs import empty
 from gear_rattle.service.explorer.design.rattling import HIGHEST
 from gear_rattle.service.explorer.point.words import number, table
-from rattle import Machine
-from rattle.intensity.intensity import natural_energy
-from rattle.intensity.spectrum import Density, Lines
-from rattle.plot.colours import Palette, name_of
+from rattle import Density, Lines, Machine
+from rattle.intensity import natural_energy
+from rattle.plot import Palette, name_of
 
 PLAIN = ("Impacts a period", "Mean speed", "Largest", "Energy Σv²/2", "dB re 2π²δ²")
 IN_SI = ("Impacts/s", "Mean, m/s", "Largest, m/s", "J a revolution", "Power, W", "dB re 1 pW")

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 import rattle
 from gear_rattle.service.explorer.design import rattling
 from gear_rattle.service.operations import diagrams
-from rattle.attractors.basins import classified
-from rattle.attractors.speeds import sampled_speed
-from rattle.attractors.table import listed
-from rattle.continuation.arclength import plane_scale
-from rattle.continuation.diagram import Diagram
-from rattle.flight.law import wrapped
-from rattle.impacting.attractors.plane import ImpactingPlane
+from rattle import Diagram
+from rattle.attractors import classified, listed, sampled_speed
+from rattle.continuation import plane_scale
+from rattle.flight import wrapped
+from rattle.impacting import ImpactingPlane
 from rattle.models import AnyGear, model_at
 
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
@@ -180,7 +178,7 @@ def margin(gear: Any) -> Margin:
 
 def lines(gear: AnyGear, arclength: float = ARCLENGTH) -> Lines:
     """Γ where there is one, W^s of A and B, and W^u of A, by default as far as a screen shows them."""
-    from rattle.plot.basins import gamma_line, manifold_line
+    from rattle.plot import gamma_line, manifold_line
 
     orbits = {orbit.name: orbit for orbit in gear.orbits()}
     found = (
@@ -208,8 +206,8 @@ def diagram(
     """The one-parameter diagram through the point, along "epsilon" or "delta", as far either way as is asked for; or
     from there to another point (δ, ε).
     """
-    from rattle.plot.colours import name_of as name_of_type
-    from rattle.plot.diagram import curves_along, impacts_at, parameter_axis, strokes
+    from rattle.plot import curves_along, impacts_at, parameter_axis, strokes
+    from rattle.plot import name_of as name_of_type
 
     span = (0.0, 1.0) if to is not None else diagrams.diagram_span(gear, direction, either_way)
     ends = diagrams.diagram_ends(gear, direction, either_way, to)

@@ -22,7 +22,7 @@ from gear_rattle.service.kernels import Part
 from gear_rattle.service.state import Front
 from rattle import Machine
 from rattle.models import AnyModel
-from rattle.plot.colours import Palette
+from rattle.plot import Palette
 
 COUNT = 1024  # initial conditions of the probabilities
 RESOLUTIONS = (300, 600)  # cells a side of the basins, at first and in the end

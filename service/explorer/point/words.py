@@ -12,8 +12,8 @@ from gear_rattle.service.explorer.common.address import Pair
 from gear_rattle.service.explorer.point.parts import Chances, Margin, PeriodOne
 from rattle import Machine
 from rattle.models import AnyGear, model_at
-from rattle.orbits.period_one import in_words
-from rattle.plot.colours import Palette, name_of
+from rattle.orbits import in_words
+from rattle.plot import Palette, name_of
 
 MINUS = "\N{MINUS SIGN}"
 NO_MARGIN = "How hard an impact ends quiet running is known of the impacting model only."

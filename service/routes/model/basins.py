@@ -15,7 +15,7 @@ from gear_rattle.service.routes.picture import PNG
 from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
-from rattle.attractors.speeds import sampled_speed
+from rattle.attractors import sampled_speed
 from rattle.models import AnyGear, model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])
@@ -74,7 +74,7 @@ def highest_speed(gear: AnyGear) -> float:
 
 
 def _draw(gear: AnyGear, resolution: int, tau: tuple[float, float], v: tuple[float, float]) -> bytes:
-    from rattle.plot.basins import panels  # matplotlib, in the process that draws
+    from rattle.plot import panels  # matplotlib, in the process that draws
 
     figure = panels(gear.delta, [gear.epsilon], gear.beta, resolution, model_at(gear).stiffness, tau, v).figure
     figure.set_size_inches(6.4, 6.2)

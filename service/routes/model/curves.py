@@ -16,7 +16,7 @@ from gear_rattle.service.state import FrontState
 from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
-from rattle.continuation.curves import FARTHEST
+from rattle.continuation import FARTHEST
 from rattle.models import model_of
 
 router = APIRouter(prefix="/v1", tags=["points"])

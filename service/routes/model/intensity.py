@@ -25,8 +25,8 @@ from gear_rattle.service.state import FrontState
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
 from rattle import Attractor, Intensity
-from rattle.attractors.classify import BUDGET
-from rattle.intensity.intensity import natural_energy
+from rattle.attractors import BUDGET
+from rattle.intensity import natural_energy
 from rattle.models import model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])

@@ -19,9 +19,7 @@ from gear_rattle.service.web import examples
 from gear_rattle.service.web.conditional import NOT_MODIFIED, function_of_query
 from gear_rattle.service.web.problems import declared
 from gear_rattle.workers.survey.request import MOST_STIFF, OneSpeed
-from rattle.attractors.classify import BUDGET
-from rattle.attractors.speeds import sampled_speed
-from rattle.attractors.table import LARGEST_BUDGET
+from rattle.attractors import BUDGET, LARGEST_BUDGET, sampled_speed
 from rattle.models import AnyGear, model_at
 
 router = APIRouter(prefix="/v1", tags=["points"])

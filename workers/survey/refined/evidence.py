@@ -9,9 +9,8 @@ from gear_rattle.workers.survey.refined.asked import BLOCK
 from gear_rattle.workers.survey.refined.blocks import Blocks, Leaves, Square
 from gear_rattle.workers.survey.values.cells import Cells
 from rattle import Attractors
-from rattle.attractors.table import CHAOTIC, PERIODIC, QUIET, UNDECIDED
-from rattle.families.join import in_order, together
-from rattle.families.pieces import Piece, no_attractors
+from rattle.attractors import CHAOTIC, PERIODIC, QUIET, UNDECIDED
+from rattle.families import Piece, in_order, no_attractors, together
 
 #: What samples go to that has no orbit which could be continued.
 SEEN = (QUIET, CHAOTIC, UNDECIDED)

@@ -20,8 +20,8 @@ from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import fraction, in_slots
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group, Quantity
 from rattle import Attractors, wilson_interval
-from rattle.attractors.table import CHAOTIC, QUIET
-from rattle.families.join import in_order, together
+from rattle.attractors import CHAOTIC, QUIET
+from rattle.families import in_order, together
 
 #: What a chaotic attractor tells by its trajectory, which a filled cell has none of.
 BY_TRAJECTORY = ("lyapunov_max", "sum_rule_error", "impulse_balance_error")

@@ -10,9 +10,8 @@ import numpy as np
 from gear_rattle.workers.survey.refined.blocks import Leaves
 from gear_rattle.workers.survey.refined.evidence import SEEN, Evidence
 from rattle import Attractors
-from rattle.attractors.table import PERIODIC, UNDECIDED
-from rattle.families.join import together
-from rattle.families.pieces import Piece, no_attractors
+from rattle.attractors import PERIODIC, UNDECIDED
+from rattle.families import Piece, no_attractors, together
 
 NORMAL = 1.96  # standard deviations in half of a 95 % interval
 

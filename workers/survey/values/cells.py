@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 
 import rattle
-from rattle.attractors.speeds import SpeedLimit, sampled_speed, sampled_speeds
-from rattle.intensity.table import Intensities
+from rattle.attractors import SpeedLimit, sampled_speed, sampled_speeds
+from rattle.intensity import Intensities
 from rattle.models import AnyModel
 
 GRAZING_CURVES = ("G1", "G2")

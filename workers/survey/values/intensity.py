@@ -5,7 +5,7 @@ import numpy as np
 from gear_rattle.workers.survey.values.cells import Cells
 from gear_rattle.workers.survey.values.evaluate import Evaluate, in_slots
 from gear_rattle.workers.survey.values.schema import CELL, Group, Quantity
-from rattle.intensity.intensity import natural_energy
+from rattle.intensity import natural_energy
 
 _SLOT = ("attractor", *CELL)
 _MODEL = "equation 2.4 of doi:10.1137/090759641, impact by impact"
