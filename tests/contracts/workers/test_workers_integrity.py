@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 import xarray as xr
 from depth import deep, either
+from gear_rattle.workers.survey.seals import sealed
+from written import compute_and_write
 
 import gear_rattle.workers.storage.store
 from gear_rattle.workers import (
@@ -23,10 +25,8 @@ from gear_rattle.workers import (
     tiles_done,
     tiles_of,
 )
-from gear_rattle.workers.cluster.runner import compute_and_write
 from gear_rattle.workers.storage.integrity import read_sealed
 from gear_rattle.workers.storage.location import Directory
-from gear_rattle.workers.survey.seals import sealed
 from gear_rattle.workers.survey.version import code_version
 
 REQUEST = SurveyRequest(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from written import compute_and_write, write_tile
 
 import gear_rattle.workers.storage.store
 from gear_rattle.workers import (
@@ -21,10 +22,10 @@ from gear_rattle.workers import (
     open_survey,
     tiles_done,
 )
-from gear_rattle.workers.cluster.runner import compute_and_write, run_tiles
+from gear_rattle.workers.cluster.runner import run_tiles
 from gear_rattle.workers.storage.location import place_of
-from gear_rattle.workers.storage.root import tell
-from gear_rattle.workers.storage.store import added_to_store, bands, write_tile
+from gear_rattle.workers.storage.manifest import tell
+from gear_rattle.workers.storage.store import added_to_store, bands
 from gear_rattle.workers.survey.tiles import compute_tile, tiles_of
 
 # No attractors: these tests are about files.

@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 from depth import deep
 from pydantic import ValidationError
+from written import write_tile
 
 from gear_rattle.workers import (
     Axis,
@@ -33,7 +34,7 @@ from gear_rattle.workers.pictures.maps import map_picture
 from gear_rattle.workers.storage.export import csv_lines, require_readable, tables, write_netcdf
 from gear_rattle.workers.storage.integrity import manifest_of
 from gear_rattle.workers.storage.location import place_of
-from gear_rattle.workers.storage.store import open_groups, write_tile
+from gear_rattle.workers.storage.store import open_groups
 from gear_rattle.workers.survey import tiles as computing
 from gear_rattle.workers.survey.request import MAX_SLICES
 from gear_rattle.workers.survey.slices import slice_of, slices_of, surveyed_model
