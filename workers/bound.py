@@ -89,8 +89,9 @@ def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
 
 
 def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts, dict[str, str]]:
-    """Compute and write a tile as it is after the rounds that it names. Returns what the last one found, and the digests
-    of its chunks by their key. May be done twice.
+    """Compute and write a tile as it is after the rounds that it names. May be done twice.
+
+    Returns what the last round found, and the digests of the tile's chunks by their keys.
     """
     values, _ = compute_tile(request, tile)
     files = write_tile(request, path, tile, values)

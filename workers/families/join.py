@@ -193,10 +193,10 @@ class _Join:
 
         Tiles that a killed run has moved and not noted are damaged, and computed again.
         """
-        known, tiles = known_manifest(self._place).tiles, iter(tiles_at(self._survey, self.along))
+        known, tiles = known_manifest(self._place), iter(tiles_at(self._survey, self.along))
         with noting(self._place) as note:
             while some := list(islice(tiles, self._at_once)):
-                items = [(tile, self._around(tile), known.get(tile.index, {})) for tile in some]
+                items = [(tile, self._around(tile), known.digests_of(tile.index)) for tile in some]
                 moved = self._each(move_tile, self._survey, str(self._place), items)
                 note({tile.index: files for tile, files in zip(some, moved, strict=True)})
 

@@ -76,7 +76,7 @@ def examine(where: str | Path | Place) -> Integrity:
     if completed:
         for index in set(range(manifest.n_tiles)) - manifest.tiles.keys():
             damaged[index] = tuple(manifest.chunks)
-    files = 2 + len(manifest.files) + sum(map(len, manifest.tiles.values()))
+    files = 2 + len(manifest.files) + len(manifest.chunks) * len(manifest.tiles)
     template, damaged = damaged_template(place, manifest), dict(sorted(damaged.items()))
     return Integrity(frozenset(done), damaged, template, manifest.n_tiles, files, version, completed)
 
@@ -142,7 +142,7 @@ def examine_tiles(
 
 def _lost(place: Place, manifest: Manifest, index: int) -> tuple[str, ...]:
     """Return the variables of a computed tile that are lost or damaged."""
-    keys, known = manifest.keys(index), manifest.tiles[index]
+    keys, known = manifest.keys(index), manifest.digests_of(index)
     return tuple(name for name, key in keys.items() if not _is_whole(place, key, known.get(key)))
 
 

@@ -131,7 +131,8 @@ def noting(place: Place) -> Iterator[Note]:
 
     def note(tiles: Mapping[int, Mapping[str, str]]) -> None:
         nonlocal waits
-        manifest.tiles.update({index: dict(files) for index, files in tiles.items()})
+        for index, files in tiles.items():
+            manifest.note(index, files)
         waits = waits or bool(tiles)
         if waits and time.monotonic() >= due:
             write()

@@ -101,15 +101,18 @@ def _mend(request: AnyRequest, place: Place, make: Make) -> None:
         place.put(key, template[key])
     after = Manifest.of_bytes(template[MANIFEST])
     assert after is not None, "a template is whole"
-    after.tiles.update(_decodable(request, place) if manifest is None else manifest.tiles)
+    if manifest is None:
+        for index, files in _decodable(request, place):
+            after.note(index, files)
+    else:
+        after.tiles.update(manifest.tiles)
     attributes = json.loads(template[ROOT])["attributes"]
     kept = {name: trusted[name] for name in KEPT if name in trusted}
     replace_root(place, manifest or after, with_attributes(template[ROOT], attributes | kept), after)
 
 
-def _decodable(request: AnyRequest, place: Place) -> dict[int, dict[str, str]]:
-    """Return the digests of the tiles whose chunks all decode, of a store that has lost its manifest."""
-    found = {}
+def _decodable(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield the tiles whose chunks all decode, with their digests, of a store that has lost its manifest."""
     for tile in tiles_of(request):
         contents = _contents(request, place, tile)
         try:
@@ -117,8 +120,7 @@ def _decodable(request: AnyRequest, place: Place) -> dict[int, dict[str, str]]:
         except Exception:  # what a codec raises of a damaged chunk
             continue
         if values is not None and values[STATUS].all():
-            found[tile.index] = digests({key: content for key, content in contents.values() if content is not None})
-    return found
+            yield tile.index, digests({key: content for key, content in contents.values() if content is not None})
 
 
 def _require_same(request: AnyRequest, place: Place) -> Manifest | None:

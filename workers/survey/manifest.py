@@ -9,6 +9,7 @@ from typing import Any
 ROOT = "zarr.json"
 MANIFEST = "manifest.json"
 FORMAT = 1  # of the manifest
+DIGITS = 16  # hexadecimal, of a digest
 SLICES = "slices"  # the group of what slices along a third axis have beside their cells
 SLICE = "{slice}"  # in a key of chunks: the index along a third axis
 
@@ -25,8 +26,8 @@ def chunk_key(pattern: str, row: int, column: int, rows: int) -> str:
 
 
 def digest(key: str, content: bytes) -> str:
-    """Return 16 hexadecimal digits that depend on where a file is and on what it holds."""
-    return hashlib.blake2b(content, digest_size=8, key=hashlib.blake2b(key.encode()).digest()).hexdigest()
+    """Return hexadecimal digits that depend on where a file is and on what it holds."""
+    return hashlib.blake2b(content, digest_size=DIGITS // 2, key=hashlib.blake2b(key.encode()).digest()).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class Manifest:
     chunks: dict[str, str]  # key of the chunks of each variable that tiles write, with {row} and {column}
     root: tuple[str, ...]  # digest of the root's metadata; of the old and of the new while it is replaced
     files: dict[str, str]  # digest of every other file that no tile writes, by its key
-    tiles: dict[int, dict[str, str]] = field(default_factory=dict)  # the same of the chunks of each computed tile
+    tiles: dict[int, str] = field(default_factory=dict)  # of each computed tile the digests of its chunks, joined
     slices: int = 1  # along a third axis
 
     def to_bytes(self) -> bytes:
@@ -78,6 +79,16 @@ class Manifest:
         """Where the chunks of a tile are, by variable."""
         row, column = divmod(index, self.grid[1])
         return {name: chunk_key(key, row, column, self.rows) for name, key in self.chunks.items()}
+
+    def note(self, index: int, files: Mapping[str, str]) -> None:
+        """Enter a computed tile, from the digests of its chunks by their keys."""
+        self.tiles[index] = "".join(files[key] for key in self.keys(index).values())
+
+    def digests_of(self, index: int) -> dict[str, str]:
+        """Return the digests of the chunks of a tile by their keys; empty unless it is computed."""
+        joined = self.tiles.get(index, "")
+        each = (joined[i : i + DIGITS] for i in range(0, len(joined), DIGITS))
+        return dict(zip(self.keys(index).values(), each, strict=False))
 
     def tile_of(self, key: str) -> int | None:
         """Return the index of the tile that has this chunk; None if it is no chunk of a tile."""

@@ -10,7 +10,6 @@ import numpy as np
 import zarr
 from zarr.abc.buffer import Buffer
 from zarr.codecs import Crc32cCodec, ZstdCodec
-from zarr.core.array_spec import ArrayConfigParams
 from zarr.errors import ZarrUserWarning
 from zarr.storage import MemoryStore, StoreLike
 
@@ -35,7 +34,7 @@ from gear_rattle.workers.survey.version import code_version
 #: Every chunk ends in a checksum, so that any reader fails loudly on a damaged one instead of showing other numbers.
 CODECS = (ZstdCodec(level=0), Crc32cCodec())
 #: Every chunk has a file, so that a lost one is told from one of fill values only.
-WHOLE: ArrayConfigParams = {"write_empty_chunks": True}
+WHOLE: Any = {"write_empty_chunks": True}
 
 
 Template = dict[str, bytes]  # of every file of a store without tiles, by its key
