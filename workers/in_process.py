@@ -103,7 +103,6 @@ def run_tiles_here(
                     try:
                         found = ended.get(timeout=POLL_SECONDS)
                     except Empty:
-                        note({})
                         continue
                     if found is None:
                         return

@@ -29,7 +29,7 @@ from gear_rattle.workers.errors import ClusterLostError, StoppedError, SurveyErr
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from gear_rattle.workers.populations.tiles import GearTile
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.manifest import Note, noting
+from gear_rattle.workers.storage.manifest import noting
 from gear_rattle.workers.storage.store import before_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
@@ -224,7 +224,7 @@ def run_tiles(
                             measuring.append(tile)
 
                     submission.seconds = 0.0  # one cell
-                    _run(submission, measuring, on_ended, *asked, on_measured, note)
+                    _run(submission, measuring, on_ended, *asked, on_measured)
                     submission.seconds = PART_SECONDS
                     begun.expect(list(left.values()), columns)
                     tell_left()
@@ -235,7 +235,7 @@ def run_tiles(
                     tell_left()
 
                 if not should_stop():
-                    _run(submission, waiting, on_ended, *asked, on_part, note)
+                    _run(submission, waiting, on_ended, *asked, on_part)
                 if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
                     end_tasks_and_wait(client, submission.superseded)  # or they would undo what further rounds write
             finally:
@@ -250,7 +250,6 @@ def _run(
     unwanted: Callable[[], bool],
     should_pause: Callable[[], bool],
     on_part: Callable[[AnyTile], None],
-    note: Note,
 ) -> None:
     def take(found: TileRecord | AnyTile | None) -> None:
         if isinstance(found, Tile | GearTile):
@@ -271,7 +270,6 @@ def _run(
             has_begun = True
         submission.set_endless_tile_apart()
         take(submission.next_record(POLL_SECONDS))
-        note({})
     if submission.in_flight and unwanted():
         submission.cut_off()
     deadline = time.monotonic() + GRACE_SECONDS

@@ -9,7 +9,7 @@ import numpy as np
 from gear_rattle.workers.families.blocks import Block, place_in_cell, read_targets
 from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.store import read_tile, rewrite_tile, write_tile
+from gear_rattle.workers.storage.store import read_tile, write_tile
 from gear_rattle.workers.survey.families import listed, with_empty
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays
@@ -38,8 +38,6 @@ def move_tile(
         if each.per_cell and each.dims[0] == SLOT:
             index = source.reshape(source.shape[0], *(1,) * (len(each.dims) - 3), *source.shape[1:])
             values[each.name] = np.take_along_axis(values[each.name], index, 0)
-    if computed:
-        return rewrite_tile(request, place, tile, values)
     return write_tile(request, path, tile, values)
 
 

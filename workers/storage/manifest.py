@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import errno
 import json
-import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
@@ -21,8 +20,8 @@ from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, digests
 from gear_rattle.workers.survey.template import Template, consolidate
 
-#: After a manifest is written, the next one waits this many times as long as that took: a large one is written less.
-PATIENCE = 20
+#: The manifest is written once a two-hundredth of its tiles are new: one of many megabytes is written less often.
+SHARE = 200
 KNOWN = 8  # manifests that are remembered as they were parsed: each is asked for again and again
 
 Note = Callable[[Mapping[int, Mapping[str, str]]], None]
@@ -106,46 +105,42 @@ def attributes_of(place: Place) -> dict[str, Any]:
 
 @contextmanager
 def noting(place: Place) -> Iterator[Note]:
-    """Give a function that notes the digests of tiles that were written, by their index; without any, it writes what
-    waits to be written. The caller holds the store, and changes nothing else of it meanwhile.
+    """Give a function that notes the digests of tiles that were written, by their index. The caller holds the store, and
+    changes nothing else of its manifest meanwhile.
 
-    A tile whose process is killed before it is noted is not computed.
+    A kill loses the tiles that wait to be written: one of SHARE at most, none of the first SHARE. They are computed
+    again.
 
     Raises:
         StorageError: it cannot be written now, or the store is gone.
         SurveyError: there is no survey, or its manifest is damaged.
     """
     before = known_manifest(place)
-    manifest, waits, due = replace(before, tiles=dict(before.tiles)), False, 0.0
+    manifest, waiting = replace(before, tiles=dict(before.tiles)), 0
 
     def write() -> None:
-        nonlocal waits, due
-        began = time.monotonic()
+        nonlocal waiting
         try:
             if not place.exists():  # a deleted survey would come back
                 require_there(place)
             place.put(MANIFEST, manifest.to_bytes())
         except OSError as error:
             raise storage_error(f"{place} cannot be written", error) from error
-        waits, due = False, time.monotonic() + PATIENCE * (time.monotonic() - began)
+        waiting = 0
 
     def note(tiles: Mapping[int, Mapping[str, str]]) -> None:
-        nonlocal waits
+        nonlocal waiting
         for index, files in tiles.items():
             manifest.note(index, files)
-        waits = waits or bool(tiles)
-        if waits and time.monotonic() >= due:
+        waiting += len(tiles)
+        if waiting > len(manifest.tiles) // SHARE:
             write()
 
     try:
         yield note
-    except BaseException:
-        with suppress(SurveyError):  # the first error is the one to tell
-            if waits:
-                write()
-        raise
-    if waits:
-        write()
+    finally:
+        if waiting:
+            write()
 
 
 def tell(place: Place, told: Mapping[str, Any]) -> None:

@@ -228,21 +228,6 @@ def _decoded(
     return values
 
 
-def rewrite_tile(request: SurveyRequest, place: Place, tile: Tile, values: Mapping[str, np.ndarray]) -> dict[str, str]:
-    """Write the slots of a computed tile anew; values: all of its variables. Returns the digests of all its chunks. One
-    that was interrupted is damaged.
-
-    Raises:
-        OSError: it cannot be written now.
-    """
-    same = tuple(f"{each.name}/" for each in request.variables if each.dims[0] != SLOT)
-    written = _encoded(request, tile, values)
-    for key, content in written.items():
-        if not key.startswith(same):
-            place.put(key, content)
-    return digests(written)
-
-
 def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, bytes]:
     """Return the files of a tile, by their key, as zarr writes them."""
     kept, arrays, chunks = _blank(request)
@@ -272,13 +257,15 @@ def finish_store(where: str | Path | Place) -> None:
 
     Raises:
         StorageError: it cannot be written now.
-        SurveyError: there is no survey, cells are missing, or a run still writes to it.
+        SurveyError: there is no survey, tiles are missing, or a run still writes to it.
     """
     place = place_of(where)
     manifest = known_manifest(place)
     with place.writing():
         if missing := manifest.n_tiles - len(manifest.tiles):
-            raise SurveyError(f"{place} lacks {missing} tiles: run the survey again to resume it")
+            raise SurveyError(
+                f"{place} lacks {missing} of its {manifest.n_tiles} tiles: run the survey again to resume it"
+            )
         try:
             place.sweep()
             told = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}

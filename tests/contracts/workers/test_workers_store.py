@@ -226,10 +226,10 @@ def test_a_store_that_was_moved_away_is_gone_and_not_damaged(
     assert "not a survey" not in str(refused.value)
 
 
-def test_unfinished_says_how_many_cells_are_missing(store: Path) -> None:
+def test_unfinished_says_how_many_tiles_are_missing(store: Path) -> None:
     fill(store, TILES[1:])
     before = snapshot(store)
-    with pytest.raises(SurveyError, match="lacks 8 cells: run the survey again"):
+    with pytest.raises(SurveyError, match="lacks 1 of its 6 tiles: run the survey again"):
         finish_store(store)
     assert snapshot(store) == before
 
