@@ -105,11 +105,10 @@ def attributes_of(place: Place) -> dict[str, Any]:
 
 @contextmanager
 def noting(place: Place) -> Iterator[Note]:
-    """Give a function that notes the digests of tiles that were written, by their index. The caller holds the store, and
-    changes nothing else of its manifest meanwhile.
+    """Give a function that notes the digests of written tiles, by their index.
 
-    A kill loses the tiles that wait to be written: one of SHARE at most, none of the first SHARE. They are computed
-    again.
+    The caller holds the store, and changes nothing else of its manifest meanwhile. A kill loses the tiles that the
+    manifest on the disk does not have yet, a two-hundredth at most; they are computed again.
 
     Raises:
         StorageError: it cannot be written now, or the store is gone.

@@ -47,8 +47,7 @@ from gear_rattle.workers.survey.refined.audit import (
 )
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template, now
-from gear_rattle.workers.survey.tiles import Tile
-from gear_rattle.workers.survey.values.schema import CELL, SLOT
+from gear_rattle.workers.survey.values.schema import CELL
 from gear_rattle.workers.survey.version import code_version
 
 if TYPE_CHECKING:
