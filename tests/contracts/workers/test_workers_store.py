@@ -89,7 +89,7 @@ def test_another_survey_is_refused_untouched(store: Path) -> None:
 def test_another_version_is_refused_untouched(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = snapshot(store)
     for module in ("survey.request", "storage.store"):
-        monkeypatch.setattr(f"workers.{module}.code_version", lambda: "9.9")
+        monkeypatch.setattr(f"gear_rattle.workers.{module}.code_version", lambda: "9.9")
     with pytest.raises(SurveyError, match=r"computed by version .* this is 9\.9"):
         create_store(REQUEST, store)
     assert snapshot(store) == before
