@@ -89,7 +89,8 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
         SurveyError: its metadata cannot be read.
     """
     version = attributes["code_version"]
-    lost = [MANIFEST] if version == code_version() else []
+    is_ours = version == code_version()  # then every chunk has a file
+    lost = [MANIFEST] if is_ours else []
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ZarrUserWarning)  # the lock is no part of a zarr hierarchy
@@ -103,14 +104,18 @@ def _undecodable(place: Place, attributes: Mapping[str, Any]) -> tuple[int, tupl
     for name, array in arrays:
         for chunk in np.ndindex(*array.cdata_shape):
             number += 1
+            key = f"{name}/{array.metadata.encode_chunk_key(chunk)}"
             at = tuple(slice(i * size, (i + 1) * size) for i, size in zip(chunk, array.chunks, strict=True))
             try:
                 values = np.asarray(array[at])
-            except Exception:
-                lost.append(f"{name}/{array.metadata.encode_chunk_key(chunk)}")
+                is_lost = (name == STATUS and not values.all()) or (is_ours and read(place, key) is None)
+            except SurveyError:
+                raise
+            except Exception:  # what a codec raises of a damaged chunk
+                lost.append(key)
             else:
-                if name == STATUS and COMPLETED in attributes and not values.all():
-                    lost.append(f"{name}/{array.metadata.encode_chunk_key(chunk)}")
+                if is_lost and COMPLETED in attributes:
+                    lost.append(key)
     return number, tuple(lost)
 
 

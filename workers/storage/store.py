@@ -34,7 +34,7 @@ from gear_rattle.workers.storage.manifest import (
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.families import GROUP as FAMILIES
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
-from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, digest, digests
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, digests
 from gear_rattle.workers.survey.refined.audit import (
     AUDIT,
     AUDITED,
@@ -115,11 +115,11 @@ def _decodable(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[st
     for tile in tiles_of(request):
         contents = _contents(request, place, tile)
         try:
-            values = _decoded(request, tile, contents)
-        except Exception:  # what a codec raises of a damaged chunk
+            is_computed = _decoded(request, tile, contents)[STATUS].all()
+        except Exception:  # what a codec raises of a damaged chunk, or a lost one
             continue
-        if values is not None and values[STATUS].all():
-            yield tile.index, digests({key: content for key, content in contents.values() if content is not None})
+        if is_computed:
+            yield tile.index, digests(contents)
 
 
 def _require_same(request: AnyRequest, place: Place) -> Manifest | None:
@@ -200,26 +200,21 @@ def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str,
         SurveyError: the store is of another survey, or may not be read.
     """
     contents = _contents(request, _place(path, request), tile)
-    if any(content is None or digest(key, content) != known.get(key) for key, content in contents.values()):
-        return None
-    return _decoded(request, tile, contents)
+    return _decoded(request, tile, contents) if digests(contents) == known else None
 
 
-def _contents(request: AnyRequest, place: Place, tile: AnyTile) -> dict[str, tuple[str, bytes | None]]:
-    """Return the key of each chunk of a tile, by variable, and what is there."""
-    return {name: (key, read(place, key)) for name, key in _keys(request, tile).items()}
+def _contents(request: AnyRequest, place: Place, tile: AnyTile) -> dict[str, bytes]:
+    """Return the chunks of a tile that are there, by their key."""
+    found = ((key, read(place, key)) for key in _keys(request, tile).values())
+    return {key: content for key, content in found if content is not None}
 
 
-def _decoded(
-    request: AnyRequest, tile: AnyTile, contents: Mapping[str, tuple[str, bytes | None]]
-) -> dict[str, np.ndarray] | None:
-    """Return every variable of a tile; None if a chunk is lost. Raises what a codec does of a damaged one."""
+def _decoded(request: AnyRequest, tile: AnyTile, contents: Mapping[str, bytes]) -> dict[str, np.ndarray]:
+    """Return every variable of a tile. Raises what a codec does of a damaged chunk, KeyError of a lost one."""
     kept, arrays, _ = _blank(request)
     values = {}
-    for name, (key, content) in contents.items():
-        if content is None:
-            return None
-        kept[key] = cpu.Buffer.from_bytes(content)
+    for name, key in _keys(request, tile).items():
+        kept[key] = cpu.Buffer.from_bytes(contents[key])
         try:
             values[name] = np.asarray(arrays[name][tile.at])
         finally:

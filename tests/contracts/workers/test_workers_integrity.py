@@ -232,6 +232,22 @@ def test_a_store_of_another_version_with_our_manifest_is_verified_by_it(store: P
     assert found.version == "1.0.0a1+0123456789abcdef"
 
 
+def test_a_lost_manifest_hides_no_lost_and_no_damaged_chunk(store: Path) -> None:
+    """Both are computed again, and what is whole is kept."""
+    before = contents(store)
+    (store / OWN).unlink()
+    (store / "region/c/0/1").unlink()
+    chunk = store / "region/c/1/0"
+    chunk.write_bytes(chunk.read_bytes()[::-1])
+    assert set(examine(store).template) == {OWN, "region/c/0/1", "region/c/1/0"}
+    create_store(REQUEST, store)
+    assert tiles_done(REQUEST, store) == {0, 3}
+    for index in (1, 2):
+        compute_and_write(REQUEST, str(store), tiles_of(REQUEST)[index])
+    finish_store(store)
+    assert contents(store) == before
+
+
 def test_a_damaged_root_of_another_survey_is_not_ours(store: Path) -> None:
     edited_root(lambda root: root["attributes"].update(content_hash=REQUEST.content_hash(), title="x"))(store)
     before = contents(store)
