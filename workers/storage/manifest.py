@@ -18,7 +18,7 @@ from zarr.storage import MemoryStore
 from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
 from gear_rattle.workers.storage.location import Place
 from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, digest, digests
-from gear_rattle.workers.survey.template import Template, consolidate
+from gear_rattle.workers.survey.template import COMPACT, Template, consolidate
 
 #: The manifest is written once a two-hundredth of its tiles are new: one of many megabytes is written less often.
 SHARE = 200
@@ -160,7 +160,8 @@ def tell(place: Place, told: Mapping[str, Any]) -> None:
 def with_attributes(root: bytes, attributes: Mapping[str, Any]) -> bytes:
     """Return the metadata of a root that says this instead."""
     kept: dict[str, Buffer] = {ROOT: cpu.Buffer.from_bytes(root)}
-    zarr.open_group(MemoryStore(kept), mode="r+").attrs.put(dict(attributes))
+    with zarr.config.set(COMPACT):
+        zarr.open_group(MemoryStore(kept), mode="r+").attrs.put(dict(attributes))
     return kept[ROOT].to_bytes()
 
 
