@@ -61,7 +61,7 @@ def examine(where: str | Path | Place) -> Integrity:
     """
     place = place_of(where)
     if not place.occupied():
-        raise SurveyError(f"there is no survey at {place}, which does not exist or is empty: correct the path")
+        raise SurveyError(f"{place} does not exist or is empty: give the path of a survey")
     manifest, attributes = manifest_of(place), said_by_root(place)
     version, completed = (str(attributes.get(name, "")) for name in ("code_version", COMPLETED))
     if manifest is None and (not version or "content_hash" not in attributes):
