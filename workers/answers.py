@@ -12,9 +12,8 @@ from gear_rattle.workers.errors import SurveyError, reading
 from gear_rattle.workers.kinds import request_of
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.populations.variables import gears_of
-from gear_rattle.workers.storage.integrity import read_sealed
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.survey.seals import ROOT
+from gear_rattle.workers.storage.manifest import manifest_of, said_by_root, whole_root
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from rattle import Population
 
@@ -30,8 +29,9 @@ def population_of(where: str | Path | Place) -> Population:
         SurveyError: there is no population, it is not finished, or it is damaged.
     """
     place = place_of(where)
-    root = read_sealed(place, ROOT)
-    request = _request_of({} if root is None else root["attributes"], str(place))
+    manifest = manifest_of(place)
+    is_whole = manifest is None or whole_root(place, manifest) is not None  # another version may have no manifest
+    request = _request_of(said_by_root(place) if is_whole else {}, str(place))
     with reading(f"the gears of {place}"):
         group = zarr.open_group(place.zarr(), mode="r")
         return _population(request, lambda name: np.asarray(group[name]), str(place))

@@ -15,7 +15,7 @@ import zarr
 from gear_rattle.workers.errors import reading, storage_error
 from gear_rattle.workers.storage.added import Each, here
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.root import attributes_of, tell
+from gear_rattle.workers.storage.manifest import attributes_of, noting, tell
 from gear_rattle.workers.storage.store import write_tile
 from gear_rattle.workers.survey.refined.audit import AUDIT, DISAGREED, LEAF, ROUNDS, SOURCE_LEVEL, TOLD
 from gear_rattle.workers.survey.refined.rounds import KINDS, Counts, Round, next_round, upper_of
@@ -62,10 +62,13 @@ def meet_bound(
         # All of them: in parts, a turn might end before it comes to a tile that is to be computed.
         found = each(found_in, request, str(place), tiles)
         waiting = iter([tile for tile, counts in zip(tiles, found, strict=True) if counts is None])
-        while part := list(islice(waiting, at_once)):
-            found += each(take_through, request, str(place), part)
-            if should_pause():
-                return False
+        with noting(place) as note:
+            while part := list(islice(waiting, at_once)):
+                taken = each(take_through, request, str(place), part)
+                note({tile.index: files for (tile,), (_, files) in zip(part, taken, strict=True)})
+                found += [counts for counts, _ in taken]
+                if should_pause():
+                    return False
         counts = reduce(_sum, (one for one in found if one is not None))
         more = next_round(request.refine.bound, (first_audit(request), *later), counts)
         if more is None:
@@ -85,15 +88,16 @@ def found_in(_request: SurveyRequest, path: str, tile: Tile) -> Counts | None:
     return _counts(tile, stored)
 
 
-def take_through(request: SurveyRequest, path: str, tile: Tile) -> Counts:
-    """Compute and write a tile as it is after the rounds that it names. Returns what the last one found. May be done
-    twice.
+def take_through(request: SurveyRequest, path: str, tile: Tile) -> tuple[Counts, dict[str, str]]:
+    """Compute and write a tile as it is after the rounds that it names. May be done twice.
+
+    Returns what the last round found, and the digests of the tile's chunks by their keys.
     """
     values, _ = compute_tile(request, tile)
-    write_tile(request, path, tile, values)
+    files = write_tile(request, path, tile, values)
     counts = _counts(tile, values)
     assert counts is not None, "what is filled has gone through all rounds"
-    return counts
+    return counts, files
 
 
 def _counts(tile: Tile, values: Mapping[str, np.ndarray]) -> Counts | None:

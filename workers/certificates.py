@@ -21,13 +21,14 @@ import numpy as np
 import rattle
 from gear_rattle.workers.errors import SurveyError, storage_error
 from gear_rattle.workers.storage.added import Each
-from gear_rattle.workers.storage.integrity import COMPLETED, said_by_root
+from gear_rattle.workers.storage.integrity import COMPLETED
 from gear_rattle.workers.storage.location import CERTIFICATES as BESIDE
 from gear_rattle.workers.storage.location import Directory, certificates_of, place_of
 from gear_rattle.workers.storage.location import Place as Location
+from gear_rattle.workers.storage.manifest import said_by_root
 from gear_rattle.workers.storage.store import open_survey
+from gear_rattle.workers.survey.manifest import ROOT, digest
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.seals import ROOT, checksum
 from gear_rattle.workers.survey.slices import surveyed_model, value_along
 from gear_rattle.workers.survey.values.schema import CELL
 from rattle.models import AnyModel
@@ -324,7 +325,7 @@ def _checksums(out: Path, files: Iterable[str]) -> dict[str, str]:
     found: dict[str, str] = {}
     for key in files:
         with suppress(OSError):
-            found[key] = checksum(key, (out / key).read_bytes()).hex()
+            found[key] = digest(key, (out / key).read_bytes())
     return found
 
 

@@ -36,7 +36,8 @@ def complete(
 
     Args:
         each: does the tasks.
-        at_once: tiles that it is given at a time to go through a round, and parts of the attractors to be proved.
+        at_once: tiles that it is given at a time to go through a round or to be moved, and parts of the attractors to
+            be proved.
         on_proved: told how many attractors are through, and how many there are.
         should_pause: asked after each time: whether the rest is left for another call.
 
@@ -50,7 +51,7 @@ def complete(
     if lacks_bound(request, where) and not meet_bound(request, where, each, at_once, should_pause):
         return
     if lacks_families(request, where):
-        join_survey(request, where, each)
+        join_survey(request, where, each, at_once)
     if lacks_levels(request, where):  # of slots as they are after the join
         make_levels(request, where, each)
     if lacks_certificates(request, where):  # of attractors in their slots

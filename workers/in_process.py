@@ -4,12 +4,14 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, tile_error
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.manifest import noting
 from gear_rattle.workers.storage.store import before_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
@@ -80,7 +82,7 @@ def run_tiles_here(
                 values, record = compute_tile(request, tile)
                 if left.is_set():  # nobody holds the store any more
                     break
-                write_tile(request, str(place), tile, values)
+                record = replace(record, files=write_tile(request, str(place), tile, values))
             except Exception as error:
                 ended.put(tile_error(request, tile, error).with_traceback(error.__traceback__))
                 break
@@ -90,21 +92,23 @@ def run_tiles_here(
     with place.writing():
         if tiles:
             before_tiles(request, place)
-        threading.Thread(target=compute, name="tiles", daemon=True).start()
-        try:
-            deadline = math.inf
-            while time.monotonic() < deadline:
-                if deadline == math.inf and should_stop():
-                    stopping.set()
-                    deadline = time.monotonic() + GRACE_SECONDS
-                try:
-                    found = ended.get(timeout=POLL_SECONDS)
-                except Empty:
-                    continue
-                if found is None:
-                    return
-                if isinstance(found, Exception):
-                    raise found
-                on_tile(found)
-        finally:
-            left.set()
+        with noting(place) as note:
+            threading.Thread(target=compute, name="tiles", daemon=True).start()
+            try:
+                deadline = math.inf
+                while time.monotonic() < deadline:
+                    if deadline == math.inf and should_stop():
+                        stopping.set()
+                        deadline = time.monotonic() + GRACE_SECONDS
+                    try:
+                        found = ended.get(timeout=POLL_SECONDS)
+                    except Empty:
+                        continue
+                    if found is None:
+                        return
+                    if isinstance(found, Exception):
+                        raise found
+                    note({found.index: found.files})
+                    on_tile(found)
+            finally:
+                left.set()

@@ -7,7 +7,7 @@ from types import ModuleType
 from typing import Any
 
 import zarr
-from zarr.core.buffer import Buffer
+from zarr.abc.buffer import Buffer
 
 from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
 from gear_rattle.workers.populations import template as population_template

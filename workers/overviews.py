@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import zarr
-from zarr.core.buffer import Buffer
+from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gear_rattle.workers.errors import reading, storage_error
@@ -17,8 +17,8 @@ from gear_rattle.workers.storage.store import added_to_store, has_added
 from gear_rattle.workers.survey.levels import reduce
 from gear_rattle.workers.survey.levels.grid import GROUP, LevelBlock, blocks_of, levels_of, steps_of
 from gear_rattle.workers.survey.levels.template import create, described, files_of_levels, maps, meanings
+from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.seals import checksum
 from gear_rattle.workers.survey.values.evaluate import FAILED
 from gear_rattle.workers.survey.values.schema import OF_PERIODIC, Quantity, is_phase
 from rattle.attractors import PERIODIC
@@ -48,7 +48,7 @@ def make_levels(request: SurveyRequest, where: str | Path | Place, each: Each = 
 
 
 def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str, str]:
-    """Write a block of all levels. Returns the checksums of what was written, by their keys. May be done twice."""
+    """Write a block of all levels. Returns the digests of what was written, by their keys. May be done twice."""
     place = place_of(path)
     found: dict[str, str] = {}
     status = _read(place, block, "status")
@@ -59,7 +59,7 @@ def make_block(request: SurveyRequest, path: str, block: LevelBlock) -> dict[str
             known = known & (_read(place, block, "attractor_kind") == PERIODIC)
         for key, content in _chunks(request, block, quantity, values, known):
             place.put(key, content)
-            found[key] = checksum(key, content).hex()
+            found[key] = digest(key, content)
     return found
 
 

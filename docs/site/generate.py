@@ -23,15 +23,15 @@ STORE = """# What a store holds
 One zarr v3 store a survey: a file for each variable and tile, Zstandard and CRC-32C. Attributes of the root tell the
 request, the version of the code, the versions and the processor on which the last bits depend, the licence and how to
 cite. A complex variable is two, `…_real` and `…_imag`; `gear_rattle.open_survey` makes one of them again. `status` says
-which cells are computed: never the presence of a file.
+which cells are computed: never the presence of a file. `manifest.json`, which is no part of the zarr hierarchy, holds
+a digest of every file, for `rattle verify`.
 """
 SCALARS = """`beta`, of the stiff model `kappa` too, are coordinates without a dimension; surveys over a machine have
 `rpm` and `eccentricity` along δ and ε.
 
 In a survey with a third axis the one of them that is an axis is a dimension, the first of every variable below but for
 labels, with chunks of length 1: a tile lies in one slice. The groups `curves`, `codimension_two` and `families` are
-then in `slices/NUMBER`, one for each slice from 0, which has `beta` and `kappa` as attributes. The array
-`checksums/tiles` counts rows of tiles of all slices, one slice after the other."""
+then in `slices/NUMBER`, one for each slice from 0, which has `beta` and `kappa` as attributes."""
 
 
 def main(where: Path) -> None:

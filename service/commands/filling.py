@@ -106,7 +106,7 @@ def _compute(
     from gear_rattle import workers as survey
     from gear_rattle.service.commands.progress import reporter
     from gear_rattle.workers.kinds import place_of_cell
-    from gear_rattle.workers.storage.root import attributes_of
+    from gear_rattle.workers.storage.manifest import attributes_of
     from gear_rattle.workers.survey.refined.audit import TOLD
 
     todo = sum(tile.n_cells for tile in missing)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.state import Front
 from gear_rattle.workers import Bucket, place_of
-from gear_rattle.workers.storage.integrity import Manifest, manifest_of
-from gear_rattle.workers.survey.seals import SEALED
+from gear_rattle.workers.storage.manifest import manifest_of
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest
 
 
 def is_owed(front: Front, survey_id: str, key: str) -> bool:
@@ -19,7 +20,7 @@ def is_owed(front: Front, survey_id: str, key: str) -> bool:
         manifest = _manifest(front.directory.store(survey_id), ended)
     except LookupError:  # no store yet, or none that says anything
         return False
-    if key in manifest.files or key in SEALED:
+    if key in manifest.files or key in (ROOT, MANIFEST):
         return True
     tile = manifest.tile_of(key)
     return tile is not None and front.database.has_tile(survey_id, tile)
@@ -32,4 +33,4 @@ def _manifest(store: Path | Bucket, ended: bool) -> Manifest:  # noqa: ARG001  #
     """
     if (manifest := manifest_of(place_of(store))) is None:
         raise LookupError
-    return manifest
+    return replace(manifest, tiles={})  # the database knows which are computed

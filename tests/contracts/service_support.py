@@ -12,6 +12,7 @@ from anyio import to_process, to_thread
 from fastapi import FastAPI
 from fastapi.testclient import TestClient
 from waiting import HANG
+from written import write_tile
 
 from gear_rattle.service.access import keys
 from gear_rattle.service.app import create_app
@@ -22,7 +23,6 @@ from gear_rattle.service.operations import turns
 from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 from gear_rattle.workers import SurveyRequest, compute_tile, create_store, tiles_of
-from gear_rattle.workers.storage.store import write_tile
 
 HERE = "http://127.0.0.1:8000"
 BODY: dict[str, Any] = {

@@ -297,7 +297,7 @@ PROTECTIONS = (
         "a damaged root is mended",
         f"{SERVICE}::test_a_damaged_root_is_mended_on_request",
         "workers/storage/integrity.py",
-        "    lost = [key for key in SEALED if read_sealed(place, key) is None]\n",
+        "    lost = [ROOT] if whole_root(place, manifest) is None else []\n",
         "    lost = list[str]()\n",
     ),
     _one(
@@ -318,7 +318,7 @@ PROTECTIONS = (
     _one(
         "a checksum knows its place",
         "tests/contracts/workers/test_workers_integrity.py::test_a_whole_tile_in_the_place_of_another_is_damage",
-        "workers/survey/seals.py",
+        "workers/survey/manifest.py",
         "key=hashlib.blake2b(key.encode()).digest()",
         'key=b""',
     ),

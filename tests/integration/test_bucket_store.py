@@ -11,6 +11,7 @@ import xarray as xr
 import zarr
 from depth import deep
 from s3_server import BUCKET, S3
+from written import write_tile
 
 import gear_rattle.workers.storage.bucket
 from gear_rattle.workers import (
@@ -31,7 +32,6 @@ from gear_rattle.workers import (
     tiles_of,
 )  # fmt: skip
 from gear_rattle.workers.storage import bucket_lock
-from gear_rattle.workers.storage.store import write_tile
 
 REQUEST = SurveyRequest(
     delta=Axis(start=0.5, stop=0.9, num=5),

@@ -14,12 +14,12 @@ from faults import REQUEST, Faults
 from service_processes import ROOT, assert_bit_identical, client_of, free_port, serial_run, server
 from service_support import IdleClient, local_client
 from waiting import wait_until
+from written import compute_and_write
 
 from gear_rattle.service.app import create_app
 from gear_rattle.service.jobs import manager
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import ClusterLostError, open_survey
-from gear_rattle.workers.cluster.runner import compute_and_write
 from gear_rattle.workers.kinds import template_of
 
 MIDDLE = 5  # tiles that are done while the others are held

@@ -40,6 +40,12 @@ INSTANTS = {
             third = at_call(3, die)
             before(location.Directory, "put", lambda _, key, content: key.startswith("status/c/") and third())
     """,
+    "tile written, manifest not": """
+        @patch("gear_rattle.workers.storage.location")
+        def kill(location):
+            third = at_call(3, die)
+            before(location.Directory, "put", lambda _, key, content: key == "manifest.json" and third())
+    """,
     "tile written, row not": """
         @patch("gear_rattle.service.database")
         def kill(database):
@@ -51,14 +57,24 @@ INSTANTS = {
             after(database.Database, "add_tile", at_call(3, die))
     """,
     "all tiles done": """
-        @patch("gear_rattle.workers.storage.store")
-        def kill(store):
-            before(store, "_missing_cells", lambda *_: die())
+        @patch("gear_rattle.workers.storage.location")
+        def kill(location):
+            before(location.Directory, "sweep", lambda *_: die())
+    """,
+    "whole, about to be dated": """
+        @patch("gear_rattle.workers.storage.location")
+        def kill(location):
+            after(location.Directory, "put", lambda _, key, content: key == "manifest.json" and die())
     """,
     "whole, not dated": """
         @patch("gear_rattle.workers.storage.location")
         def kill(location):
             before(location.Directory, "put", lambda _, key, content: key == "zarr.json" and die())
+    """,
+    "root dated, manifest not": """
+        @patch("gear_rattle.workers.storage.location")
+        def kill(location):
+            after(location.Directory, "put", lambda _, key, content: key == "zarr.json" and die())
     """,
     "dated, not published": """
         @patch("gear_rattle.service.database")
@@ -81,6 +97,7 @@ STATUS_HALF_WRITTEN = """
 TELLING = (
     "template creation",
     "tile half written",
+    "tile written, manifest not",
     "tile written, row not",
     "dated, not published",
     "published",
@@ -107,7 +124,7 @@ def test_killed_at_every_instant(tmp_path: Path, expected: dict[str, np.ndarray]
     assert executed["template creation"] == executed.get("template renamed", 0) == 0
     assert executed["tile half written"] == 3
     # One worker has one tile at work: at most one is computed again after each death before the last tile.
-    assert executed["dated, not published"] <= N_TILES + 3
+    assert executed["dated, not published"] <= N_TILES + 4
     assert faults.executions().total() == executed.get("all tiles done", executed["dated, not published"])
     assert set(faults.executions()) == set(range(N_TILES))
 

@@ -15,11 +15,11 @@ from faults import REQUEST, Faults
 from service_processes import assert_bit_identical, client_of, finish, free_port, server
 from typer.testing import CliRunner, Result
 from waiting import wait_until
+from written import compute_and_write
 
 from gear_rattle.service.cli import app
 from gear_rattle.service.errors import ResponseError
 from gear_rattle.workers import SurveyError, create_store, examine, finish_store, tiles_done
-from gear_rattle.workers.cluster.runner import compute_and_write
 from gear_rattle.workers.survey.tiles import tiles_of
 
 OPTIONS = ["--delta", "0.58:0.78:8", "--epsilon", "0.05:0.24:8", "--count", "4", "--tile", "2x2"]

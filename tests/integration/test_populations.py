@@ -9,11 +9,11 @@ import pytest
 from depth import deep
 from service_processes import client_of, finish, free_port, server, start
 from waiting import wait_until
+from written import write_tile
 
 from gear_rattle.service.client import Job
 from gear_rattle.workers import PopulationRequest, compute_tile, create_store, finish_store, tiles_of
 from gear_rattle.workers.answers import population_of
-from gear_rattle.workers.storage.store import write_tile
 
 FIELDS: dict[str, Any] = {
     "gear": {"delta": 0.6, "epsilon": {"distribution": "uniform", "low": 0.08, "high": 0.18}},

@@ -24,6 +24,7 @@ from distributed import Client, Worker
 from distributed.scheduler import TaskGroup
 from intruders import certificates, listening
 from waiting import HANG, wait_until
+from written import compute_and_write
 
 import gear_rattle.workers.certificates
 import gear_rattle.workers.cluster.cluster
@@ -52,7 +53,6 @@ from gear_rattle.workers import (
     tiles_done,
     tiles_of,
 )
-from gear_rattle.workers.cluster.runner import compute_and_write
 from rattle import MissingExtraError
 
 REQUEST = SurveyRequest(

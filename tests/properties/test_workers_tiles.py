@@ -8,10 +8,10 @@ import xarray as xr
 from depth import deep, either
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from written import compute_and_write
 
 import rattle
 from gear_rattle.workers import Axis, SurveyRequest, create_store, open_survey, tiles_done
-from gear_rattle.workers.cluster.runner import compute_and_write
 from gear_rattle.workers.survey.tiles import compute_tile, tiles_of
 from rattle import models
 

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -28,6 +29,7 @@ from gear_rattle.workers.errors import ClusterLostError, StoppedError, SurveyErr
 from gear_rattle.workers.kinds import AnyRequest, AnyTile, compute_tile, template_of
 from gear_rattle.workers.populations.tiles import GearTile
 from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.manifest import noting
 from gear_rattle.workers.storage.store import before_tiles, require_aligned, write_tile
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
@@ -41,13 +43,12 @@ ATTEMPTS = 3
 
 
 def compute_and_write(request: AnyRequest, path: str, tile: AnyTile, apart: bool = False) -> TileRecord:
-    """Compute a tile and write it to the store."""
+    """Compute a tile and write it to the store. The record says what was written."""
     if apart:
         values, record = compute_tile_apart(request, tile, get_worker().memory_manager.memory_limit)
     else:
         values, record = compute_tile(request, tile)
-    write_tile(request, path, tile, values)
-    return record
+    return replace(record, files=write_tile(request, path, tile, values))
 
 
 def advance_tile(
@@ -70,8 +71,7 @@ def advance_tile(
     part = compute_partly(request, tile, before, seconds, expected)
     if not part.is_whole:
         return part
-    write_tile(request, path, tile, part.values)
-    return part.record
+    return replace(part.record, files=write_tile(request, path, tile, part.values))
 
 
 @lru_cache(maxsize=16)
@@ -201,42 +201,45 @@ def run_tiles(
         submission = Submission(advance_tile, request, str(place), client, begun.partial)
         left = {tile.index: tile for tile in tiles}
 
-        def on_ended(record: TileRecord) -> None:
-            begun.take_ended(record)
-            del left[record.index]
-            on_tile(record)
-            tell_left()
+        with noting(place) as note:
 
-        def tell_left() -> None:
-            if (seconds := begun.seconds_left(submission.n_threads)) is not None:
-                on_left(seconds)
-
-        asked = should_stop, unwanted, should_pause
-        try:
-            if is_divisible(request, math.prod(request.tile_shape)):
-                measuring = deque(begun.to_measure(tiles, columns))
-
-                def on_measured(tile: AnyTile) -> None:
-                    if begun.take_measured(tile):
-                        measuring.append(tile)
-
-                submission.seconds = 0.0  # one cell
-                _run(submission, measuring, on_ended, *asked, on_measured)
-                submission.seconds = PART_SECONDS
-                begun.expect(list(left.values()), columns)
-                tell_left()
-            waiting = deque(begun.in_order(list(left.values()), columns))
-
-            def on_part(tile: AnyTile) -> None:
-                waiting.appendleft(tile)
+            def on_ended(record: TileRecord) -> None:
+                note({record.index: record.files})
+                begun.take_ended(record)
+                del left[record.index]
+                on_tile(record)
                 tell_left()
 
-            if not should_stop():
-                _run(submission, waiting, on_ended, *asked, on_part)
-            if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
-                end_tasks_and_wait(client, submission.superseded)  # or they would undo what further rounds write
-        finally:
-            submission.cancel()
+            def tell_left() -> None:
+                if (seconds := begun.seconds_left(submission.n_threads)) is not None:
+                    on_left(seconds)
+
+            asked = should_stop, unwanted, should_pause
+            try:
+                if is_divisible(request, math.prod(request.tile_shape)):
+                    measuring = deque(begun.to_measure(tiles, columns))
+
+                    def on_measured(tile: AnyTile) -> None:
+                        if begun.take_measured(tile):
+                            measuring.append(tile)
+
+                    submission.seconds = 0.0  # one cell
+                    _run(submission, measuring, on_ended, *asked, on_measured)
+                    submission.seconds = PART_SECONDS
+                    begun.expect(list(left.values()), columns)
+                    tell_left()
+                waiting = deque(begun.in_order(list(left.values()), columns))
+
+                def on_part(tile: AnyTile) -> None:
+                    waiting.appendleft(tile)
+                    tell_left()
+
+                if not should_stop():
+                    _run(submission, waiting, on_ended, *asked, on_part)
+                if submission.superseded and isinstance(request, SurveyRequest) and request.is_bounded:
+                    end_tasks_and_wait(client, submission.superseded)  # or they would undo what further rounds write
+            finally:
+                submission.cancel()
 
 
 def _run(

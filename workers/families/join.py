@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import pairwise, product
+from itertools import islice, pairwise, product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,11 +17,12 @@ from gear_rattle.workers.families.move import move_tile
 from gear_rattle.workers.families.tasks import Border, Connected, Told, connect, enter, tell, write_families
 from gear_rattle.workers.storage.added import Each, here
 from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.manifest import known_manifest, noting
 from gear_rattle.workers.storage.store import added_to_store, has_added
 from gear_rattle.workers.survey.crossings import Crossings, Polyline, crossings_of
 from gear_rattle.workers.survey.families import FAMILY, Joined, files_of_families, slots_of_families
+from gear_rattle.workers.survey.manifest import path_of
 from gear_rattle.workers.survey.request import Along, SurveyRequest
-from gear_rattle.workers.survey.seals import path_of
 from gear_rattle.workers.survey.tiles import Tile, tiles_at
 from gear_rattle.workers.survey.values.schema import Group
 from rattle import Attractors
@@ -38,7 +39,7 @@ def lacks_families(request: SurveyRequest, where: str | Path | Place) -> bool:
     return Group.FAMILIES in request.quantities and not has_added(where, FAMILY)
 
 
-def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = here) -> None:
+def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = here, at_once: int = 1) -> None:
     """Join the attractors of a survey whose tiles are all computed, each slice for itself, and store their families.
 
     The caller holds the store. The result is a function of what the tiles hold: neither their shape nor the order in
@@ -49,7 +50,7 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
         SurveyError: there is no survey, or it is damaged.
     """
     place = place_of(where)
-    joins = [_Join(request, place, each, along) for along in request.slices]
+    joins = [_Join(request, place, each, at_once, along) for along in request.slices]
     try:
         found = {join.along: join.run() for join in joins}
         files = files_of_families(request, joins[0].blocks[0].side, {along: x[:2] for along, x in found.items()})
@@ -62,15 +63,15 @@ def join_survey(request: SurveyRequest, where: str | Path | Place, each: Each = 
 class _Join:
     """One join of a slice: what is known of all blocks is here, in memory that grows with families and borders."""
 
-    def __init__(self, survey: SurveyRequest, place: Place, each: Each, along: Along) -> None:
+    def __init__(self, survey: SurveyRequest, place: Place, each: Each, at_once: int, along: Along) -> None:
         self.along, self._survey, self._request = along, survey, survey.at(along)
-        self._place, self._each = place, each
+        self._place, self._each, self._at_once = place, each, at_once
         self._columns = survey.shape[1]
         self.blocks = blocks_of(self._request, along)
         self._number = {(block.row, block.column): i for i, block in enumerate(self.blocks)}
 
     def run(self) -> tuple[Joined, Edges, dict[str, str]]:
-        """Join the slice, and write the families of its cells: all of them, where they end, and checksums of chunks."""
+        """Join the slice, and write the families of its cells: all of them, where they end, and digests of chunks."""
         curves = _curves(self._request, self._place, self.along)
         entered = self._entered()
         parts: list[Connected] = self._of_blocks(connect, zip(entered, self._after(entered), strict=True))
@@ -176,14 +177,25 @@ class _Join:
     def _written(
         self, entered: Sequence[Attractors], family: Sequence[np.ndarray], slots: np.ndarray
     ) -> dict[str, str]:
-        """Write the families of all cells, and move attractors to their slots. Returns checksums of what was added."""
+        """Write the families of all cells, and move attractors to their slots. Returns digests of what was added."""
         found = self._of_blocks(
             write_families, ((orbits, of, slots[of]) for orbits, of in zip(entered, family, strict=True))
         )
         if self._request.slots_follow_families:
-            tiles = [(tile, self._around(tile)) for tile in tiles_at(self._survey, self.along)]
-            self._each(move_tile, self._survey, str(self._place), tiles)
-        return {block.chunk: checksum for block, checksum in zip(self.blocks, found, strict=True)}
+            self._move()
+        return {block.chunk: digest for block, digest in zip(self.blocks, found, strict=True)}
+
+    def _move(self) -> None:
+        """Move the attractors of all tiles to their slots.
+
+        Tiles that a killed run has moved and not noted are damaged, and computed again.
+        """
+        known, tiles = known_manifest(self._place), iter(tiles_at(self._survey, self.along))
+        with noting(self._place) as note:
+            while some := list(islice(tiles, self._at_once)):
+                items = [(tile, self._around(tile), known.digests_of(tile.index)) for tile in some]
+                moved = self._each(move_tile, self._survey, str(self._place), items)
+                note({tile.index: files for tile, files in zip(some, moved, strict=True)})
 
 
 def _of_all(borders: Sequence[Border], begin: np.ndarray) -> Border:

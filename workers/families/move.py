@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from gear_rattle.workers.families.blocks import Block, place_in_cell, read_targets
 from gear_rattle.workers.kinds import compute_tile
 from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.store import read_tile, rewrite_tile, write_tile
+from gear_rattle.workers.storage.store import read_tile, write_tile
 from gear_rattle.workers.survey.families import listed, with_empty
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.tiles import Tile, TileArrays
@@ -17,28 +17,28 @@ from gear_rattle.workers.survey.values.schema import SLOT
 from rattle.families import Rectangle
 
 
-def move_tile(request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block]) -> None:
-    """Move what is in the slots of a tile; one in which everything is in place is left as it is.
+def move_tile(
+    request: SurveyRequest, path: str, tile: Tile, blocks: Sequence[Block], known: Mapping[str, str]
+) -> Mapping[str, str]:
+    """Move what is in the slots of a tile; one in which everything is in place is left as it is. Returns the digests of
+    its chunks, by their key.
 
-    blocks: those that cover it. A tile that a task before this was moving when its worker died is neither as it was nor
-    as it is to be: it is computed again.
+    blocks: those that cover it; known: the digests of its chunks before. A tile that a task before this was moving when
+    its worker died is neither as it was nor as it is to be: it is computed again.
     """
-    values = read_tile(request, path, tile)
+    values = read_tile(request, path, tile, known)
     computed = values is not None
     if values is None:
         values = compute_tile(request, tile)[0]
     place = place_of(path)
     source = _source(request, place, tile, blocks, values)
     if computed and (source == np.arange(request.n_slots)[:, None, None]).all():
-        return
+        return known
     for each in request.variables:
         if each.per_cell and each.dims[0] == SLOT:
             index = source.reshape(source.shape[0], *(1,) * (len(each.dims) - 3), *source.shape[1:])
             values[each.name] = np.take_along_axis(values[each.name], index, 0)
-    if computed:
-        rewrite_tile(request, place, tile, values)
-    else:
-        write_tile(request, path, tile, values)
+    return write_tile(request, path, tile, values)
 
 
 def _source(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import zarr
-from zarr.core.buffer import Buffer
+from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gear_rattle.workers.boundaries.edges import Ends, ends_in
@@ -30,8 +30,8 @@ from gear_rattle.workers.families.blocks import (
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.survey.crossings import Crossings
 from gear_rattle.workers.survey.families import Slots, create_numbers, slots_of
+from gear_rattle.workers.survey.manifest import digest
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.seals import checksum
 from rattle import Attractors
 from rattle.families import NO_FAMILY, QUIET_FAMILY, Rectangle, Sums, connected, entering, in_order, sums_of, together
 
@@ -148,7 +148,7 @@ def write_families(
     request: SurveyRequest, path: str, block: Block, entered: Attractors, family: np.ndarray, slot: np.ndarray
 ) -> str:
     """Write the families of a block, and keep the slots of its attractors; family, slot: of each of its components and
-    −1, slot −1: none in all cells. Returns the checksum of what was written.
+    −1, slot −1: none in all cells. Returns the digest of what was written.
     """
     place, cells = place_of(path), block.cells
     found = attractors_in(request, place, cells, block.along)
@@ -166,7 +166,7 @@ def write_families(
     array[:, cells.top : cells.bottom, cells.left : cells.right] = numbers.reshape(shape)
     content = kept[replace(block, along=()).chunk].to_bytes()  # one more axis of length 1 changes no byte
     place.put(block.chunk, content)
-    return checksum(block.chunk, content).hex()
+    return digest(block.chunk, content)
 
 
 def _cells(request: SurveyRequest, cells: Rectangle) -> object:

@@ -4,13 +4,12 @@ import json
 from typing import Any
 
 import zarr
-from zarr.core.buffer import Buffer
+from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.populations.variables import SAMPLE, Variable, variables_of
-from gear_rattle.workers.survey.seals import TILES
-from gear_rattle.workers.survey.template import CODECS, WHOLE, Template, completed, create_checksums, now
+from gear_rattle.workers.survey.template import CODECS, WHOLE, Template, completed, now
 from gear_rattle.workers.survey.values.quantities import DOI
 from gear_rattle.workers.survey.version import code_version
 
@@ -25,9 +24,7 @@ def template_of(request: PopulationRequest, created: str | None = None) -> Templ
     variables = variables_of(request)
     for variable in variables:
         _create(root, request, variable)
-    chunks = _chunks(variables)
-    create_checksums(root, request.tile_grid, len(chunks))
-    return completed(kept, request, created, chunks)
+    return completed(kept, request, created, _chunks(variables))
 
 
 def blank(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
@@ -36,8 +33,7 @@ def blank(request: PopulationRequest) -> tuple[dict[str, Buffer], dict[str, zarr
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     variables = variables_of(request)
     arrays = {each.name: _create(root, request, each) for each in variables}
-    chunks = _chunks(variables)
-    return kept, arrays | {TILES: create_checksums(root, request.tile_grid, len(chunks))}, chunks
+    return kept, arrays, _chunks(variables)
 
 
 def _chunks(variables: tuple[Variable, ...]) -> dict[str, str]:

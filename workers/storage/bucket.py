@@ -17,7 +17,7 @@ from zarr.storage import ObjectStore
 
 from gear_rattle.workers.errors import StorageError, SurveyError
 from gear_rattle.workers.storage.bucket_lock import has_died, identity
-from gear_rattle.workers.survey.seals import ROOT
+from gear_rattle.workers.survey.manifest import ROOT
 
 if TYPE_CHECKING:
     from obstore.store import S3Store

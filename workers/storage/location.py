@@ -14,7 +14,7 @@ from uuid import uuid4
 
 from gear_rattle.workers.errors import SurveyError, storage_error
 from gear_rattle.workers.storage.bucket import LOCK, SCHEME, Bucket
-from gear_rattle.workers.survey.seals import ROOT
+from gear_rattle.workers.survey.manifest import ROOT
 
 CERTIFICATES = ".certificates.zarr"  # the ending of a store of certificates
 

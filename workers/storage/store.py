@@ -10,30 +10,31 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import zarr
-from zarr.core.buffer import cpu
+from zarr.buffer import cpu
 
 from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
-from gear_rattle.workers.kinds import AnyRequest, AnyTile, blank, template_of
-from gear_rattle.workers.populations.request import PopulationRequest
+from gear_rattle.workers.kinds import AnyRequest, AnyTile, blank, template_of, tiles_of
 from gear_rattle.workers.storage.bucket import SCHEME
 from gear_rattle.workers.storage.encoding import prepare_for_writing
-from gear_rattle.workers.storage.integrity import (
-    COMPLETED,
-    STATUS,
-    Manifest,
-    damaged_template,
-    examine_tiles,
+from gear_rattle.workers.storage.integrity import COMPLETED, STATUS, damaged_template, examine_tiles
+from gear_rattle.workers.storage.location import Place, place_of
+from gear_rattle.workers.storage.manifest import (
+    attributes_of,
+    describe,
+    known_manifest,
     manifest_of,
-    read_sealed,
+    read,
+    replace_root,
     require_there,
     said_by_root,
-    whole_tile,
+    tell,
+    whole_root,
+    with_attributes,
 )
-from gear_rattle.workers.storage.location import Place, place_of
-from gear_rattle.workers.storage.root import attributes_of, tell
 from gear_rattle.workers.survey.families import FAMILY
 from gear_rattle.workers.survey.families import GROUP as FAMILIES
 from gear_rattle.workers.survey.levels.grid import GROUP as LEVELS
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, Manifest, chunk_key, digests
 from gear_rattle.workers.survey.refined.audit import (
     AUDIT,
     AUDITED,
@@ -45,21 +46,8 @@ from gear_rattle.workers.survey.refined.audit import (
     told_of_audit,
 )
 from gear_rattle.workers.survey.request import SurveyRequest
-from gear_rattle.workers.survey.seals import (
-    GROUP,
-    OWN,
-    ROOT,
-    SLICES,
-    TILES,
-    checksums_of,
-    chunk_key,
-    files_of,
-    sealed,
-    tile_key,
-)
 from gear_rattle.workers.survey.template import Template, now
-from gear_rattle.workers.survey.tiles import Tile
-from gear_rattle.workers.survey.values.schema import CELL, SLOT
+from gear_rattle.workers.survey.values.schema import CELL
 from gear_rattle.workers.survey.version import code_version
 
 if TYPE_CHECKING:
@@ -88,33 +76,54 @@ def create_store(request: AnyRequest, where: str | Path | Place, make: Make | No
     try:
         if not place.occupied():
             place.build(make(request, None))
-        manifest = _require_same(request, place)
-        if not _template_whole(request, place, manifest):
+        if _is_damaged(place, _require_same(request, place)):
             with place.writing():
-                _mend(place, make(request, manifest.date_created))
+                _mend(request, place, make)
     except OSError as error:
         raise storage_error(f"{place} cannot be created", error) from error
 
 
-def _template_whole(request: AnyRequest, place: Place, manifest: Manifest) -> bool:
-    if damaged_template(place, manifest):
-        return False
-    described = (read_sealed(place, ROOT) or {})["consolidated_metadata"]["metadata"]
-    kept, arrays, _ = _blank(request)
-    return all(described.get(name) == json.loads(kept[f"{name}/{ROOT}"].to_bytes()) for name in arrays)
+def _is_damaged(place: Place, manifest: Manifest | None) -> bool:
+    return manifest is None or bool(damaged_template(place, manifest))
 
 
-def _mend(place: Place, template: Template) -> None:
-    """Write the template over what is there, the root last."""
-    root, before = json.loads(template[ROOT]), read_sealed(place, ROOT)
-    if before is not None:
-        root["attributes"] |= {name: before["attributes"][name] for name in KEPT if name in before["attributes"]}
-    for key in template.keys() - {ROOT}:
+def _mend(request: AnyRequest, place: Place, make: Make) -> None:
+    """Write the template over what is there, the root and the manifest last. What was added to it is made again."""
+    manifest = _require_same(request, place)
+    if not _is_damaged(place, manifest):
+        return  # another run has mended it meanwhile
+    said = said_by_root(place)
+    trusted = said if manifest is None or whole_root(place, manifest) else {}
+    created = manifest.date_created if manifest else trusted.get("date_created")
+    template = make(request, created)
+    for key in template.keys() - {ROOT, MANIFEST}:
         place.put(key, template[key])
-    place.put(ROOT, sealed(root))
+    after = Manifest.of_bytes(template[MANIFEST])
+    assert after is not None, "a template is whole"
+    if manifest is None:
+        for index, files in _decodable(request, place):
+            after.note(index, files)
+    else:
+        after.tiles.update(manifest.tiles)
+    attributes = json.loads(template[ROOT])["attributes"]
+    kept = {name: trusted[name] for name in KEPT if name in trusted}
+    replace_root(place, manifest or after, with_attributes(template[ROOT], attributes | kept), after)
 
 
-def _require_same(request: AnyRequest, place: Place) -> Manifest:
+def _decodable(request: AnyRequest, place: Place) -> Iterator[tuple[int, dict[str, str]]]:
+    """Yield the tiles whose chunks all decode, with their digests, of a store that has lost its manifest."""
+    for tile in tiles_of(request):
+        contents = _contents(request, place, tile)
+        try:
+            is_computed = _decoded(request, tile, contents)[STATUS].all()
+        except Exception:  # what a codec raises of a damaged chunk, or a lost one
+            continue
+        if is_computed:
+            yield tile.index, digests(contents)
+
+
+def _require_same(request: AnyRequest, place: Place) -> Manifest | None:
+    """Return the manifest of a survey's store; None if it is lost or damaged, and the root says whose it is."""
     manifest = manifest_of(place)
     if manifest is not None and manifest.content_hash == request.content_hash():
         return manifest
@@ -128,11 +137,8 @@ def _require_same(request: AnyRequest, place: Place) -> Manifest:
             f"{place} holds a survey computed by version {attributes.get('code_version')}, and this is {code_version()}"
             ": choose another path, or finish it with that version"
         )
-    if manifest is None:
-        raise SurveyError(
-            f"{place} is damaged: neither {ROOT} nor {OWN} says what it was. Take one of them from a copy of the"
-            " survey, or choose another path"
-        )
+    if manifest is None and attributes["content_hash"] == request.content_hash():
+        return None
     raise SurveyError(f"{place} holds another survey: choose another path, or delete that one first")
 
 
@@ -148,7 +154,8 @@ def tiles_done(
         StoppedError: because `should_stop` said so.
     """
     place = place_of(where)
-    return examine_tiles(place, _require_same(request, place), should_stop)[0]
+    _require_same(request, place)
+    return examine_tiles(place, known_manifest(place), should_stop)[0]
 
 
 def require_aligned(request: AnyRequest, tile: AnyTile) -> None:
@@ -159,8 +166,9 @@ def require_aligned(request: AnyRequest, tile: AnyTile) -> None:
             raise SurveyError(f"tile {tile.index} ({span}) is not a chunk of {size}: use the tiles of tiles_of")
 
 
-def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[str, np.ndarray]) -> None:
-    """Write every variable of a tile, `status` last: a tile that was interrupted is not done.
+def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, str]:
+    """Write every variable of a tile. It is computed once the digests of its chunks, which this returns by their key,
+    are in the manifest.
 
     Raises:
         StorageError: it cannot be written now, or the store is gone: with its disk, or by a deletion.
@@ -168,11 +176,13 @@ def write_tile(request: AnyRequest, path: str, tile: AnyTile, values: Mapping[st
     """
     require_aligned(request, tile)
     place = _place(path, request)
-    for key, content in _encoded(request, tile, values):
+    written = _encoded(request, tile, values)
+    for key, content in written.items():
         if not place.exists():  # a deleted survey would come back, in pieces
             require_there(place)
             raise StorageError(f"{ROOT} of {place} is gone: run the survey again to repair it")
         place.put(key, content)
+    return digests(written)
 
 
 @lru_cache(maxsize=16)
@@ -182,63 +192,58 @@ def _place(path: str, request: AnyRequest) -> Place:
     return place_of(path)
 
 
-def read_tile(request: SurveyRequest, path: str, tile: Tile) -> dict[str, np.ndarray] | None:
-    """Read every variable of a tile; None if it is not computed, or damaged.
+def read_tile(request: AnyRequest, path: str, tile: AnyTile, known: Mapping[str, str]) -> dict[str, np.ndarray] | None:
+    """Read every variable of a computed tile; None if it is damaged. known: the digests of its chunks, by their key.
 
     Raises:
         StorageError: it cannot be read now.
         SurveyError: the store is of another survey, or may not be read.
     """
+    contents = _contents(request, _place(path, request), tile)
+    return _decoded(request, tile, contents) if digests(contents) == known else None
+
+
+def _contents(request: AnyRequest, place: Place, tile: AnyTile) -> dict[str, bytes]:
+    """Return the chunks of a tile that are there, by their key."""
+    found = ((key, read(place, key)) for key in _keys(request, tile).values())
+    return {key: content for key, content in found if content is not None}
+
+
+def _decoded(request: AnyRequest, tile: AnyTile, contents: Mapping[str, bytes]) -> dict[str, np.ndarray]:
+    """Return every variable of a tile. Raises what a codec does of a damaged chunk, KeyError of a lost one."""
     kept, arrays, _ = _blank(request)
-    row, column, keys = _keys(request, tile)
-    if (contents := whole_tile(_place(path, request), keys, row, column)) is None:
-        return None
     values = {}
-    for name, content in contents.items():
-        kept[keys[name]] = cpu.Buffer.from_bytes(content)
-        values[name] = np.asarray(arrays[name][tile.at])
-        del kept[keys[name]]
+    for name, key in _keys(request, tile).items():
+        kept[key] = cpu.Buffer.from_bytes(contents[key])
+        try:
+            values[name] = np.asarray(arrays[name][tile.at])
+        finally:
+            del kept[key]
     return values
 
 
-def rewrite_tile(request: SurveyRequest, place: Place, tile: Tile, values: Mapping[str, np.ndarray]) -> None:
-    """Write the slots of a computed tile anew; values: all of its variables. One that was interrupted is damaged.
-
-    Raises:
-        OSError: it cannot be written now.
-    """
-    quantities = request.variables
-    same = tuple(f"{each.name}/" for each in quantities if each.dims[0] != SLOT)
-    for key, content in _encoded(request, tile, values):
-        if not key.startswith(same):
-            place.put(key, content)
-
-
-def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray]) -> list[tuple[str, bytes]]:
-    """Return the files of a tile, in the order in which they are to be written."""
+def _encoded(request: AnyRequest, tile: AnyTile, values: Mapping[str, np.ndarray]) -> dict[str, bytes]:
+    """Return the files of a tile, by their key, as zarr writes them."""
     kept, arrays, chunks = _blank(request)
     for name, given in values.items():
         if given.shape != np.broadcast_to(0, arrays[name].shape)[tile.at].shape:
             raise SurveyError(f"tile {tile.index}: {name} has shape {given.shape}, not that of its chunk")
     if missing := chunks.keys() - values.keys():
         raise SurveyError(f"tile {tile.index} lacks {', '.join(sorted(missing))}")
-    row, column, keys = _keys(request, tile)
     contents = {}
-    for name, key in keys.items():
+    for name, key in _keys(request, tile).items():
         arrays[name][tile.at] = values[name]
-        contents[name] = kept.pop(key).to_bytes()
-    sums = tile_key(row, column)
-    arrays[TILES][:, row : row + 1, column : column + 1] = checksums_of(row, column, keys, contents)
-    first = [(key, contents[name]) for name, key in keys.items() if name != STATUS]
-    return [*first, (sums, kept.pop(sums).to_bytes()), (keys[STATUS], contents[STATUS])]
+        contents[key] = kept.pop(key).to_bytes()
+    return contents
 
 
-def _keys(request: AnyRequest, tile: AnyTile) -> tuple[int, int, dict[str, str]]:
-    """Return where a tile is among the tiles, and the key of each of its chunks."""
+def _keys(request: AnyRequest, tile: AnyTile) -> dict[str, str]:
+    """Return the key of each chunk of a tile, by variable, `status` last: explorers show what it says is there."""
     rows, columns = request.tile_grid
     row, column = divmod(tile.index, columns)
     chunks = _blank(request)[2]
-    return row, column, {name: chunk_key(key, row, column, rows // request.n_slices) for name, key in chunks.items()}
+    keys = {name: chunk_key(key, row, column, rows // request.n_slices) for name, key in chunks.items()}
+    return keys | {STATUS: keys.pop(STATUS)}
 
 
 def finish_store(where: str | Path | Place) -> None:
@@ -246,15 +251,15 @@ def finish_store(where: str | Path | Place) -> None:
 
     Raises:
         StorageError: it cannot be written now.
-        SurveyError: there is no survey, cells are missing, or a run still writes to it.
+        SurveyError: there is no survey, tiles are missing, or a run still writes to it.
     """
     place = place_of(where)
-    if (manifest := manifest_of(place)) is None:
-        require_there(place)
-        raise SurveyError(f"{place} holds something that is not a survey: choose another path")
+    manifest = known_manifest(place)
     with place.writing():
-        if missing := _missing_cells(place):
-            raise SurveyError(f"{place} lacks {missing} cells: run the survey again to resume it")
+        if missing := manifest.n_tiles - len(manifest.tiles):
+            raise SurveyError(
+                f"{place} lacks {missing} of its {manifest.n_tiles} tiles: run the survey again to resume it"
+            )
         try:
             place.sweep()
             told = {COMPLETED: attributes_of(place).get(COMPLETED) or now()}
@@ -272,34 +277,14 @@ def has_added(where: str | Path | Place, name: str) -> bool:
 
 
 def added_to_store(where: str | Path | Place, added: Template, there: Mapping[str, str]) -> None:
-    """Add what follows from all tiles: the files of `added`, whose root describes them, and those that are there
-    already, with their checksums. They appear with the root, which comes last, and are sealed as the template's are.
+    """Add what follows from all tiles: the files of `added`, and those that are there already, with their digests. They
+    appear with the root, which comes last, and are in the manifest as the template's are.
 
     Raises:
         OSError: it cannot be written now.
         SurveyError: there is no survey, or it is damaged.
     """
-    place = place_of(where)
-    root, own = read_sealed(place, ROOT), read_sealed(place, OWN)
-    if root is None or own is None:
-        require_there(place)
-        raise SurveyError(f"{place} is damaged: run the survey again to repair it")
-    files = {key: content for key, content in added.items() if key != ROOT}
-    own["attributes"]["files"] |= files_of(files) | dict(there)
-    sums = sealed(own)
-    described = json.loads(added[ROOT])["consolidated_metadata"]["metadata"]
-    described[GROUP] = root["consolidated_metadata"]["metadata"][GROUP] | {"attributes": json.loads(sums)["attributes"]}
-    every = root["consolidated_metadata"]["metadata"] | described
-    root["consolidated_metadata"]["metadata"] = dict(sorted(every.items(), key=lambda each: _slice_group(each[0])))
-    for key, content in files.items():
-        place.put(key, content)
-    place.put(OWN, sums)
-    place.put(ROOT, sealed(root))
-
-
-def _slice_group(key: str) -> str:
-    """The group that a key of a slice is in: in metadata that zarr reads, members of a group stand together."""
-    return key.rpartition("/")[0] if key.startswith(f"{SLICES}/") else ""
+    describe(place_of(where), added, there, lambda _: False)
 
 
 def before_tiles(request: AnyRequest, place: Place) -> None:
@@ -312,33 +297,14 @@ def before_tiles(request: AnyRequest, place: Place) -> None:
     try:
         if TOLD[-1] in said_by_root(place):
             tell(place, dict.fromkeys(TOLD))
-    except OSError as error:
-        raise storage_error(f"{place} cannot be written", error) from error
-    if isinstance(request, PopulationRequest) or not (request.slots_follow_families and has_added(place, FAMILY)):
-        return
-    root, own = read_sealed(place, ROOT), read_sealed(place, OWN)
-    if root is None or own is None:
-        return
-    files, described = own["attributes"]["files"], root["consolidated_metadata"]["metadata"]
-    own["attributes"]["files"] = {key: sum_ for key, sum_ in files.items() if not _is_added(key)}
-    sums = sealed(own)
-    left = {key: of for key, of in described.items() if not _is_added(key)}
-    root["consolidated_metadata"]["metadata"] = left | {
-        GROUP: left[GROUP] | {"attributes": json.loads(sums)["attributes"]}
-    }
-    try:
-        place.put(OWN, sums)
-        place.put(ROOT, sealed(root))
+        if isinstance(request, SurveyRequest) and request.slots_follow_families and has_added(place, FAMILY):
+            describe(place, {}, {}, _is_added)
     except OSError as error:
         raise storage_error(f"{place} cannot be written", error) from error
 
 
 def _is_added(key: str) -> bool:
     return not {FAMILY, FAMILIES, LEVELS}.isdisjoint(key.split("/"))
-
-
-def _missing_cells(place: Place) -> int:
-    return sum(int(np.sum(band == 0)) for band in bands(place, STATUS))
 
 
 def _refined(place: Place) -> dict[str, int | float]:
@@ -417,7 +383,7 @@ def open_groups(path_or_url: str | Path | Place) -> dict[str, xr.Dataset]:
     return {
         path.strip("/"): prepare_for_writing(each)
         for path, each in found.items()
-        if path.split("/")[1] not in ("", GROUP, LEVELS)
+        if path.split("/")[1] not in ("", LEVELS)
     }
 
 

@@ -5,16 +5,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import zarr
-from zarr.core.buffer import Buffer
+from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gear_rattle.workers.survey.curves import TEXT, Variable
+from gear_rattle.workers.survey.manifest import ROOT
 from gear_rattle.workers.survey.request import Along, SurveyRequest
 from gear_rattle.workers.survey.template import (
     CODECS,
     WHOLE,
     Template,
-    consolidate,
     contents,
     group_of,
     write_variables,
@@ -214,19 +214,16 @@ def create_numbers(root: zarr.Group, request: SurveyRequest, side: int) -> zarr.
 
 
 def files_of_families(request: SurveyRequest, side: int, found: Mapping[Along, tuple[Joined, Any]]) -> Template:
-    """Return the files that families add to a store but the chunks of their numbers, by their key, with a root that
-    describes them.
+    """Return the files that families add to a store but the chunks of their numbers, by their key.
 
     found: of each slice its families, and what EDGE_VARIABLES are read from.
     """
     kept: dict[str, Buffer] = {}
-    store = MemoryStore(kept)
-    root = zarr.create_group(store, zarr_format=3)
+    root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     create_numbers(root, request, side)
     for along, (joined, edges) in found.items():
         attributes = {"long_name": "families of attractors", "references": REFERENCE}
         group = group_of(root, request, along).create_group(GROUP, attributes=attributes)
         write_variables(group, FAMILY_VARIABLES, joined)
         write_variables(group, EDGE_VARIABLES, edges)
-    consolidate(store)
-    return contents(kept)
+    return {key: content for key, content in contents(kept).items() if key != ROOT}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.survey.seals import path_of
+from gear_rattle.workers.survey.manifest import path_of
 from gear_rattle.workers.survey.values.schema import FIXED
 from rattle.models import AnyModel, model_of
 

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import zarr
+from zarr.abc.buffer import Buffer
 from zarr.codecs import Crc32cCodec, ZstdCodec
-from zarr.core.array_spec import ArrayConfigParams
-from zarr.core.buffer import Buffer, cpu
 from zarr.errors import ZarrUserWarning
 from zarr.storage import MemoryStore, StoreLike
 
@@ -25,8 +24,8 @@ from gear_rattle.workers.survey.curves import (
     window_around,
 )
 from gear_rattle.workers.survey.machine import AXES
+from gear_rattle.workers.survey.manifest import MANIFEST, ROOT, SLICE, SLICES, Manifest, digests, path_of
 from gear_rattle.workers.survey.request import Along, SurveyRequest
-from gear_rattle.workers.survey.seals import GROUP, OWN, ROOT, SLICE, SLICES, TILES, files_of, path_of, sealed
 from gear_rattle.workers.survey.tiles import cells_of
 from gear_rattle.workers.survey.values.quantities import COORDINATES, DOI, labels_of, shape_of
 from gear_rattle.workers.survey.values.schema import FIXED, SLOT, Quantity
@@ -35,7 +34,9 @@ from gear_rattle.workers.survey.version import code_version
 #: Every chunk ends in a checksum, so that any reader fails loudly on a damaged one instead of showing other numbers.
 CODECS = (ZstdCodec(level=0), Crc32cCodec())
 #: Every chunk has a file, so that a lost one is told from one of fill values only.
-WHOLE: ArrayConfigParams = {"write_empty_chunks": True}
+WHOLE: Any = {"write_empty_chunks": True}
+#: The root is read whenever a survey is opened: two thirds of the bytes without white space.
+COMPACT = {"json_indent": None}
 
 
 Template = dict[str, bytes]  # of every file of a store without tiles, by its key
@@ -56,29 +57,21 @@ def template_of(request: SurveyRequest, created: str | None = None) -> Template:
         _create(root, request, quantity)
     for along, each in request.slices.items():
         _write_curves(group_of(root, request, along), each)
-    chunks = _chunks(request, quantities)
-    create_checksums(root, request.tile_grid, len(chunks))
-    return completed(kept, request, created, chunks)
+    return completed(kept, request, created, _chunks(request, quantities))
 
 
 def completed(kept: dict[str, Buffer], request: Any, created: str, chunks: dict[str, str]) -> Template:
-    """Return a store that is kept in memory as the template of a request's: with its checksums, its metadata
-    consolidated, and sealed. chunks: each variable's key of chunks, with {row} and {column}.
+    """Return a store that is kept in memory as the template of a request's: with its metadata consolidated, and its
+    manifest. chunks: each variable's key of chunks, with {row} and {column}.
     """
-    template = contents(kept)
-    attributes = {
-        "long_name": "checksums of every file (workers/survey/seals.py)",
-        "content_hash": request.content_hash(),
-        "date_created": created,
-        "grid": request.tile_grid,
-        **({"slices": request.n_slices} if request.n_slices > 1 else {}),
-        "chunks": chunks,
-        "files": files_of(template),
-    }
-    kept[OWN] = cpu.Buffer.from_bytes(sealed({**json.loads(template[OWN]), "attributes": attributes}))
     consolidate(MemoryStore(kept))
-    consolidated = contents(kept)
-    return consolidated | {ROOT: sealed(json.loads(consolidated[ROOT]))}
+    template = contents(kept)
+    files = digests(template)
+    root = (files.pop(ROOT),)
+    manifest = Manifest(
+        request.content_hash(), created, request.tile_grid, chunks, root, files, slices=request.n_slices
+    )
+    return template | {MANIFEST: manifest.to_bytes()}
 
 
 def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Array], dict[str, str]]:
@@ -90,8 +83,7 @@ def blank(request: SurveyRequest) -> tuple[dict[str, Buffer], dict[str, zarr.Arr
     root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     quantities = [quantity for quantity in request.variables if quantity.per_cell]
     arrays = {quantity.name: _create_per_cell(root, request, quantity) for quantity in quantities}
-    chunks = _chunks(request, quantities)
-    return kept, arrays | {TILES: create_checksums(root, request.tile_grid, len(chunks))}, chunks
+    return kept, arrays, _chunks(request, quantities)
 
 
 def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str, str]:
@@ -104,28 +96,13 @@ def _chunks(request: SurveyRequest, quantities: Iterable[Quantity]) -> dict[str,
     }
 
 
-def create_checksums(root: zarr.Group, grid: tuple[int, int], variables: int) -> zarr.Array:
-    """Create the group of checksums of so many variables and tiles. Returns its array."""
-    return root.create_group(GROUP).create_array(
-        TILES.rpartition("/")[2],
-        shape=(variables + 1, *grid),
-        chunks=(variables + 1, 1, 1),
-        dtype="uint64",
-        fill_value=0,
-        compressors=(Crc32cCodec(),),
-        config=WHOLE,
-        dimension_names=("checksum", "tile_epsilon", "tile_delta"),
-        attributes={"long_name": "checksums of the chunks of a tile, by variable, and one of these"},
-    )
-
-
 def contents(kept: Mapping[str, Buffer]) -> Template:
     return {key: value.to_bytes() for key, value in kept.items()}
 
 
 def consolidate(store: StoreLike) -> None:
     """Gather all metadata in the root's: without that, an HTTP open gives an empty dataset and no error."""
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), zarr.config.set(COMPACT):
         # zarr warns that other libraries may ignore consolidated metadata, which is harmless.
         warnings.simplefilter("ignore", ZarrUserWarning)
         zarr.consolidate_metadata(store)

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import EllipsisType
 
 import numpy as np
@@ -68,6 +68,7 @@ class TileRecord:
     seconds: float
     impacts: int = 0  # on one wall, of all samples; 0 if none were followed, or in a process of their own
     filled_cells: int = 0  # that were not computed: of a survey that is refined
+    files: dict[str, str] = field(default_factory=dict, compare=False)  # digests of its chunks, once it is written
 
 
 def tiles_of(request: SurveyRequest) -> list[Tile]:

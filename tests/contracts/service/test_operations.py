@@ -56,13 +56,13 @@ def test_the_large_survey() -> None:
         "epsilon": {"start": 0.005, "stop": 0.3, "num": 31_623},
     }
     large = SurveyRequest(**axes, tile={"delta": 64, "epsilon": 64})
-    per_cell = sum(each.per_cell for each in stored(DEFAULT, Model.IMPACTING)) + 1  # the checksums
+    per_cell = sum(each.per_cell for each in stored(DEFAULT, Model.IMPACTING))
     assert f"{large.n_tiles:_}".replace("_", " ") in TEXT
     assert f"{SurveyRequest(**axes).n_tiles:_}".replace("_", " ") in TEXT
     (measured,) = map(int, re.findall(r"\| (\d+) per tile", TEXT))
     assert measured <= per_cell < 1.2 * measured  # a variable more or two change nothing that is said here
     assert f"in {measured} objects per tile" in TEXT
-    assert large.n_tiles * measured == pytest.approx(7.4e6, rel=0.01)
+    assert large.n_tiles * measured == pytest.approx(7.1e6, rel=0.01)
     limits = {name.lower(): int(value) for name, value in re.findall(r"RATTLE_(MAX_[A-Z]+)=(\d+)", TEXT)}
     assert limits["max_cells"] >= large.n_cells
     assert limits["max_tiles"] >= large.n_tiles

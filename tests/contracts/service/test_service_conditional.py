@@ -7,13 +7,13 @@ from depth import either
 from fastapi.testclient import TestClient
 from httpx import Headers
 from service_support import BODY, IN_A_THREAD, front_end, front_of
+from written import write_tile
 
 from gear_rattle.service.database import DoneTile
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.routes.model import points
 from gear_rattle.service.web import conditional
 from gear_rattle.workers import SurveyRequest, compute_tile, create_store, finish_store, tiles_of
-from gear_rattle.workers.storage.store import write_tile
 
 HOUR = "max-age=3600"
 POINT = "/v1/orbits?delta=0.6&epsilon=0.1"

@@ -11,6 +11,7 @@ from s3_server import BUCKET, S3
 from service_support import BODY, assert_problem, compute, front_end, front_of, idle_cluster, local_client
 from sqlalchemy import text
 from waiting import wait_until
+from written import write_tile
 
 from gear_rattle.service.app import create_app
 from gear_rattle.service.database import Database, DoneTile
@@ -21,7 +22,6 @@ from gear_rattle.service.explorer.map.shared import shown_first
 from gear_rattle.service.explorer.page.rows import row_of
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers import Bucket, SurveyRequest, complete, compute_tile, create_store, tiles_of
-from gear_rattle.workers.storage.store import write_tile
 from gear_rattle.workers.survey.levels import grid
 
 pytestmark = pytest.mark.usefixtures("templates_once")

@@ -13,6 +13,7 @@ import pytest
 import xarray as xr
 from fastapi.testclient import TestClient
 from service_support import BODY, assert_problem, compute, front_end, front_of
+from written import write_tile
 
 from gear_rattle.service.database import DoneTile
 from gear_rattle.service.database.tables import State
@@ -22,7 +23,7 @@ from gear_rattle.service.explorer.map.planes import Atlas
 from gear_rattle.service.explorer.page.form import in_words
 from gear_rattle.service.operations.estimate import cell_seconds, estimate, most_like
 from gear_rattle.workers import SurveyRequest, compute_tile, open_survey, tiles_of
-from gear_rattle.workers.storage.store import open_groups, write_tile
+from gear_rattle.workers.storage.store import open_groups
 from gear_rattle.workers.survey.values.schema import Form
 
 pytestmark = pytest.mark.usefixtures("templates_once")

@@ -8,6 +8,7 @@ import pytest
 from fastapi.testclient import TestClient
 from service_support import BODY, IN_A_THREAD, assert_problem, front_end, front_of, key
 from typer.testing import CliRunner
+from written import write_tile
 
 from gear_rattle.service.cli import app
 from gear_rattle.service.client import Client, Job
@@ -25,7 +26,6 @@ from gear_rattle.workers import (
 )
 from gear_rattle.workers.answers import population_in, population_of
 from gear_rattle.workers.kinds import compute_tile
-from gear_rattle.workers.storage.store import write_tile
 
 pytestmark = pytest.mark.usefixtures("templates_once")
 

@@ -21,6 +21,7 @@ from fastapi import FastAPI
 from service_support import BODY, IN_A_THREAD, idle_cluster, points_in
 from typer.testing import CliRunner
 from waiting import HANG, wait_until
+from written import write_tile
 
 from gear_rattle.service.access.keys import add_key
 from gear_rattle.service.app import create_app
@@ -50,7 +51,6 @@ from gear_rattle.workers import (
 from gear_rattle.workers.certificates import certify_survey
 from gear_rattle.workers.storage.export import write_netcdf
 from gear_rattle.workers.storage.location import certificates_of
-from gear_rattle.workers.storage.store import write_tile
 from rattle import Gear, Limit
 from rattle.models import Impacting
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from depth import DEEP, deep
+from written import compute_and_write
 
 import rattle
 from gear_rattle.workers import Axis, Group, SurveyRequest, create_store, finish_store, tiles_of
-from gear_rattle.workers.cluster.runner import compute_and_write
 from gear_rattle.workers.pictures import maps
 from gear_rattle.workers.pictures.maps import map_picture
 

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 from depth import deep, either
 from typer.testing import CliRunner
+from written import compute_and_write
 
 import rattle
 from gear_rattle.service.cli import app
@@ -14,7 +15,6 @@ from gear_rattle.workers import Axis, SurveyError, SurveyRequest, create_store, 
 from gear_rattle.workers.boundaries.explain import MOST_CURVES, Explanation, explain
 from gear_rattle.workers.boundaries.labels import PERIODIC
 from gear_rattle.workers.boundaries.pairs import Grid, crossed
-from gear_rattle.workers.cluster.runner import compute_and_write
 from rattle import curves
 
 pytestmark = pytest.mark.usefixtures("templates_once")

@@ -11,6 +11,7 @@ import xarray as xr
 import zarr
 from depth import deep
 from pydantic import ValidationError
+from written import compute_and_write
 
 import gear_rattle.workers.families.blocks
 import rattle
@@ -30,7 +31,6 @@ from gear_rattle.workers import (
     tiles_done,
     tiles_of,
 )
-from gear_rattle.workers.cluster.runner import compute_and_write
 from gear_rattle.workers.storage.added import here
 from gear_rattle.workers.survey.families import EDGE_VARIABLES, FAMILY_VARIABLES
 

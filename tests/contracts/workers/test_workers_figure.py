@@ -13,6 +13,7 @@ from depth import deep
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.text import Annotation, Text
+from written import compute_and_write
 
 import rattle
 from gear_rattle.workers import (
@@ -25,7 +26,6 @@ from gear_rattle.workers import (
     open_survey,
     tiles_of,
 )
-from gear_rattle.workers.cluster.runner import compute_and_write
 from gear_rattle.workers.pictures.figure import survey_figure
 from gear_rattle.workers.pictures.maps import WITHOUT_VALUE, map_picture, scale_of
 from rattle.plot.colours import REGION_COLOURS

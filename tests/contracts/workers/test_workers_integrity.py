@@ -7,10 +7,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import xarray as xr
 from depth import deep, either
+from written import compute_and_write
 
 import gear_rattle.workers.storage.store
 from gear_rattle.workers import (
@@ -23,10 +23,8 @@ from gear_rattle.workers import (
     tiles_done,
     tiles_of,
 )
-from gear_rattle.workers.cluster.runner import compute_and_write
-from gear_rattle.workers.storage.integrity import read_sealed
 from gear_rattle.workers.storage.location import Directory
-from gear_rattle.workers.survey.seals import sealed
+from gear_rattle.workers.storage.manifest import attributes_of, manifest_of, tell
 from gear_rattle.workers.survey.version import code_version
 
 REQUEST = SurveyRequest(
@@ -35,7 +33,7 @@ REQUEST = SurveyRequest(
     quantities=("region", "orbits", "grazing"),
     tile={"delta": 2, "epsilon": 2},
 )
-ROOT, OWN = "zarr.json", "checksums/zarr.json"
+ROOT, OWN = "zarr.json", "manifest.json"
 
 
 _template_of = cache(gear_rattle.workers.storage.store.template_of)
@@ -74,11 +72,12 @@ def assert_named_and_mended(store: Path, before: dict[str, bytes], *names: str) 
     assert examine(store).whole
     assert tiles_done(REQUEST, store) == set(range(REQUEST.n_tiles))
     changed = {key for key in before if before[key] != after.get(key)}
-    assert changed <= {ROOT}  # dated anew where its own date could not be trusted
+    assert changed <= {ROOT, OWN}  # dated anew where its own date could not be trusted
     root, had = json.loads(after[ROOT]), json.loads(before[ROOT])
-    for name in ("date_completed", "checksum"):
-        del root["attributes"][name], had["attributes"][name]
+    del root["attributes"]["date_completed"], had["attributes"]["date_completed"]
     assert root == had
+    known, knew = (json.loads(each[OWN])["manifest"] for each in (after, before))
+    assert known | {"root": []} == knew | {"root": []}
 
 
 def test_single_bits_of_the_root_are_named_and_mended(store: Path) -> None:
@@ -93,7 +92,8 @@ def test_single_bits_of_the_root_are_named_and_mended(store: Path) -> None:
         (store / ROOT).write_bytes(content)
         if same_json(content, before[ROOT]):
             continue
-        assert read_sealed(Directory(store), ROOT) is None, (position, bit)
+        with pytest.raises(SurveyError, match=r"zarr.json of .* is damaged"):
+            attributes_of(Directory(store))
         if number % 50 == 0:
             assert_named_and_mended(store, before, ROOT)
 
@@ -182,10 +182,10 @@ def test_without_both_nobody_knows_what_it_was(store: Path) -> None:
 
 
 def test_a_chunk_that_is_not_there_is_lost_once_the_survey_was_completed(store: Path) -> None:
-    """`status` alone, all of a tile, and what only its checksums are left of: none is "not computed yet"."""
+    """`status` alone, and all of a tile: neither is "not computed yet"."""
     (store / "status/c/0/1").unlink()
-    for chunk in [*store.glob("*/c/**/1/0"), store / "checksums/tiles/c/0/1/0"]:
-        chunk.unlink(missing_ok=True)
+    for chunk in store.glob("*/c/**/1/0"):
+        chunk.unlink()
     found = examine(store)
     assert not found.whole
     assert found.done == {0, 3}
@@ -204,13 +204,10 @@ def test_a_tile_of_a_survey_that_was_not_completed_is_not_lost(tmp_path: Path) -
 
 
 def of_another_version(store: Path) -> Path:
-    """A store whose checksums this version does not know: as version 1.0.0a1 left it."""
-    shutil.rmtree(store / "checksums")
+    """A store without a manifest: as version 1.0.0a1 left it."""
+    (store / OWN).unlink()
     root = json.loads((store / ROOT).read_text())
     root["attributes"] = {**root["attributes"], "code_version": "1.0.0a1+0123456789abcdef"}
-    del root["attributes"]["checksum"]
-    described = root["consolidated_metadata"]["metadata"]
-    root["consolidated_metadata"]["metadata"] = {k: v for k, v in described.items() if not k.startswith("checksums")}
     (store / ROOT).write_text(json.dumps(root))
     return store
 
@@ -227,13 +224,28 @@ def test_a_store_of_another_version_is_decoded(store: Path) -> None:
     assert set(examine(store).template) == {"region/c/1/0", "status/c/0/1"}
 
 
-def test_a_store_of_another_version_with_our_checksums_is_verified_by_them(store: Path) -> None:
-    edited_root(lambda root: root["attributes"].update(code_version="1.0.0a1+0123456789abcdef"))(store)
-    (store / ROOT).write_bytes(sealed(json.loads((store / ROOT).read_bytes())))
+def test_a_store_of_another_version_with_our_manifest_is_verified_by_it(store: Path) -> None:
+    tell(Directory(store), {"code_version": "1.0.0a1+0123456789abcdef"})
     found = examine(store)
     assert found.whole
     assert not found.decoded
     assert found.version == "1.0.0a1+0123456789abcdef"
+
+
+def test_a_lost_manifest_hides_no_lost_and_no_damaged_chunk(store: Path) -> None:
+    """Both are computed again, and what is whole is kept."""
+    before = contents(store)
+    (store / OWN).unlink()
+    (store / "region/c/0/1").unlink()
+    chunk = store / "region/c/1/0"
+    chunk.write_bytes(chunk.read_bytes()[::-1])
+    assert set(examine(store).template) == {OWN, "region/c/0/1", "region/c/1/0"}
+    create_store(REQUEST, store)
+    assert tiles_done(REQUEST, store) == {0, 3}
+    for index in (1, 2):
+        compute_and_write(REQUEST, str(store), tiles_of(REQUEST)[index])
+    finish_store(store)
+    assert contents(store) == before
 
 
 def test_a_damaged_root_of_another_survey_is_not_ours(store: Path) -> None:
@@ -252,7 +264,6 @@ def test_a_damaged_root_of_another_survey_is_not_ours(store: Path) -> None:
         pytest.param("status", marks=deep),
         "delta",
         pytest.param("curves/G1/point_delta", marks=deep),
-        "checksums/tiles",
         "codimension_two",
     ],
 )
@@ -288,23 +299,21 @@ def test_swapped_chunks_are_damage(store: Path) -> None:
     assert tiles_done(REQUEST, store) == {2}
 
 
-def test_swapped_checksums_and_a_swapped_template_are_damage(store: Path) -> None:
-    swap(store / "checksums/tiles/c/0/0/0", store / "checksums/tiles/c/0/0/1")
+def test_a_swapped_template_is_damage(store: Path) -> None:
     swap(store / "curves/SN1/point_delta/c/0", store / "curves/SN1/point_epsilon/c/0")
     found = examine(store)
-    assert found.damaged == {0: ("checksums",), 1: ("checksums",)}
+    assert not found.damaged
     assert set(found.template) == {"curves/SN1/point_delta/c/0", "curves/SN1/point_epsilon/c/0"}
 
 
 def test_a_whole_tile_in_the_place_of_another_is_damage(store: Path) -> None:
-    """With its checksums, which fit what they came with: only their place is wrong."""
-    for chunk in [*store.glob("*/c/**/0/0"), store / "checksums/tiles/c/0/0/0"]:
+    """Every chunk of it; those of one content name no difference."""
+    for chunk in store.glob("*/c/**/0/0"):
         other = chunk.parents[1] / "1" / "1"
-        if chunk.is_file() and other.is_file() and chunk.read_bytes() != other.read_bytes():
+        if other.is_file() and chunk.read_bytes() != other.read_bytes():
             swap(chunk, other)
     xr.open_zarr(store).load()
-    found = examine(store)
-    assert found.damaged == {0: ("checksums",), 3: ("checksums",)}
+    assert examine(store).damaged.keys() == {0, 3}
     assert tiles_done(REQUEST, store) == {1, 2}
 
 
@@ -315,7 +324,7 @@ def swap(one: Path, other: Path) -> None:
     other.write_bytes(first)
 
 
-@pytest.mark.parametrize("lost", ["checksums/tiles/c/0/1/0", "status/c/1/0", "region/c/1/0"])
+@pytest.mark.parametrize("lost", ["status/c/1/0", "region/c/1/0"])
 def test_a_file_of_a_tile_that_is_lost_is_damage(store: Path, lost: str) -> None:
     (store / lost).unlink()
     found = examine(store)
@@ -323,11 +332,11 @@ def test_a_file_of_a_tile_that_is_lost_is_damage(store: Path, lost: str) -> None
     assert found.damaged == {2: (lost.partition("/")[0],)}
 
 
-def test_other_readers_see_the_checksums_as_numbers(store: Path) -> None:
-    tree = xr.open_datatree(store, engine="zarr")
-    assert tree["checksums/tiles"].dtype == np.uint64
-    assert tree["checksums"].attrs["content_hash"] == REQUEST.content_hash()
-    assert set(tree["checksums"].attrs["chunks"]) >= {"status", "region"}
+def test_other_readers_do_not_see_the_manifest(store: Path) -> None:
+    manifest = manifest_of(Directory(store))
+    assert manifest is not None
+    assert set(manifest.chunks) >= {"status", "region"}
+    assert "checksums" not in xr.open_datatree(store, engine="zarr")
 
 
 def test_damage_is_mended_by_one_run_at_a_time(store: Path) -> None:

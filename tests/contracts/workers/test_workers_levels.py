@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from written import write_tile
 
 import gear_rattle.workers.survey.levels.grid as grid
 from gear_rattle.workers import (
@@ -31,7 +32,7 @@ from gear_rattle.workers import (
 from gear_rattle.workers.overviews import make_levels
 from gear_rattle.workers.pictures.levels import groups_of, overview
 from gear_rattle.workers.storage.added import here
-from gear_rattle.workers.storage.store import before_tiles, write_tile
+from gear_rattle.workers.storage.store import before_tiles
 from gear_rattle.workers.survey.levels import reduce
 from gear_rattle.workers.survey.levels.grid import GROUP, Pair, blocks_of, levels_of, steps_of
 from gear_rattle.workers.survey.levels.template import OCCURS, SHARE, meanings

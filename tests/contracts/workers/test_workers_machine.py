@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from pydantic import ValidationError
+from written import compute_and_write
 
 import rattle
 from gear_rattle.workers import Axis, SurveyRequest, Window, create_store, finish_store, tiles_of, window_survey
-from gear_rattle.workers.cluster.runner import compute_and_write
 from gear_rattle.workers.storage.export import csv_lines, write_netcdf
 
 pytestmark = pytest.mark.usefixtures("templates_once")

@@ -3,6 +3,7 @@
 import heapq
 import math
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -133,6 +134,7 @@ def test_after_a_pause_a_tile_goes_on_where_it_was(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(runner, "advance_tile", advance)
     monkeypatch.setattr(runner, "before_tiles", lambda *_: None)
+    monkeypatch.setattr(runner, "noting", lambda _: nullcontext(lambda _: None))
     monkeypatch.setattr(runner, "is_divisible", lambda *_: True)
     monkeypatch.setattr(costs, "MANY", 1)
     monkeypatch.setattr(costs, "FEWEST", 1)

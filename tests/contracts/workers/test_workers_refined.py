@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 from depth import deep
 from pydantic import ValidationError
+from written import write_tile
 
 import rattle
 from gear_rattle.workers import (
@@ -21,7 +22,6 @@ from gear_rattle.workers import (
     tiles_of,
 )
 from gear_rattle.workers.storage.location import place_of
-from gear_rattle.workers.storage.store import write_tile
 from gear_rattle.workers.survey import tiles as computing
 from gear_rattle.workers.survey.refined.asked import BLOCK
 from gear_rattle.workers.survey.refined.audit import AUDITED, DISAGREED, draws, upper_share

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from written import compute_and_write
 
 import rattle
 from gear_rattle.workers import QUANTITIES, Axis, Group, Quantity, SurveyRequest, create_store, open_survey
-from gear_rattle.workers.cluster.runner import compute_and_write
 from gear_rattle.workers.survey.tiles import tiles_of
 from gear_rattle.workers.survey.values.quantities import COORDINATES
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from pydantic import ValidationError
+from written import compute_and_write
 
 import rattle
 from gear_rattle.workers import (
@@ -20,7 +21,6 @@ from gear_rattle.workers import (
     window_survey,
 )
 from gear_rattle.workers.boundaries.explain import explain
-from gear_rattle.workers.cluster.runner import compute_and_write
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.pictures.figure import survey_figure
 from gear_rattle.workers.survey.values.schema import OPTIONAL

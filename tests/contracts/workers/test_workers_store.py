@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from written import compute_and_write, write_tile
 
 import gear_rattle.workers.storage.store
 from gear_rattle.workers import (
@@ -21,10 +22,10 @@ from gear_rattle.workers import (
     open_survey,
     tiles_done,
 )
-from gear_rattle.workers.cluster.runner import compute_and_write, run_tiles
+from gear_rattle.workers.cluster.runner import run_tiles
 from gear_rattle.workers.storage.location import place_of
-from gear_rattle.workers.storage.root import tell
-from gear_rattle.workers.storage.store import added_to_store, bands, write_tile
+from gear_rattle.workers.storage.manifest import tell
+from gear_rattle.workers.storage.store import added_to_store, bands
 from gear_rattle.workers.survey.tiles import compute_tile, tiles_of
 
 # No attractors: these tests are about files.
@@ -88,7 +89,7 @@ def test_another_survey_is_refused_untouched(store: Path) -> None:
 def test_another_version_is_refused_untouched(store: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = snapshot(store)
     for module in ("survey.request", "storage.store"):
-        monkeypatch.setattr(f"workers.{module}.code_version", lambda: "9.9")
+        monkeypatch.setattr(f"gear_rattle.workers.{module}.code_version", lambda: "9.9")
     with pytest.raises(SurveyError, match=r"computed by version .* this is 9\.9"):
         create_store(REQUEST, store)
     assert snapshot(store) == before
@@ -225,10 +226,10 @@ def test_a_store_that_was_moved_away_is_gone_and_not_damaged(
     assert "not a survey" not in str(refused.value)
 
 
-def test_unfinished_says_how_many_cells_are_missing(store: Path) -> None:
+def test_unfinished_says_how_many_tiles_are_missing(store: Path) -> None:
     fill(store, TILES[1:])
     before = snapshot(store)
-    with pytest.raises(SurveyError, match="lacks 8 cells: run the survey again"):
+    with pytest.raises(SurveyError, match="lacks 1 of its 6 tiles: run the survey again"):
         finish_store(store)
     assert snapshot(store) == before
 

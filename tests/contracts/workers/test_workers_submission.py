@@ -2,6 +2,7 @@
 
 import time
 from collections import deque
+from contextlib import nullcontext
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
@@ -180,6 +181,7 @@ def test_a_pause_begins_no_tile_and_gives_up_none(tmp_path: Path, monkeypatch: p
 
     monkeypatch.setattr(runner, "advance_tile", compute)
     monkeypatch.setattr(runner, "before_tiles", lambda *_: None)
+    monkeypatch.setattr(runner, "noting", lambda _: nullcontext(lambda _: None))
     client, tiles = ended_tasks.Client(2), tiles_of(REQUEST)
 
     def run(should_pause: Any) -> None:

@@ -5,18 +5,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import zarr
-from zarr.core.buffer import Buffer
+from zarr.abc.buffer import Buffer
 from zarr.storage import MemoryStore
 
 from gear_rattle.workers.survey.levels.grid import GROUP, Level, block_shape, centres, levels_of, steps_of
 from gear_rattle.workers.survey.levels.reduce import STATISTICS, mask_type
+from gear_rattle.workers.survey.manifest import ROOT
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import (
     CODECS,
     WHOLE,
     Template,
     about,
-    consolidate,
     contents,
     coordinate_values,
     fixed,
@@ -104,10 +104,9 @@ def _labels(request: SurveyRequest, dim: str) -> tuple[int, ...] | tuple[str, ..
 
 
 def files_of_levels(request: SurveyRequest) -> Template:
-    """Return the files that levels add to a store but their chunks, by their key, with a root that describes them."""
+    """Return the files that levels add to a store but their chunks, by their key."""
     kept: dict[str, Buffer] = {}
-    store = MemoryStore(kept)
-    root = zarr.create_group(store, zarr_format=3)
+    root = zarr.create_group(MemoryStore(kept), zarr_format=3)
     levels = levels_of(request.shape)
     attributes = {
         "long_name": "the survey in less and less resolution; level 0 is the survey itself",
@@ -123,8 +122,7 @@ def files_of_levels(request: SurveyRequest) -> Template:
         _write_coordinates(group, request, level, {dim for array in arrays for dim in array.dims})
         for array in arrays:
             create(root, request, level, array)
-    consolidate(store)
-    return contents(kept)
+    return {key: content for key, content in contents(kept).items() if key != ROOT}
 
 
 def _layout(levels: tuple[Level, ...]) -> Iterator[dict[str, Any]]:
