@@ -7,9 +7,8 @@ from typing import Any
 
 import pytest
 from bokeh.document import Document
-from panel.io.state import state
-
 from gear_rattle.service.explorer.page.socket import CHANGE, DOCUMENT, PageSocket
+from panel.io.state import state
 
 
 class Browser:
