@@ -60,7 +60,8 @@ def change_document(document: Document, change: Callable[[], object]) -> None:
             finally:
                 document.unhold()
 
-    document.add_next_tick_callback(act)
+    schedule: Any = document.add_next_tick_callback  # which takes coroutines, too, unlike its type
+    schedule(act)
 
 
 async def change_and_wait(document: Document, change: Callable[[], object]) -> None:

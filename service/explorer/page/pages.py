@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import logging
+import asyncio
 import secrets
 import sys
 from collections.abc import Callable
@@ -46,8 +46,6 @@ SETTINGS: dict[str, Any] = {
 #: Arguments and a header by which a request would get the page of another one.
 NAMING = ("bokeh-session-id", "bokeh-token", "bokeh_session_id")
 
-log = logging.getLogger(__name__)
-
 
 class _PageHandler(Handler):
     """Makes the parts of a page in the event loop, and puts them into its document wherever Bokeh does that.
@@ -73,6 +71,7 @@ class _PageHandler(Handler):
 
         await session_context.with_locked_document(make)
         self.contexts[session_context.id] = session_context
+        await asyncio.sleep(0)
 
     def modify_document(self, doc: Document) -> None:
         """Put the parts into the document. Raises why they could not be made."""

@@ -108,7 +108,7 @@ def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
     records: list[logging.LogRecord] = []
     handler = logging.Handler()
     handler.emit = records.append  # type: ignore[method-assign]
-    loggers = [logging.getLogger(name) for name in ("bokeh", "bokeh_fastapi", "gear_rattle", "panel")]
+    loggers = [logging.getLogger(name) for name in ("bokeh", "bokeh_fastapi", "gear_rattle.service.explorer", "panel")]
     for logger in loggers:
         logger.addHandler(handler)
     gone, failed = threading.Event(), threading.Semaphore(0)
