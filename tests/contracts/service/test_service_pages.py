@@ -102,6 +102,19 @@ def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path
         assert [page.connection_count for page in open_pages(client)] == [0]
 
 
+def test_a_page_is_nobody_else_s_whatever_it_is_asked_by(tmp_path: Path) -> None:
+    with front_end(tmp_path) as client:
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
+        (page,) = open_pages(client)
+        asked: list[tuple[dict[str, str], dict[str, str]]] = [
+            ({"bokeh_session_id": page.id}, {}), ({"bokeh-session-id": page.id}, {}), ({"bokeh-token": token}, {}),
+            ({}, {"Bokeh-Session-Id": page.id}),
+        ]  # fmt: skip
+        for number, (params, headers) in enumerate(asked, start=2):
+            assert client.get("/page", params=params, headers=headers).status_code == 200
+            assert len(open_pages(client)) == number
+
+
 def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
