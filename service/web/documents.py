@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING
 from markdown_it import MarkdownIt
 from mdit_py_plugins.anchors import anchors_plugin
 from mdit_py_plugins.front_matter import front_matter_plugin
-from starlette.responses import FileResponse, HTMLResponse, Response
+from starlette.requests import Request
+from starlette.responses import HTMLResponse
+from starlette.routing import Mount, Route, Router
 from starlette.staticfiles import StaticFiles
 
 if TYPE_CHECKING:
-    from starlette.types import Scope
+    from collections.abc import Callable
+
+    from starlette.types import ASGIApp
 
 FIRST = "index.md"
 #: A list of pages, of which only Sphinx makes links.
@@ -30,21 +34,22 @@ img {{ max-width: 100% }} td, th {{ border: 1px solid #8888; padding: .2rem .5re
 <main>{body}</main></body></html>"""
 
 
-def documents_of(site: Path, sources: Path) -> StaticFiles | None:
+def documents_of(site: Path, sources: Path) -> ASGIApp | None:
     """Return what serves the site, or else Markdown from its place or from a checkout; None where nothing is there."""
     if (site / "index.html").is_file():
         return StaticFiles(directory=site, html=True)
-    return next((_Markdown(directory=each) for each in (site, sources) if (each / FIRST).is_file()), None)
+    return next((_pages_of(each.resolve()) for each in (site, sources) if (each / FIRST).is_file()), None)
 
 
-class _Markdown(StaticFiles):
-    """Files, of which Markdown is sent as HTML."""
+def _pages_of(directory: Path) -> Router:
+    """Return what serves the Markdown of a directory as HTML, and its other files as they are."""
+    documents = {f"/{each.relative_to(directory).as_posix()}": each for each in directory.rglob("*.md")}
 
-    async def get_response(self, path: str, scope: Scope) -> Response:
-        response = await super().get_response(FIRST if path == "." else path, scope)
-        if isinstance(response, FileResponse) and str(response.path).endswith(".md"):
-            return HTMLResponse(page_of(Path(response.path)))
-        return response
+    def shown(document: Path) -> Callable[[Request], HTMLResponse]:
+        return lambda _request: HTMLResponse(page_of(document))
+
+    pages = [Route(path, shown(document)) for path, document in {"/": directory / FIRST, **documents}.items()]
+    return Router([*pages, Mount("/", StaticFiles(directory=directory))])
 
 
 def page_of(document: Path) -> str:

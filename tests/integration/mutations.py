@@ -596,9 +596,9 @@ PROTECTIONS = (
     _one(
         "what waits is not sent to who may no longer be here",
         "tests/contracts/explorer/test_explorer_socket.py::test_what_waits_is_not_sent_to_who_may_no_longer_be_here",
-        "service/explorer/page/socket.py",
-        "            self._sender.cancel()\n",
-        "            pass\n",
+        "service/explorer/page/whole_messages.py",
+        "        sender.cancel()  #",
+        "        pass  #",
     ),
     _one(
         "a session ends by signing out",
@@ -636,10 +636,24 @@ PROTECTIONS = (
         "",
     ),
     _one(
-        "a page that is left is let go of after its message",
-        "tests/contracts/service/test_service_pages.py::test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback",
-        "service/explorer/page/socket.py",
-        "        self._dropped = True\n\n    def drop",
-        "        super().on_close(code, reason)\n\n    def drop",
+        "a browser that leaves is counted out",
+        "tests/contracts/explorer/test_explorer_socket.py::test_a_browser_that_leaves_is_counted_out_once_and_its_last_message_is_not_handled_again",
+        "service/explorer/page/whole_messages.py",
+        "        if is_told:\n",
+        "        if True:\n",
+    ),
+    _one(
+        "no change is sent while a browser takes its document",
+        "tests/contracts/explorer/test_explorer_socket.py::test_changes_wait_while_a_browser_takes_its_document",
+        "service/explorer/common/changes.py",
+        "        if document in _waiting:\n",
+        "        if False:\n",
+    ),
+    _one(
+        "a page does not show another one's",
+        "tests/contracts/service/test_service_pages.py::test_a_page_is_nobody_else_s_whatever_it_is_asked_by",
+        "service/explorer/page/pages.py",
+        "if pair[0] not in NAMING]\n        headers",
+        "]\n        headers",
     ),
 )

@@ -8,6 +8,7 @@ from typing import Any
 import param
 from panel.custom import JSComponent
 
+from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.files import asset
 
 
@@ -27,8 +28,10 @@ class SurveyList(JSComponent):
     def __init__(self, on_action: Callable[[str, str, Mapping[str, Any]], None], **values: Any) -> None:
         super().__init__(**values)
         self._on_action = on_action
+        self.on_msg(in_event_loop(lambda event: self.press(event.data)))
 
-    def _handle_msg(self, message: Any) -> None:
+    def press(self, message: Any) -> None:
+        """Do what a button of the list says."""
         if isinstance(message, dict):
             self._on_action(str(message.get("action")), str(message.get("survey")), message)
 

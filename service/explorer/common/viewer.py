@@ -13,6 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from gear_rattle.service.access.keys import Caller
 from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.errors import ForbiddenError, UnauthorizedError
+from gear_rattle.service.explorer.common.changes import change_and_wait, change_document
 from gear_rattle.service.state import Front
 from rattle import RattleError
 
@@ -114,15 +115,9 @@ class Viewer:
             self.tell("This could not be shown: an error of the service, which has been logged.")
 
     def change(self, what: Callable[[], object]) -> None:
-        """Change the document when nothing else does. Called in the event loop."""
+        """Change the document when nothing else does."""
         if not self.ended:
-            self.document.add_next_tick_callback(lambda: self._apply(what))
-
-    def _apply(self, what: Callable[[], object]) -> None:
-        try:
-            what()
-        except Exception:  # Bokeh would say nothing, and keep the document locked
-            log.exception("a page of the explorer could not be changed")
+            change_document(self.document, what)
 
     async def changed(self, what: Callable[[], object]) -> None:
         """Change the document, and wait until that is done."""
@@ -133,24 +128,3 @@ class Viewer:
         self.ended = True
         for task in tuple(self._tasks):
             task.cancel()
-
-
-async def change_and_wait(document: Document, what: Callable[[], object]) -> None:
-    """Change a document when nothing else does, and wait until that is done; raises what it raises."""
-    done: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-
-    def act() -> None:
-        error: Exception | None = None
-        try:
-            what()
-        except Exception as raised:  # Bokeh would say nothing, and keep the document locked
-            error = raised
-        if done.done():  # whoever waited was given up
-            return
-        if error is None:
-            done.set_result(None)
-        else:
-            done.set_exception(error)
-
-    document.add_next_tick_callback(act)
-    await done

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import panel as pn
 
-log = logging.getLogger(__name__)
+from gear_rattle.service.explorer.common.changes import act_in_event_loop
 
 
 class Watch:
@@ -25,7 +24,7 @@ class Watch:
         def changed(event: Any) -> None:
             if not self._is_paused:
                 self._newest[widget] = event
-                _when_free(lambda: act(event))
+                act_in_event_loop(lambda: act(event))
 
         def act(event: Any) -> None:
             if self._newest[widget] is event:  # else the newer one follows
@@ -47,22 +46,4 @@ class Watch:
 
 def on_press(button: pn.widgets.Button, act: Callable[[], object]) -> None:
     """Act when a button is pressed."""
-    button.on_click(lambda _event: _when_free(act))
-
-
-def _when_free(act: Callable[[], object]) -> None:
-    """Act once nothing else changes the document. Of an entry that an event follows at once Panel tells without the
-    document's lock, and nothing could be changed then.
-    """
-
-    def acted() -> None:  # a task that it returns would be waited for, under the lock
-        try:
-            act()
-        except Exception:  # Bokeh would say nothing, and keep the document locked
-            log.exception("a control of the explorer failed")
-
-    document = pn.state.curdoc
-    if document is None or document.session_context is None:
-        act()
-    else:
-        document.add_next_tick_callback(acted)
+    button.on_click(lambda _event: act_in_event_loop(act))

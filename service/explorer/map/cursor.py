@@ -12,6 +12,7 @@ from bokeh.models import ColumnDataSource, CustomAction, CustomJS
 from bokeh.plotting import figure
 
 from gear_rattle.service.explorer.common.address import Pair, Ranges
+from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.map.planes import Plane
 from gear_rattle.service.explorer.point.state import point_of
@@ -75,7 +76,7 @@ class Cursor:
         self._where, self._look, self._go, self._do = where, look, go, do
         self._at: Pair | None = None
         keys = ColumnDataSource({"steps": [], "word": [], "number": []})
-        keys.on_change("data", self._pressed)
+        keys.on_change("data", in_event_loop(self._pressed))
         plot.tags = [keys]  # or it would not be in the document, and what is pressed not sent
         for word, icon in (("back", "undo"), ("forward", "redo")):
             code = f"keys.data = {{steps: [0, 0, 0, 0], word: ['{word}'], number: [Date.now()]}}"

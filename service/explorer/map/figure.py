@@ -18,6 +18,7 @@ from bokeh.plotting import figure
 
 from gear_rattle.service.explorer.common import glyphs
 from gear_rattle.service.explorer.common.address import Pair, Ranges
+from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.theme import INK
 from gear_rattle.service.explorer.design import axes
 from gear_rattle.service.explorer.map.colouring import Colouring
@@ -151,10 +152,10 @@ class Map:
                 held = event.modifiers is not None and event.modifiers["shift"]
                 (on_through if held else on_point)(float(event.x), float(event.y))
 
-        pointer.on_change("data", pointed)
-        window.on_change("data", moved)
-        self.figure.on_event(Tap, tapped)
-        self.figure.on_event(Reset, lambda _event: on_reset())
+        pointer.on_change("data", in_event_loop(pointed))
+        window.on_change("data", in_event_loop(moved))
+        self.figure.on_event(Tap, in_event_loop(tapped))
+        self.figure.on_event(Reset, in_event_loop(lambda _event: on_reset()))
 
     def _is_inside(self, delta: float, epsilon: float) -> bool:
         """Whether a point is on the map, and not beside it, where axes are."""

@@ -12,6 +12,7 @@ import numpy as np
 import panel as pn
 
 from gear_rattle.service.explorer.common.address import DEFAULT_OVERLAYS, OVERLAYS, Pair, Ranges
+from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.glyphs import style_of
 from gear_rattle.service.explorer.common.lists import Key
 from gear_rattle.service.explorer.common.viewer import Viewer
@@ -58,7 +59,7 @@ class Lines:
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._entries: list[dict[str, Any]] = []
         self.key = Key(overlays=self._entries, chosen=list(chosen), margin=0, sizing_mode="stretch_width")
-        self.key.param.watch(lambda _event: on_chosen(), "chosen")
+        self.key.param.watch(in_event_loop(lambda _event: on_chosen()), "chosen")
         self._share = pn.widgets.FloatInput(
             label="Design limit: P(quiet) ≥", value=share, start=0.01, end=MOST_SHARE, step=0.05, width=180,
             visible=LIMIT in chosen, stylesheets=[sheet], margin=(4, 0),

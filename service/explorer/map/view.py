@@ -14,6 +14,7 @@ import panel as pn
 from gear_rattle.service.database.tables import UNREADABLE, JobRow, State
 from gear_rattle.service.errors import MissingError
 from gear_rattle.service.explorer.common.address import UNCHOSEN, Entered, Pair, Pin, Ranges, View, numbered
+from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.drawings import PAUSE
 from gear_rattle.service.explorer.common.heading import Heading
 from gear_rattle.service.explorer.common.news import Standing
@@ -75,7 +76,7 @@ class MapView:
         self._gone = ""  # a survey of which it has been said that it is not there
         self.map = Map(theme, self.open_point, self.through, self._hover, self.moved, self.reset)
         for size in ("inner_width", "inner_height"):  # a browser tells them after the first drawing
-            self.map.figure.on_change(size, self._on_size)
+            self.map.figure.on_change(size, in_event_loop(self._on_size))
         self._closer = Closer(shared.overlaid.windows, viewer, self.map, self._say_zoom, self._count)
         heard = self._on_lines, self._on_share
         self._lines = Lines(shared.overlaid, viewer, self.map, view.overlays, view.share, *heard, sheet)

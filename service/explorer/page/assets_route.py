@@ -9,7 +9,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import Message, Receive, Scope, Send
 
 if TYPE_CHECKING:
-    from gear_rattle.service.explorer.page.transport import Transport
+    from gear_rattle.service.explorer.page.pages import Pages
 
 FOREVER = "private, max-age=31536000, immutable"  # an address with a version never means anything else
 MOST_KEPT = 16 << 20  # bytes
@@ -18,7 +18,7 @@ MOST_KEPT = 16 << 20  # bytes
 class Assets:
     """Sends them; those that every page asks for from memory, whole: a browser waits for them all."""
 
-    def __init__(self, load: Callable[[], Awaitable[Transport]]) -> None:
+    def __init__(self, load: Callable[[], Awaitable[Pages]]) -> None:
         self._load = load
         self._kept: dict[tuple[str, bytes], list[Message]] = {}
         self._size = 0
@@ -31,7 +31,7 @@ class Assets:
             for message in self._kept[key]:
                 await send(dict(message))
             return
-        bokeh = await self._load()
+        pages = await self._load()
         sent: list[Message] = []
 
         async def keep(message: Message) -> None:
@@ -40,7 +40,7 @@ class Assets:
             sent.append(message)
             await send(message)
 
-        await bokeh.asset(scope, receive, keep)
+        await pages(scope, receive, keep)
         body = b"".join(message.get("body", b"") for message in sent[1:])
         if whole and sent[0]["status"] == 200 and self._size + len(body) < MOST_KEPT:
             self._size += len(body)

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from gear_rattle.service.database.tables import Scope
 from gear_rattle.service.explorer.common.address import Pair
+from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.common.watch import on_press
 from gear_rattle.service.explorer.page.machine_axes import MachineAxes
@@ -72,10 +73,10 @@ class Form:
         self.cost = pn.pane.HTML(
             "", css_classes=["cost"], margin=(4, 4), sizing_mode="stretch_width", stylesheets=[sheet]
         )
-        self.model.param.watch(lambda _event: self._on_model(), "value")
-        self.in_si.param.watch(lambda _event: self._on_way(), "value")
+        self.model.param.watch(in_event_loop(lambda _event: self._on_model()), "value")
+        self.in_si.param.watch(in_event_loop(lambda _event: self._on_way()), "value")
         for widget in self._widgets():
-            widget.param.watch(lambda _event: self._changed(), "value")
+            widget.param.watch(in_event_loop(lambda _event: self._changed()), "value")
         on_press(self.submit, lambda: viewer.start(self._submit()))
         self._plain = pn.Column(
             *(pn.Row(*three, sizing_mode="stretch_width") for three in self.axes.values()),

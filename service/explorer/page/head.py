@@ -9,7 +9,7 @@ from gear_rattle.service.explorer.common.address import THEMES, View
 from gear_rattle.service.explorer.files import asset
 
 if TYPE_CHECKING:
-    from gear_rattle.service.explorer.page.transport import Transport
+    from gear_rattle.service.explorer.page.pages import Pages
 
 UNUSED = ("bokeh-gl",)  # the page has no WebGL; Panel's own script needs all others
 #: Styles that parts of the page ask for, each where it is: late.
@@ -25,11 +25,11 @@ def theme_of(view: View, scheme: str) -> str:
     return view.theme or (scheme if scheme in THEMES else THEMES[0])
 
 
-def head_of(bokeh: Transport) -> str:
+def head_of(pages: Pages) -> str:
     """The document that asks for a page: all its scripts and styles, the same for everybody."""
     from panel.io.resources import JS_VERSION, bundle_resources
 
-    resources: Any = bokeh.resources()
+    resources: Any = pages.resources()
     resources.components = [name for name in resources.components if name not in UNUSED]
     scripts, styles = bundle_resources([], resources)
     early = "\n".join(

@@ -6,9 +6,8 @@ import asyncio
 import gc
 import logging
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
-from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from typing import TYPE_CHECKING
 
 from fastapi import FastAPI, Request, Response
 from starlette.concurrency import run_in_threadpool
@@ -29,10 +28,8 @@ from gear_rattle.service.settings import Settings
 from gear_rattle.service.state import Front
 
 if TYPE_CHECKING:
-    from bokeh.server.session import ServerSession
-
     from gear_rattle.service.explorer.map.shared import Shared
-    from gear_rattle.service.explorer.page.transport import Transport
+    from gear_rattle.service.explorer.page.pages import Pages
 
 TITLE = "gear rattle"
 SIGNED_OUT = "The API key was revoked, or this browser has signed out."
@@ -69,7 +66,8 @@ class Explorer:
         self._news: News | None = None
         self._overlaid: Overlaid | None = None
         self._shared: Shared | None = None
-        self._loading: asyncio.Future[Transport] | None = None
+        self._loading: asyncio.Future[Pages] | None = None
+        self._running = AsyncExitStack()
         self._head = ""
         self._warming: asyncio.Task[None] | None = None
         self._assets, self._socket = Assets(self.load), _Socket(self.load)
@@ -86,17 +84,9 @@ class Explorer:
     async def running(self, front: Front, overlaid: Overlaid) -> AsyncIterator[None]:
         """Tell the pages what happens, and forget those that were closed, for as long as the application runs."""
         self._front, self._overlaid = front, overlaid
-        sweeper = asyncio.create_task(self._sweep())
         self._news = News(front)
-        try:
-            async with self._news.running():
-                yield
-        finally:
-            sweeper.cancel()
-            with suppress(asyncio.CancelledError):
-                await sweeper
-            if (bokeh := self._loaded()) is not None:
-                await bokeh.stop()
+        async with self._running, self._news.running():
+            yield
 
     async def prepare(self) -> None:
         """Load what the page needs before anybody asks for it, and after the cluster, which has more to load."""
@@ -110,19 +100,25 @@ class Explorer:
         except Exception:  # told again to whoever opens the page
             log.exception("the explorer cannot be loaded")
 
-    async def load(self) -> Transport:
-        """The Bokeh application; what it imports takes more than a second, so that is done once and in a thread."""
+    async def load(self) -> Pages:
+        """Return the application that has the pages, loaded once."""
         failed = self._loading is not None and self._loading.done() and self._loading.exception() is not None
         if self._loading is None or failed:
-            self._loading = asyncio.ensure_future(run_in_threadpool(self._build))
+            self._loading = asyncio.ensure_future(self._load())
         return await asyncio.shield(self._loading)
 
-    def _build(self) -> Transport:
+    async def _load(self) -> Pages:
+        pages = await run_in_threadpool(self._build)  # imports take more than a second
+        await self._running.enter_async_context(pages.running())
+        return pages
+
+    def _build(self) -> Pages:
         from bokeh.settings import settings
 
         from gear_rattle.service.explorer.map.planes import Atlas
         from gear_rattle.service.explorer.map.shared import Shared
         from gear_rattle.service.explorer.page.page import open_page
+        from gear_rattle.service.explorer.page.pages import Pages
         from gear_rattle.service.explorer.places.exact import Exact
 
         assert self._front is not None
@@ -131,7 +127,7 @@ class Explorer:
         settings.perform_document_validation.set_value(False)  # a quarter of the time of every page, to warn nobody
         front = self._front
         shared = self._shared = Shared(front, self._news, Atlas(front), self._overlaid, Exact(), self._looked)
-        found = _transport_of(lambda: open_page(shared), TITLE)
+        found = Pages(lambda: open_page(shared), TITLE)
         self._head = head_of(found)
         adopt_handlers()  # Panel's
         gc.freeze()  # as in service.web.server, for what has just been loaded
@@ -156,63 +152,33 @@ class Explorer:
         from gear_rattle.service.explorer.common.viewer import CALLER
 
         require_root(request.headers)
-        bokeh = await self.load()
-        if len(list(bokeh.context.sessions)) >= self._settings.max_pages:
-            await forget_unused(bokeh)
-        if len(list(bokeh.context.sessions)) >= self._settings.max_pages:
+        pages = await self.load()
+        if len(pages.sessions()) >= self._settings.max_pages:
             raise UnavailableError("Too many pages of the explorer are open. Close some, and try again in a minute.")
         CALLER.set(request.state.caller)
         SCHEME.set(request.headers.get("rattle-theme", ""))
-        at_root = Request({**request.scope, "path": "/", "raw_path": b"/"}, request.receive)
-        # one that is begun is finished, and swept if the browser has left: nobody else would end it
-        body = body_of(await asyncio.shield(bokeh.document(at_root)))
+        # one that is begun is finished, and ends by itself if the browser has left
+        body = body_of(await asyncio.shield(pages.document(request)))
         return HTMLResponse(body, headers=PAGE_HEADERS)
 
-    async def _sweep(self) -> None:
-        while True:
-            await asyncio.sleep(SWEEP_SECONDS)
-            if (bokeh := self._loaded()) is not None:
-                await forget_unused(bokeh)
 
-    def _loaded(self) -> Transport | None:
-        done = self._loading is not None and self._loading.done() and not self._loading.exception()
-        return self._loading.result() if self._loading is not None and done else None
-
-
-def _session_of(bokeh: Transport, scope: Scope) -> ServerSession | None:
-    """The page that a websocket is asked for, if it is there."""
-    from bokeh.protocol.exceptions import ProtocolError
-    from bokeh.util.token import get_session_id
-
-    with suppress(ProtocolError, LookupError, ValueError):  # no page of ours
-        return bokeh.context.get_session(get_session_id("".join(scope["subprotocols"][-1:])))
-    return None
-
-
-SWEEP_SECONDS = 10.0
-UNUSED_MILLISECONDS = 15_000  # of a page whose browser is still to come, or has left and may come back
 LEFT = (1000, 1001)  # codes of RFC 6455: a connection that is no longer needed, a page that was closed or reloaded
-
-
-async def forget_unused(bokeh: Transport) -> None:
-    """End the pages that no browser has come to, or that nobody comes back to."""
-    await bokeh.context._cleanup_sessions(UNUSED_MILLISECONDS)
 
 
 class _Socket:
     """The route of the websockets of the pages."""
 
-    def __init__(self, load: Callable[[], Awaitable[Transport]]) -> None:
+    def __init__(self, load: Callable[[], Awaitable[Pages]]) -> None:
         self._load = load
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         from gear_rattle.service.explorer.common.viewer import CALLER
 
-        bokeh = await self._load()
+        pages = await self._load()
         caller = scope["state"]["caller"]
         CALLER.set(caller)
         code = 0
-        session = _session_of(bokeh, scope)
+        session = pages.session_of(scope)
         if session is None:  # Bokeh would make another page, whose parts the browser does not know
             log.info("a page was refused: it is not there, or no longer")
             await send({"type": "websocket.close", "code": 1008, "reason": GONE})
@@ -225,23 +191,9 @@ class _Socket:
             return message
 
         with scope["app"].state.front.revocations.ending(caller) as visit:
-            await bokeh.socket(scope, noted, send)
+            await pages.socket(session, scope, noted, send)
             if code in LEFT:
                 session.request_expiration()  # what it had computed would be computed on
-                await forget_unused(bokeh)
         if visit.cancelled_caught:
             with suppress(RuntimeError):  # closed from the other side meanwhile
                 await send({"type": "websocket.close", "code": 1008, "reason": SIGNED_OUT})
-
-
-def _transport_of(open_page: Callable[[], Any], title: str) -> Transport:
-    """The application that opens a page by calling this in the event loop. Imports take more than a second."""
-    if find_spec("bokeh.server.asgi") is not None:
-        from gear_rattle.service.explorer.page.transport_asgi import AsgiTransport
-
-        return AsgiTransport(open_page, title)
-    from gear_rattle.service.explorer.page.transport_fastapi import (
-        FastapiTransport,
-    )  # all that there is for Python 3.11
-
-    return FastapiTransport(open_page, title)

@@ -9,7 +9,6 @@ from html import escape
 from typing import Any
 
 import panel as pn
-from bokeh.document import Document
 from bokeh.events import ConnectionLost, DocumentReady
 from bokeh.models import CustomJS
 from pydantic import ValidationError
@@ -17,6 +16,7 @@ from pydantic import ValidationError
 from gear_rattle.service.database.tables import Kind, Scope
 from gear_rattle.service.errors import ServiceError, UnknownSurveyError
 from gear_rattle.service.explorer.common.address import FURTHER, Pair, Pin, View
+from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.lists import SurveyList
 from gear_rattle.service.explorer.common.news import Standing, overall_rate
 from gear_rattle.service.explorer.common.viewer import CALLER, Viewer
@@ -36,11 +36,7 @@ from gear_rattle.workers import SurveyRequest
 
 
 class _Template(pn.Template):
-    """Panel's, in less time: it keeps the event loop busy whenever somebody opens a page."""
-
-    def _init_doc(self, doc: Document | None = None, *arguments: Any, **named: Any) -> Document:
-        with (doc or pn.state.curdoc or Document()).models.freeze():  # or all models are counted after every part
-            return super()._init_doc(doc, *arguments, **named)
+    """Panel's, in less time."""
 
     def __repr__(self) -> str:
         return type(self).__name__  # Panel's lists all parts, and is made for each of them
@@ -96,7 +92,7 @@ class Page:
         )  # fmt: skip
         self._map.offer(self._families.which)
         self._map.offer(self._further.add)
-        self._list.param.watch(lambda event: self._choose(event.new), "chosen")
+        self._list.param.watch(in_event_loop(lambda event: self._choose(event.new)), "chosen")
         self.template = self._laid_out(theme)
         shared.news.listen(self._on_news)
 

@@ -11,6 +11,7 @@ import param
 from panel.custom import JSComponent
 
 from gear_rattle.service.explorer.common.address import MOST_PINS, Pin
+from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.viewer import Viewer
 from gear_rattle.service.explorer.files import asset
 from gear_rattle.service.explorer.pins.table import Known, csv_of, known, lines_of
@@ -37,8 +38,10 @@ class PinTable(JSComponent):
     def __init__(self, on_action: Callable[[str, int], None], **values: Any) -> None:
         super().__init__(**values)
         self._on_action = on_action
+        self.on_msg(in_event_loop(lambda event: self.press(event.data)))
 
-    def _handle_msg(self, message: Any) -> None:
+    def press(self, message: Any) -> None:
+        """Do what a button of the table says."""
         if isinstance(message, Mapping) and isinstance(number := message.get("pin", 0), int):
             self._on_action(str(message.get("action")), number)
 

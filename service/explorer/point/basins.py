@@ -10,6 +10,7 @@ from bokeh.events import Tap
 from bokeh.models import ColumnDataSource, CustomJSHover, HoverTool, LinearColorMapper
 
 import rattle
+from gear_rattle.service.explorer.common.changes import in_event_loop
 from gear_rattle.service.explorer.common.figures import new_figure
 from gear_rattle.service.explorer.common.glyphs import empty
 from gear_rattle.service.explorer.point.parts import PlaneLine
@@ -86,7 +87,7 @@ class BasinsPicture:
                 "tau", "v", source=self._chosen, marker="circle", size=size, fill_alpha=0, line_color=shade,
                 line_width=width,
             )  # fmt: skip
-        self.figure.on_event(Tap, self._tapped)
+        self.figure.on_event(Tap, in_event_loop(self._tapped))
 
     def _tapped(self, event: Any) -> None:
         if event.x is not None and event.y is not None and 0 < event.y < self._v_max:

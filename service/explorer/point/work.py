@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeVar, TypeVarTuple
 import anyio
 
 import rattle
+from gear_rattle.service.explorer.common.changes import change_and_wait
 from gear_rattle.service.explorer.common.text import Text
-from gear_rattle.service.explorer.common.viewer import change_and_wait
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.kernels import AT, Part
 from gear_rattle.service.operations.turns import in_turn

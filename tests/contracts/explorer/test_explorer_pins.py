@@ -138,7 +138,7 @@ def test_pins_are_taken_and_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     async def use(pins: Pins) -> None:
         def press(action: str, number: int = 0) -> Awaitable[None]:
-            pins.table._handle_msg({"action": action, "pin": number})
+            pins.table.press({"action": action, "pin": number})
             return settled()
 
         await settled()

@@ -15,7 +15,6 @@ from gear_rattle.service.access import keys
 from gear_rattle.service.access.keys import COOKIE, OLD_COOKIE
 from gear_rattle.service.database.keys import MOST_SESSIONS
 from gear_rattle.service.database.tables import Scope
-from gear_rattle.service.explorer.page import mount
 
 HOST = "127.0.0.1:8000"
 SOCKET = f"ws://{HOST}/ws"
@@ -235,7 +234,10 @@ def test_the_page_does_not_hold_the_key(client: TestClient) -> None:
 
 
 def test_pages_beyond_the_limit_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mount, "SWEEP_SECONDS", HANG)  # none of them is put away meanwhile
-    monkeypatch.setattr(mount, "UNUSED_MILLISECONDS", 1000 * HANG)
+    from gear_rattle.service.explorer.page import pages
+
+    monkeypatch.setitem(
+        pages.SETTINGS, "unused_session_lifetime_milliseconds", 1000 * HANG
+    )  # none is put away meanwhile
     with front_end(tmp_path, max_pages=2) as client:
         assert [client.get("/page").status_code for _ in range(3)] == [200, 200, 503]

@@ -7,32 +7,38 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from re import findall
 from typing import Any
 
 import httpx
 import pytest
+from bokeh.server.session import ServerSession
 from fastapi.testclient import TestClient
 from service_support import front_end
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.types import Message, Receive, Scope, Send
+from starlette.websockets import WebSocketDisconnect
 from waiting import HANG, wait_until
 
 from gear_rattle.service.explorer.map.figure import Map
 from gear_rattle.service.explorer.map.shared import Shared
-from gear_rattle.service.explorer.page import mount
+from gear_rattle.service.explorer.page import mount, pages
 from gear_rattle.service.explorer.point import work
 
-SWEEP_SECONDS = mount.SWEEP_SECONDS
+LOOK_MS = 20
 HOST = "127.0.0.1:8000"
 SOCKET = f"ws://{HOST}/ws"
 OWN = {"Origin": f"http://{HOST}", "Sec-Fetch-Site": "same-origin"}
 
 
 @pytest.fixture(autouse=True)
-def _no_page_is_put_away_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mount, "SWEEP_SECONDS", HANG)
+def passed(monkeypatch: pytest.MonkeyPatch) -> threading.Event:
+    """Whether the time has passed that pages without a browser are kept, which are looked for all the time."""
+    passed = threading.Event()
+    waited = property(lambda _session: 1e9 if passed.is_set() else 0.0)
+    monkeypatch.setattr(ServerSession, "milliseconds_since_last_unsubscribe", waited)
+    monkeypatch.setitem(pages.SETTINGS, "check_unused_sessions_milliseconds", LOOK_MS)
+    return passed
 
 
 def test_a_page_is_let_go_of_when_its_browser_leaves(tmp_path: Path) -> None:
@@ -42,7 +48,8 @@ def test_a_page_is_let_go_of_when_its_browser_leaves(tmp_path: Path) -> None:
             assert "ACK" in socket.receive_text()
             (page,) = open_pages(client)
             assert page.connection_count == 1
-        assert page.connection_count == 0  # and so it is swept
+        wait_until(lambda: page.connection_count == 0)
+        wait_until(lambda: page.destroyed)
 
 
 def test_processes_for_the_first_click_are_started_once_a_page_has_its_map(
@@ -95,29 +102,41 @@ def test_a_page_cannot_be_opened_with_a_token_of_somebody_else_s_making(tmp_path
         assert [page.connection_count for page in open_pages(client)] == [0]
 
 
+def test_a_page_is_nobody_else_s_whatever_it_is_asked_by(tmp_path: Path) -> None:
+    with front_end(tmp_path) as client:
+        (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
+        (page,) = open_pages(client)
+        asked: list[tuple[dict[str, str], dict[str, str]]] = [
+            ({"bokeh_session_id": page.id}, {}), ({"bokeh-session-id": page.id}, {}), ({"bokeh-token": token}, {}),
+            ({}, {"Bokeh-Session-Id": page.id}),
+        ]  # fmt: skip
+        for number, (params, headers) in enumerate(asked, start=2):
+            assert client.get("/page", params=params, headers=headers).status_code == 200
+            assert len(open_pages(client)) == number
+
+
 def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    caplog.set_level(logging.INFO, "gear_rattle.service.explorer.page.socket")
     records: list[logging.LogRecord] = []
     handler = logging.Handler()
     handler.emit = records.append  # type: ignore[method-assign]
-    loggers = [
-        logging.getLogger(name)
-        for name in ("bokeh", "bokeh_fastapi", "gear_rattle.service.explorer.page.socket", "panel")
-    ]
+    loggers = [logging.getLogger(name) for name in ("bokeh", "bokeh_fastapi", "gear_rattle.service.explorer", "panel")]
     for logger in loggers:
         logger.addHandler(handler)
     gone, failed = threading.Event(), threading.Semaphore(0)
-    send_text = WebSocket.send_text
+    serve = mount._Socket.__call__
 
-    async def send(socket: WebSocket, text: str) -> None:
-        if gone.is_set():
-            failed.release()
-            raise WebSocketDisconnect(1006)
-        await send_text(socket, text)
+    async def leaving(route: mount._Socket, scope: Scope, receive: Receive, send: Send) -> None:
+        async def sent(message: Message) -> None:
+            if gone.is_set() and message["type"] == "websocket.send":
+                failed.release()
+                raise OSError("the browser has left")
+            await send(message)
 
-    monkeypatch.setattr(WebSocket, "send_text", send)
+        await serve(route, scope, receive, sent)
+
+    monkeypatch.setattr(mount._Socket, "__call__", leaving)
     with front_end(tmp_path) as client:
         (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
         with client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]) as socket:
@@ -129,21 +148,20 @@ def test_a_browser_that_leaves_while_its_message_is_handled_leaves_no_traceback(
                 if number == 0:
                     assert failed.acquire(timeout=HANG)
             socket.close(1006)
-        assert [page.connection_count for page in open_pages(client)] == [0]
+        wait_until(lambda: [page.connection_count for page in open_pages(client)] == [0])
     for logger in loggers:
         logger.removeHandler(handler)
-    said = [record.getMessage() for record in records if record.levelno >= logging.INFO]
-    assert not any(record.exc_info for record in records), said
-    assert sum("has left" in text for text in said) == 1
+    said = [record.getMessage() for record in records if record.exc_info or record.levelno > logging.INFO]
+    assert said == []
 
 
 def open_pages(client: TestClient) -> list[Any]:
-    return list(client.app.state.explorer._loading.result().context.sessions)
+    return list(client.app.state.explorer._loading.result().sessions())
 
 
 @pytest.mark.parametrize(("code", "comes_back"), [(1000, False), (1001, False), (1006, True)])
 def test_a_page_ends_with_its_browser_or_when_it_is_swept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: int, comes_back: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, passed: threading.Event, code: int, comes_back: bool
 ) -> None:
     """A page that was closed or reloaded ends at once, and with it what it had computed; a lost connection may not."""
     failures: list[str] = []
@@ -155,21 +173,25 @@ def test_a_page_ends_with_its_browser_or_when_it_is_swept(
             (page,) = open_pages(client)
             socket.close(code)
             wait_until(lambda: page.connection_count == 0)
-        explorer = client.app.state.explorer
-        assert len(explorer._news._listeners) == comes_back == len(open_pages(client))
-        client.portal.call(explorer._loading.result().context._cleanup_sessions, 0)
-        assert open_pages(client) == []
-        assert explorer._news._listeners == set()
+        news = client.app.state.explorer._news
+        if comes_back:
+            client.portal.call(asyncio.sleep, 5e-3 * LOOK_MS)
+            assert open_pages(client) == [page]
+            assert len(news._listeners) == 1
+            passed.set()
+        wait_until(lambda: open_pages(client) == [])
+        wait_until(lambda: news._listeners == set())
     assert failures == []
 
 
 def test_a_browser_that_comes_too_late_is_refused_instead_of_being_given_another_page(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    tmp_path: Path, passed: threading.Event, caplog: pytest.LogCaptureFixture
 ) -> None:
     """Of whose parts it knows nothing: it would stay empty."""
     with front_end(tmp_path) as client:
         (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
-        client.portal.call(client.app.state.explorer._loading.result().context._cleanup_sessions, 0)
+        passed.set()
+        wait_until(lambda: open_pages(client) == [])
         with (
             pytest.raises(WebSocketDisconnect) as refused,
             client.websocket_connect(SOCKET, headers={**OWN}, subprotocols=["bokeh", token]),
@@ -194,9 +216,9 @@ def test_who_runs_no_script_gets_no_page(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("visited", [False, True])
 def test_a_page_that_nobody_comes_to_is_swept_within_seconds(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, visited: bool
+    tmp_path: Path, passed: threading.Event, visited: bool
 ) -> None:
-    assert mount.UNUSED_MILLISECONDS + 1000 * SWEEP_SECONDS <= 30_000
+    assert pages.UNUSED_SECONDS + pages.CHECK_SECONDS <= 30
     with front_end(tmp_path, max_pages=1) as client:
         (token,) = set(findall(r'"token":\s*"([^"]+)"', client.get("/page").text))
         if visited:
@@ -205,16 +227,13 @@ def test_a_page_that_nobody_comes_to_is_swept_within_seconds(
                 (left,) = open_pages(client)
                 socket.close(1006)
                 wait_until(lambda: left.connection_count == 0)
-        sweep = mount.forget_unused, client.app.state.explorer._loading.result()
         (page,) = open_pages(client)
-        client.portal.call(*sweep)
-        assert open_pages(client) == [page]
         assert client.get("/page").status_code == 503
-        monkeypatch.setattr(mount, "UNUSED_MILLISECONDS", -1)  # its time is up
-        assert client.get("/page").status_code == 200  # nobody waits for the next sweep
-        assert page not in open_pages(client)
-        client.portal.call(*sweep)
-        assert open_pages(client) == []
+        assert open_pages(client) == [page]
+        passed.set()
+        wait_until(lambda: open_pages(client) == [])
+        passed.clear()
+        assert client.get("/page").status_code == 200
 
 
 def test_others_have_their_turn_between_the_parts_of_a_page_and_its_document(
@@ -243,21 +262,17 @@ def test_others_have_their_turn_between_the_parts_of_a_page_and_its_document(
         from gear_rattle.service.explorer.page import page
 
         noted(page, "Page")
-        noted(page._Template, "_init_doc")
-        if find_spec("bokeh.server.asgi") is None:
-            from gear_rattle.service.explorer.page.transport_fastapi import DocHandler
-
-            noted(DocHandler, "render_session")
+        noted(page._Template, "server_doc")
         counting = client.portal.start_task_soon(count)
         seen.clear()
         assert client.get("/page").status_code == 200
         counting.cancel()
-    assert len(seen) > 1
+    assert len(seen) == 2
     assert seen == sorted(set(seen))
 
 
 def test_a_page_whose_browser_leaves_while_it_is_made_is_finished_and_swept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, passed: threading.Event
 ) -> None:
     async def visit(client: TestClient, page: Any) -> None:
         transport = httpx.ASGITransport(client.app, client=("127.0.0.1", 50000))
@@ -272,17 +287,16 @@ def test_a_page_whose_browser_leaves_while_it_is_made_is_finished_and_swept(
             monkeypatch.setattr(page, "Page", left)
             with pytest.raises(asyncio.CancelledError):
                 await visiting
-        for _ in range(100):
-            await asyncio.sleep(0)
-        await client.app.state.explorer._loading.result().context._cleanup_sessions(0)
 
     with front_end(tmp_path) as client:
         client.get("/page")
         from gear_rattle.service.explorer.page import page
 
         client.portal.call(visit, client, page)
-        assert open_pages(client) == []
-        assert client.app.state.explorer._news._listeners == set()
+        wait_until(lambda: len(open_pages(client)) == 2)
+        passed.set()
+        wait_until(lambda: open_pages(client) == [])
+        wait_until(lambda: client.app.state.explorer._news._listeners == set())
 
 
 def test_what_a_page_imports_is_imported_in_one_thread_only(tmp_path: Path) -> None:

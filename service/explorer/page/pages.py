@@ -1,0 +1,151 @@
+"""The pages of the explorer as Panel serves them: an application within ours, added to it by `panel.io.fastapi`."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import sys
+from collections.abc import Callable
+from contextlib import AbstractAsyncContextManager, suppress
+from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qsl, urlencode
+from weakref import WeakKeyDictionary, WeakValueDictionary
+
+from bokeh.application.handlers import Handler
+from bokeh.document import Document
+from bokeh.protocol.exceptions import ProtocolError
+from bokeh.util.token import get_session_id
+from fastapi import FastAPI
+from panel.io.application import Application
+from panel.io.fastapi import add_applications
+from panel.io.state import set_curdoc
+from starlette.requests import Request
+from starlette.types import Message, Receive, Scope, Send
+
+from gear_rattle.service.explorer.common.changes import wait_for_browser
+
+if TYPE_CHECKING:
+    import panel as pn
+    from bokeh.application.application import SessionContext
+    from bokeh.server.session import ServerSession
+
+#: Seconds that a page is kept whose browser is still to come, or has left and may come back; seconds between two looks.
+UNUSED_SECONDS, CHECK_SECONDS = 15.0, 1.0
+
+#: A page belongs to who opened it: nobody makes up another's. Neither headers nor cookies are kept for it: they would
+#: be written into the page, the key among them. Bokeh signs by the first secret of a process.
+SETTINGS: dict[str, Any] = {
+    "secret_key": secrets.token_bytes(32),
+    "sign_sessions": True,
+    "include_headers": [],
+    "include_cookies": [],
+    "websocket_origin": "*",  # who may ask at all has been decided before
+    "unused_session_lifetime_milliseconds": int(1e3 * UNUSED_SECONDS),
+    "check_unused_sessions_milliseconds": int(1e3 * CHECK_SECONDS),
+}
+#: Arguments and a header by which a request would get the page of another one.
+NAMING = ("bokeh-session-id", "bokeh-token", "bokeh_session_id")
+
+
+class _PageHandler(Handler):
+    """Makes the parts of a page in the event loop, and puts them into its document wherever Bokeh does that.
+
+    Between the two steps the event loop answers others.
+    """
+
+    def __init__(self, open_page: Callable[[], pn.Template], title: str) -> None:
+        super().__init__()
+        self._open_page, self._title = open_page, title
+        self._made: WeakKeyDictionary[Document, pn.Template | Exception] = WeakKeyDictionary()
+        self.contexts: WeakValueDictionary[str, Any] = WeakValueDictionary()
+
+    async def on_session_created(self, session_context: SessionContext) -> None:
+        """Make the parts."""
+
+        async def make(document: Document) -> None:
+            with set_curdoc(document):
+                try:
+                    self._made[document] = self._open_page()
+                except Exception as error:  # Bokeh would only log it
+                    self._made[document] = error
+
+        await session_context.with_locked_document(make)
+        self.contexts[session_context.id] = session_context
+        await asyncio.sleep(0)
+
+    def modify_document(self, doc: Document) -> None:
+        """Put the parts into the document. Raises why they could not be made."""
+        made = self._made.pop(doc)
+        if isinstance(made, Exception):
+            raise made
+        with doc.models.freeze():  # or all models are counted after every part
+            made.server_doc(doc, title=self._title)
+
+
+class Pages:
+    """An ASGI application that has a page at ``/``, its websocket at ``/ws``, scripts and styles.
+
+    Parameters
+    ----------
+    open_page
+        Makes a page for the caller and the colours of its context. Called in the event loop.
+    title
+        Title of the document.
+    """
+
+    def __init__(self, open_page: Callable[[], pn.Template], title: str) -> None:
+        self._handler = _PageHandler(open_page, title)
+        self._app = FastAPI(openapi_url=None)
+        served: dict[str, Any] = {"/": Application(self._handler)}
+        self._bokeh = add_applications(served, app=self._app, **SETTINGS)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        await self._app(dict(scope), receive, send)
+
+    def running(self) -> AbstractAsyncContextManager[Any]:
+        """End the pages that nobody uses, for as long as the context is open."""
+        return self._app.router.lifespan_context(self._app)
+
+    def resources(self) -> Any:
+        """Return the scripts and styles that a page needs, with their versions so that browsers may keep them."""
+        from bokeh.server.views.static_handler import StaticHandler
+
+        found: Any = self._bokeh.resources()
+        found.path_versioner = StaticHandler.append_version
+        return found
+
+    def sessions(self) -> list[ServerSession]:
+        """Return the pages that are there."""
+        found = (context.session for context in self._handler.contexts.values())
+        return [session for session in found if session is not None and not session.destroyed]
+
+    def session_of(self, scope: Scope) -> ServerSession | None:
+        """Return the page that a websocket asks for, if it is there."""
+        with suppress(ProtocolError, LookupError, ValueError):  # no page of ours
+            asked = get_session_id("".join(scope["subprotocols"][-1:]))
+            return next((session for session in self.sessions() if session.id == asked), None)
+        return None
+
+    async def document(self, request: Request) -> str:
+        """Return a new page as HTML."""
+        body = b""
+
+        async def keep(message: Message) -> None:
+            nonlocal body
+            body += message.get("body", b"")
+
+        query = [pair for pair in parse_qsl(request.url.query, keep_blank_values=True) if pair[0] not in NAMING]
+        headers = [pair for pair in request.scope["headers"] if pair[0].lower().decode("latin-1") not in NAMING]
+        changed = {"path": "/", "raw_path": b"/", "query_string": urlencode(query).encode(), "headers": headers}
+        await self({**request.scope, **changed}, request.receive, keep)
+        return body.decode()
+
+    async def socket(self, session: ServerSession, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve the websocket of a page until one side leaves; refuse a token that is none of ours."""
+        wait_for_browser(session.document)
+        if sys.version_info < (3, 12):
+            from gear_rattle.service.explorer.page.whole_messages import serve_socket
+
+            await serve_socket(self, scope, receive, send)
+        else:
+            await self(scope, receive, send)

@@ -1,0 +1,61 @@
+"""What a websocket needs on Python 3.11, where Panel's newest version stands on bokeh_fastapi.
+
+bokeh_fastapi sends a message in parts, and lets another message in between if a part has to wait; it counts a browser
+out only when `receive` raises; and it raises anything at a token that is not one of ours.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from contextlib import suppress
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketDisconnect
+
+log = logging.getLogger(__name__)
+
+
+async def serve_socket(app: ASGIApp, scope: Scope, receive: Receive, send: Send) -> None:
+    """Serve a websocket by an application that never has to wait for its browser, until one side leaves."""
+    outbox: asyncio.Queue[Message] = asyncio.Queue()
+    left: list[Message] = []
+    is_told = False
+
+    async def enter(message: Message) -> None:
+        if not left:
+            outbox.put_nowait(message)
+
+    async def deliver() -> None:
+        while True:
+            message = await outbox.get()
+            try:
+                await send(message)
+            except Exception as error:  # the browser has left
+                log.debug("a message to a page is lost: %s", error)
+            outbox.task_done()
+
+    async def take() -> Message:
+        nonlocal is_told
+        if not left:
+            message = await receive()
+            if message["type"] != "websocket.disconnect":
+                return message
+            left.append(message)
+            return {"type": "websocket.receive"}  # or the last message would be handled once more
+        if is_told:
+            raise RuntimeError("the browser has left")
+        is_told = True
+        raise WebSocketDisconnect(left[0].get("code", 1005))
+
+    sender = asyncio.create_task(deliver())
+    try:
+        await app(scope, take, enter)
+        if not left:
+            await outbox.join()
+    except Exception as error:
+        log.info("a page was refused: %s", error)
+        with suppress(RuntimeError):
+            await send({"type": "websocket.close", "code": 1008})
+    finally:
+        sender.cancel()  # a cancelled connection may no longer belong to its caller: it gets nothing more
