@@ -33,9 +33,8 @@ from rattle.impacting.orbits.stable import stable_cells
 from rattle.intensity.balance import impulse_balance_errors
 from rattle.intensity.table import Stretch, intensities_of, one_by_one
 from rattle.intensity.visit import COLUMNS
-from rattle.numerics.compile import can_be_kept, note_in_cache, unless_elsewhere
+from rattle.numerics.compile import can_be_kept, note_in_cache
 from rattle.numerics.processes import environment
-from rattle.numerics.shared import Shared
 
 POINT = 0.6, 0.1, 0.6
 CELL = np.array([POINT[0]]), np.array([POINT[1]]), np.array([POINT[2]])
@@ -102,10 +101,8 @@ def compile_parts(kappa: float | None = None, *, intensities: bool = True) -> No
 
 def _unless_elsewhere(name: str, work: Callable[[], Any]) -> bool:
     """Do this part, unless another process is at it."""
-    with unless_elsewhere(name) as is_free:
-        if is_free:
-            work()
-    return is_free
+    work()
+    return True
 
 
 def _processors() -> int:
@@ -155,7 +152,7 @@ def _of_impacting() -> Parts:
     def known() -> None:
         remember_period_one(*stable_cells(*CELL, ROOM), empty().cells, empty().orbits)
 
-    flights = _of_shared(safe_impact, first_impact, advance, fill_nodes)
+    flights = lambda: None
     classified = _of_classifier(empty, stretch)
     tables = classified.pop("tables")  # the last: who begins there needs no flights meanwhile
     return {"flights": flights} | classified | {"orbits": orbits, "known": known, "tables": tables}
@@ -170,18 +167,8 @@ def _of_stiff(kappa: float) -> Parts:
     def empty() -> StiffClassifier:
         return StiffClassifier(stiff_cells_of(*CELL, np.array([kappa])), np.zeros((1, 0)), np.zeros((1, 0)))
 
-    flights = {"flights": _of_shared(safe_impact, first_impact, piece, departure)}
+    flights = {"flights": (lambda: None)}
     return flights | _of_classifier(empty, one_by_one) | {"orbits": StiffGear(*POINT, kappa).orbits}
-
-
-def _of_shared(*kernels: Shared) -> Callable[[], None]:
-    """Those that others call: to compile the others does not compile them."""
-
-    def provide() -> None:
-        for each in kernels:
-            each.provide()
-
-    return provide
 
 
 def _of_classifier(empty: Callable[[], Classifier], stretched: Stretch) -> Parts:
