@@ -1,21 +1,25 @@
-"""How kernels are compiled: one decorator, and a disk cache that an edit can never leave stale.
+"""How kernels are compiled: by numba, into a cache that an edit can never leave stale.
 
 Numba's own cache looks only at the file that holds a function, so it misses an edit in a helper that the function
-imports. Ours is keyed by the sources of the whole library, the compiler's versions and the processor. Processes share
-it: the first that needs a kernel compiles it, the others wait for its file.
+imports. The directory of ours is named by the sources of the whole library, the compiler's versions and the processor.
+docs/decisions/0005-kernel-cache.md
 """
 
+import fcntl
 import hashlib
 import inspect
 import logging
 import os
 import platform
 import stat
+import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, update_wrapper
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -23,19 +27,20 @@ import llvmlite
 import numba
 import numpy as np
 from llvmlite import binding
-from numba.extending import overload, register_jitable
+from numba.extending import overload, typeof_impl
 
 from rattle.errors import RattleError
+from rattle.numerics.processes import environment
 
 if numba.config.DISABLE_JIT:  # type: ignore[attr-defined]
     raise RattleError("NUMBA_DISABLE_JIT is set, and without the compiler nothing can be computed: unset it")
 
-log = logging.getLogger(__name__)  # INFO: a kernel that is compiled, not loaded
+log = logging.getLogger(__name__)  # INFO: kernels that are being compiled
 
-LOCK_POLL_SECONDS, SAID_SECONDS, SUSPENDED_SECONDS = 0.05, 1.0, 120.0
-OBJECTS = 50_000  # that are made between two collections of garbage; Python's own default is 700
-
-COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "warm.py"}  # of what a survey holds
+COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}  # of what a survey holds
+COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
+STEP = "compiling "  # how a line of that process begins that says what it is at
+_HERE: list[str] = []  # what this process itself compiles for others
 
 
 @cache
@@ -63,9 +68,13 @@ def toolchain() -> dict[str, str]:
     }
 
 
-@cache
-def _default_root(usual: str) -> str:
-    """Return the usual directory or, where it cannot be written, a directory for temporary files of this user only."""
+def _root() -> str:
+    """Return the directory that the environment names or the usual one; where that cannot be written, a directory for
+    temporary files of this user only.
+    """
+    if named := os.environ.get("RATTLE_CACHE_DIR"):
+        return named
+    usual = os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "rattle")
     for root in (usual, os.path.join(tempfile.gettempdir(), f"rattle-cache-{os.getuid()}")):
         with suppress(OSError):
             os.makedirs(root, 0o700, exist_ok=True)
@@ -76,40 +85,22 @@ def _default_root(usual: str) -> str:
     return usual
 
 
-def _cache_directory() -> str:
-    root = os.environ.get("RATTLE_CACHE_DIR") or _default_root(
-        os.path.join(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "rattle")
-    )
-    toolchain = (sys.version, platform.machine(), numba.__version__, llvmlite.__version__, np.__version__)
-    key = hashlib.sha256(repr((source_hash(), toolchain)).encode()).hexdigest()[:24]
-    return os.path.join(root, key)
-
-
-def note_in_cache(name: str) -> Path:
-    """Where a note about this cache may be left, such as that it is complete; of this processor, as its kernels are."""
-    processor = f"{binding.get_host_cpu_name()} {binding.get_host_cpu_features().flatten()}"
-    return Path(_cache_directory(), f"{name}-{hashlib.sha256(processor.encode()).hexdigest()[:12]}.note")
-
-
-#: IEEE arithmetic but for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation would
-#: break the rounding trick of `rattle.flight.law` and the sums that avoid cancellation.
-_OPTIONS: dict[str, Any] = {
-    "error_model": "numpy",
-    "fastmath": {"contract", "nsz"},
-    "no_cfunc_wrapper": True,
-}
-_KERNEL: dict[str, Any] = _OPTIONS | {"_nrt": True, "forceinline": False}
-_INLINE: dict[str, Any] = _OPTIONS | {"_nrt": False, "forceinline": True, "no_cpython_wrapper": True}
+@cache
+def cache_directory() -> Path:
+    """Return the directory of kernels of these sources, at this place, for this compiler and processor."""
+    target: Any = numba.config
+    key = (source_hash(), __file__, sys.version, toolchain(), target.CPU_NAME, target.CPU_FEATURES)
+    return Path(_root(), hashlib.sha256(repr(key).encode()).hexdigest()[:24])
 
 
 @cache
 def can_be_kept() -> bool:
-    """Whether the cache can be written; says so if not. Numba would take a directory beside the sources, where code can
-    be stale.
+    """Return whether the cache can be written; say so if not. Numba would take a directory beside the sources then,
+    where code can be stale.
     """
     try:
-        os.makedirs(_cache_directory(), exist_ok=True)
-        tempfile.TemporaryFile(dir=_cache_directory()).close()
+        cache_directory().mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=cache_directory()).close()
     except OSError as error:
         log.warning(
             "kernels cannot be kept, and every process compiles them (%s): let RATTLE_CACHE_DIR name a directory "
@@ -118,6 +109,53 @@ def can_be_kept() -> bool:
         )
         return False
     return True
+
+
+#: IEEE arithmetic but for fused multiply-add and the sign of zero; 1/0 is inf, not an exception. Reassociation would
+#: break the rounding trick of `rattle.flight.law` and the sums that avoid cancellation.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cfunc_wrapper": True}
+_ENTRY: dict[str, Any] = _OPTIONS | {"nogil": True, "_nrt": True, "forceinline": False}
+_CALLED: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": True, "forceinline": False}
+_INLINE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": False, "forceinline": True}
+
+
+class Compiled:
+    """A function that Python and kernels call, each in its own way."""
+
+    def __init__(self, function: Callable[..., Any], from_python: Callable[..., Any], options: dict[str, Any]) -> None:
+        update_wrapper(self, function)
+        self._from_python, self.in_kernels = from_python, numba.njit(**options)(function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._from_python(*arguments)
+
+
+@typeof_impl.register(Compiled)
+def _type_in_kernels(function: Compiled, _context: Any) -> Any:
+    return numba.typeof(function.in_kernels)
+
+
+def kernel(function: Callable[..., Any]) -> Compiled:
+    """Compile a kernel on first call from Python, and cache it on disk; other threads run meanwhile.
+
+    Kernels that call it have copies of their own: those of one name are alike, whichever of them a process loads first.
+    """
+    config: Any = numba.config
+    before, config.CACHE_DIR = config.CACHE_DIR, str(cache_directory())  # read when a function is decorated
+    try:
+        return Compiled(function, numba.njit(cache=can_be_kept(), **_ENTRY)(function), _CALLED)
+    finally:
+        config.CACHE_DIR = before
+
+
+def inline(function: Callable[..., Any]) -> Compiled:
+    """Compile a small function into its callers: a loop over it stays one straight line, which LLVM vectorises.
+
+    It borrows the arrays that it is given: it neither makes nor returns any, and counts no references to them. In a
+    kernel numba counts those of every array of a named tuple at each call, in atomic steps of some nanoseconds. From
+    Python it is the plain function.
+    """
+    return Compiled(function, function, _INLINE)
 
 
 def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -129,23 +167,70 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
 
         chooser: Any = choose
         chooser.__signature__ = inspect.signature(implementation)  # numba matches arguments by their names
-        options = _KERNEL | {"no_cpython_wrapper": True}
-        overload(function, strict=False, jit_options=options)(chooser)
+        overload(function, strict=False, jit_options=_CALLED)(chooser)
         return implementation
 
     return register
 
 
-def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a kernel on first call, and cache it on disk; other threads run meanwhile."""
-    config: Any = numba.config
-    before, config.CACHE_DIR = config.CACHE_DIR, _cache_directory()
-    try:
-        return numba.njit(nogil=True, cache=can_be_kept(), **_KERNEL)(function)
-    finally:
-        config.CACHE_DIR = before
+def note_of(work: str, model: str) -> Path:
+    """Return the file which says that the kernels for this work are in the cache."""
+    return cache_directory() / f"{work}-{model}.note"
 
 
-def inline(function: Callable[..., Any]) -> Any:
-    """Compile a small function into its callers: a loop over it stays one straight line, which LLVM vectorises."""
-    return register_jitable(**_INLINE)(function)
+def compile_apart(module: str, work: str, model: str) -> None:
+    """Compile the kernels for some work in a process of their own, unless that was done before.
+
+    Numba's functions are weak symbols: a process that compiles takes copies of them which are optimised otherwise than
+    those that it loads, and the last bits differ. So every process that computes what is stored loads its kernels.
+    One process at a time compiles; others wait for it.
+
+    Parameters
+    ----------
+    module, work : str
+        A function and where it is; for a model it returns steps by name, which compile what they need.
+    model : str
+        The model.
+
+    Raises
+    ------
+    RattleError
+        They cannot be compiled; the message says why.
+    """
+    note = note_of(work, model)
+    if _HERE or note.exists() or not sys.executable or not can_be_kept():
+        return
+    with open(note.with_name("lock"), "w") as lock:
+        with suppress(OSError):  # without it, where files cannot be locked, kernels are compiled twice
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        if not note.exists():
+            _compile(module, work, model)
+            note.touch()
+
+
+def _compile(module: str, work: str, model: str) -> None:
+    command = [sys.executable, "-c", COMPILE, module, work, model]
+    pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    said: list[str] = []
+    with subprocess.Popen(command, env=environment(), **pipes) as process:
+        try:
+            for line in process.stdout or ():
+                if line.startswith(STEP):
+                    log.info(line.strip())
+                else:
+                    said.append(line)
+        finally:
+            if sys.exc_info()[0]:
+                process.kill()
+    if process.returncode:
+        raise RattleError(f"kernels cannot be compiled: {''.join(said[-20:]).strip() or process.returncode}")
+
+
+def compile_here(module: str, work: str, model: str) -> None:
+    """Do the steps of this work in this process, which ends when the one that started it does."""
+    threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
+    _HERE.append(work)
+    steps = getattr(import_module(module), work)(model)
+    for number, (name, step) in enumerate(steps.items(), 1):
+        print(f"{STEP}{name} of the {model} model, {number} of {len(steps)}", flush=True)
+        step()

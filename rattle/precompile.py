@@ -1,0 +1,105 @@
+"""Compile kernels before anybody's time is counted, by small pieces of the work that needs them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from rattle.families.join import joined
+from rattle.impacting.crisis.side import crisis_side
+from rattle.impacting.orbits.period_one import grazing
+from rattle.models import AnyModel, Model, model_of
+from rattle.numerics.compile import compile_apart
+
+BETA, KAPPA = 0.6, 1e4
+DELTA = 0.6
+QUIET, CHAOS_TOO, CHAOS = 0.089, 0.1, 0.25  # ε: quiet motion beside impacts, beside chaos too, chaos alone
+COUNT, SIDE = 16, 20  # samples of a cell; cells of basins
+Steps = dict[str, Callable[[], object]]
+
+
+def precompile(kappa: float | None = None, work: str = "survey", *, load: bool = False) -> None:
+    """Compile the kernels for some work, unless that was done before.
+
+    They are compiled in a process of their own, once on a machine for all processes: those of a survey in up to a
+    minute. Boundary distance, Γ, manifolds and most curves compile when first used.
+
+    Parameters
+    ----------
+    kappa : float, optional
+        Stiffness, for kernels of the stiff gear; by default those of the impacting gear.
+    work : {"survey", "orbits", "basins", "diagram"}
+        What they are for.
+    load : bool
+        Whether to load them too, so that the first use need not.
+
+    Raises
+    ------
+    RattleError
+        The kernels cannot be compiled; the message says why.
+    """
+    model = model_of(BETA, kappa).name
+    compile_apart(__name__, work, model)
+    if load:
+        for step in globals()[work](model).values():
+            step()
+
+
+def orbits(name: str) -> Steps:
+    """Return what needs the kernels of period-one orbits and their limits."""
+    model = _model(name)
+
+    def closed() -> None:
+        model.period_one(np.array([DELTA]), np.array([CHAOS_TOO]))
+        model.gear(DELTA, CHAOS_TOO).orbits()
+        model.limits(DELTA)
+        if model.in_closed_form:
+            grazing("G1", DELTA, BETA)
+            grazing("G2", DELTA, BETA)
+
+    return {"orbits": closed}
+
+
+def survey(name: str) -> Steps:
+    """Return what needs the kernels of a survey."""
+    model = _model(name)
+    epsilon = np.array([QUIET, CHAOS_TOO, CHAOS] if model.in_closed_form else [CHAOS_TOO])  # the other takes longer
+    delta = np.full(epsilon.size, DELTA)
+
+    def attractors() -> None:
+        table = model.attractors_of(delta, epsilon, COUNT)
+        model.impulse_balance_errors(delta, epsilon, table)
+
+    def intensities() -> None:
+        model.intensities_of(delta, epsilon, model.attractors_of(delta, epsilon, COUNT))
+
+    def families() -> None:
+        table = model.attractors_of(delta[:1], epsilon[:, None], COUNT)
+        joined(delta[:1], epsilon, COUNT, table, model.cells(delta, epsilon))
+
+    return orbits(name) | {"attractors": attractors, "intensities": intensities, "families": families}
+
+
+def basins(name: str) -> Steps:
+    """Return what needs the kernels of basins, and of the side of A's crisis that a cell is on."""
+    gear, has_crisis = _model(name).gear(DELTA, CHAOS_TOO), _model(name).has_crisis
+    steps: Steps = {
+        f"basins ({method})": lambda method=method: gear.basins(SIDE, None, method)
+        for method in ("cells", "refined", "direct")
+    }
+    return steps | ({"crises": lambda: crisis_side(DELTA, CHAOS_TOO)} if has_crisis else {})
+
+
+def diagram(name: str) -> Steps:
+    """Return what needs the kernels of a bifurcation diagram."""
+    model = _model(name)
+
+    def along(start: tuple[float, float], end: tuple[float, float]) -> Callable[[], object]:
+        return lambda: model.diagram(start, end, steps=4, count=4)
+
+    return survey(name) | {"diagrams": along((DELTA, CHAOS_TOO), (DELTA, 1.05 * CHAOS_TOO))}
+
+
+def _model(name: str) -> AnyModel:
+    return model_of(BETA, KAPPA if name == Model.STIFF else None)
