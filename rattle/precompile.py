@@ -6,6 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from rattle.attractors.chaos import group_numbers
+from rattle.attractors.classify import nothing_seen
+from rattle.attractors.recurrence import mark_footprints, resolve
 from rattle.families.join import joined
 from rattle.impacting.crisis.side import crisis_side
 from rattle.impacting.orbits.period_one import grazing
@@ -55,8 +58,8 @@ def orbits(name: str) -> Steps:
         model.gear(DELTA, CHAOS_TOO).orbits()
         model.limits(DELTA)
         if model.in_closed_form:
-            grazing("G1", DELTA, BETA)
             grazing("G2", DELTA, BETA)
+            model.trace("G1", (0.99 * DELTA, DELTA), (0.0, CHAOS))
 
     return {"orbits": closed}
 
@@ -71,6 +74,16 @@ def survey(name: str) -> Steps:
         table = model.attractors_of(delta, epsilon, COUNT)
         model.impulse_balance_errors(delta, epsilon, table)
 
+    def rare() -> None:  # what only some samples need
+        beta, kappa = np.full(delta.size, BETA), np.full(delta.size, KAPPA)
+        columns = (delta, epsilon, beta) if model.in_closed_form else (delta, epsilon, beta, kappa)
+        none, nothing, seen = np.zeros(0, np.int64), np.zeros(0), nothing_seen(0)
+        of = model.classified(columns, np.zeros((delta.size, 1)), np.full((delta.size, 1), 5.0))
+        resolve(none, of.cells, of.samples, of.orbits, of.balls, of.grown)
+        mark_footprints(none, 1, of.cells, of.samples, seen.prints)
+        group_numbers(seen.prints, none, none)
+        of.watch(none, nothing, nothing, seen)
+
     def intensities() -> None:
         model.intensities_of(delta, epsilon, model.attractors_of(delta, epsilon, COUNT))
 
@@ -78,7 +91,12 @@ def survey(name: str) -> Steps:
         table = model.attractors_of(delta[:1], epsilon[:, None], COUNT)
         joined(delta[:1], epsilon, COUNT, table, model.cells(delta, epsilon))
 
-    return orbits(name) | {"attractors": attractors, "intensities": intensities, "families": families}
+    return orbits(name) | {
+        "attractors": attractors,
+        "rare cases": rare,
+        "intensities": intensities,
+        "families": families,
+    }
 
 
 def basins(name: str) -> Steps:

@@ -27,6 +27,7 @@ import llvmlite
 import numba
 import numpy as np
 from llvmlite import binding
+from numba import types
 from numba.extending import overload, typeof_impl
 
 from rattle.errors import RattleError
@@ -125,9 +126,14 @@ class Compiled:
     def __init__(self, function: Callable[..., Any], from_python: Callable[..., Any], options: dict[str, Any]) -> None:
         update_wrapper(self, function)
         self._from_python, self.in_kernels = from_python, numba.njit(**options)(function)
+        if not options["_nrt"]:
+            _BORROWING.append(self)
 
     def __call__(self, *arguments: Any) -> Any:
         return self._from_python(*arguments)
+
+
+_BORROWING: list[Compiled] = []
 
 
 @typeof_impl.register(Compiled)
@@ -234,3 +240,22 @@ def compile_here(module: str, work: str, model: str) -> None:
     for number, (name, step) in enumerate(steps.items(), 1):
         print(f"{STEP}{name} of the {model} model, {number} of {len(steps)}", flush=True)
         step()
+    require_borrowed()
+
+
+def require_borrowed() -> None:
+    """Refuse inline functions that return an array: their callers would give back what they were never given.
+
+    Raises
+    ------
+    RattleError
+        One that this process has compiled does.
+    """
+    for each in _BORROWING:
+        if any(_holds_array(signature.return_type) for signature in each.in_kernels.nopython_signatures):
+            raise RattleError(f"{each.__name__} is inline and returns an array: make it a kernel")
+
+
+def _holds_array(kind: Any) -> bool:
+    parts = kind.types if isinstance(kind, types.BaseTuple) else [kind.type] if isinstance(kind, types.Optional) else []
+    return isinstance(kind, types.Array) or any(_holds_array(each) for each in parts)
