@@ -9,6 +9,7 @@ from typing import Any
 import zarr
 from zarr.core.buffer import Buffer
 
+import rattle
 from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
 from gear_rattle.workers.populations import template as population_template
 from gear_rattle.workers.populations import tiles as population_tiles
@@ -18,6 +19,7 @@ from gear_rattle.workers.survey import template as survey_template
 from gear_rattle.workers.survey import tiles as survey_tiles
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
+from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from gear_rattle.workers.survey.tiles import CellOutcome, Tile, TileArrays, TileRecord
 
 AnyRequest = SurveyRequest | PopulationRequest
@@ -36,6 +38,15 @@ def tiles_of(request: AnyRequest) -> list[Any]:
     return found
 
 
+def compile_for(request: AnyRequest) -> None:
+    """Compile the kernels that tiles need, unless that was done before: what is stored comes from loaded kernels."""
+    groups = set(request.quantities)
+    sampled = SAMPLED & groups or isinstance(request, PopulationRequest)
+    rattle.precompile(request.stiffness, "survey" if sampled else "orbits")
+    if Group.BASINS in groups:
+        rattle.precompile(request.stiffness, "basins")
+
+
 def compute_tile(
     request: AnyRequest, tile: AnyTile, outcomes: Iterable[CellOutcome] | None = None
 ) -> tuple[TileArrays, TileRecord]:
@@ -44,6 +55,7 @@ def compute_tile(
     Args:
         outcomes: of the cells, in their order, if they come from elsewhere.
     """
+    compile_for(request)
     found: tuple[TileArrays, TileRecord] = _tiles(request).compute_tile(request, tile, outcomes)
     return found
 
@@ -52,6 +64,7 @@ def cell_outcomes(
     request: AnyRequest, tile: AnyTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell of a tile alone from number `first`, so that one which fails is the only one lost."""
+    compile_for(request)
     found: Iterator[CellOutcome] = _tiles(request).cell_outcomes(request, tile, first, failing)
     return found
 

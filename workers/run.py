@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from gear_rattle.workers.certificates import require_certifiable
 from gear_rattle.workers.completion import complete, is_incomplete
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.in_process import compile_for, is_short, run_tiles_here
+from gear_rattle.workers.in_process import is_short, run_tiles_here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import create_store, finish_store, open_survey, tiles_done
 from gear_rattle.workers.survey.axes import place_and_reason

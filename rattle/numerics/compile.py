@@ -5,23 +5,25 @@ imports. The directory of ours is named by the sources of the whole library, the
 docs/decisions/0005-kernel-cache.md
 """
 
+import base64
 import fcntl
 import hashlib
 import inspect
 import logging
 import os
+import pickle
 import platform
 import stat
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache, update_wrapper
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import llvmlite
 import numba
@@ -41,7 +43,7 @@ log = logging.getLogger(__name__)  # INFO: kernels that are being compiled
 COMPUTE_NOTHING = {"plot", "paper", "proof", "resilience", "notebook.py", "precompile.py"}  # of what a survey holds
 COMPILE = "import sys; from rattle.numerics.compile import compile_here; compile_here(*sys.argv[1:])"
 STEP = "compiling "  # how a line of that process begins that says what it is at
-_HERE: list[str] = []  # what this process itself compiles for others
+_HERE: list[Path] = []  # notes of what this process compiles for others
 
 
 @cache
@@ -120,48 +122,70 @@ _CALLED: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": True, 
 _INLINE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": False, "forceinline": True}
 
 
-class Compiled:
-    """A function that Python and kernels call, each in its own way."""
+class Inline:
+    """A function that is compiled into its callers; from Python it is the plain function.
 
-    def __init__(self, function: Callable[..., Any], from_python: Callable[..., Any], options: dict[str, Any]) -> None:
+    It borrows the arrays that it is given: it neither makes nor returns any, and counts no references to them. In a
+    kernel numba counts those of every array of a named tuple at each call, in atomic steps of some nanoseconds.
+    """
+
+    all: ClassVar[list["Inline"]] = []
+
+    def __init__(self, function: Callable[..., Any], options: Mapping[str, Any] = _INLINE) -> None:
         update_wrapper(self, function)
-        self._from_python, self.in_kernels = from_python, numba.njit(**options)(function)
-        if not options["_nrt"]:
-            _BORROWING.append(self)
+        self.in_kernels, self._run = numba.njit(**options)(function), function
+        if options is _INLINE:
+            Inline.all.append(self)
 
     def __call__(self, *arguments: Any) -> Any:
-        return self._from_python(*arguments)
+        return self._run(*arguments)
 
 
-_BORROWING: list[Compiled] = []
-
-
-@typeof_impl.register(Compiled)
-def _type_in_kernels(function: Compiled, _context: Any) -> Any:
+@typeof_impl.register(Inline)
+def _type_in_kernels(function: Inline, _context: Any) -> Any:
     return numba.typeof(function.in_kernels)
 
 
-def kernel(function: Callable[..., Any]) -> Compiled:
-    """Compile a kernel on first call from Python, and cache it on disk; other threads run meanwhile.
+class Kernel(Inline):
+    """A compiled function with an entry from Python, which is kept on disk.
 
     Kernels that call it have copies of their own: those of one name are alike, whichever of them a process loads first.
     """
-    config: Any = numba.config
-    before, config.CACHE_DIR = config.CACHE_DIR, str(cache_directory())  # read when a function is decorated
-    try:
-        return Compiled(function, numba.njit(cache=can_be_kept(), **_ENTRY)(function), _CALLED)
-    finally:
-        config.CACHE_DIR = before
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function, _CALLED)
+        config: Any = numba.config
+        before, config.CACHE_DIR = config.CACHE_DIR, str(cache_directory())  # read when a function is decorated
+        try:
+            self.entry = numba.njit(cache=can_be_kept(), **_ENTRY)(function)
+        finally:
+            config.CACHE_DIR = before
+        self._run = self._first
+
+    def _first(self, *arguments: Any) -> Any:
+        """Call it when a process of its own has compiled it for such arguments."""
+        if self.__module__.startswith("rattle."):
+            wanted = self.__module__, self.__name__, *map(numba.typeof, arguments)
+            name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]  # pickles of the same may differ
+            compile_apart(__name__, "one", f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}")
+        self._run = self.entry
+        return self.entry(*arguments)
 
 
-def inline(function: Callable[..., Any]) -> Compiled:
-    """Compile a small function into its callers: a loop over it stays one straight line, which LLVM vectorises.
+def one(kinds: str) -> dict[str, Callable[[], Any]]:
+    """Return what compiles a kernel for some types of arguments."""
+    module, name, *arguments = pickle.loads(base64.urlsafe_b64decode(kinds))
+    return {name: lambda: getattr(import_module(module), name).entry.compile(tuple(arguments))}
 
-    It borrows the arrays that it is given: it neither makes nor returns any, and counts no references to them. In a
-    kernel numba counts those of every array of a named tuple at each call, in atomic steps of some nanoseconds. From
-    Python it is the plain function.
-    """
-    return Compiled(function, function, _INLINE)
+
+def kernel(function: Callable[..., Any]) -> Kernel:
+    """Compile a kernel on first call, and cache it on disk; other threads run meanwhile."""
+    return Kernel(function)
+
+
+def inline(function: Callable[..., Any]) -> Inline:
+    """Compile a small function into its callers: a loop over it stays one straight line, which LLVM vectorises."""
+    return Inline(function)
 
 
 def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -179,68 +203,70 @@ def for_type(function: Callable[..., Any], kind: type) -> Callable[[Callable[...
     return register
 
 
-def note_of(work: str, model: str) -> Path:
+def note_of(work: str, about: str) -> Path:
     """Return the file which says that the kernels for this work are in the cache."""
-    return cache_directory() / f"{work}-{model}.note"
+    return cache_directory() / f"{work}-{about.split()[0]}.note"
 
 
-def compile_apart(module: str, work: str, model: str) -> None:
+def compile_apart(module: str, work: str, about: str) -> None:
     """Compile the kernels for some work in a process of their own, unless that was done before.
 
     Numba's functions are weak symbols: a process that compiles takes copies of them which are optimised otherwise than
-    those that it loads, and the last bits differ. So every process that computes what is stored loads its kernels.
-    One process at a time compiles; others wait for it.
+    those that it loads, and the last bits differ. So every process loads its kernels. One at a time compiles; others
+    wait for it.
 
     Parameters
     ----------
     module, work : str
-        A function and where it is; for a model it returns steps by name, which compile what they need.
-    model : str
-        The model.
+        A function and where it is; it returns steps by name, which compile what they need.
+    about : str
+        What the function takes: a model; or a name, and more.
 
     Raises
     ------
     RattleError
         They cannot be compiled; the message says why.
     """
-    note = note_of(work, model)
-    if _HERE or note.exists() or not sys.executable or not can_be_kept():
+    note = note_of(work, about)
+    if note.exists() or not sys.executable or not can_be_kept():
+        return
+    if _HERE:  # this process compiles for others
+        _HERE.append(note)
         return
     with open(note.with_name("lock"), "w") as lock:
         with suppress(OSError):  # without it, where files cannot be locked, kernels are compiled twice
             fcntl.flock(lock, fcntl.LOCK_EX)
         if not note.exists():
-            _compile(module, work, model)
-            note.touch()
+            _compile(module, work, about)
 
 
-def _compile(module: str, work: str, model: str) -> None:
-    command = [sys.executable, "-c", COMPILE, module, work, model]
+def _compile(*work: str) -> None:
     pipes: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     said: list[str] = []
-    with subprocess.Popen(command, env=environment(), **pipes) as process:
+    with subprocess.Popen([sys.executable, "-c", COMPILE, *work], env=environment(), **pipes) as process:
         try:
             for line in process.stdout or ():
+                said.append(line)
                 if line.startswith(STEP):
-                    log.info(line.strip())
-                else:
-                    said.append(line)
-        finally:
-            if sys.exc_info()[0]:
-                process.kill()
+                    log.info(said.pop().strip())
+        except BaseException:
+            process.kill()
+            raise
     if process.returncode:
         raise RattleError(f"kernels cannot be compiled: {''.join(said[-20:]).strip() or process.returncode}")
 
 
-def compile_here(module: str, work: str, model: str) -> None:
+def compile_here(module: str, work: str, about: str) -> None:
     """Do the steps of this work in this process, which ends when the one that started it does."""
     threading.Thread(target=lambda: sys.stdin.read() or os._exit(1), daemon=True).start()
-    _HERE.append(work)
-    steps = getattr(import_module(module), work)(model)
+    _HERE.append(note_of(work, about))
+    steps = getattr(import_module(module), work)(about)
     for number, (name, step) in enumerate(steps.items(), 1):
-        print(f"{STEP}{name} of the {model} model, {number} of {len(steps)}", flush=True)
+        print(f"{STEP}{name}{f' of the {about} model' * about.isalpha()}, {number} of {len(steps)}", flush=True)
         step()
     require_borrowed()
+    for note in _HERE:
+        note.touch()
 
 
 def require_borrowed() -> None:
@@ -251,7 +277,7 @@ def require_borrowed() -> None:
     RattleError
         One that this process has compiled does.
     """
-    for each in _BORROWING:
+    for each in Inline.all:
         if any(_holds_array(signature.return_type) for signature in each.in_kernels.nopython_signatures):
             raise RattleError(f"{each.__name__} is inline and returns an array: make it a kernel")
 
