@@ -10,30 +10,27 @@ from rattle.attractors.chaos import group_numbers
 from rattle.attractors.classify import nothing_seen
 from rattle.attractors.recurrence import mark_footprints, resolve
 from rattle.families.join import joined
-from rattle.impacting.crisis.side import crisis_side
 from rattle.impacting.orbits.period_one import grazing
-from rattle.models import AnyModel, Model, model_of
+from rattle.models import Model, model_of
 from rattle.numerics.compile import compile_apart
 
 BETA, KAPPA = 0.6, 1e4
 DELTA = 0.6
 QUIET, CHAOS_TOO, CHAOS = 0.089, 0.1, 0.25  # ε: quiet motion beside impacts, beside chaos too, chaos alone
-COUNT, SIDE = 16, 20  # samples of a cell; cells of basins
+COUNT = 16  # samples of a cell
 Steps = dict[str, Callable[[], object]]
 
 
-def precompile(kappa: float | None = None, work: str = "survey", *, load: bool = False) -> None:
-    """Compile the kernels for some work, unless that was done before.
+def precompile(kappa: float | None = None, *, load: bool = False) -> None:
+    """Compile the kernels of surveys, unless that was done before.
 
-    They are compiled in a process of their own, once on a machine for all processes: those of a survey in up to a
-    minute. Boundary distance, Γ, manifolds and most curves compile when first used.
+    They are compiled in a process of their own, once on a machine for all processes, in up to a minute. Those that no
+    survey needs, such as of the boundary distance or of manifolds, are compiled when first used.
 
     Parameters
     ----------
     kappa : float, optional
         Stiffness, for kernels of the stiff gear; by default those of the impacting gear.
-    work : {"survey", "orbits", "basins", "diagram"}
-        What they are for.
     load : bool
         Whether to load them too, so that the first use need not.
 
@@ -43,32 +40,24 @@ def precompile(kappa: float | None = None, work: str = "survey", *, load: bool =
         The kernels cannot be compiled; the message says why.
     """
     model = model_of(BETA, kappa).name
-    compile_apart(__name__, work, model)
+    compile_apart(__name__, "survey", model)
     if load:
-        for step in globals()[work](model).values():
+        for step in survey(model).values():
             step()
 
 
-def orbits(name: str) -> Steps:
-    """Return what needs the kernels of period-one orbits and their limits."""
-    model = _model(name)
+def survey(name: str) -> Steps:
+    """Return what needs the kernels of a survey of this model."""
+    model = model_of(BETA, KAPPA if name == Model.STIFF else None)
+    epsilon = np.array([QUIET, CHAOS_TOO, CHAOS] if model.in_closed_form else [CHAOS_TOO])  # the other takes longer
+    delta = np.full(epsilon.size, DELTA)
 
-    def closed() -> None:
-        model.period_one(np.array([DELTA]), np.array([CHAOS_TOO]))
+    def orbits() -> None:
+        model.period_one(delta, epsilon)
         model.gear(DELTA, CHAOS_TOO).orbits()
-        model.limits(DELTA)
         if model.in_closed_form:
             grazing("G2", DELTA, BETA)
             model.trace("G1", (0.99 * DELTA, DELTA), (0.0, CHAOS))
-
-    return {"orbits": closed}
-
-
-def survey(name: str) -> Steps:
-    """Return what needs the kernels of a survey."""
-    model = _model(name)
-    epsilon = np.array([QUIET, CHAOS_TOO, CHAOS] if model.in_closed_form else [CHAOS_TOO])  # the other takes longer
-    delta = np.full(epsilon.size, DELTA)
 
     def attractors() -> None:
         table = model.attractors_of(delta, epsilon, COUNT)
@@ -91,33 +80,10 @@ def survey(name: str) -> Steps:
         table = model.attractors_of(delta[:1], epsilon[:, None], COUNT)
         joined(delta[:1], epsilon, COUNT, table, model.cells(delta, epsilon))
 
-    return orbits(name) | {
+    return {
+        "orbits": orbits,
         "attractors": attractors,
         "rare cases": rare,
         "intensities": intensities,
         "families": families,
     }
-
-
-def basins(name: str) -> Steps:
-    """Return what needs the kernels of basins, and of the side of A's crisis that a cell is on."""
-    gear, has_crisis = _model(name).gear(DELTA, CHAOS_TOO), _model(name).has_crisis
-    steps: Steps = {
-        f"basins ({method})": lambda method=method: gear.basins(SIDE, None, method)
-        for method in ("cells", "refined", "direct")
-    }
-    return steps | ({"crises": lambda: crisis_side(DELTA, CHAOS_TOO)} if has_crisis else {})
-
-
-def diagram(name: str) -> Steps:
-    """Return what needs the kernels of a bifurcation diagram."""
-    model = _model(name)
-
-    def along(start: tuple[float, float], end: tuple[float, float]) -> Callable[[], object]:
-        return lambda: model.diagram(start, end, steps=4, count=4)
-
-    return survey(name) | {"diagrams": along((DELTA, CHAOS_TOO), (DELTA, 1.05 * CHAOS_TOO))}
-
-
-def _model(name: str) -> AnyModel:
-    return model_of(BETA, KAPPA if name == Model.STIFF else None)

@@ -19,8 +19,8 @@ from gear_rattle.workers.survey import template as survey_template
 from gear_rattle.workers.survey import tiles as survey_tiles
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
-from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from gear_rattle.workers.survey.tiles import CellOutcome, Tile, TileArrays, TileRecord
+from gear_rattle.workers.survey.values.schema import SAMPLED
 
 AnyRequest = SurveyRequest | PopulationRequest
 AnyTile = Tile | GearTile
@@ -40,11 +40,8 @@ def tiles_of(request: AnyRequest) -> list[Any]:
 
 def compile_for(request: AnyRequest) -> None:
     """Compile the kernels that tiles need, unless that was done before: what is stored comes from loaded kernels."""
-    groups = set(request.quantities)
-    sampled = SAMPLED & groups or isinstance(request, PopulationRequest)
-    rattle.precompile(request.stiffness, "survey" if sampled else "orbits")
-    if Group.BASINS in groups:
-        rattle.precompile(request.stiffness, "basins")
+    if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
+        rattle.precompile(request.stiffness)
 
 
 def compute_tile(

@@ -78,8 +78,6 @@ def _request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[
 def _run(
     request: SurveyRequest, place: Place, cluster: str | Client | int | None, progress: Progress | None
 ) -> xr.Dataset:
-    if cluster is None and is_short(request, request.n_cells):
-        compile_for(request)
     create_store(request, place)
     done = tiles_done(request, place)
     missing = [tile for tile in tiles_of(request) if tile.index not in done]
