@@ -32,7 +32,7 @@ def precompile(kappa: float | None = None, *, load: bool = False) -> None:
     kappa : float, optional
         Stiffness, for kernels of the stiff gear; by default those of the impacting gear.
     load : bool
-        Whether to load them too, so that the first use need not.
+        Whether to load those that follow samples too, so that the first tile need not.
 
     Raises
     ------
@@ -42,8 +42,7 @@ def precompile(kappa: float | None = None, *, load: bool = False) -> None:
     model = model_of(BETA, kappa).name
     compile_apart(__name__, "survey", model)
     if load:
-        for step in survey(model).values():
-            step()
+        survey(model)["attractors"]()
 
 
 def survey(name: str) -> Steps:

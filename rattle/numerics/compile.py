@@ -118,7 +118,7 @@ def can_be_kept() -> bool:
 #: break the rounding trick of `rattle.flight.law` and the sums that avoid cancellation.
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract", "nsz"}, "no_cfunc_wrapper": True}
 _ENTRY: dict[str, Any] = _OPTIONS | {"nogil": True, "_nrt": True, "forceinline": False}
-_CALLED: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": True, "forceinline": False}
+_CALLED: Any = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": True, "forceinline": False}
 _INLINE: dict[str, Any] = _OPTIONS | {"no_cpython_wrapper": True, "_nrt": False, "forceinline": True}
 
 
@@ -133,6 +133,7 @@ class Inline:
 
     def __init__(self, function: Callable[..., Any], options: Mapping[str, Any] = _INLINE) -> None:
         update_wrapper(self, function)
+        self.name = function.__name__
         self.in_kernels, self._run = numba.njit(**options)(function), function
         if options is _INLINE:
             Inline.all.append(self)
@@ -165,7 +166,7 @@ class Kernel(Inline):
     def _first(self, *arguments: Any) -> Any:
         """Call it when a process of its own has compiled it for such arguments."""
         if self.__module__.startswith("rattle."):
-            wanted = self.__module__, self.__name__, *map(numba.typeof, arguments)
+            wanted = self.__module__, self.name, *map(numba.typeof, arguments)
             name = hashlib.sha256(repr(wanted).encode()).hexdigest()[:24]  # pickles of the same may differ
             compile_apart(__name__, "one", f"{name} {base64.b64encode(pickle.dumps(wanted)).decode()}")
         self._run = self.entry
@@ -279,9 +280,10 @@ def require_borrowed() -> None:
     """
     for each in Inline.all:
         if any(_holds_array(signature.return_type) for signature in each.in_kernels.nopython_signatures):
-            raise RattleError(f"{each.__name__} is inline and returns an array: make it a kernel")
+            raise RattleError(f"{each.name} is inline and returns an array: make it a kernel")
 
 
 def _holds_array(kind: Any) -> bool:
-    parts = kind.types if isinstance(kind, types.BaseTuple) else [kind.type] if isinstance(kind, types.Optional) else []
-    return isinstance(kind, types.Array) or any(_holds_array(each) for each in parts)
+    if isinstance(kind, types.Optional):
+        return _holds_array(kind.type)
+    return isinstance(kind, types.Array) or (isinstance(kind, types.BaseTuple) and any(map(_holds_array, kind)))
