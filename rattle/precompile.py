@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rattle.attractors.chaos import group_numbers
+from rattle.attractors.chaos import group_numbers, pooled
 from rattle.attractors.classify import nothing_seen
 from rattle.attractors.recurrence import mark_footprints, resolve
 from rattle.families.join import joined
@@ -71,6 +71,7 @@ def survey(name: str) -> Steps:
         mark_footprints(none, 1, of.cells, of.samples, seen.prints)
         group_numbers(seen.prints, none, none)
         of.watch(none, nothing, nothing, seen)
+        pooled([seen.sums])
 
     def intensities() -> None:
         model.intensities_of(delta, epsilon, model.attractors_of(delta, epsilon, COUNT))

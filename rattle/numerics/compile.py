@@ -173,9 +173,9 @@ class Kernel(Inline):
         return self.entry(*arguments)
 
 
-def one(kinds: str) -> dict[str, Callable[[], Any]]:
+def one(about: str) -> dict[str, Callable[[], Any]]:
     """Return what compiles a kernel for some types of arguments."""
-    module, name, *arguments = pickle.loads(base64.urlsafe_b64decode(kinds))
+    module, name, *arguments = pickle.loads(base64.b64decode(about.split()[1]))  # noqa: S301 - by `_first`
     return {name: lambda: getattr(import_module(module), name).entry.compile(tuple(arguments))}
 
 
@@ -286,4 +286,6 @@ def require_borrowed() -> None:
 def _holds_array(kind: Any) -> bool:
     if isinstance(kind, types.Optional):
         return _holds_array(kind.type)
-    return isinstance(kind, types.Array) or (isinstance(kind, types.BaseTuple) and any(map(_holds_array, kind)))
+    return isinstance(kind, types.Array) or (
+        isinstance(kind, types.BaseTuple) and any(_holds_array(kind[i]) for i in range(len(kind)))
+    )
