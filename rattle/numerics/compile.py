@@ -175,7 +175,7 @@ class Kernel(Inline):
 
 def one(about: str) -> dict[str, Callable[[], Any]]:
     """Return what compiles a kernel for some types of arguments."""
-    module, name, *arguments = pickle.loads(base64.b64decode(about.split()[1]))  # noqa: S301 - by `_first`
+    module, name, *arguments = pickle.loads(base64.b64decode(about.split()[1]))
     return {name: lambda: getattr(import_module(module), name).entry.compile(tuple(arguments))}
 
 
