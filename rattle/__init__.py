@@ -51,9 +51,9 @@ from rattle.populations.limit import Limit, design_limit, design_limits
 from rattle.populations.measured import read_gears
 from rattle.populations.plan import Shock
 from rattle.populations.population import population
+from rattle.precompile import precompile
 from rattle.proof.certificate import Certificate
 from rattle.proof.certify import certify
-from rattle.warm import warm_up
 
 if TYPE_CHECKING:
     from rattle.resilience.accumulate import Accumulator, accumulated
@@ -164,6 +164,7 @@ __all__ = [
     "period_one",
     "periodic_orbit",
     "population",
+    "precompile",
     "quiet_limit",
     "read_gears",
     "regions",
@@ -174,7 +175,6 @@ __all__ = [
     "source_hash",
     "tipping",
     "toolchain",
-    "warm_up",
     "wilson_interval",
 ]
 

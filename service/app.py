@@ -17,7 +17,6 @@ from starlette.responses import RedirectResponse
 
 import rattle
 from gear_rattle import workers
-from gear_rattle.service import compilation
 from gear_rattle.service.access.middleware import REFERENCE_ASSETS, AccessMiddleware, caller_of
 from gear_rattle.service.access.revocation import Revocations
 from gear_rattle.service.explorer.page.mount import Explorer
@@ -132,7 +131,7 @@ def _lifespan(
                 pictures=CapacityLimiter(1),
                 exports=CapacityLimiter(1),
                 points=CapacityLimiter(settings.max_points),
-                kernels=Kernels(settings, compilation.WORK),
+                kernels=Kernels(settings),
                 revocations=Revocations(database),
             )
             manager.start()

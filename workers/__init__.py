@@ -12,8 +12,8 @@ from gear_rattle.workers.completion import complete, is_incomplete
 from gear_rattle.workers.errors import ClusterLostError, StoppedError, StorageError, SurveyError
 from gear_rattle.workers.families.join import join_survey, lacks_families
 from gear_rattle.workers.families.one import open_family
-from gear_rattle.workers.in_process import compile_for, is_short, run_tiles_here
-from gear_rattle.workers.kinds import AnyRequest, compute_tile, request_of, tiles_of
+from gear_rattle.workers.in_process import is_short, run_tiles_here
+from gear_rattle.workers.kinds import AnyRequest, compile_for, compute_tile, request_of, tiles_of
 from gear_rattle.workers.populations.request import PopulationRequest
 from gear_rattle.workers.run import run_survey
 from gear_rattle.workers.storage.bucket import Bucket

@@ -16,7 +16,6 @@ from gear_rattle.workers.storage.store import before_tiles, require_aligned, wri
 from gear_rattle.workers.survey.tiles import GRACE_SECONDS, POLL_SECONDS, TileRecord
 from gear_rattle.workers.survey.values.schema import SAMPLED, Group
 from rattle.models import Model
-from rattle.warm import compile_together
 
 #: Milliseconds of a cell, in round numbers: the same command does the same on every machine.
 CLOSED_FORM, SAMPLE, BASINS, STIFF = 0.05, 1 / 64, 40.0, 100.0
@@ -37,15 +36,6 @@ def is_short(request: AnyRequest, cells: int) -> bool:
     else:
         each = CLOSED_FORM
     return cells * (each + (BASINS if Group.BASINS in groups else 0.0)) <= 1000 * FEW_SECONDS
-
-
-def compile_for(request: AnyRequest) -> None:
-    """Compile the kernels of a survey that is computed here, if they are not there yet: it would do so itself, without
-    the help of another process.
-    """
-    groups = set(request.quantities)
-    if SAMPLED & groups or isinstance(request, PopulationRequest):
-        compile_together(request.stiffness, intensities=Group.INTENSITY in groups)
 
 
 def run_tiles_here(

@@ -9,6 +9,7 @@ from typing import Any
 import zarr
 from zarr.abc.buffer import Buffer
 
+import rattle
 from gear_rattle.workers.errors import StorageError, SurveyError, storage_error
 from gear_rattle.workers.populations import template as population_template
 from gear_rattle.workers.populations import tiles as population_tiles
@@ -19,6 +20,7 @@ from gear_rattle.workers.survey import tiles as survey_tiles
 from gear_rattle.workers.survey.request import SurveyRequest
 from gear_rattle.workers.survey.template import Template
 from gear_rattle.workers.survey.tiles import CellOutcome, Tile, TileArrays, TileRecord
+from gear_rattle.workers.survey.values.schema import SAMPLED
 
 AnyRequest = SurveyRequest | PopulationRequest
 AnyTile = Tile | GearTile
@@ -36,6 +38,12 @@ def tiles_of(request: AnyRequest) -> list[Any]:
     return found
 
 
+def compile_for(request: AnyRequest) -> None:
+    """Compile the kernels that tiles need, unless that was done before: what is stored comes from loaded kernels."""
+    if SAMPLED & set(request.quantities) or isinstance(request, PopulationRequest):
+        rattle.precompile(request.stiffness)
+
+
 def compute_tile(
     request: AnyRequest, tile: AnyTile, outcomes: Iterable[CellOutcome] | None = None
 ) -> tuple[TileArrays, TileRecord]:
@@ -44,6 +52,7 @@ def compute_tile(
     Args:
         outcomes: of the cells, in their order, if they come from elsewhere.
     """
+    compile_for(request)
     found: tuple[TileArrays, TileRecord] = _tiles(request).compute_tile(request, tile, outcomes)
     return found
 
@@ -52,6 +61,7 @@ def cell_outcomes(
     request: AnyRequest, tile: AnyTile, first: int = 0, failing: tuple[type[Exception], ...] = ()
 ) -> Iterator[CellOutcome]:
     """Evaluate each cell of a tile alone from number `first`, so that one which fails is the only one lost."""
+    compile_for(request)
     found: Iterator[CellOutcome] = _tiles(request).cell_outcomes(request, tile, first, failing)
     return found
 

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from gear_rattle.workers.certificates import require_certifiable
 from gear_rattle.workers.completion import complete, is_incomplete
 from gear_rattle.workers.errors import SurveyError
-from gear_rattle.workers.in_process import compile_for, is_short, run_tiles_here
+from gear_rattle.workers.in_process import is_short, run_tiles_here
 from gear_rattle.workers.storage.location import Place, place_of
 from gear_rattle.workers.storage.store import create_store, finish_store, open_survey, tiles_done
 from gear_rattle.workers.survey.axes import place_and_reason
@@ -78,8 +78,6 @@ def _request(request: SurveyRequest | Mapping[str, Any] | None, fields: Mapping[
 def _run(
     request: SurveyRequest, place: Place, cluster: str | Client | int | None, progress: Progress | None
 ) -> xr.Dataset:
-    if cluster is None and is_short(request, request.n_cells):
-        compile_for(request)
     create_store(request, place)
     done = tiles_done(request, place)
     missing = [tile for tile in tiles_of(request) if tile.index not in done]

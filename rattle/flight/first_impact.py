@@ -22,7 +22,6 @@ from rattle.flight.law import (
 )
 from rattle.flight.proof import arc_in_single, clears_the_gap, is_located, single_turn
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.shared import shared
 
 OK = 0
 # Not plain 1 and −1, for which the compiler would make variants of every kernel below.
@@ -217,7 +216,7 @@ def searched_crossing(tau, flight, lower, upper):
     return NO_IMPACT, 0, s
 
 
-@shared(_SAFE)
+@kernel
 def safe_impact(wall, tau, flight, beta):
     """The search, with the state at the impact: (status, s, wall, F', 1 − e^(−δs), sin, cos)."""
     upper = 0.0 if wall > 0 else 2.0 * beta
@@ -228,7 +227,7 @@ def safe_impact(wall, tau, flight, beta):
     return status, s, target, w1, lost, sin1, cos1
 
 
-@shared(_FIRST)
+@kernel
 def first_impact(wall, tau, w, delta, epsilon, beta, drift):
     """First impact after leaving a wall at phase tau ∈ [0, 1) with velocity w into the gap.
 

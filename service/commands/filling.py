@@ -92,7 +92,7 @@ def started(
         return connect(scheduler)
     typer.echo(f"Starting {workers} process{'es' if workers > 1 else ''} …", err=True)
     # Kernels that are not there yet are compiled once for all: here too, where it is told.
-    threading.Thread(target=rattle.warm_up, args=(stiffness,), name="kernels", daemon=True).start()
+    threading.Thread(target=rattle.precompile, args=(stiffness,), name="kernels", daemon=True).start()
     return embedded_cluster(workers, should_stop=should_stop)
 
 

@@ -31,11 +31,14 @@ class Reporter(Protocol):
 
 
 class _Told(logging.Handler):
-    """Says once that kernels are compiled, whatever their number."""
+    """Says once that kernels are compiled, and then how far that is."""
 
-    def emit(self, _record: logging.LogRecord) -> None:
-        self.setLevel(logging.CRITICAL)
-        Console(stderr=True).print("Compiling kernels, once on this machine: this takes up to a minute …")
+    def emit(self, record: logging.LogRecord) -> None:
+        console = Console(stderr=True)
+        if self.level == logging.INFO:
+            self.setLevel(logging.INFO - 1)
+            console.print("Compiling kernels, once on this machine: this takes up to a minute …")
+        console.print(f"… {record.getMessage()}", highlight=False)
 
 
 @contextmanager

@@ -86,7 +86,7 @@ def run(app: FastAPI, settings: Settings, log_config: dict[str, Any], asked_to_s
         gc.set_threshold(OBJECTS)
         gc.freeze()  # or every full collection looks through all modules again, and nothing is answered meanwhile
         if settings.preload:
-            app.state.front.kernels.begin(load=True)  # before anybody asks for what needs them
+            app.state.front.kernels.begin()  # before anybody asks for what needs them
         if explorer := app.state.explorer:  # the first who opens the explorer shall not wait for it
             app.state.preparing = asyncio.ensure_future(explorer.prepare())  # a reference, or it may be collected
 

@@ -36,8 +36,8 @@ def copy_project(copy: Path) -> None:
             shutil.copytree(source, copy / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy2(source, copy / name)
-    warm = "import rattle; rattle.warm_up()"
-    subprocess.run([sys.executable, "-c", warm], cwd=copy, env=_environment(copy), check=True)
+    compile_kernels = "import rattle; rattle.precompile()"
+    subprocess.run([sys.executable, "-c", compile_kernels], cwd=copy, env=_environment(copy), check=True)
 
 
 def _environment(copy: Path) -> dict[str, str]:

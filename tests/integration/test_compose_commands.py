@@ -54,7 +54,7 @@ class Here:
         self.image = {
             "PATH": os.pathsep.join([str(Path(sys.executable).parent), str(programs()), os.environ["PATH"]]),
             "PYTHONPATH": str(ROOT),
-            "RATTLE_CACHE_DIR": str(Path(rattle.numerics.compile._cache_directory()).parent),
+            "RATTLE_CACHE_DIR": str(rattle.numerics.compile.cache_directory().parent),
             "PGHOST": "127.0.0.1",
             "PGPORT": str(self.database),
             "HOME": str(directory),

@@ -61,13 +61,13 @@ SPANS = "spans"  # notes that are never given up, however old
 
 
 class WarmKernels(WorkerPlugin):
-    """Compile or load the kernels before the first tile, also on a worker that was restarted."""
+    """Load the kernels, compiled first if need be, before the first tile, also on a worker that was restarted."""
 
     name = "gear-rattle-kernels"
 
     async def setup(self, worker: Worker) -> None:
         """Warm the kernels of this process. Its heart does not beat by itself yet, and a first compilation is long."""
-        warming = asyncio.create_task(asyncio.to_thread(rattle.warm_up))
+        warming = asyncio.create_task(asyncio.to_thread(rattle.precompile, load=True))
         while not (await asyncio.wait([warming], timeout=HEARTBEAT_SECONDS))[0]:
             await worker.heartbeat()
         await warming

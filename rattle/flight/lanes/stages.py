@@ -6,9 +6,7 @@ proof of its first impact goes to a second attempt from a scan, together with th
 alone to `first_impact.safe_impact`. docs/kernel.md explains.
 """
 
-import numba
 import numpy as np
-from numba.core.types import boolean, int64, none
 from numpy import float32 as f32
 
 from rattle.flight.first_impact import OK, last_step, safe_impact, stepped
@@ -23,13 +21,12 @@ from rattle.flight.guess import (
     refined,
     taylor,
 )
-from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, block, flag, flight32, flight64
+from rattle.flight.lanes.block import ARCS, GROUP, ROUGH, ZERO, arc32, flag, flight32, flight64
 from rattle.flight.lanes.rescan import SAFE, second_attempt
 from rattle.flight.law import DRIFT, TWO_PI, evaluate_short, folded, second_derivative
 from rattle.flight.proof import clears_the_gap, is_located, single_turn
 from rattle.flight.tangent import STUCK, carried, rests
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.shared import shared
 
 Q_32, TWO_PI_32 = f32(DRIFT), f32(TWO_PI)
 
@@ -231,7 +228,7 @@ def repair(b, groups, paths):
             search(b, i, paths)
 
 
-@shared(none(numba.typeof(block()), *3 * (int64,), boolean, int64[::1]))
+@kernel
 def advance(memory, groups, flights, force, tangent, paths):
     """Fly every lane of a block this many times, with its tangent vector or without; force is what `roughest` says
     of them. paths counts the flights that went to the scan and to the search.

@@ -20,6 +20,7 @@ from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure
 from rattle.impacting.map.iterate import working_block
 from rattle.impacting.map.quiet import capture_invariants
 from rattle.impacting.orbits.stable import stable_cells
+from rattle.numerics.compile import compile_apart
 
 
 class ImpactingClassifier(Classifier):
@@ -83,6 +84,7 @@ def classify(
     budget: int = BUDGET,
 ) -> ImpactingClassifier:
     """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end or its budget."""
+    compile_apart("rattle.precompile", "survey", "impacting")
     found = ImpactingClassifier(cells_of(delta, epsilon, beta), tau, v, budget)
     found.run()
     return found

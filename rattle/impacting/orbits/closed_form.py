@@ -15,7 +15,6 @@ parameter is σ, and p − 4π is computed, not p: no digits cancel, however sma
 import math
 
 import numpy as np
-from numba.core.types import float64, int64
 from numpy.typing import NDArray
 
 from rattle.flight.first_impact import SIGMA_MINUS, SIGMA_PLUS, first_impact
@@ -24,7 +23,6 @@ from rattle.flight.tangent import flight_tangent
 from rattle.impacting.orbits.limits import SMALL, sine_offset_series
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.secant import narrowed
-from rattle.numerics.shared import shared
 
 A, B, C, D = np.arange(4)  # of a type that makes no variants of kernels, as the walls
 FOUR_PI = 4.0 * math.pi
@@ -123,7 +121,7 @@ def turning_point(lo, hi, sign, delta, beta):
     return 0.5 * (lo + hi)
 
 
-@shared(int64(float64, float64, *2 * (float64[::1],)))
+@kernel
 def fill_nodes(delta, beta, sigma, e):
     """Fill what `nodes` returns into two arrays of MOST_NODES; how many there are."""
     n = NODES_PER_SIDE

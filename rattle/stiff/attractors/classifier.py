@@ -11,6 +11,7 @@ from rattle.attractors.samples import Samples
 from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractors, of_samples
 from rattle.errors import parameters
+from rattle.numerics.compile import compile_apart
 from rattle.stiff.attractors.settle import StiffCells, measure, settle
 from rattle.stiff.map.quiet import quiet_limit
 
@@ -59,6 +60,7 @@ def classify(
     budget: int = BUDGET,
 ) -> StiffClassifier:
     """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end or its budget."""
+    compile_apart("rattle.precompile", "survey", "stiff")
     found = StiffClassifier(cells_of(delta, epsilon, beta, kappa), tau, v, budget)
     found.run()
     return found

@@ -13,7 +13,6 @@ from numba.core.types import Tuple, boolean, float64, int64
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS, first_impact, searched_crossing
 from rattle.flight.law import DRIFT, TWO_PI, contact_force, evaluate, folded, leaving, versines
 from rattle.numerics.compile import inline, kernel
-from rattle.numerics.shared import shared
 from rattle.stiff.map.contact import ENDS, LASTS, STAYS, contact_end, forcing
 
 GAP = SIGMA_PLUS - SIGMA_PLUS
@@ -69,7 +68,7 @@ def gap_piece(wall, tau, position, w, delta, epsilon, beta, horizon):
     return OK, horizon, GAP, position + f0, w1, lost
 
 
-@shared(_PIECE)
+@kernel
 def piece(wall, tau, position, w, delta, epsilon, beta, kappa, horizon):
     """The next piece of a motion, to where it leaves it or to the horizon.
 
@@ -112,7 +111,7 @@ def flow(wall, tau, position, w, duration, delta, epsilon, beta, kappa):
     return STUCK, wall, position, w, n_plus, n_minus, j00, j01, j10, j11
 
 
-@shared(_DEPARTURE)
+@kernel
 def departure(tau, v, delta, epsilon, beta, kappa):
     """The return map Π of states that leave Σ⁺ at phase tau with velocity −v < 0, to the next departure from Σ⁺.
 

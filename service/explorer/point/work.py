@@ -16,7 +16,7 @@ import rattle
 from gear_rattle.service.explorer.common.changes import change_and_wait
 from gear_rattle.service.explorer.common.text import Text
 from gear_rattle.service.explorer.point import parts
-from gear_rattle.service.kernels import AT, Part
+from gear_rattle.service.kernels import Part
 from gear_rattle.service.operations.turns import in_turn
 from gear_rattle.service.state import Front
 from rattle import RattleError
@@ -44,7 +44,7 @@ async def _prepare_one(front: Front) -> None:
         await in_turn(
             front,
             parts.warm_up,
-            rattle.Gear(*AT),
+            rattle.Gear(0.6, 0.1),
             needs=(Model.IMPACTING, Part.POINT),
             what="The kernels",
             advice="",

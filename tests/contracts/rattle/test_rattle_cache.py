@@ -4,12 +4,11 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from depth import deep
-from waiting import HANG
+from waiting import HANG, wait_until
 
 import rattle
 from rattle.impacting.map.quiet import largest_eta
@@ -17,107 +16,100 @@ from rattle.impacting.map.quiet import largest_eta
 PACKAGE = Path(rattle.__file__).parent
 
 
-def warm_up(root: Path) -> str:
-    """What numba says of its cache while every kernel is run, of the package in this directory. The last line says
-    whether the impacting gear's needed what they are compiled with, and where the package is.
-    """
-    code = "import sys, rattle; rattle.warm_up(); compiler = 'numba.np.linalg' in sys.modules"
-    code += "; rattle.warm_up(kappa=1e4); print(compiler, rattle.__file__)"
-    environment = os.environ | {"NUMBA_DEBUG_CACHE": "1"}
-    command = [sys.executable, "-c", code]
-    return subprocess.run(command, check=True, capture_output=True, text=True, env=environment, cwd=root).stdout
+PIPES = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+WORK = """
+import os, time
+from pathlib import Path
+
+HERE = Path(__file__).parent
 
 
-def test_a_second_process_compiles_nothing_wherever_its_sources_are(tmp_path: Path) -> None:
-    warm_up(PACKAGE.parent)
-    shutil.copytree(PACKAGE, tmp_path / "rattle", ignore=shutil.ignore_patterns("__pycache__"))
-    said = warm_up(tmp_path)
-    assert said.splitlines()[-1] == f"False {tmp_path / 'rattle' / '__init__.py'}"
-    assert "data loaded from" in said
-    assert "saved to" not in said
+def held(model):
+    return {"all": wait}
 
 
-HOLDING = """
-import sys, time
-import rattle.numerics.compile as c
-from rattle.impacting.map.quiet import largest_eta
-
-inside = c._SharedCache.save_overload
+def failing(model):
+    return {"all": lambda: 1 / 0}
 
 
-def save(self, *arguments):
-    print("holds", flush=True)
-    sys.stdin.readline()
-    inside(self, *arguments)
-
-
-c._SharedCache.save_overload = save
-largest_eta(0.6)
+def wait():
+    with open(HERE / "began", "a") as began:
+        print(os.getpid(), file=began)
+    while not (HERE / "go").exists():
+        time.sleep(0.01)
 """
-LOADING = HOLDING.replace("save", "load").replace("inside(self", "return inside(self")
-WAITING = """
+COMPILING = """
 import logging
-from rattle.impacting.map.quiet import largest_eta
+from rattle.numerics.compile import compile_apart
 
 logging.basicConfig(level=logging.INFO, format="%(message)s")
-largest_eta(0.6)
+compile_apart("work", "held", "impacting")
+print("there")
 """
-
-
-PIPES = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
 
 
 @pytest.fixture
 def environment(tmp_path: Path) -> dict[str, str]:
-    """Of processes that have a cache of their own, and say what they do with it."""
-    return os.environ | {"RATTLE_CACHE_DIR": str(tmp_path), "NUMBA_DEBUG_CACHE": "1"}
+    """Of processes that have a cache of their own, and work that lasts until somebody makes a file `go`."""
+    (tmp_path / "work.py").write_text(WORK)
+    path = os.pathsep.join(filter(None, [str(tmp_path), os.environ.get("PYTHONPATH")]))
+    return os.environ | {"RATTLE_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": path}
 
 
-@pytest.fixture
-def at_work(environment: dict[str, str]) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
-    """Two processes that need the same kernel: one compiles it until it is told to go on, the other waits for that."""
-    with subprocess.Popen([sys.executable, "-uc", HOLDING], env=environment, **PIPES) as holding:
+def started(environment: dict[str, str]) -> "subprocess.Popen[str]":
+    return subprocess.Popen([sys.executable, "-uc", COMPILING], env=environment, **PIPES)
+
+
+def at_work(tmp_path: Path) -> list[int]:
+    """The processes that have begun to compile."""
+    began = tmp_path / "began"
+    return [int(line) for line in began.read_text().splitlines()] if began.exists() else []
+
+
+def test_one_process_compiles_and_the_others_wait(environment: dict[str, str], tmp_path: Path) -> None:
+    with started(environment) as first, started(environment) as second:
         try:
-            assert any(line == "holds\n" for line in holding.stdout)
-            with subprocess.Popen([sys.executable, "-uc", WAITING], env=environment, **PIPES) as waiting:
-                try:
-                    assert next(waiting.stdout) == "waiting for another process to compile largest_eta\n"
-                    yield holding, waiting
-                finally:
-                    waiting.kill()
+            wait_until(lambda: at_work(tmp_path))
+            (tmp_path / "go").touch()
+            said = [each.communicate(timeout=HANG)[0] for each in (first, second)]
         finally:
-            holding.kill()
+            first.kill()
+            second.kill()
+    assert sorted("compiling all of the impacting model, 1 of 1" in each for each in said) == [False, True]
+    assert [each.splitlines()[-1] for each in said] == ["there", "there"]
+    assert len(at_work(tmp_path)) == 1
 
 
-Processes = tuple["subprocess.Popen[str]", "subprocess.Popen[str]"]
+def test_what_a_killed_process_had_compiled_ends_and_another_compiles(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
+    with started(environment) as first:
+        wait_until(lambda: at_work(tmp_path))
+        with started(environment) as second:
+            try:
+                first.kill()
+                wait_until(lambda: len(at_work(tmp_path)) == 2)
+                wait_until(lambda: not is_alive(at_work(tmp_path)[0]))
+                (tmp_path / "go").touch()
+                assert second.communicate(timeout=HANG)[0].splitlines()[-1] == "there"
+            finally:
+                second.kill()
 
 
-def test_no_two_processes_compile_the_same_kernel(at_work: Processes, environment: dict[str, str]) -> None:
-    holding, waiting = at_work
-    said, _ = holding.communicate("go on\n", HANG)
-    assert "saved to" in said
-    said, _ = waiting.communicate(timeout=HANG)
-    assert waiting.returncode == 0
-    assert "data loaded from" in said
-    assert "compiling" not in said
-    # One that is suspended while it loads what they have left holds nobody up.
-    with subprocess.Popen([sys.executable, "-uc", LOADING], env=environment, **PIPES) as suspended:
-        try:
-            assert any(line == "holds\n" for line in suspended.stdout)
-            command = [sys.executable, "-uc", WAITING]
-            said = subprocess.run(command, env=environment, check=True, timeout=HANG, **PIPES).stdout
-        finally:
-            suspended.kill()
-    assert "data loaded from" in said
-    assert "waiting" not in said
+def is_alive(process: int) -> bool:
+    try:
+        return Path(f"/proc/{process}/stat").read_text().split()[2] != "Z"
+    except OSError:
+        return False
 
 
-def test_a_kernel_whose_process_is_killed_is_compiled_by_who_waits(at_work: Processes) -> None:
-    holding, waiting = at_work
-    holding.kill()
-    said, _ = waiting.communicate(timeout=HANG)
-    assert waiting.returncode == 0
-    assert "compiling largest_eta" in said
+def test_kernels_that_cannot_be_compiled_say_why(environment: dict[str, str], tmp_path: Path) -> None:
+    command = [sys.executable, "-c", COMPILING.replace("held", "failing")]
+    said = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=HANG)
+    assert said.returncode
+    assert "RattleError: kernels cannot be compiled: " in said.stderr
+    assert "ZeroDivisionError: division by zero" in said.stderr
+    assert not list(tmp_path.rglob("*.note"))
 
 
 def test_without_a_cache_every_process_compiles_and_says_how_to_have_one(tmp_path: Path) -> None:
@@ -160,29 +152,35 @@ def test_where_the_home_directory_cannot_be_written_this_user_has_a_cache_elsewh
     assert "RATTLE_CACHE_DIR" in refused
 
 
-STRETCHED = """
-import numpy as np, rattle.stiff
-found = rattle.stiff.iterate_tangent(0.6, 0.1, np.linspace(0, 1, 64), 4.0, 20, 0.6, 1e4)
-print(*(float(x).hex() for x in found.lyapunov.ravel()))
+LOADED = """
+import numpy as np, rattle, rattle.stiff, sys
+
+def stretched():
+    found = rattle.stiff.iterate_tangent(0.6, 0.1, np.linspace(0, 1, 64), 4.0, 20, 0.6, 1e4)
+    return found.lyapunov.ravel()
+
+def classified():
+    table = rattle.stiff.StiffGear(0.6, 0.1, 0.6, 1e4).attractors(16)
+    return [x for each in table for x in (each.fraction, *each.lyapunov, each.tau, each.v)]
+
+works = [stretched, classified]
+found = {work: work() for work in (works if sys.argv[1] == "forwards" else works[::-1])}
+print(*(float(x).hex() for work in works for x in found[work]))
 """
 
 
 @deep
-def test_the_process_that_compiles_computes_the_same_bits_as_the_next(tmp_path: Path) -> None:
-    """Of functions that several kernels call, each has to use its own copy in either."""
-    environment = os.environ | {"RATTLE_CACHE_DIR": str(tmp_path), "NUMBA_DEBUG_CACHE": "1"}
+def test_bits_do_not_depend_on_who_compiles_nor_on_what_is_loaded_first(tmp_path: Path) -> None:
+    """The first of these processes has its kernels compiled, by another one; the others load them."""
+    environment = os.environ | {"RATTLE_CACHE_DIR": str(tmp_path)}
 
-    def lines(*marks: str) -> tuple[list[str], list[bool]]:
-        command = [sys.executable, "-c", STRETCHED]
-        said = subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
-        return said.splitlines()[-1].split(), [mark in said for mark in marks]
+    def bits(order: str) -> str:
+        command = [sys.executable, "-c", LOADED, order]
+        return subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
 
-    compiled, saved = lines("saved to")
-    loaded, kept = lines("data loaded from", "saved to")
-    assert saved == [True]
-    assert kept == [True, False]
-    assert len(loaded) == 128
-    assert compiled == loaded
+    first = bits("forwards")
+    assert len(first.split()) > 128
+    assert first == bits("forwards") == bits("backwards")
 
 
 def test_only_modules_that_compute_decide_which_version_it_is(tmp_path: Path) -> None:

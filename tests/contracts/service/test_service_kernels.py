@@ -4,7 +4,6 @@ import asyncio
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -27,14 +26,14 @@ POINTS = (
 
 
 @pytest.fixture
-def note(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Where it would be written that all is compiled, and is not."""
-    monkeypatch.setattr("gear_rattle.service.kernels.note_in_cache", lambda name: tmp_path / f"{name}.note")
-    return tmp_path / "impacting.note"
+def notes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[Path]:
+    """Where it would be written, part by part, that all is compiled, and is not."""
+    monkeypatch.setattr("gear_rattle.service.kernels.note_of", lambda work, model: tmp_path / f"{work}-{model}.note")
+    return [tmp_path / f"{part}-{Model.IMPACTING}.note" for part in Part]
 
 
 @pytest.fixture
-def compiling(monkeypatch: pytest.MonkeyPatch, note: Path) -> list[Kernels]:  # noqa: ARG001 - nothing is compiled yet
+def compiling(monkeypatch: pytest.MonkeyPatch, notes: list[Path]) -> list[Kernels]:  # noqa: ARG001 - nothing is compiled yet
     """Kernels whose compilation never ends: those of every application that asks for them."""
     begun: list[Kernels] = []
 
@@ -91,20 +90,23 @@ def test_kernels_of_the_stiff_model_wait_for_who_asks(tmp_path: Path) -> None:
         assert any(model is Model.STIFF for model, _ in kernels._ready)
 
 
-def test_ready_says_when_surveys_and_points_can_be_computed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, note: Path
-) -> None:
+@pytest.mark.usefixtures("notes")
+def test_ready_says_when_surveys_and_points_can_be_computed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the work of each part compiles is tested below."""
-    monkeypatch.setattr("gear_rattle.service.compilation.WORK", dict.fromkeys(Part, repr))
+    works: list[str] = []
+
+    async def compiled(_module: str, work: str, model: Model) -> None:
+        works.append(f"{work} {model}")
+
+    monkeypatch.setattr("gear_rattle.service.kernels._apart", compiled)
     with local_client(create_app(Settings(data=tmp_path), idle_cluster)) as client:
         client.portal.call(front_of(client).kernels.begin)
-        assert not note.exists()
         wait_until(lambda: client.get("/v1/ready").status_code == 200)
-        wait_until(note.exists)
         assert client.get("/v1/ready").json() == {"status": "ready"}
         assert client.get("/v1/health").json()["status"] == "ok"
         front_of(client).manager.storage_state = "unavailable: full"
         assert_problem(client.get("/v1/ready"), 503, "/v1/health")
+    assert works == [f"{work} impacting" for work in ("orbits", "curves", "survey", "attractors", "point")]
 
 
 @pytest.mark.usefixtures("compiling")
@@ -116,28 +118,25 @@ def test_a_service_ends_while_it_compiles(tmp_path: Path) -> None:
     assert not kernels.at_work
 
 
-def test_a_process_that_dies_of_compiling_is_no_hang(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, note: Path
-) -> None:
-    monkeypatch.setattr("gear_rattle.service.compilation.WORK", dict.fromkeys(Part, die))
+@pytest.mark.usefixtures("notes")
+def test_a_process_that_dies_of_compiling_is_no_hang(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Requests compile what they need then."""
+    monkeypatch.setattr("gear_rattle.service.kernels.compile_apart", die)
     with front_end(tmp_path, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
         task = front_of(client).kernels._tasks[Model.IMPACTING]
         wait_until(task.done)
-    assert not note.exists()  # or nobody would ever compile the rest before it is asked for
 
 
 def test_what_another_process_has_compiled_is_not_waited_for(
-    tmp_path: Path, compiling: list[Kernels], note: Path
+    tmp_path: Path, compiling: list[Kernels], notes: list[Path]
 ) -> None:
-    note.touch()
+    for note in notes:
+        note.touch()
     with front_end(tmp_path, points=IN_A_THREAD, max_point_seconds=HANG) as client:
         assert client.get(POINTS[0]).status_code == 200
         assert not compiling
-        front_of(client).kernels._ready.clear()
-        client.portal.call(partial(front_of(client).kernels.begin, load=True))  # as a service does at its start
-        wait_until(lambda: compiling)
-        assert not front_of(client).kernels.at_work  # it loads, which nobody has to wait for
+        assert not front_of(client).kernels.at_work
 
 
 EVERYTHING = """
@@ -151,8 +150,9 @@ from rattle.families.join import joined
 from rattle.models import Model, model_of
 from gear_rattle.service.operations.estimate import cell_seconds
 from gear_rattle.service.explorer.point import parts as point_parts
-from gear_rattle.service.compilation import compile_all
-from gear_rattle.service.kernels import KAPPA
+from gear_rattle.service.kernels import WORK
+from rattle.numerics.compile import compile_apart
+from rattle.precompile import KAPPA
 from gear_rattle.service.routes.model.basins import _draw
 from gear_rattle.service.operations import diagrams
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
@@ -160,7 +160,7 @@ from gear_rattle.workers import SurveyRequest, compute_tile, tiles_of
 from gear_rattle.workers.survey.template import template_of
 
 name = Model(sys.argv[1])
-compile_all(name)
+compile_apart(WORK, "everything", name)
 needed = []
 
 
@@ -170,7 +170,7 @@ class Needed(logging.Handler):
 
 
 log = logging.getLogger("rattle.numerics.compile")
-log.setLevel(logging.DEBUG)
+log.setLevel(logging.INFO)
 log.addHandler(Needed())
 kappa = KAPPA if name is Model.STIFF else None
 for delta, epsilon, beta in ((0.5, 0.25, 0.6), (1.5, 0.4, 0.3))[: 1 if kappa else 2]:
@@ -204,7 +204,7 @@ print("needed:", needed)
 
 @pytest.mark.parametrize("model", [Model.IMPACTING, pytest.param(Model.STIFF, marks=deep)])
 def test_what_is_made_ready_is_all_that_a_point_or_a_survey_needs(model: Model) -> None:
-    """Elsewhere in the plane nothing further is compiled, nor loaded."""
+    """Elsewhere in the plane nothing further is compiled."""
     command = [sys.executable, "-c", EVERYTHING, model]
     said = subprocess.run(command, check=True, capture_output=True, text=True, timeout=HANG).stdout
     assert said.splitlines()[-1] == "needed: []"
