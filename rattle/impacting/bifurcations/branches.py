@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, newton, plane_scale, tangent_at
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, newton, plane_scale
 from rattle.continuation.conditions import Kind
 from rattle.continuation.followed import Followed
 from rattle.continuation.line import (
@@ -227,16 +227,11 @@ def _degenerate(itinerary: Itinerary, y: Array) -> str | None:
 
 def _both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
     """The branch through y = (times, p), in the direction of rising p there."""
-    follower = _follower(itinerary, line)
-    tangent = tangent_at(follower.problem, start, np.append(np.zeros(itinerary.n), 1.0))
-    on = follower.follow(start, tangent, MOST_POINTS)
-    if on.closed:
-        return _built(itinerary, line, on.points, on.tangents, 0, (CLOSED, CLOSED))
-    back = follower.follow(start, -tangent, MOST_POINTS)
-    points = np.concatenate([back.points[:0:-1], on.points])
-    tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
-    ends = _end(itinerary, back), _end(itinerary, on)
-    return _built(itinerary, line, points, tangents, len(back.points) - 1, ends)
+    followed = _follower(itinerary, line).both_ways(start, -1, MOST_POINTS)
+    ends = (CLOSED, CLOSED)
+    if followed.paths is not None:
+        ends = _end(itinerary, followed.paths[0]), _end(itinerary, followed.paths[1])
+    return _built(itinerary, line, followed.points, followed.tangents, followed.start, ends)
 
 
 def _end(itinerary: Itinerary, path: Path) -> str:

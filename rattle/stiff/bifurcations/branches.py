@@ -72,18 +72,11 @@ def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], reso
     """The branch through a solution y on a line, while s is in its span."""
     if not line.is_admissible(start):
         raise RattleError("the motion does not happen at its own parameters: take it from stiff_orbit or from_limit")
-    follower = _follower(line, span, resolution)
-    rising = np.zeros(start.size)
-    rising[-1] = 1.0
-    tangent = tangent_at(line.problem, start, rising)
-    on = follower.follow(start, tangent, MOST_POINTS)
-    if on.closed:
-        return _built(line, on.points, on.tangents, 0, (_End(CLOSED), _End(CLOSED)))
-    back = follower.follow(start, -tangent, MOST_POINTS)
-    points = np.concatenate([back.points[:0:-1], on.points])
-    tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
-    ends = _end(line, back, span), _end(line, on, span)
-    return _built(line, points, tangents, len(back.points) - 1, ends)
+    followed = _follower(line, span, resolution).both_ways(start, -1, MOST_POINTS)
+    ends = (_End(CLOSED), _End(CLOSED))
+    if followed.paths is not None:
+        ends = _end(line, followed.paths[0], span), _end(line, followed.paths[1], span)
+    return _built(line, followed.points, followed.tangents, followed.start, ends)
 
 
 def doubled(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
