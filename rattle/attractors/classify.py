@@ -8,8 +8,9 @@ the reasons and the figures.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +75,43 @@ class Classifier(ABC):
         self.stage = np.zeros(n_cells, np.int64)
         self.unclear = np.zeros(n_cells, np.bool_)  # witnesses told nothing: measuring again would not either
         self.enter_known_orbits()
+
+    @staticmethod
+    @abstractmethod
+    def cells_of(*parameters: NDArray[np.float64]) -> Any:
+        """Cells with these parameters, all (n,): δ, ε, β and what the gear has besides, as kernels take them."""
+
+    @classmethod
+    def cells_of_orbits(cls, *parameters: NDArray[np.float64]) -> Any:
+        """The same where only periodic orbits are followed."""
+        return cls.cells_of(*parameters)
+
+    @staticmethod
+    @abstractmethod
+    def iterated(
+        parameters: Sequence[Any], tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """States (k,) after so many returns at these parameters, one or (k,), and whether they became quiet on the way;
+        one that goes on bouncing is located there.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def quiet_invariant(*parameters: float) -> float:
+        """The largest v³/g that is certain to become quiet at one point, 0 if speeds do not tell."""
+
+    @classmethod
+    def classify(
+        cls,
+        parameters: Sequence[NDArray[np.float64]],
+        tau: NDArray[np.float64],
+        v: NDArray[np.float64],
+        budget: int = BUDGET,
+    ) -> Self:
+        """The samples (τ, v) (n, count) of cells with parameters (n,), each followed to its end or its budget."""
+        found = cls(cls.cells_of(*parameters), tau, v, budget)
+        found.run()
+        return found
 
     @property
     @abstractmethod

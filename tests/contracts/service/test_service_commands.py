@@ -180,5 +180,5 @@ def test_the_options_of_a_survey_are_the_fields_of_its_request() -> None:
     }
     assert set(OPTIONS) == fields | set(SURVEYED_MACHINE)
     axes = {"delta": "0.5:0.7:6", "epsilon": "0.05:0.15:4"}
-    assert DEFAULTS == {"count": InitialConditions().count, "seed": SurveyRequest.model_fields["seed"].default}
+    assert {"count": InitialConditions().count, "seed": SurveyRequest.model_fields["seed"].default} == DEFAULTS
     assert survey_request(axes | DEFAULTS) == survey_request(axes)
