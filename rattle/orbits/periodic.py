@@ -141,9 +141,7 @@ class Periodic(ABC):
     admissible: bool
 
     @classmethod
-    def of(
-        cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: float | Array
-    ) -> Self:
+    def of(cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any) -> Self:
         """The motion of a solution x (n + 2,) of its equations, time folded, with the trace of its tangent map."""
         n, determinant = itinerary.n, np.exp(-x[itinerary.n] * itinerary.m)
         large, small = (complex(np.inf), 0j) if np.isinf(trace) else multipliers_of(trace, determinant)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,7 +92,7 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
     """The motion of a solution x (2c + 2,) of the equations, time folded."""
     c, p = itinerary.contacts, itinerary.softness
     speeds = -itinerary.signs * itinerary.flights(x, np.array([p])).w0
-    more = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
+    more: dict[str, Any] = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
     return StiffOrbit.of(itinerary, x, speeds, trace_of(itinerary, x), admissible(itinerary, x), **more)
 
 
