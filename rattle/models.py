@@ -3,38 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle import curves, stiff
+from rattle import curves, impacting, stiff
 from rattle.attractors.classify import BUDGET, Classifier
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors
+from rattle.attractors.table import Attractors, of_samples
 from rattle.continuation.diagram import Diagram
 from rattle.curves import CodimensionTwo, Curve
 from rattle.errors import RattleError, parameters, require_number
 from rattle.families.join import joined_rows
-from rattle.impacting.attractors.classifier import attractors_of, cells_of, classify
-from rattle.impacting.attractors.families import plane
-from rattle.impacting.attractors.stretch import stretch
-from rattle.impacting.bifurcations.branches import Branch
-from rattle.impacting.bifurcations.diagram import diagram
-from rattle.impacting.bifurcations.events import Event
+from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.gear import Gear
-from rattle.impacting.map.iterate import iterate_tangent
-from rattle.impacting.map.quiet import rests_late
-from rattle.impacting.orbits.period_one import missing_limits, period_one
+from rattle.impacting.orbits.period_one import missing_limits
 from rattle.intensity.balance import impulse_balance_errors
-from rattle.intensity.table import Intensities, intensities_of, one_by_one
-from rattle.orbits.iterates import Returned
+from rattle.intensity.table import Intensities, intensities_of
+from rattle.orbits.iterates import Returned, Stretched
 from rattle.orbits.period_one import MissingLimit, PeriodOne
-from rattle.stiff.attractors.classifier import cells_of as stiff_cells_of
-from rattle.stiff.attractors.classifier import classify as stiff_classify
-from rattle.stiff.attractors.families import plane as stiff_plane
+from rattle.stiff.attractors.classifier import StiffClassifier
 
 Range = tuple[float, float]
 Columns = tuple[NDArray[np.float64], ...]
@@ -57,34 +48,41 @@ class Model(StrEnum):
     STIFF = "stiff"
 
 
+class Functions(Protocol):
+    """What a gear's package has, for arrays of parameters: each function takes δ and ε, or a curve's name or a segment,
+    then β and what the gear has besides. `rattle.impacting` and `rattle.stiff` are such packages.
+    """
+
+    def period_one(self, *given: Any, **more: Any) -> PeriodOne: ...
+    def iterate_tangent(self, *given: Any, **more: Any) -> Stretched: ...
+    def rests_late(self, *given: Any, **more: Any) -> NDArray[np.bool_]: ...
+    def stretch(self, *given: Any, **more: Any) -> NDArray[np.float64]: ...
+    def diagram(self, *given: Any, **more: Any) -> Diagram[Any, Any]: ...
+    def describe(self, name: str) -> str: ...
+    def trace(self, *given: Any, **more: Any) -> Curve: ...
+
+
 @dataclass(frozen=True)
-class Impacting:
-    """The impacting model at half-backlash beta > 0. The methods are the functions of `rattle` of the same names."""
+class _EitherModel:
+    """What both models answer, by the functions of their gear's package, which have the same names."""
 
     beta: float = 0.6
 
-    name = Model.IMPACTING
-    curve_names = curves.NAMES
-    in_closed_form = True  # A to D, and the regions and limits that follow from them
-    has_margin = True  # `boundary_distance`
-    has_gamma = True
-    has_crisis = True
-    has_corners = True  # `codimension_two`
-    stiffness = None
+    functions: ClassVar[Functions]
+    classifier: ClassVar[type[Classifier]]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
+        for name, value in self.parameters.items():
+            object.__setattr__(self, name, require_number(name, value, positive=True))
 
-    def __str__(self) -> str:
-        return f"half-backlash β = {self.beta:g}"
-
-    def gear(self, delta: float, epsilon: float) -> Gear:
-        """The model at one point."""
-        return Gear(delta, epsilon, self.beta)
+    @property
+    def parameters(self) -> dict[str, float]:
+        """β, and what the model has besides, by name."""
+        return asdict(self)
 
     def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
-        """The motions A–D."""
-        return period_one(delta, epsilon, self.beta)
+        """The motions A–D, or their counterparts."""
+        return self.functions.period_one(delta, epsilon, **self.parameters)
 
     def attractors_of(
         self,
@@ -97,62 +95,88 @@ class Impacting:
         tau: Range = (0.0, 1.0),
         v_min: float = 0.0,
     ) -> Attractors:
-        """The attractors of all cells."""
-        return attractors_of(delta, epsilon, self.beta, count, v_max, seed, budget, tau, v_min)
+        """The attractors of all cells: see `rattle.attractors_of`."""
+        return of_samples(self.classifier, self._flat(delta, epsilon), count, v_max, seed, budget, tau, v_min)
 
     def cells(self, delta: NDArray[np.float64], epsilon: NDArray[np.float64]) -> Any:
         """The cells epsilon (m,) × delta (n,) as kernels take them, row by row."""
-        return plane(delta, epsilon, self.beta)
+        return self.classifier.cells_of(*self._flat(delta, epsilon[:, None]))
 
     def cells_of_orbits(self, delta: NDArray[np.float64], epsilon: NDArray[np.float64]) -> Any:
-        """The same where only periodic orbits are followed, which costs less."""
-        return plane(delta, epsilon, self.beta, rests=False)
+        """The same where only periodic orbits are followed, which may cost less."""
+        return self.classifier.cells_of_orbits(*self._flat(delta, epsilon[:, None]))
 
     def classified(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Classifier:
-        """States (n, k) of cells with parameters (n,) δ, ε, β, each followed to its end."""
-        delta, epsilon, beta = columns
-        return classify(delta, epsilon, beta, tau, v)
+        """States (n, k) of cells with parameters (n,) δ, ε, β and so on, each followed to its end."""
+        return self.classifier.classify(columns, tau, v)
 
     def returned(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Returned:
         """States (n,) after one return to Σ⁺, at parameters (n,)."""
-        delta, epsilon, beta = columns
-        return Returned.of(iterate_tangent(delta, epsilon, tau, v, 1, beta))
+        delta, epsilon, *others = columns
+        return Returned.of(self.functions.iterate_tangent(delta, epsilon, tau, v, 1, *others))
 
     def joined_rows(self, columns: Columns, table: Attractors) -> Rows:
         """The attractors of a row of cells with these parameters joined: see `rattle.families.join.joined_rows`."""
-        return joined_rows(table, (1, columns[0].size), cells_of(*columns))
+        return joined_rows(table, (1, columns[0].size), self.classifier.cells_of(*columns))
 
     def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> NDArray[np.float64]:
-        """|(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones."""
-        d, e, b = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon, self.beta))
-        return impulse_balance_errors(table, cells_of(d, e, b))
+        """|(Σv₊ − Σv₋)/(2πδT) − 1| of the attractors of cells (n,), NaN of quiet and undecided ones; of contacts the
+        impulses are those of the springs.
+        """
+        return impulse_balance_errors(table, self.classifier.cells_of(*self._flat(delta, epsilon)))
 
     def intensities_of(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Intensities:
         """How hard the attractors of cells rattle, which `attractors_of` found there: arrays (n,)."""
-        d, e, b = (np.array(x, order="C").ravel() for x in parameters(delta, epsilon, self.beta))
-        return intensities_of(table, cells_of(d, e, b), stretch)
+        return intensities_of(table, self.classifier.cells_of(*self._flat(delta, epsilon)), self.functions.stretch)
 
     def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
         """Whether quiet motion takes too many impacts to be told from chaos."""
-        d, e, b = parameters(delta, epsilon, self.beta)
-        return rests_late(*(np.array(x, order="C").ravel() for x in (d, e, b))).reshape(d.shape)
+        shape = np.broadcast_shapes(np.shape(delta), np.shape(epsilon))
+        return self.functions.rests_late(*self._flat(delta, epsilon)).reshape(shape)
 
-    def diagram(self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64) -> Diagram[Branch, Event]:
+    def diagram(self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64) -> Diagram[Any, Any]:
         """The bifurcation diagram from start to end, both (δ, ε)."""
-        return diagram(start, end, self.beta, steps, count)
+        return self.functions.diagram(start, end, **self.parameters, steps=steps, count=count)
+
+    def describe(self, name: str) -> str:
+        """What happens on a curve. Raises ParameterError."""
+        return self.functions.describe(name)
+
+    def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
+        """A bifurcation curve in a window. Raises ParameterError, and RattleError where it cannot be followed."""
+        return self.functions.trace(name, **self.parameters, delta=delta, epsilon=epsilon)
+
+    def _flat(self, delta: ArrayLike, epsilon: ArrayLike) -> list[NDArray[np.float64]]:
+        """The parameters of cells, each (n,)."""
+        return [np.array(x, order="C").ravel() for x in parameters(delta, epsilon, **self.parameters)]
+
+
+@dataclass(frozen=True)
+class Impacting(_EitherModel):
+    """The impacting model at half-backlash beta > 0."""
+
+    name = Model.IMPACTING
+    functions = impacting
+    classifier = ImpactingClassifier
+    curve_names = impacting.NAMES
+    in_closed_form = True  # A to D, and the regions and limits that follow from them
+    has_margin = True  # `boundary_distance`
+    has_gamma = True
+    has_crisis = True
+    has_corners = True  # `codimension_two`
+    stiffness = None
+
+    def __str__(self) -> str:
+        return f"half-backlash β = {self.beta:g}"
+
+    def gear(self, delta: float, epsilon: float) -> Gear:
+        """The model at one point."""
+        return Gear(delta, epsilon, self.beta)
 
     def limits(self, delta: float) -> Limits:
         """SN1, flip and quiet limit at one damping."""
         gear = self.gear(delta, 0.0)
         return Limits(gear.sn1, gear.flip, gear.quiet_limit, missing_limits(gear.delta, gear.beta))
-
-    def describe(self, name: str) -> str:
-        """What happens on a curve. Raises ParameterError."""
-        return curves.describe(name)
-
-    def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
-        """A bifurcation curve in a window. Raises ParameterError, and RattleError where it cannot be followed."""
-        return curves.trace(name, self.beta, delta, epsilon)
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
         """The points where curves meet."""
@@ -160,25 +184,20 @@ class Impacting:
 
 
 @dataclass(frozen=True)
-class Stiff:
-    """The model with walls of stiffness kappa > 0, at half-backlash beta > 0: the interface of `Impacting`, by the
-    functions of `rattle.stiff`.
-    """
+class Stiff(_EitherModel):
+    """The model with walls of stiffness kappa > 0, at half-backlash beta > 0."""
 
-    beta: float = 0.6
     kappa: float = 1e4
 
     name = Model.STIFF
+    functions = stiff
+    classifier = StiffClassifier
     curve_names = stiff.NAMES
     in_closed_form = False
     has_margin = False
     has_gamma = False
     has_crisis = False
     has_corners = False
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
-        object.__setattr__(self, "kappa", require_number("kappa", self.kappa, positive=True))
 
     def __str__(self) -> str:
         return f"half-backlash β = {self.beta:g}, stiffness κ = {self.kappa:g}"
@@ -192,68 +211,6 @@ class Stiff:
         """The model at one point."""
         return stiff.StiffGear(delta, epsilon, self.beta, self.kappa)
 
-    def period_one(self, delta: ArrayLike, epsilon: ArrayLike) -> PeriodOne:
-        """The counterparts of A–D."""
-        return stiff.period_one(delta, epsilon, self.beta, self.kappa)
-
-    def attractors_of(
-        self,
-        delta: ArrayLike,
-        epsilon: ArrayLike,
-        count: int = 256,
-        v_max: SpeedLimit = None,
-        seed: int = 0,
-        budget: int = BUDGET,
-        tau: Range = (0.0, 1.0),
-        v_min: float = 0.0,
-    ) -> Attractors:
-        """The attractors of all cells."""
-        return stiff.attractors_of(delta, epsilon, self.beta, self.kappa, count, v_max, seed, budget, tau, v_min)
-
-    def cells(self, delta: NDArray[np.float64], epsilon: NDArray[np.float64]) -> Any:
-        """The cells epsilon (m,) × delta (n,) as kernels take them, row by row."""
-        return stiff_plane(delta, epsilon, self.beta, self.kappa)
-
-    def cells_of_orbits(self, delta: NDArray[np.float64], epsilon: NDArray[np.float64]) -> Any:
-        """The same."""
-        return self.cells(delta, epsilon)
-
-    def classified(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Classifier:
-        """States (n, k) of cells with parameters (n,) δ, ε, β, κ."""
-        delta, epsilon, beta, kappa = columns
-        return stiff_classify(delta, epsilon, beta, kappa, tau, v)
-
-    def returned(self, columns: Columns, tau: NDArray[np.float64], v: NDArray[np.float64]) -> Returned:
-        """States (n,) after one return to Σ⁺, at parameters (n,)."""
-        delta, epsilon, beta, kappa = columns
-        return Returned.of(stiff.iterate_tangent(delta, epsilon, tau, v, 1, beta, kappa))
-
-    def joined_rows(self, columns: Columns, table: Attractors) -> Rows:
-        """The attractors of a row of cells with these parameters joined."""
-        return joined_rows(table, (1, columns[0].size), stiff_cells_of(*columns))
-
-    def impulse_balance_errors(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> NDArray[np.float64]:
-        """The same of contacts, whose impulses are those of the springs."""
-        found = parameters(delta, epsilon, self.beta, kappa=self.kappa)
-        d, e, b, k = (np.array(x, order="C").ravel() for x in found)
-        return impulse_balance_errors(table, stiff_cells_of(d, e, b, k))
-
-    def intensities_of(self, delta: ArrayLike, epsilon: ArrayLike, table: Attractors) -> Intensities:
-        """How hard the attractors of cells rattle, which `attractors_of` found there: arrays (n,)."""
-        found = parameters(delta, epsilon, self.beta, kappa=self.kappa)
-        d, e, b, k = (np.array(x, order="C").ravel() for x in found)
-        return intensities_of(table, stiff_cells_of(d, e, b, k), one_by_one)
-
-    def rests_late(self, delta: ArrayLike, epsilon: ArrayLike) -> NDArray[np.bool_]:
-        """Never: contact that does not end is seen when it begins."""
-        return np.zeros(np.broadcast_shapes(np.shape(delta), np.shape(epsilon)), np.bool_)
-
-    def diagram(
-        self, start: ArrayLike, end: ArrayLike, steps: int = 400, count: int = 64
-    ) -> Diagram[stiff.StiffBranch, stiff.StiffEvent]:
-        """The bifurcation diagram from start to end, both (δ, ε)."""
-        return stiff.diagram(start, end, self.beta, self.kappa, steps, count)
-
     def limits(self, delta: float) -> Limits:
         """SN1 and quiet limit at one damping."""
         gear = self.gear(delta, 0.0)
@@ -263,14 +220,6 @@ class Stiff:
         except RattleError as error:
             return Limits(None, None, gear.quiet_limit, (MissingLimit("sn1", f"none: {error}", None), flip))
         return Limits(born, None, gear.quiet_limit, (flip,))
-
-    def describe(self, name: str) -> str:
-        """What happens on a curve. Raises ParameterError."""
-        return stiff.describe(name)
-
-    def trace(self, name: str, delta: Range, epsilon: Range) -> Curve:
-        """A bifurcation curve in a window. Raises ParameterError, and RattleError where it cannot be followed."""
-        return stiff.trace(name, self.beta, self.kappa, delta, epsilon)
 
     def codimension_two(self) -> Sequence[CodimensionTwo]:
         """None are known: the corners that grazes make are smooth folds here."""

@@ -7,10 +7,10 @@ import numpy as np
 import rattle
 from gear_rattle.service.explorer.point import parts
 from gear_rattle.service.operations.points import curves_document, intensities, orbits_document
-from rattle.attractors.classify import BUDGET
-from rattle.families.join import joined
+from rattle.attractors import BUDGET
+from rattle.families import joined
 from rattle.models import AnyModel, Model, model_of
-from rattle.numerics.compile import compile_apart
+from rattle.numerics import compile_apart
 from rattle.precompile import BETA, KAPPA, Steps, survey
 
 AT = 0.6, 0.1  # δ, ε of the gear that is computed for its kernels

@@ -18,7 +18,7 @@ from anyio import BrokenWorkerProcess, to_process
 from gear_rattle.service.errors import KernelsError
 from gear_rattle.service.settings import Settings
 from rattle.models import Model
-from rattle.numerics.compile import compile_apart, note_of
+from rattle.numerics import compile_apart, note_of
 
 log = logging.getLogger(__name__)
 

@@ -8,12 +8,11 @@ what these tell spreads over the grid in two ways: to neighbours, and to all cel
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.cell_map import Box, groups_of_map
+from rattle.attractors.cell_map import Box, cell_of, groups_of_map
 from rattle.attractors.classify import BUDGET, WEAK, Classifier
 from rattle.attractors.recurrence import SAME_POINT
 from rattle.attractors.table import (
@@ -27,8 +26,9 @@ from rattle.attractors.table import (
     tabulated,
 )
 from rattle.errors import require_integer, require_number, require_one_of
-from rattle.flight.law import wrapped
+from rattle.flight.law import speed_unit, wrapped
 from rattle.notebook import Columns, DataFrame, Dataset, dataframe_of, dataset_of, html_of, line_of
+from rattle.numerics.sampling import initial_conditions
 from rattle.numerics.states import box_of
 
 Array = NDArray[np.float64]
@@ -49,28 +49,49 @@ def budget_of(delta: float, states: int) -> int:
     return BUDGET if delta >= WEAK else int(np.clip(MOST_IN_ALL // max(states, 1), LEAST_BUDGET, BUDGET))
 
 
-class Plane(Protocol):
-    """The states (τ, v) on Σ⁺ of one model at one parameter point; arrays (k,)."""
+@dataclass(frozen=True)
+class Plane:
+    """The states (τ, v) on Σ⁺ of a gear at one parameter point; arrays (k,).
+
+    classifier: the gear's. parameters: δ, ε, β and what the gear has besides.
+    """
+
+    classifier: type[Classifier]
+    parameters: tuple[float, ...]
 
     @property
     def delta(self) -> float:
         """Damping."""
+        return self.parameters[0]
 
     @property
     def unit(self) -> float:
         """What speeds are measured in (`rattle.flight.law.speed_unit`)."""
+        return float(speed_unit(*self.parameters[:3]))
+
+    @property
+    def _arrays(self) -> list[Array]:
+        return [np.array([x]) for x in self.parameters]
 
     def classify(self, tau: Array, v: Array) -> Classifier:
         """The states as samples of one cell, each followed to its end."""
+        budget = budget_of(self.delta, tau.size)
+        return self.classifier.classify(self._arrays, tau[None].copy(), v[None].copy(), budget)
 
     def iterated(self, tau: Array, v: Array, returns: int) -> tuple[Array, Array, NDArray[np.bool_]]:
         """The states after so many returns, and whether they have become quiet on the way."""
+        return self.classifier.iterated(self.parameters, tau, v, returns)
 
     def cell_of(self, tau: Array, v: Array, n: int, box: Box) -> NDArray[np.int64]:
         """The cell of every state: row-major (v, τ) of n × n of a box, n² if it is sure to become quiet, −1 outside."""
+        cell, quiet = np.empty(tau.size, np.int64), self.classifier.quiet_invariant(*self.parameters)
+        cell_of(tau, v, n, box, *self.parameters[:2], quiet, cell)
+        return cell
 
     def sample(self, count: int, v_max: float) -> tuple[Array, Array]:
         """So many initial conditions."""
+        tau, v = initial_conditions(*self._arrays[:3], count, v_max, 0)
+        return tau[0], v[0]
 
 
 @dataclass(frozen=True, repr=False)

@@ -8,8 +8,9 @@ the reasons and the figures.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from rattle.attractors.ball import BALLS_PER_ORBIT, Centres, centres_of, enter_b
 from rattle.attractors.chaos import BATCHES, are_chaotic, group_numbers, standing
 from rattle.attractors.recurrence import mark_footprints, resolve
 from rattle.attractors.samples import GRID, LEFT, RECURRENT, Balls, Orbits, Samples, Sets, doubled, empty_tables
+from rattle.numerics.compile import compile_apart
 
 PILOT = 8  # samples per cell that look for its orbits first, so that the others need not find them again
 FIRST, SECOND = 64, 512  # impacts that every sample may make before its cell is judged, and judged again
@@ -60,6 +62,8 @@ class Seen(NamedTuple):
 class Classifier(ABC):
     """The samples of a block of cells on their way, and what is known of the cells; a gear says how they go on."""
 
+    model: ClassVar[str]  # its name, which says what kernels it needs
+
     def __init__(self, cells: Any, tau: NDArray[np.float64], v: NDArray[np.float64], budget: int = BUDGET) -> None:
         """Take cells as the kernels do, initial conditions of shape (n_cells, count), and the most impacts of one."""
         n_cells, self.count = tau.shape
@@ -74,6 +78,44 @@ class Classifier(ABC):
         self.stage = np.zeros(n_cells, np.int64)
         self.unclear = np.zeros(n_cells, np.bool_)  # witnesses told nothing: measuring again would not either
         self.enter_known_orbits()
+
+    @staticmethod
+    @abstractmethod
+    def cells_of(*parameters: NDArray[np.float64]) -> Any:
+        """Cells with these parameters, all (n,): δ, ε, β and what the gear has besides, as kernels take them."""
+
+    @classmethod
+    def cells_of_orbits(cls, *parameters: NDArray[np.float64]) -> Any:
+        """The same where only periodic orbits are followed."""
+        return cls.cells_of(*parameters)
+
+    @staticmethod
+    @abstractmethod
+    def iterated(
+        parameters: Sequence[Any], tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """States (k,) after so many returns at these parameters, one or (k,), and whether they became quiet on the way;
+        one that goes on bouncing is located there.
+        """
+
+    @staticmethod
+    @abstractmethod
+    def quiet_invariant(*parameters: float) -> float:
+        """The largest v³/g that is certain to become quiet at one point, 0 if speeds do not tell."""
+
+    @classmethod
+    def classify(
+        cls,
+        parameters: Sequence[NDArray[np.float64]],
+        tau: NDArray[np.float64],
+        v: NDArray[np.float64],
+        budget: int = BUDGET,
+    ) -> Self:
+        """The samples (τ, v) (n, count) of cells with parameters (n,), each followed to its end or its budget."""
+        compile_apart("rattle.precompile", "survey", cls.model)
+        found = cls(cls.cells_of(*parameters), tau, v, budget)
+        found.run()
+        return found
 
     @property
     @abstractmethod

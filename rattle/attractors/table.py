@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -183,7 +183,7 @@ def tabulated(classifier: Classifier, missed: bool = False) -> tuple[Attractors,
 
 
 def of_samples(
-    classify: Callable[..., Classifier],
+    classifier: type[Classifier],
     cells: Sequence[NDArray[np.float64]],
     count: int,
     v_max: SpeedLimit,
@@ -192,9 +192,8 @@ def of_samples(
     tau: tuple[float, float] = (0.0, 1.0),
     v_min: float = 0.0,
 ) -> Attractors:
-    """The attractors of cells with these parameters (δ, ε, β and what the model has besides), where `classify` takes
-    them, the sample of each and the most impacts of one. tau, v_min: the box of states that the sample is of begins and
-    ends there. Raises ParameterError.
+    """The attractors of cells with these parameters (δ, ε, β and what the gear has besides), by its classifier. tau,
+    v_min: the box of states that the sample is of begins and ends there. Raises ParameterError.
     """
     budget = require_integer("budget", budget, 1, LARGEST_BUDGET)
     count = require_integer("count", count, 1, MOST_SAMPLES)
@@ -207,7 +206,7 @@ def of_samples(
     if (*tau, v_min) != WHOLE and n:
         box_of(tau, (v_min, float(highest.min())))
     sample = initial_conditions(d, e, b, count, highest, seed, tau, v_min)
-    found = classify(*flat, *sample, budget)
+    found = classifier.classify(flat, *sample, budget)
     table, _rows = tabulated(found, missed=True)
     return table
 

@@ -6,7 +6,7 @@ turning of the curve. Source: H. B. Keller, Numerical solution of bifurcation an
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -19,6 +19,7 @@ LARGEST_CORRECTION = 0.3
 LARGE_CORRECTION = 1e-3  # beyond which the equations are prepared anew: it takes as long as to evaluate them
 ACCEPTED_CORRECTION = 1e-11  # what rounding may leave where the equations are nearly singular
 SHORTEST_STEP = 1e-10
+LEAST_RATE = 1e-12  # of the parameter along a branch: a slower one limits no step
 LARGEST_TURN = 0.2  # radians between steps
 MOST_POINTS = 4000
 MOST_BISECTIONS = 200
@@ -77,6 +78,17 @@ class Path:
     tangents: Array
     outside: Array | None
     closed: bool = False
+
+
+class Course(NamedTuple):
+    """Points (k, N + 1) and unit tangents of a curve that was followed both ways from point number `start`; paths: back
+    and on, None if the curve closes.
+    """
+
+    points: Array
+    tangents: Array
+    start: int
+    paths: tuple[Path, Path] | None
 
 
 def newton(problem: Problem, x: Array, constraint: Array) -> tuple[Array, int] | None:
@@ -221,6 +233,12 @@ def last_inside(problem: Problem, a: Array, b: Array, is_admissible: Callable[[A
     return inside, outside
 
 
+def longest_step(span: tuple[float, float], resolution: int, longest: float) -> Callable[[Array], float]:
+    """The longest step along a unit tangent: this one, and so many points over the span of the last unknown."""
+    step = (span[1] - span[0]) / resolution
+    return lambda tangent: min(longest, step / max(abs(float(tangent[-1])), LEAST_RATE))
+
+
 @dataclass(frozen=True)
 class Follower:
     """How a problem is followed: between bounds, as long as `is_admissible`, with steps at most `longest(unit tangent)`
@@ -275,6 +293,19 @@ class Follower:
             tangents.append(new_tangent)
             step *= min(2.0, 0.5 * LARGEST_TURN / max(turn, 1e-9)) if corrections <= 4 else 0.7
         return Path(np.array(points), np.array(tangents), None)
+
+    def both_ways(self, start: Array, index: int, most: int = MOST_POINTS) -> Course:
+        """Follow the curve both ways from a solution inside; its tangent there is towards rising unknown `index`."""
+        rising = np.zeros(start.size)
+        rising[index] = 1.0
+        tangent = tangent_at(self.problem, start, rising)
+        on = self.follow(start, tangent, most)
+        if on.closed:
+            return Course(on.points, on.tangents, 0, None)
+        back = self.follow(start, -tangent, most)
+        points = np.concatenate([back.points[:0:-1], on.points])
+        tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
+        return Course(points, tangents, len(back.points) - 1, (back, on))
 
     def _closing(self, start: Array, a: Array, b: Array) -> Array | None:
         """The start, as a curve that comes back to it between a and b would write it, or None."""

@@ -263,17 +263,11 @@ def _on(problem: Problem, piece: Piece, solved: Array, times: int | None) -> NDA
 
 def _both_ways(follower: Follower, x: Array, why: Test) -> Piece:
     """The whole piece through a solution, its folds among the points, the end of smaller δ first."""
-    rising = np.zeros(x.size)
-    rising[-2] = 1.0
-    tangent = tangent_at(follower.problem, x, rising)
-    on = follower.follow(x, tangent)
-    if on.closed:
-        return Piece(_with_folds(follower.problem, on.points, on.tangents), (CLOSED, CLOSED))
-    back = follower.follow(x, -tangent)
-    points = np.concatenate([back.points[:0:-1], on.points])
-    tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
-    reasons = _reason(back, why), _reason(on, why)
-    points = _with_folds(follower.problem, points, tangents)
+    followed = follower.both_ways(x, -2)
+    points = _with_folds(follower.problem, followed.points, followed.tangents)
+    if followed.paths is None:
+        return Piece(points, (CLOSED, CLOSED))
+    reasons = _reason(followed.paths[0], why), _reason(followed.paths[1], why)
     if tuple(points[0, -2:]) > tuple(points[-1, -2:]):
         return Piece(points[::-1], (reasons[1], reasons[0]))
     return Piece(points, reasons)

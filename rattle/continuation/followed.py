@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,76 +23,127 @@ from rattle.notebook import (
     motion,
 )
 from rattle.numerics.complex_step import Array
+from rattle.orbits.periodic import Equations
 
 
-class HasPoints(Protocol):
-    """A branch of k motions, n impacts or contacts each."""
+@dataclass(frozen=True, repr=False)
+class Followed(ABC):
+    """A branch of motions of one itinerary along a line of parameters, k points in order, n impacts or contacts each.
 
+    unknowns (k, N): of each motion, its parameters last, δ and ε first among these. speeds (k, n): with which it leaves
+    the walls. multipliers (2, k). stable, admissible (k,): whether the motion attracts, and whether it happens at all
+    (False: virtual). start: the point it was followed from. events: in the order of the branch. ends: why it was not
+    followed farther, at its first and its last point.
+    """
+
+    itinerary: Any
+    unknowns: Array
+    speeds: Array
     multipliers: NDArray[np.complex128]
+    stable: NDArray[np.bool_]
+    admissible: NDArray[np.bool_]
+    start: int
     events: tuple[Any, ...]
     ends: tuple[str, str]
 
-    def __len__(self) -> int: ...
-    @property
-    def label(self) -> tuple[int, int, int]: ...
-    @property
-    def itinerary(self) -> Any: ...
-    @property
-    def delta(self) -> Array: ...
-    @property
-    def epsilon(self) -> Array: ...
-    @property
-    def kappa(self) -> Array: ...
-    @property
-    def departures(self) -> Array: ...
-    @property
-    def speeds(self) -> Array: ...
-    @property
-    def stable(self) -> NDArray[np.bool_]: ...
-    @property
-    def admissible(self) -> NDArray[np.bool_]: ...
-    def _caption(self) -> str: ...
-    def _columns(self) -> Columns: ...
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.unknowns)
 
+    @property
+    @abstractmethod
+    def departures(self) -> Array:
+        """When the motions leave the walls (k, n)."""
 
-class Followed:
-    """The part of a branch that shows it."""
+    @property
+    @abstractmethod
+    def kappa(self) -> Array:
+        """Stiffness (k,)."""
 
-    def _caption(self: HasPoints) -> str:
+    @property
+    def walls(self) -> tuple[int, ...]:
+        """The walls of its motions."""
+        return self.itinerary.walls
+
+    @property
+    def m(self) -> int:
+        """Their forcing periods."""
+        return self.itinerary.m
+
+    @property
+    def beta(self) -> float:
+        """Their half-backlash."""
+        return self.itinerary.beta
+
+    @property
+    def label(self) -> tuple[int, int, int]:
+        """(m, n_plus, n_minus)."""
+        return self.itinerary.label
+
+    @property
+    def parameters(self) -> Array:
+        """The parameters (k, 2) or (k, 3) that change along branches of the model: δ, ε, then κ^(−1/2)/√2."""
+        return self.unknowns[:, self.itinerary.n :]
+
+    @property
+    def delta(self) -> Array:
+        """Damping (k,)."""
+        return self.parameters[:, 0]
+
+    @property
+    def epsilon(self) -> Array:
+        """Eccentricity (k,)."""
+        return self.parameters[:, 1]
+
+    @property
+    def tau(self) -> Array:
+        """Phases (k,) in [0, 1) with which the motions first leave Σ⁺."""
+        return np.array([float(folded(time)) for time in self.departures[:, 0]])
+
+    @property
+    def v(self) -> Array:
+        """Speeds (k,) with which they do."""
+        return self.speeds[:, 0]
+
+    def motion(self, index: int) -> tuple[Any, Array]:
+        """Itinerary and unknowns (N,) of one point."""
+        return self.itinerary, self.unknowns[index]
+
+    def _caption(self) -> str:
         events = ", ".join(f"{each.kind}{'' if each.admissible else ' (virtual)'}" for each in self.events) or "none"
         return f"branch of {motion(*self.label)}, {len(self)} points; events: {events}; ends: {', '.join(self.ends)}"
 
-    def _columns(self: HasPoints) -> Columns:
+    def _columns(self) -> Columns:
         return {
             "delta": self.delta,
             "epsilon": self.epsilon,
             "kappa": self.kappa,
-            "tau": [float(folded(time)) for time in self.departures[:, 0]],
-            "v": self.speeds[:, 0],
+            "tau": self.tau,
+            "v": self.v,
             "multiplier_1": self.multipliers[0],
             "multiplier_2": self.multipliers[1],
             "stable": self.stable,
             "admissible": self.admissible,
         }
 
-    def __repr__(self: HasPoints) -> str:
+    def __repr__(self) -> str:
         return line_of(self)
 
-    def _repr_html_(self: HasPoints) -> str:
+    def _repr_html_(self) -> str:
         return html_of(self)
 
-    def plot(self: HasPoints) -> Figure:
+    def plot(self) -> Figure:
         """Draw speed and phase of its impacts on Σ⁺ against the parameter: stable parts solid, events marked.
 
         Returns a matplotlib figure. Raises MissingExtraError without matplotlib.
         """
         return figure_of(self, "branch_figure")
 
-    def to_dataframe(self: HasPoints) -> DataFrame:
+    def to_dataframe(self) -> DataFrame:
         """A row for each point. Raises MissingExtraError without pandas."""
         return dataframe_of(self)
 
-    def to_xarray(self: HasPoints) -> Dataset:
+    def to_xarray(self) -> Dataset:
         """Dimensions point, multiplier and impact: parameters, multipliers, and the times and speeds with which the
         motions leave the walls. Raises MissingExtraError without xarray.
         """
@@ -114,3 +167,13 @@ class Followed:
             },
             {"motion": motion(*self.label), "ends": list(self.ends)},
         )
+
+
+def first_of_doubled(itinerary: Equations, x: Array) -> tuple[Array, Array]:
+    """The flip x (N,) twice over, as y = (unknowns (2n,), 0), and the unit tangent of the doubled branch there."""
+    n, impacts = itinerary.n, len(itinerary.walls)
+    each = x[:n].reshape(-1, impacts)
+    later = each.copy()
+    later[0] += itinerary.m
+    mode = np.linalg.svd(itinerary.jacobian(x[: n + 2], -1.0))[2][-1].reshape(-1, impacts)
+    return np.append(np.hstack([each, later]), 0.0), np.append(np.hstack([mode, -mode]), 0.0) / np.sqrt(2.0)

@@ -1,15 +1,16 @@
 """What a bifurcation diagram asks of a model along a segment of its parameters."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rattle.attractors.classify import Classifier
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors
+from rattle.attractors.table import Attractors, of_samples
 from rattle.continuation.arclength import Problem
 from rattle.numerics.complex_step import Array
 from rattle.orbits.periodic import Periodic
@@ -43,49 +44,63 @@ class Segment:
         return np.asarray(np.sum((parameters - self.start) * rate, axis=-1) / (rate @ rate), np.float64)
 
 
-class Motions(Protocol):
+@dataclass(frozen=True)
+class Motions(ABC):
     """One model along a segment. A step is a point of it: δ, ε, β and what else the model has, arrays (n,) for many.
 
     Branches and events are the model's own: `rattle.Branch` and `rattle.Event` say what is asked of them.
     """
 
-    @property
-    def segment(self) -> Segment:
-        """The segment."""
+    segment: Segment
+    beta: float
 
+    classifier: ClassVar[type[Classifier]]
+
+    @abstractmethod
     def steps(self, position: Array) -> tuple[Array, ...]:
         """The steps at these positions (n,)."""
 
     def sampled(self, steps: tuple[Array, ...], count: int, v_max: SpeedLimit, seed: int) -> Attractors:
         """The attractors that so many initial conditions find, cell i at step i."""
+        return of_samples(self.classifier, steps, count, v_max, seed)
 
     def classify(self, steps: tuple[Array, ...], tau: Array, v: Array) -> Classifier:
         """States (n, k), each followed to its end."""
+        return self.classifier.classify(steps, tau, v)
 
     def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
         """States (n,) after one return to Σ⁺."""
+        return self.classifier.iterated(steps, tau, v, 1)[:2]
 
+    @abstractmethod
     def period_one(self, steps: tuple[Array, ...]) -> Iterator[Motion]:
         """Motions A to D somewhere on each of their branches."""
 
+    @abstractmethod
     def near(self, step: tuple[float, ...], tau: float, v: float, n_plus: int) -> Motion | None:
         """The periodic motion with so many impacts on Σ⁺ near a state, if there is one."""
 
+    @abstractmethod
     def problem(self, itinerary: Any) -> Problem:
         """The equations of motions with an itinerary; y = (unknowns (n,), position)."""
 
+    @abstractmethod
     def solved(self, itinerary: Any, y: Array) -> Periodic | None:
         """The motion at this position whose unknowns are near those of y."""
 
+    @abstractmethod
     def through(self, motion: Motion, span: tuple[float, float]) -> Any:
         """The branch through a motion, over these positions less its own."""
 
+    @abstractmethod
     def doubled(self, event: Any, span: tuple[float, float]) -> Any:
         """The branch of motions of twice the period from a flip on, over these positions less its own."""
 
+    @abstractmethod
     def events(self, found: Any) -> tuple[Any, ...]:
         """All that happens on a branch."""
 
+    @abstractmethod
     def beside(self, event: Any) -> Iterator[Motion]:
         """The motions, of any itinerary, whose branches pass an event."""
 

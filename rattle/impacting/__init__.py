@@ -1,7 +1,11 @@
-"""The gear whose walls do not give way (paper 2.3, 2.4)."""
+"""The gear whose walls do not give way (paper 2.3, 2.4), as functions of arrays: `rattle.stiff` has the same names."""
 
-from rattle.impacting.attractors.plane import ImpactingPlane
+from rattle.impacting.attractors.stretch import stretch
+from rattle.impacting.bifurcations.curves import trace
+from rattle.impacting.bifurcations.diagram import diagram
+from rattle.impacting.bifurcations.registry import NAMES, describe
+from rattle.impacting.map.iterate import iterate_tangent
+from rattle.impacting.map.quiet import rests_late
+from rattle.impacting.orbits.period_one import period_one
 
-__all__ = [
-    "ImpactingPlane",
-]
+__all__ = ["NAMES", "describe", "diagram", "iterate_tangent", "period_one", "rests_late", "stretch", "trace"]

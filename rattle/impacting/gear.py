@@ -8,17 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.basins import Basins, Range, basins
-from rattle.attractors.classify import BUDGET
-from rattle.attractors.measures import Uncertainty, uncertainty
-from rattle.attractors.reached import Reached, reached
-from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit, sampled_speed
-from rattle.attractors.table import Attractor
+from rattle.attractors.sampled import Sampled
+from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import first_impact, law
 from rattle.impacting.attractors.boundary_distance import BoundaryDistance, boundary_distances
-from rattle.impacting.attractors.classifier import attractors
-from rattle.impacting.attractors.plane import ImpactingPlane
+from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map import impact_map
 from rattle.impacting.map.departure import departure
 from rattle.impacting.map.gamma import GammaPiece, gamma
@@ -30,7 +25,7 @@ from rattle.impacting.orbits.period_one import flip, orbits_at, regions, sn1
 from rattle.impacting.orbits.periodic import PeriodicOrbit, period_one_saddle, periodic_orbit
 from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.period_one import Orbit, html_of_point
+from rattle.orbits.period_one import Orbit
 from rattle.orbits.periodic import Periodic
 
 
@@ -53,7 +48,7 @@ def _raise_for(status: int) -> None:
 
 
 @dataclass(frozen=True)
-class Gear(Rattling):
+class Gear(Sampled, Rattling):
     """The impacting gear model at damping delta > 0, eccentricity epsilon ≥ 0 and half-backlash beta > 0, all
     dimensionless.
 
@@ -66,13 +61,8 @@ class Gear(Rattling):
     epsilon: float
     beta: float = 0.6
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "delta", require_number("delta", self.delta, positive=True))
-        object.__setattr__(self, "epsilon", require_number("epsilon", self.epsilon))
-        object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
-
-    def _repr_html_(self) -> str:
-        return html_of_point(self)
+    _classifier = ImpactingClassifier
+    _resolution, _pairs = 1000, 8192
 
     @property
     def sn1(self) -> float | None:
@@ -178,52 +168,6 @@ class Gear(Rattling):
         """Region 1…5 (I…V) of the paper's Figure 7; another set of orbits by its number in `rattle.REGIONS`."""
         return int(regions(self.delta, self.epsilon, self.beta))
 
-    def attractors(
-        self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
-    ) -> tuple[Attractor, ...]:
-        """The attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds, by falling
-        fraction; then stable orbits that are known to exist and that no sample found, with fraction 0 and the upper
-        bound of its interval.
-
-        Quiet: captured by a proven-small bounce. Periodic: a stable fixed point of Π^k that the trajectory is seen to
-        approach, with its exact label. Chaotic: neither within a watch of 1000 periods and 100 relaxation times 1/δ,
-        and a first exponent above zero by its own error bar. Else undecided, as is what is left when a sample has made
-        budget impacts on Σ⁺: small damping needs some 1000/δ. v_max: a number, "natural" for 1.5 √(16πδβ) + 2πε, or
-        None, which is 7 in the paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2) and natural elsewhere.
-        Deterministic in all arguments. Raises ParameterError. What a label means, with its error:
-        docs/decisions/0026-labels.md.
-        """
-        return attractors(self.delta, self.epsilon, self.beta, count, v_max, seed, budget)
-
-    def basins(
-        self,
-        resolution: int = 1000,
-        v_max: SpeedLimit = None,
-        method: str = "cells",
-        impacts: int = 16,
-        tau: Range = None,
-        v: Range = None,
-    ) -> Basins:
-        """Basins of attraction on resolution × resolution cells of (τ, v) ∈ [0, 1) × (0, v_max) (paper Figures 4, 6),
-        or of the box of these ranges (low, high) of tau and v.
-
-        method "direct": each cell centre is followed as `attractors` follows its sample. "cells": simple cell mapping
-        (Hsu 1987) of Π^impacts; a state that is certain to become quiet goes to a sink, one above v_max is followed
-        until it returns or settles. "refined": cells, then directly every eighth cell along τ and v and wherever basins
-        meet, until nothing changes. Only "direct" is sure to see a basin that is thin on the scale of a cell, and
-        "refined" one of eight cells across (docs/decisions/0009-basins.md). v_max: a number, "natural" for 1.5 √(16πδβ)
-        + 2πε, or None, which is 7 in the paper's plane and natural elsewhere. Raises ParameterError.
-        """
-        return basins(self._plane, resolution, self._speed(v_max), method, impacts, tau, v)
-
-    def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
-        """The attractors that states go to, told apart as `attractors` tells those of its sample; tau and v broadcast.
-
-        attractors: by falling share of these states; which: index into them, of the broadcast shape; impacts: until it
-        was certain. `rattle.sampled_states` makes states of a box or a density. Raises ParameterError.
-        """
-        return reached(self._plane, tau, v)
-
     def boundary_distance(self, v_max: SpeedLimit = None) -> BoundaryDistance:
         """The least speed v < v_max, over all phases τ, of an impact that takes quiet motion to another attractor.
 
@@ -242,22 +186,6 @@ class Gear(Rattling):
         """
         found = boundary_distances(self.delta, self.epsilon, self.beta, v_max)
         return BoundaryDistance(*(float(x) for x in found))
-
-    def uncertainty(self, pairs: int = 8192, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
-        """The uncertainty exponent of the basin boundary in [0, 1) × (0, v_max), whose dimension is 2 less it.
-
-        From exact trajectories: so many pairs of states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³.
-        v_max as in `basins`. Deterministic in all arguments. Raises ParameterError. Source: Grebogi, McDonald, Ott and
-        Yorke, Physics Letters A 99 (1983) 415–418.
-        """
-        return uncertainty(self._plane, pairs, self._speed(v_max), seed)
-
-    def _speed(self, v_max: SpeedLimit) -> float:
-        return sampled_speed(v_max, self.delta, self.epsilon, self.beta)
-
-    @property
-    def _plane(self) -> ImpactingPlane:
-        return ImpactingPlane(self.delta, self.epsilon, self.beta)
 
     @property
     def _point(self) -> impact_map.Point:

@@ -106,11 +106,18 @@ class Trajectory(NamedTuple):
     rest: float
 
 
-def sampled_motion(v: float, periods: float, points: int, follow: Callable[..., tuple[int, int, float]]) -> Trajectory:
-    """A motion of either model with initial speed v, sampled at so many points.
+def sampled_motion(
+    sampled: Callable[..., tuple[int, int, float]],
+    tau: float,
+    v: float,
+    parameters: Sequence[float],
+    periods: float,
+    points: int,
+) -> Trajectory:
+    """A motion of either model from (τ, v) on, sampled at so many points.
 
-    follow: takes v, the times and arrays for Φ and Φ' (points,), and for time, wall and speed of the impacts; returns
-    its status, how many impacts there were, and when the motion came to rest.
+    sampled: a kernel that takes (τ, v), parameters, the times and arrays for Φ and Φ' (points,), and for time, wall and
+    speed of the impacts; returns its status, how many impacts there were, and when the motion came to rest.
     """
     v, periods = require_number("v", v, positive=True), require_number("periods", periods, positive=True)
     require(periods <= LONGEST, f"periods must be at most {LONGEST:g}, got {periods:g}")
@@ -120,13 +127,13 @@ def sampled_motion(v: float, periods: float, points: int, follow: Callable[..., 
     room = 1024
     while True:
         at, wall, speed = np.empty(room), np.empty(room, np.int64), np.empty(room)
-        status, count, rest = follow(v, time, phi, velocity, at, wall, speed)
+        status, count, rest = sampled(tau, v, *parameters, time, phi, velocity, at, wall, speed)
         if status != OK:
             raise RattleError("the motion cannot be followed: its parameters or its state are beyond double precision")
         if count > MOST_IMPACTS:
             raise RattleError(f"the motion makes more than {MOST_IMPACTS} impacts: ask for fewer periods")
         if count <= room:
-            return Trajectory(time, phi, velocity, at[:count], wall[:count], speed[:count], rest)
+            return Trajectory(time, phi, velocity, at[:count], wall[:count], speed[:count], float(rest))
         room = count
 
 

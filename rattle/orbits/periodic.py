@@ -2,7 +2,8 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any, Protocol, Self, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,46 +11,70 @@ from numpy.typing import NDArray
 from rattle.flight import law
 from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of, motion
 from rattle.numerics.complex_step import Array, derivatives
+from rattle.orbits.period_one import multipliers_of
 
 
-class Equations(Protocol):
+@dataclass(frozen=True)
+class Equations(ABC):
     """A periodic motion as n equations in n unknowns, with δ and ε after them: of either model.
 
-    The unknowns are the times of its impacts, or contacts, then whatever else each of them has.
+    walls: +1 or −1 of each impact, or contact, of a period, Σ⁺ first; m: forcing periods; beta: the half-backlash. The
+    unknowns are the times of the impacts, or contacts, then whatever else each of them has.
     """
 
-    @property
-    def walls(self) -> tuple[int, ...]:
-        """The wall of each impact of a period, +1 or −1."""
+    walls: tuple[int, ...]
+    m: int
+    beta: float
 
     @property
+    @abstractmethod
     def n(self) -> int:
         """Unknowns."""
 
-    @property
-    def m(self) -> int:
-        """Forcing periods."""
-
+    @abstractmethod
     def residual(self, x: NDArray) -> NDArray:
         """R (…, n) of x (…, n + 2)."""
 
-    def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
-        """J(λ) = ∂R/∂unknowns (…, n, n), where what is a period later is λ times as large."""
-
+    @abstractmethod
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """R and J(λ), from the same flights."""
+        """R and J(λ) = ∂R/∂unknowns (…, n, n), what is a period later λ times as large, from the same flights."""
 
+    @abstractmethod
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
         """R (…, n + 1), and after it what is zero where impact number `impact` is a graze."""
 
+    def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
+        """J(λ) (…, n, n)."""
+        return self.with_jacobian(x, multiplier)[1]
+
+    @property
+    def label(self) -> tuple[int, int, int]:
+        """(m, n_plus, n_minus)."""
+        return self.m, self.walls.count(1), self.walls.count(-1)
+
+    def with_walls(self, walls: tuple[int, ...], m: int | None = None) -> Self:
+        """The itinerary of a motion of the same gear with other walls, and perhaps another period."""
+        return replace(self, walls=walls, m=self.m if m is None else m)
+
     def begun_at(self, first: int) -> Self:
         """The itinerary of the same motion, begun at impact number `first`."""
+        return self.with_walls(self.walls[first:] + self.walls[:first])
+
+    def without(self, impact: int) -> Self:
+        """The itinerary of the motion that just fails to make this impact."""
+        return self.with_walls(self.walls[:impact] + self.walls[impact + 1 :])
+
+    def with_impact(self, impact: int, wall: int) -> Self:
+        """The itinerary with one impact more, which becomes number `impact`."""
+        return self.with_walls((*self.walls[:impact], wall, *self.walls[impact:]))
 
     def doubled(self) -> Self:
         """The itinerary twice over."""
+        return self.with_walls(self.walls * 2, 2 * self.m)
 
     def divided(self, parts: int) -> Self:
         """The itinerary of a motion that this one is `parts` times over."""
+        return self.with_walls(self.walls[: len(self.walls) // parts], self.m // parts)
 
 
 Itinerary = TypeVar("Itinerary", bound=Equations)
@@ -95,18 +120,34 @@ MOST_NEWTON = 30
 SAME_MOTION = 1e-8  # forcing periods by which a motion differs from itself some impacts later, by rounding near a flip
 
 
+@dataclass(frozen=True, repr=False)
 class Periodic(ABC):
-    """What a periodic motion of either model says of itself."""
+    """A periodic motion P(m, n_plus, n_minus) of either model at one parameter point.
+
+    walls (n,): +1 or −1 of each impact or contact, Σ⁺ first; times (n,) at which they begin, in forcing periods, the
+    first in [0, 1); speeds (n,) after each of them, positive into the gap, negative where the motion is virtual.
+    multipliers: the two Floquet multipliers over m periods, the larger modulus first (product e^(−δm)); infinite at a
+    graze of the impacting model. admissible: whether it happens.
+    """
 
     delta: float
     epsilon: float
-
+    beta: float
     m: int
     walls: tuple[int, ...]
     times: NDArray[np.float64]
     speeds: NDArray[np.float64]
     multipliers: tuple[complex, complex]
     admissible: bool
+
+    @classmethod
+    def of(cls, itinerary: Equations, x: Array, speeds: Array, trace: float, admissible: bool, **more: Any) -> Self:
+        """The motion of a solution x (n + 2,) of its equations, time folded, with the trace of its tangent map."""
+        n, determinant = itinerary.n, np.exp(-x[itinerary.n] * itinerary.m)
+        large, small = (complex(np.inf), 0j) if np.isinf(trace) else multipliers_of(trace, determinant)
+        times, multipliers = x[: len(itinerary.walls)] - np.floor(x[0]), (complex(large), complex(small))
+        here = float(x[n]), float(x[n + 1]), itinerary.beta, itinerary.m, itinerary.walls
+        return cls(*here, times, speeds, multipliers, admissible, **more)
 
     @property
     @abstractmethod

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.attractors.classify import PERIODS, WATCH
+from rattle.attractors.classify import PERIODS, WATCH, Classifier
 from rattle.attractors.speeds import NATURAL, sampled_speeds
 from rattle.attractors.table import UNDECIDED, Attractors, tabulated
 from rattle.impacting.attractors.boundary_distance import boundary_distances
-from rattle.impacting.attractors.classifier import cells_of, classify
+from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.attractors.stretch import stretch
 from rattle.intensity.table import Stretch, intensities_of, one_by_one
 from rattle.numerics.sampling import initial_conditions, wilson_interval
@@ -80,11 +80,12 @@ def followed(points: Points, tau: Array, v: Array, budget: int) -> tuple[Attract
     """The attractors that states (n, count) of gears (n,) go to, the row of each state, and what intensities ask."""
     d, e, b, k, _ = points
     if k is None:
-        return *tabulated(classify(d, e, b, tau, v, budget)), cells_of(d, e, b), stretch
-    from rattle.stiff.attractors import classifier  # loads the stiff gear: only for who asks
+        found: Classifier = ImpactingClassifier.classify((d, e, b), tau, v, budget)
+        return *tabulated(found), found.cells, stretch
+    from rattle.stiff.attractors.classifier import StiffClassifier  # loads the stiff gear: only for who asks
 
-    found = classifier.classify(d, e, b, k, tau, v, budget)
-    return *tabulated(found), classifier.cells_of(d, e, b, k), one_by_one
+    found = StiffClassifier.classify((d, e, b, k), tau, v, budget)
+    return *tabulated(found), found.cells, one_by_one
 
 
 def states(plan: Plan, points: Points, count: int, seed: int) -> tuple[Array, Array]:

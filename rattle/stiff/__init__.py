@@ -3,6 +3,7 @@
 Source: Mason and Piiroinen (2009), equations (2.1), (2.2).
 """
 
+from rattle.intensity.table import one_by_one as stretch
 from rattle.stiff.attractors.classifier import attractors_of
 from rattle.stiff.attractors.families import families_of
 from rattle.stiff.bifurcations.branches import StiffBranch, StiffEvent, stiff_branch, stiff_curve
@@ -10,7 +11,7 @@ from rattle.stiff.bifurcations.curves import NAMES, describe, trace
 from rattle.stiff.bifurcations.diagram import diagram
 from rattle.stiff.gear import Motion, StiffGear
 from rattle.stiff.map.iterate import iterate, iterate_tangent
-from rattle.stiff.map.quiet import quiet_depth, quiet_limit
+from rattle.stiff.map.quiet import quiet_depth, quiet_limit, rests_late
 from rattle.stiff.orbits.period_one import period_one, regions, saddle_node_1
 from rattle.stiff.orbits.periodic import StiffOrbit, from_limit, stiff_orbit
 
@@ -32,9 +33,11 @@ __all__ = [
     "quiet_depth",
     "quiet_limit",
     "regions",
+    "rests_late",
     "saddle_node_1",
     "stiff_branch",
     "stiff_curve",
     "stiff_orbit",
+    "stretch",
     "trace",
 ]

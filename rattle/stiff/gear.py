@@ -9,20 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.basins import Basins, Range, basins
-from rattle.attractors.classify import BUDGET
-from rattle.attractors.measures import Uncertainty, uncertainty
-from rattle.attractors.reached import Reached, reached
-from rattle.attractors.speeds import SpeedLimit, sampled_speed
-from rattle.attractors.table import Attractor, listed
+from rattle.attractors.sampled import Sampled
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
 from rattle.intensity.rattling import Rattling
 from rattle.orbits.iterates import Impact, Iterates, Trajectory
-from rattle.orbits.period_one import Orbit, html_of_point
-from rattle.stiff.attractors.classifier import attractors_of
-from rattle.stiff.attractors.plane import StiffPlane
+from rattle.orbits.period_one import Orbit
+from rattle.stiff.attractors.classifier import StiffClassifier
 from rattle.stiff.map import quiet, return_map
 from rattle.stiff.map.departure import departure
 from rattle.stiff.map.flow import GAP, QUIET, flow
@@ -46,7 +40,7 @@ class Motion(NamedTuple):
 
 
 @dataclass(frozen=True)
-class StiffGear(Rattling):
+class StiffGear(Sampled, Rattling):
     """The gear model with stiff contact at damping delta > 0, eccentricity epsilon ≥ 0, half-backlash beta > 0 and
     stiffness kappa > 0, all dimensionless.
 
@@ -61,14 +55,8 @@ class StiffGear(Rattling):
     beta: float = 0.6
     kappa: float = 1e4
 
-    def _repr_html_(self) -> str:
-        return html_of_point(self)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "delta", require_number("delta", self.delta, positive=True))
-        object.__setattr__(self, "epsilon", require_number("epsilon", self.epsilon))
-        object.__setattr__(self, "beta", require_number("beta", self.beta, positive=True))
-        object.__setattr__(self, "kappa", require_number("kappa", self.kappa, positive=True))
+    _classifier = StiffClassifier
+    _resolution, _pairs = 400, 2048
 
     @property
     def quiet_limit(self) -> float:
@@ -154,40 +142,6 @@ class StiffGear(Rattling):
     def region(self) -> int:
         """Region 1…5 (I…V) by the counterparts of A–D; another set by its number in `rattle.REGIONS`."""
         return int(period_one.regions(*self._point))
-
-    def attractors(
-        self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
-    ) -> tuple[Attractor, ...]:
-        """The attractors that the sample of `Gear.attractors` finds, by falling fraction.
-
-        Quiet: contact that never ends, exactly. Periodic: labels P(m, n₊, n₋) count contacts. Near the limit a motion
-        needs some √κ returns to become quiet, and above κ ≈ 1e8 it may be left undecided. Raises ParameterError.
-        """
-        table = attractors_of(*self._point, count, v_max, seed, budget)
-        return listed(table, table.samples)
-
-    def basins(
-        self,
-        resolution: int = 400,
-        v_max: SpeedLimit = None,
-        method: str = "cells",
-        impacts: int = 16,
-        tau: Range = None,
-        v: Range = None,
-    ) -> Basins:
-        """Basins of attraction on cells of (τ, v), by the methods of `Gear.basins`. Raises ParameterError."""
-        return basins(StiffPlane(*self._point), resolution, self._speed(v_max), method, impacts, tau, v)
-
-    def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
-        """The attractors that states go to, as `Gear.reached`. Raises ParameterError."""
-        return reached(StiffPlane(*self._point), tau, v)
-
-    def uncertainty(self, pairs: int = 2048, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
-        """The uncertainty exponent of the basin boundary, as `Gear.uncertainty`. Raises ParameterError."""
-        return uncertainty(StiffPlane(*self._point), pairs, self._speed(v_max), seed)
-
-    def _speed(self, v_max: SpeedLimit) -> float:
-        return sampled_speed(v_max, self.delta, self.epsilon, self.beta)
 
     @property
     def _point(self) -> return_map.StiffPoint:

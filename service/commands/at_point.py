@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from gear_rattle.service.commands.options import DIMENSIONLESS, NUMBERS, Command, number_options, with_options
+
 if TYPE_CHECKING:
     from rattle import Machine
     from rattle.models import AnyGear
-
-MACHINE = "A machine, two equal gears, in SI units, instead of DELTA and EPSILON"
-METRES = "m along the line of action"
 
 
 class Point(NamedTuple):
@@ -34,43 +31,17 @@ class Point(NamedTuple):
         return f"delta = {gear.delta}, epsilon = {gear.epsilon}, beta = {gear.beta}{stiffness}"
 
 
-def _argument(name: str, what: str) -> Any:
-    return Annotated[float | None, typer.Argument(metavar=name, help=what, show_default=False)]
-
-
-def _option(what: str, panel: str | None = None, default: str | bool = False) -> Any:
-    return Annotated[float | None, typer.Option(help=what, rich_help_panel=panel, show_default=default)]
+def _argument(name: str) -> Any:
+    return Annotated[float | None, typer.Argument(metavar=name.upper(), help=NUMBERS[name][0], show_default=False)]
 
 
 #: All None by default, so that a point is given in one of the two ways.
 OPTIONS: dict[str, Any] = {
-    "delta": _argument("DELTA", "Damping."),
-    "epsilon": _argument("EPSILON", "Eccentricity."),
-    "beta": _option("Half-backlash.", default="0.6"),
-    "kappa": _option("Stiffness of the walls: the stiff model.", default="none: the impacting model"),
-    "inertia": _option("kg m², of each gear with what turns with it.", MACHINE),
-    "drag": _option("N m s/rad: the drag torque of each gear over its speed.", MACHINE),
-    "backlash": _option(f"{METRES}.", MACHINE),
-    "eccentricity": _option(f"{METRES}: the amplitude of the transmission error once a revolution.", MACHINE),
-    "radius": _option("m, of the base circle.", MACHINE),
-    "rpm": _option("Revolutions per minute.", MACHINE),
-    "drive": Annotated[
-        str | None,
-        typer.Option(
-            metavar="torque|speed",
-            help="A constant torque on one gear, or its speed imposed.",
-            rich_help_panel=MACHINE,
-            show_default="torque",
-        ),
-    ],
-    "stiffness": _option(
-        "N/m of the mesh along the line of action: the stiff model.", MACHINE, "teeth do not give way"
-    ),
+    **number_options(float, panel="A machine, two equal gears, in SI units, instead of DELTA and EPSILON"),
+    "delta": _argument("delta"),
+    "epsilon": _argument("epsilon"),
 }
 NEEDED = ("inertia", "drag", "backlash", "eccentricity", "radius", "rpm")  # of a machine
-DIMENSIONLESS = ("delta", "epsilon", "beta", "kappa")
-
-Command = Callable[..., None]
 
 
 def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
@@ -81,33 +52,13 @@ def at_point(*, timed: bool = False) -> Callable[[Command], Command]:
     """
 
     def given_point(command: Command) -> Command:
-        return with_options(command, OPTIONS, lambda options: point_of(options, timed))
+        return with_options(command, OPTIONS, lambda given: point_of(given, timed))
 
     return given_point
 
 
-def with_options(command: Command, options: dict[str, Any], taken_as: Callable[[dict[str, Any]], Any]) -> Command:
-    """Give a command options, all None by default; it takes what `taken_as` makes of them for its first argument."""
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
-    shared = [inspect.Parameter(name, keyword, default=None, annotation=kind) for name, kind in options.items()]
-    required = [each for each in own if each.default is inspect.Parameter.empty]  # such as a file, named first
-    taken = [*required, *shared, *(each for each in own if each not in required)]
-
-    @functools.wraps(command)
-    def with_given(**given: Any) -> None:
-        found = {name: given.pop(name) for name in options}
-        command(taken_as(found), **given)
-
-    del with_given.__wrapped__  # whose annotations typer would take
-    with_given.__signature__ = inspect.Signature([each.replace(kind=keyword) for each in taken])  # type: ignore[attr-defined]
-    with_given.__annotations__ = {each.name: each.annotation for each in taken}
-    return with_given
-
-
-def point_of(options: dict[str, Any], timed: bool) -> Point:
+def point_of(given: dict[str, Any], timed: bool) -> Point:
     """The point that OPTIONS describe, in one of the two ways."""
-    given = {name: value for name, value in options.items() if value is not None}
     plain = {name: given[name] for name in DIMENSIONLESS if name in given}
     machine = {name: value for name, value in given.items() if name not in plain}
     if set(machine) - {"rpm"} or (machine and not timed):

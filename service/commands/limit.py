@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from gear_rattle.service.commands import options
-from gear_rattle.service.commands.gear_numbers import with_numbers
 
 if TYPE_CHECKING:
     from rattle import Limit
@@ -18,7 +17,7 @@ UNITS = {"eccentricity": (" µm", 1e6), "backlash": (" µm", 1e6), "rpm": (" rpm
 MOST_VALUES = 1000
 
 
-@with_numbers
+@options.with_numbers
 def limit(
     numbers: dict[str, str],
     of: Annotated[

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gear_rattle.service.commands import options
 from gear_rattle.service.commands.options import DEFAULT_URL, Url
+from gear_rattle.service.commands.survey_options import with_survey
 
 if TYPE_CHECKING:
     from gear_rattle.service.client import Client, Job
+    from gear_rattle.workers import SurveyRequest
 
 NOT_FOUND = 404
 
@@ -19,31 +20,9 @@ Force = Annotated[bool, typer.Option("--force", help="Compute it although an ide
 Watch = Annotated[bool, typer.Option("--watch", help="Wait until it ends.")]
 
 
+@with_survey
 def submit(
-    delta: options.Delta = None,
-    epsilon: options.Epsilon = None,
-    beta: options.SurveyedBeta = None,
-    kappa: options.SurveyedKappa = None,
-    count: options.Count = 64,
-    v_max: options.VMax = None,
-    budget: options.Budget = None,
-    slots: options.Slots = None,
-    slots_by: options.SlotsBy = None,
-    seed: options.Seed = 0,
-    name: options.Name = "",
-    tile: options.Tile = None,
-    quantity: options.Quantity = None,
-    refine: options.Refine = False,
-    audit: options.Audit = None,
-    bound: options.Bound = None,
-    certify: options.Certify = False,
-    inertia: options.Inertia = None,
-    drag: options.Drag = None,
-    backlash: options.Backlash = None,
-    radius: options.Radius = None,
-    drive: options.Drive = None,
-    rpm: options.Rpm = None,
-    eccentricity: options.MetresOfEccentricity = None,
+    request: SurveyRequest,
     url: Url = DEFAULT_URL,
     key: Key = None,
     force: Force = False,
@@ -55,34 +34,6 @@ def submit(
     """
     from gear_rattle.service.client import Client
 
-    request = options.survey_request(
-        delta=delta,
-        epsilon=epsilon,
-        beta=beta,
-        kappa=kappa,
-        count=count,
-        v_max=v_max,
-        budget=budget,
-        slots=slots,
-        slots_by=slots_by,
-        seed=seed,
-        name=name,
-        tile=tile,
-        quantity=quantity,
-        refine=refine,
-        audit=audit,
-        bound=bound,
-        certify=certify,
-        machine={
-            "inertia": inertia,
-            "drag": drag,
-            "backlash": backlash,
-            "radius": radius,
-            "drive": drive,
-            "rpm": rpm,
-            "eccentricity": eccentricity,
-        },
-    )
     with Client(url) as client:
         job = client.submit(request, idempotency_key=key, force=force)
         typer.echo(job.id)

@@ -3,42 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from gear_rattle.service.commands import options
 from gear_rattle.service.commands.filling import fill
+from gear_rattle.service.commands.survey_options import with_survey
+
+if TYPE_CHECKING:
+    from gear_rattle.workers import SurveyRequest
 
 
+@with_survey
 def run(
+    request: SurveyRequest,
     out: Annotated[
         str, typer.Option(metavar="PATH", help="The zarr store to write, or to resume; or s3://BUCKET/PREFIX.")
     ],
-    delta: options.Delta = None,
-    epsilon: options.Epsilon = None,
-    beta: options.SurveyedBeta = None,
-    kappa: options.SurveyedKappa = None,
-    count: options.Count = 64,
-    v_max: options.VMax = None,
-    budget: options.Budget = None,
-    slots: options.Slots = None,
-    slots_by: options.SlotsBy = None,
-    seed: options.Seed = 0,
-    name: options.Name = "",
-    tile: options.Tile = None,
-    quantity: options.Quantity = None,
-    refine: options.Refine = False,
-    audit: options.Audit = None,
-    bound: options.Bound = None,
-    certify: options.Certify = False,
-    inertia: options.Inertia = None,
-    drag: options.Drag = None,
-    backlash: options.Backlash = None,
-    radius: options.Radius = None,
-    drive: options.Drive = None,
-    rpm: options.Rpm = None,
-    eccentricity: options.MetresOfEccentricity = None,
     workers: options.Workers = None,
     scheduler: options.Scheduler = None,
     figure: Annotated[Path | None, typer.Option(metavar="PNG", help="Draw the survey when it is complete.")] = None,
@@ -47,34 +29,6 @@ def run(
 
     The same command resumes an interrupted survey (Ctrl-C, SIGTERM, a crash); the numbers are the same to the last bit.
     """
-    request = options.survey_request(
-        delta=delta,
-        epsilon=epsilon,
-        beta=beta,
-        kappa=kappa,
-        count=count,
-        v_max=v_max,
-        budget=budget,
-        slots=slots,
-        slots_by=slots_by,
-        seed=seed,
-        name=name,
-        tile=tile,
-        quantity=quantity,
-        refine=refine,
-        audit=audit,
-        bound=bound,
-        certify=certify,
-        machine={
-            "inertia": inertia,
-            "drag": drag,
-            "backlash": backlash,
-            "radius": radius,
-            "drive": drive,
-            "rpm": rpm,
-            "eccentricity": eccentricity,
-        },
-    )
     from gear_rattle.service.commands.drawing import draw, require_writable
 
     if figure is not None:

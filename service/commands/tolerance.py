@@ -9,7 +9,6 @@ import typer
 
 from gear_rattle.service.commands import options
 from gear_rattle.service.commands.filling import fill
-from gear_rattle.service.commands.gear_numbers import with_numbers
 from gear_rattle.service.commands.population_tables import print_population
 from gear_rattle.service.commands.remote import Force, Key, Watch, follow
 
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
     from gear_rattle.workers import PopulationRequest
 
 
-@with_numbers
+@options.with_numbers
 def tolerance(
     numbers: dict[str, str],
     out: Annotated[

@@ -25,8 +25,6 @@ OURS = frozenset({"rattle", "gear_rattle"})
 DOCUMENTED_NAMES = frozenset({"_asdict", "_fields", "_field_defaults", "_make", "_replace", "_esm", "_stylesheets"})
 #: A function of that kind, and settings that programs assign.
 DOCUMENTED_PLACES = frozenset({"os._exit", "sys.stdout", "ctx.cap"})
-#: Patterns of files whose private parts are being replaced.
-TEMPORARY = ("rattle/numerics/compile.py", "rattle/numerics/shared.py")
 #: Methods and attributes of a class that its project documents for a subclass to define.
 DOCUMENTED_OVERRIDES = {
     "bokeh.application.handlers.handler.Handler": {"modify_document", "on_session_created"},
@@ -181,8 +179,6 @@ def exceptions() -> list[dict[str, str]]:
 
 def is_excepted(finding: Finding) -> bool:
     """Return whether a finding stands in the list."""
-    if any(fnmatch(finding.file, pattern) for pattern in TEMPORARY):
-        return True
     return any(fnmatch(finding.file, each["file"]) and re.search(each["code"], finding.code) for each in exceptions())
 
 

@@ -1,6 +1,7 @@
 """What a cell holds depends on the request and the cell alone: not on tiles, their order, or its neighbours."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -116,14 +117,14 @@ def test_a_cell_is_one_call_of_the_library(whole: xr.Dataset, i: int, j: int) ->
 def test_a_failing_cell_loses_only_itself(monkeypatch: pytest.MonkeyPatch, whole: xr.Dataset) -> None:
     bad = (2, 3)
     delta, epsilon = WHOLE.delta.values()[bad[1]], WHOLE.epsilon.values()[bad[0]]
-    attractors_of = rattle.attractors_of
+    of_samples = models.of_samples
 
-    def failing(deltas: np.ndarray, epsilons: np.ndarray, *args: float) -> rattle.Attractors:
-        if delta in deltas and epsilon in epsilons:
+    def failing(classifier: Any, cells: list[np.ndarray], *args: Any) -> rattle.Attractors:
+        if np.any((cells[0] == delta) & (cells[1] == epsilon)):
             raise rattle.RattleError("no luck here")
-        return attractors_of(deltas, epsilons, *args)
+        return of_samples(classifier, cells, *args)
 
-    monkeypatch.setattr(models, "attractors_of", failing)
+    monkeypatch.setattr(models, "of_samples", failing)
     tile = tiles_of(survey(4, 3))[0]
     values, record = compute_tile(survey(4, 3), tile)
     assert record.failed_cells == ((*bad, "RattleError: no luck here"),)
@@ -141,7 +142,7 @@ def test_a_failure_of_the_machine_is_not_stored_as_a_cell(monkeypatch: pytest.Mo
     def exhausted(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(models, "attractors_of", exhausted)
+    monkeypatch.setattr(models, "of_samples", exhausted)
     with pytest.raises(MemoryError):
         compute_tile(WHOLE, tiles_of(WHOLE)[0])
 
@@ -151,7 +152,7 @@ def test_undecided_samples_are_counted_openly(monkeypatch: pytest.MonkeyPatch) -
     undecided = rattle.Attractors(
         np.arange(30), none + 4, none, none, none, none + 5, some, some, nan, nan, nan, none + 100, some
     )
-    monkeypatch.setattr(models, "attractors_of", lambda *_: undecided)
+    monkeypatch.setattr(models, "of_samples", lambda *_: undecided)
     values, record = compute_tile(WHOLE, tiles_of(WHOLE)[0])
     assert record.undecided_cells == record.cells == 30
     assert np.all(values["status"] == 2)

@@ -24,13 +24,13 @@ import numpy as np
 import rattle
 from rattle.attractors.table import CHAOTIC, UNDECIDED, tabulated
 from rattle.flight.law import DRIFT, contact_force, natural_speed
-from rattle.impacting.attractors import classifier as impacting
+from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.impact_map import impact
 from rattle.impacting.map.quiet import capture_invariant
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.numerics.compile import kernel
 from rattle.numerics.sampling import initial_conditions
-from rattle.stiff.attractors import classifier as stiff
+from rattle.stiff.attractors.classifier import StiffClassifier
 from rattle.stiff.map.flow import QUIET
 from rattle.stiff.map.return_map import StiffPoint, step
 
@@ -126,7 +126,11 @@ def watched(point, count=COUNT):
     v_max = natural_speed(*arrays)
     states = initial_conditions(*arrays, count, v_max, 0)
     is_stiff = np.isfinite(point[3])
-    found = stiff.classify(*arrays, kappa, *states) if is_stiff else impacting.classify(*arrays, *states)
+    found = (
+        StiffClassifier.classify((*arrays, kappa), *states)
+        if is_stiff
+        else ImpactingClassifier.classify(arrays, *states)
+    )
     seconds = time.process_time() - began
     table, row = tabulated(found)
     kind, samples = table.kind[row], found.samples

@@ -19,7 +19,7 @@ from rattle.attractors.table import MOST_SAMPLES
 from rattle.errors import parameters, require
 from rattle.flight.first_impact import OK
 from rattle.flight.law import wrapped
-from rattle.impacting.attractors.classifier import classify
+from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.impact_map import inverse_impact
 from rattle.impacting.map.quiet import LONGEST_REST, capture_speeds, longest_rest, rests_late
 from rattle.impacting.orbits.limits import quiet_limit
@@ -80,7 +80,7 @@ class _Cells:
         self.balls = np.zeros(n, np.int64)  # of capture, whose preimages have been looked at
         self.sampled = self.strip_and_plane(n)
         tau, v = (each.copy() for each in self.sampled)
-        self.classifier = classify(delta, epsilon, beta, tau, v)
+        self.classifier = ImpactingClassifier.classify((delta, epsilon, beta), tau, v)
         status, impacts = self.classifier.status, self.classifier.impacts
         self.chaos = np.array([cell in self.classifier.chaos for cell in range(n)])
         settled = np.where((status == ORBIT) | (status == QUIET), impacts, 0).max(axis=1)

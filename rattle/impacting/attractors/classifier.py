@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,15 +13,19 @@ from rattle.attractors.classify import BUDGET, ROOM, Classifier, Seen
 from rattle.attractors.recurrence import remember_period_one
 from rattle.attractors.samples import Samples
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractor, Attractors, listed, of_samples
+from rattle.attractors.table import Attractors, of_samples
 from rattle.errors import parameters
 from rattle.flight.law import TWO_PI
 from rattle.impacting.attractors.balls import enlarge
 from rattle.impacting.attractors.settle import CHUNK, LONG_CHUNK, Cells, measure, settle
-from rattle.impacting.map.iterate import working_block
-from rattle.impacting.map.quiet import capture_invariants
+from rattle.impacting.map.iterate import iterate, working_block
+from rattle.impacting.map.quiet import capture_invariant, capture_invariants
 from rattle.impacting.orbits.stable import stable_cells
-from rattle.numerics.compile import compile_apart
+
+
+def cells_of(delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64]) -> Cells:
+    """Cells with these parameters (n,), as kernels take them."""
+    return Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
 
 
 class ImpactingClassifier(Classifier):
@@ -33,6 +38,24 @@ class ImpactingClassifier(Classifier):
         with np.errstate(over="ignore"):  # of a subnormal δ
             self._roughness = cells.epsilon * np.hypot(TWO_PI, cells.delta) / cells.delta
         super().__init__(cells, tau, v, budget)
+
+    model = "impacting"
+    cells_of = staticmethod(cells_of)
+    quiet_invariant = staticmethod(capture_invariant)
+
+    @classmethod
+    def cells_of_orbits(cls, *parameters: NDArray[np.float64]) -> Cells:
+        """Nothing is taken to be quiet, as of periodic orbits nothing is: this costs less."""
+        return Cells(*parameters, np.zeros(parameters[0].size))
+
+    @staticmethod
+    def iterated(
+        parameters: Sequence[Any], tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """See `Classifier`; a trajectory that becomes quiet goes on bouncing."""
+        delta, epsilon, beta = parameters
+        moved = iterate(delta, epsilon, tau, v, returns, beta)
+        return moved.tau, moved.v, np.zeros(tau.size, np.bool_)
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
@@ -70,26 +93,6 @@ class ImpactingClassifier(Classifier):
         measure(self._block, which, least, periods, self.cells, self.samples, self.balls, *seen, self.paths)
 
 
-def cells_of(delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64]) -> Cells:
-    """Cells with these parameters (n,), as kernels take them."""
-    return Cells(delta, epsilon, beta, capture_invariants(delta, epsilon, beta))
-
-
-def classify(
-    delta: NDArray[np.float64],
-    epsilon: NDArray[np.float64],
-    beta: NDArray[np.float64],
-    tau: NDArray[np.float64],
-    v: NDArray[np.float64],
-    budget: int = BUDGET,
-) -> ImpactingClassifier:
-    """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end or its budget."""
-    compile_apart("rattle.precompile", "survey", "impacting")
-    found = ImpactingClassifier(cells_of(delta, epsilon, beta), tau, v, budget)
-    found.run()
-    return found
-
-
 def attractors_of(
     delta: ArrayLike,
     epsilon: ArrayLike,
@@ -106,12 +109,4 @@ def attractors_of(
     A cell's attractors are those of `Gear.attractors` to the bit, whatever the other cells are. tau (low, high), v_min:
     a part of the plane of states, that is sampled instead of [0, 1) × (0, v_max). Raises ParameterError.
     """
-    return of_samples(classify, parameters(delta, epsilon, beta), count, v_max, seed, budget, tau, v_min)
-
-
-def attractors(
-    delta: float, epsilon: float, beta: float, count: int, v_max: SpeedLimit, seed: int, budget: int
-) -> tuple[Attractor, ...]:
-    """See `rattle.Gear.attractors`."""
-    table = attractors_of(delta, epsilon, beta, count, v_max, seed, budget)
-    return listed(table, table.samples)
+    return of_samples(ImpactingClassifier, parameters(delta, epsilon, beta), count, v_max, seed, budget, tau, v_min)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, newton, plane_scale, tangent_at
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, longest_step, newton, plane_scale
 from rattle.continuation.conditions import Kind
-from rattle.continuation.followed import Followed
+from rattle.continuation.followed import Followed, first_of_doubled
 from rattle.continuation.line import (
     FIRST_OF_DOUBLED,
     HALF_PERIOD,
@@ -42,35 +41,15 @@ SAME_MOTION = 1e-6  # in times
 
 @dataclass(frozen=True, repr=False)
 class Branch(Followed):
-    """A branch of motions with one itinerary, k points in order, n impacts each.
-
-    delta, epsilon, tau, v (k,), multipliers (2, k), times and speeds (k, n) as in `PeriodicOrbit`; stable, admissible
-    (k,): whether the motion attracts, and whether it happens at all (False: virtual). start: the point it was followed
-    from. events: in the order of the branch. ends: why it was not followed farther, at its first and its last point.
-    """
+    """A branch of the impacting model: see `Followed`. unknowns (k, n + 2): times as in `PeriodicOrbit`, δ and ε."""
 
     itinerary: Itinerary
-    delta: NDArray[np.float64]
-    epsilon: NDArray[np.float64]
-    tau: NDArray[np.float64]
-    v: NDArray[np.float64]
-    multipliers: NDArray[np.complex128]
-    times: NDArray[np.float64]
-    speeds: NDArray[np.float64]
-    stable: NDArray[np.bool_]
-    admissible: NDArray[np.bool_]
-    start: int
     events: tuple[Event, ...]
-    ends: tuple[str, str]
-
-    def __len__(self) -> int:
-        """Number of points."""
-        return self.delta.size
 
     @property
-    def label(self) -> tuple[int, int, int]:
-        """(m, n_plus, n_minus)."""
-        return self.itinerary.m, self.itinerary.walls.count(1), self.itinerary.walls.count(-1)
+    def times(self) -> Array:
+        """When the motions meet the walls (k, n), in forcing periods, the first in [0, 1)."""
+        return self.unknowns[:, : self.itinerary.n]
 
     @property
     def departures(self) -> Array:
@@ -81,11 +60,6 @@ class Branch(Followed):
     def kappa(self) -> Array:
         """Stiffness (k,): infinite."""
         return np.full(len(self), np.inf)
-
-    @property
-    def parameters(self) -> Array:
-        """δ and ε (k, 2)."""
-        return np.column_stack([self.delta, self.epsilon])
 
     @property
     def unfolded(self) -> Array:
@@ -101,16 +75,12 @@ class Branch(Followed):
         pair = {(1, 1, 0): "CA", (1, 1, 1): "BD"}.get(self.label)
         if pair is None:
             return ("",) * len(self)
-        index = np.linalg.det(self.itinerary.jacobian(np.hstack([self.times, self.parameters])))
+        index = np.linalg.det(self.itinerary.jacobian(self.unknowns))
         return tuple(pair[int(above)] for above in index > 0.0)  # 0 at saddle-nodes, finite at grazes
 
     def curve_of(self, event: Event) -> str | None:
         """The curve of `rattle.curves` that an event is on, None if it is on none of them."""
         return name_of(event)
-
-    def motion(self, index: int) -> tuple[Itinerary, Array]:
-        """Itinerary and unknowns (n + 2,) of one point."""
-        return self.itinerary, np.append(self.times[index], [self.delta[index], self.epsilon[index]])
 
     def orbit(self, index: int) -> PeriodicOrbit:
         """The motion at one point."""
@@ -146,12 +116,9 @@ def doubled(
     if event.kind is not Kind.FLIP:
         raise RattleError(f"the period doubles at a flip (PD), not at {event.kind}")
     line = line_through(event.delta, event.epsilon, parameter, span, resolution)
-    times = event.unknowns[:-2]
-    mode = np.linalg.svd(event.itinerary.jacobian(event.unknowns, -1.0))[2][-1]
-    start = np.concatenate([times, times + event.itinerary.m, [0.0]])
-    tangent = np.concatenate([mode, -mode, [0.0]]) / np.sqrt(2.0)
     itinerary = event.itinerary.doubled()
-    path = _follower(itinerary, line).follow(start, tangent, MOST_POINTS, FIRST_OF_DOUBLED)
+    start = first_of_doubled(event.itinerary, event.unknowns)
+    path = _follower(itinerary, line).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     return _built(itinerary, line, path.points, path.tangents, 0, ("flip", _end(itinerary, path)))
 
 
@@ -209,11 +176,8 @@ def _leads_back(found: PeriodicOrbit, orbit: PeriodicOrbit) -> bool:
 
 
 def _follower(itinerary: Itinerary, line: ParameterLine) -> Follower:
-    def longest(tangent: Array) -> float:
-        step = (line.span[1] - line.span[0]) / line.resolution
-        return min(LONGEST, step / max(abs(float(tangent[-1])), 1e-9))
-
     problem = on_line(itinerary, line.origin, line.direction)
+    longest = longest_step(line.span, line.resolution, LONGEST)
     bounds = (Bound(-1, *line.span),)
     return Follower(problem, bounds, lambda y: _degenerate(itinerary, y) is None, longest, partial(twins, itinerary))
 
@@ -227,16 +191,11 @@ def _degenerate(itinerary: Itinerary, y: Array) -> str | None:
 
 def _both_ways(itinerary: Itinerary, line: ParameterLine, start: Array) -> Branch:
     """The branch through y = (times, p), in the direction of rising p there."""
-    follower = _follower(itinerary, line)
-    tangent = tangent_at(follower.problem, start, np.append(np.zeros(itinerary.n), 1.0))
-    on = follower.follow(start, tangent, MOST_POINTS)
-    if on.closed:
-        return _built(itinerary, line, on.points, on.tangents, 0, (CLOSED, CLOSED))
-    back = follower.follow(start, -tangent, MOST_POINTS)
-    points = np.concatenate([back.points[:0:-1], on.points])
-    tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
-    ends = _end(itinerary, back), _end(itinerary, on)
-    return _built(itinerary, line, points, tangents, len(back.points) - 1, ends)
+    followed = _follower(itinerary, line).both_ways(start, -1, MOST_POINTS)
+    ends = (CLOSED, CLOSED)
+    if followed.paths is not None:
+        ends = _end(itinerary, followed.paths[0]), _end(itinerary, followed.paths[1])
+    return _built(itinerary, line, followed.points, followed.tangents, followed.start, ends)
 
 
 def _end(itinerary: Itinerary, path: Path) -> str:
@@ -268,13 +227,9 @@ def _built(
             events.insert(place, flip)
     return Branch(
         itinerary,
-        np.array([orbit.delta for orbit in orbits]),
-        np.array([orbit.epsilon for orbit in orbits]),
-        np.array([orbit.tau for orbit in orbits]),
-        np.array([orbit.v for orbit in orbits]),
-        np.array([orbit.multipliers for orbit in orbits]).T,
-        np.array([orbit.times for orbit in orbits]),
+        np.array([orbit.unknowns for orbit in orbits]),
         np.array([orbit.speeds for orbit in orbits]),
+        np.array([orbit.multipliers for orbit in orbits]).T,
         np.array([orbit.stable for orbit in orbits]),
         np.array([orbit.admissible for orbit in orbits]),
         start,

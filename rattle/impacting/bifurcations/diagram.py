@@ -8,59 +8,41 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rattle.attractors.classify import Classifier
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors
 from rattle.continuation.arclength import Problem
 from rattle.continuation.diagram import Diagram, diagram_of, require_end
-from rattle.continuation.motions import POINTS_ACROSS, Motion, Segment, runs
+from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment, runs
 from rattle.errors import RattleError, require_number
-from rattle.impacting.attractors.classifier import attractors_of, classify
+from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.bifurcations.branches import Branch, doubled, through
 from rattle.impacting.bifurcations.events import Event
-from rattle.impacting.map.iterate import iterate
 from rattle.impacting.orbits.equations import Itinerary, on_line
 from rattle.impacting.orbits.period_one import period_one
 from rattle.impacting.orbits.periodic import PeriodicOrbit, follow_impacts, orbit_of
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one import NAMES
 from rattle.orbits.periodic import at_parameters
 
 
 @dataclass(frozen=True)
-class ImpactingMotions:
+class ImpactingMotions(Motions):
     """The impacting model: see `Motions`."""
 
-    segment: Segment
-    beta: float
+    classifier = ImpactingClassifier
 
     def steps(self, position: Array) -> tuple[Array, ...]:
         """See `Motions`."""
         delta, epsilon = np.ascontiguousarray(self.segment.at(position).T)
         return delta, epsilon, np.full_like(delta, self.beta)
 
-    def sampled(self, steps: tuple[Array, ...], count: int, v_max: SpeedLimit, seed: int) -> Attractors:
-        """See `Motions`."""
-        delta, epsilon, beta = steps
-        return attractors_of(delta, epsilon, beta, count, v_max, seed)
-
-    def classify(self, steps: tuple[Array, ...], tau: Array, v: Array) -> Classifier:
-        """See `Motions`."""
-        delta, epsilon, beta = steps
-        return classify(delta, epsilon, beta, tau, v)
-
-    def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
-        """See `Motions`."""
-        delta, epsilon, beta = steps
-        moved = iterate(delta, epsilon, tau, v, 1, beta)
-        return moved.tau, moved.v
-
     def period_one(self, steps: tuple[Array, ...]) -> Iterator[Motion]:
         """One of each wherever they begin or end to exist."""
-        for k, tau, v in where_period_one(steps):
-            found = self.near(tuple(float(x[k]) for x in steps), tau, v, 1)
-            if found is not None:
-                yield found
+        orbits = period_one(*steps)
+        for exists, tau, v in zip(orbits.exists, orbits.tau, orbits.v, strict=True):
+            for run in runs(np.flatnonzero(exists)):
+                k = int(run[run.size // 2])
+                found = self.near(tuple(float(x[k]) for x in steps), float(tau[k]), float(v[k]), 1)
+                if found is not None:
+                    yield found
 
     def near(self, step: tuple[float, ...], tau: float, v: float, n_plus: int) -> Motion | None:
         """See `Motions`; None also where rounding does not let it be one."""
@@ -103,15 +85,6 @@ class ImpactingMotions:
     def _direction(self) -> tuple[float, float]:
         delta, epsilon = self.segment.direction
         return float(delta), float(epsilon)
-
-
-def where_period_one(steps: tuple[Array, ...]) -> Iterator[tuple[int, float, float]]:
-    """A to D of the impacting model: step and state of one of each wherever they begin or end to exist."""
-    found = period_one(*steps)
-    for i in range(len(NAMES)):
-        for run in runs(np.flatnonzero(found.exists[i])):
-            k = int(run[run.size // 2])
-            yield k, float(found.tau[i, k]), float(found.v[i, k])
 
 
 def diagram(

@@ -203,4 +203,4 @@ def _halved(itinerary: Itinerary, x: Array) -> tuple[Itinerary, Array] | None:
         return None
     n, m = itinerary.n // 2, itinerary.m // 2
     times = 0.5 * (x[:n] + x[n : 2 * n] - m)
-    return Itinerary(itinerary.walls[:n], m, itinerary.beta), np.concatenate([times, x[2 * n :]])
+    return itinerary.divided(2), np.concatenate([times, x[2 * n :]])

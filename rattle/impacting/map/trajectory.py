@@ -1,7 +1,6 @@
 """The motion Φ(t) between its impacts: sampled in closed form (paper 3.1, 3.2) on the way from impact to impact."""
 
 import math
-from typing import Any
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS, first_impact
 from rattle.flight.law import DRIFT, evaluate, folded
@@ -46,10 +45,4 @@ def trajectory(
     delta: float, epsilon: float, beta: float, tau: float, v: float, periods: float, points: int, slowest: float
 ) -> Trajectory:
     """See `rattle.Gear.trajectory`; slowest: the speed of what is certain to become quiet."""
-    slowest = min(slowest, AT_REST)
-
-    def follow(v: float, *room: Any) -> tuple[int, int, float]:
-        status, impacts, rest = sampled(tau, v, delta, epsilon, beta, slowest, *room)
-        return int(status), int(impacts), float(rest)
-
-    return sampled_motion(v, periods, points, follow)
+    return sampled_motion(sampled, tau, v, (delta, epsilon, beta, min(slowest, AT_REST)), periods, points)

@@ -27,6 +27,7 @@ from rattle.flight.law import TWO_PI
 from rattle.numerics.compile import kernel
 from rattle.numerics.complex_step import Array, batch_of, like
 from rattle.orbits.period_one import multipliers_of
+from rattle.orbits.periodic import Equations
 
 
 @kernel
@@ -60,14 +61,8 @@ def fill_equations(x, gaps, m, multiplier, flights, residual, matrix):
 
 
 @dataclass(frozen=True)
-class Itinerary:
-    """Which walls a motion meets (+1 or −1, one for each impact of a period, Σ⁺ first), in how many forcing periods,
-    and the half-backlash.
-    """
-
-    walls: tuple[int, ...]
-    m: int
-    beta: float
+class Itinerary(Equations):
+    """Which walls a motion meets, in how many forcing periods, and the half-backlash."""
 
     @property
     def n(self) -> int:
@@ -96,12 +91,8 @@ class Itinerary:
         """R (…, n): zero where every impact is elastic."""
         return self._solved(x)[1]
 
-    def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
-        """J(λ) = ∂R/∂t (…, n, n) with t_n' = λ t₀'."""
-        return self.with_jacobian(x, multiplier)[1]
-
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """R and J(λ), from the same flights."""
+        """R and J(λ) = ∂R/∂t (…, n, n) with t_n' = λ t₀', from the same flights."""
         _, residual, matrix = self._solved(x, multiplier, with_matrix=True)
         return residual, matrix
 
@@ -131,26 +122,6 @@ class Itinerary:
         """The trace of the monodromy; infinite at a graze, where the terms are too, of either sign, and have no sum."""
         terms = np.diagonal(self.monodromy(x))
         return float(terms.sum()) if np.isfinite(terms).all() else np.inf
-
-    def begun_at(self, first: int) -> "Itinerary":
-        """The itinerary of the same motion, begun at impact number `first`."""
-        return Itinerary(self.walls[first:] + self.walls[:first], self.m, self.beta)
-
-    def without(self, impact: int) -> "Itinerary":
-        """The itinerary of the motion that just fails to make this impact."""
-        return Itinerary(self.walls[:impact] + self.walls[impact + 1 :], self.m, self.beta)
-
-    def with_impact(self, impact: int, wall: int) -> "Itinerary":
-        """The itinerary with one impact more, which becomes number `impact`."""
-        return Itinerary((*self.walls[:impact], wall, *self.walls[impact:]), self.m, self.beta)
-
-    def doubled(self) -> "Itinerary":
-        """The itinerary twice over."""
-        return Itinerary(self.walls * 2, 2 * self.m, self.beta)
-
-    def divided(self, parts: int) -> "Itinerary":
-        """The itinerary of a motion that this one is `parts` times over."""
-        return Itinerary(self.walls[: self.n // parts], self.m // parts, self.beta)
 
 
 def on_line(itinerary: Itinerary, origin: Array, direction: Array) -> Problem:

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.flight import first_impact, law
@@ -14,7 +13,7 @@ from rattle.impacting.map.impact_map import Point
 from rattle.impacting.orbits.equations import Itinerary
 from rattle.impacting.orbits.period_one import orbits_at
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one import Orbit, multipliers_of
+from rattle.orbits.period_one import Orbit
 from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters, with_shortest_period
 
 SAME_TIME = 1e-6  # a recomputed flight this close to the motion's is the same flight
@@ -24,22 +23,7 @@ GRAZING_TIME = 1e-4  # and what that speed does to the time, and to the speed of
 
 @dataclass(frozen=True, repr=False)
 class PeriodicOrbit(Periodic):
-    """A periodic motion P(m, n_plus, n_minus) at one parameter point.
-
-    walls (n,): +1 or −1 of each impact, Σ⁺ first; times (n,) in forcing periods, the first in [0, 1); speeds (n,)
-    after each impact, positive into the gap, negative where the motion is virtual. multipliers: the two Floquet
-    multipliers over m periods, the larger modulus first (product e^(−δm)); infinite at a graze.
-    """
-
-    delta: float
-    epsilon: float
-    beta: float
-    m: int
-    walls: tuple[int, ...]
-    times: NDArray[np.float64]
-    speeds: NDArray[np.float64]
-    multipliers: tuple[complex, complex]
-    admissible: bool
+    """A periodic motion of the impacting gear: see `Periodic`."""
 
     @property
     def departures(self) -> Array:
@@ -64,22 +48,8 @@ class PeriodicOrbit(Periodic):
 
 def orbit_of(itinerary: Itinerary, x: Array) -> PeriodicOrbit:
     """The motion of a solution x (n + 2,) of the impact equations; impacts start with one on Σ⁺, time folded."""
-    n = itinerary.n
     speeds = -np.asarray(itinerary.walls) * itinerary.flights(x).w0
-    determinant = np.exp(-x[n] * itinerary.m)
-    trace = itinerary.trace(x)
-    large, small = multipliers_of(trace, determinant) if np.isfinite(trace) else (complex(np.inf), 0j)
-    return PeriodicOrbit(
-        float(x[n]),
-        float(x[n + 1]),
-        itinerary.beta,
-        itinerary.m,
-        itinerary.walls,
-        x[:n] - np.floor(x[0]),
-        speeds,
-        (complex(large), complex(small)),
-        admissible(itinerary, x),
-    )
+    return PeriodicOrbit.of(itinerary, x, speeds, itinerary.trace(x), admissible(itinerary, x))
 
 
 def admissible(itinerary: Itinerary, x: Array, grazed: int | None = None) -> bool:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -11,13 +14,40 @@ from rattle.attractors.samples import Samples
 from rattle.attractors.speeds import SpeedLimit
 from rattle.attractors.table import Attractors, of_samples
 from rattle.errors import parameters
-from rattle.numerics.compile import compile_apart
 from rattle.stiff.attractors.settle import StiffCells, measure, settle
+from rattle.stiff.map.iterate import returned
 from rattle.stiff.map.quiet import quiet_limit
+
+
+def cells_of(
+    delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], kappa: NDArray[np.float64]
+) -> StiffCells:
+    """Cells with these parameters (n,), as kernels take them."""
+    rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
+    return StiffCells(delta, epsilon, beta, rests, kappa)
 
 
 class StiffClassifier(Classifier):
     """The samples of a block of cells on their way, and what is known of the cells."""
+
+    model = "stiff"
+    cells_of = staticmethod(cells_of)
+
+    @staticmethod
+    def iterated(
+        parameters: Sequence[Any], tau: NDArray[np.float64], v: NDArray[np.float64], returns: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """See `Classifier`."""
+        each = [np.full(tau.size, x) for x in parameters]
+        tau, v, quiet = tau.copy(), v.copy(), np.zeros(tau.size, np.int8)
+        counts = (np.zeros(tau.size, np.int64) for _ in range(2))
+        returned(tau, v, np.full(tau.size, float(returns)), *each, quiet, *counts)
+        return tau, v, quiet > 0
+
+    @staticmethod
+    def quiet_invariant(*parameters: float) -> float:  # noqa: ARG004
+        """No speed above 0 is sure to become quiet: contact tells."""
+        return 0.0
 
     @property
     def has_quiet(self) -> NDArray[np.bool_]:
@@ -42,30 +72,6 @@ class StiffClassifier(Classifier):
         measure(which, least, periods, self.cells, self.samples, self.balls, *seen)
 
 
-def cells_of(
-    delta: NDArray[np.float64], epsilon: NDArray[np.float64], beta: NDArray[np.float64], kappa: NDArray[np.float64]
-) -> StiffCells:
-    """Cells with these parameters (n,), as kernels take them."""
-    rests = np.where(epsilon < quiet_limit(delta, kappa), 1.0, 0.0)
-    return StiffCells(delta, epsilon, beta, rests, kappa)
-
-
-def classify(
-    delta: NDArray[np.float64],
-    epsilon: NDArray[np.float64],
-    beta: NDArray[np.float64],
-    kappa: NDArray[np.float64],
-    tau: NDArray[np.float64],
-    v: NDArray[np.float64],
-    budget: int = BUDGET,
-) -> StiffClassifier:
-    """The samples (τ, v) of shape (n, count) of cells with parameters (n,), each followed to its end or its budget."""
-    compile_apart("rattle.precompile", "survey", "stiff")
-    found = StiffClassifier(cells_of(delta, epsilon, beta, kappa), tau, v, budget)
-    found.run()
-    return found
-
-
 def attractors_of(
     delta: ArrayLike,
     epsilon: ArrayLike,
@@ -81,4 +87,5 @@ def attractors_of(
     """The attractors of all cells at once, as `rattle.attractors_of`: the parameters broadcast, the samples are the
     same. A cell's are those of `StiffGear.attractors` to the bit, whatever the other cells are. Raises ParameterError.
     """
-    return of_samples(classify, parameters(delta, epsilon, beta, kappa=kappa), count, v_max, seed, budget, tau, v_min)
+    cells = parameters(delta, epsilon, beta, kappa=kappa)
+    return of_samples(StiffClassifier, cells, count, v_max, seed, budget, tau, v_min)

@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, root_between, tangent_at
+from rattle.continuation.arclength import CLOSED, Bound, Follower, Path, Problem, longest_step, root_between, tangent_at
 from rattle.continuation.conditions import Kind, condition
+from rattle.continuation.followed import first_of_doubled
 from rattle.continuation.line import FIRST_OF_DOUBLED, HALF_PERIOD, Parameter, line_through
 from rattle.errors import RattleError, require, require_integer, require_pair
 from rattle.numerics.complex_step import Array
@@ -57,14 +58,10 @@ def stiff_branch(
 
 
 def _follower(line: MotionsOnLine, span: tuple[float, float], resolution: int) -> Follower:
-    step = (span[1] - span[0]) / resolution
-
-    def longest(tangent: Array) -> float:
-        return min(LONGEST, step / max(abs(float(tangent[-1])), 1e-12))
-
     def is_admissible(y: Array) -> bool:
         return line.is_admissible(y) and not line.is_twice(y)
 
+    longest = longest_step(span, resolution, LONGEST)
     return Follower(line.problem, (Bound(-1, *span),), is_admissible, longest, line.twins)
 
 
@@ -72,31 +69,19 @@ def both_ways(line: MotionsOnLine, start: Array, span: tuple[float, float], reso
     """The branch through a solution y on a line, while s is in its span."""
     if not line.is_admissible(start):
         raise RattleError("the motion does not happen at its own parameters: take it from stiff_orbit or from_limit")
-    follower = _follower(line, span, resolution)
-    rising = np.zeros(start.size)
-    rising[-1] = 1.0
-    tangent = tangent_at(line.problem, start, rising)
-    on = follower.follow(start, tangent, MOST_POINTS)
-    if on.closed:
-        return _built(line, on.points, on.tangents, 0, (_End(CLOSED), _End(CLOSED)))
-    back = follower.follow(start, -tangent, MOST_POINTS)
-    points = np.concatenate([back.points[:0:-1], on.points])
-    tangents = np.concatenate([-back.tangents[:0:-1], on.tangents])
-    ends = _end(line, back, span), _end(line, on, span)
-    return _built(line, points, tangents, len(back.points) - 1, ends)
+    followed = _follower(line, span, resolution).both_ways(start, -1, MOST_POINTS)
+    ends = (_End(CLOSED), _End(CLOSED))
+    if followed.paths is not None:
+        ends = _end(line, followed.paths[0], span), _end(line, followed.paths[1], span)
+    return _built(line, followed.points, followed.tangents, followed.start, ends)
 
 
 def doubled(event: StiffEvent, direction: Array, span: tuple[float, float], resolution: int) -> StiffBranch:
     """The branch of motions of twice the period from a flip on, along a direction (3,) of parameters."""
-    itinerary, x = event.itinerary, event.unknowns
-    c = itinerary.contacts
-    mode = np.linalg.svd(itinerary.jacobian(x[:-1], -1.0))[2][-1].reshape(2, c)
-    each = x[: 2 * c].reshape(2, c)
-    later = each + np.array([[float(itinerary.m)], [0.0]])
-    line = MotionsOnLine(itinerary.walls * 2, 2 * itinerary.m, itinerary.beta, x[-3:], direction)
-    start = np.append(np.hstack([each, later]), 0.0)
-    tangent = np.append(np.hstack([mode, -mode]), 0.0) / np.sqrt(2.0)
-    path = _follower(line, span, resolution).follow(start, tangent, MOST_POINTS, FIRST_OF_DOUBLED)
+    itinerary = event.itinerary.doubled()
+    line = MotionsOnLine(itinerary.walls, itinerary.m, itinerary.beta, event.parameters, direction)
+    start = first_of_doubled(event.itinerary, event.unknowns)
+    path = _follower(line, span, resolution).follow(*start, MOST_POINTS, FIRST_OF_DOUBLED)
     tangents = path.tangents.copy()
     tangents[0] = tangents[min(1, len(tangents) - 1)]  # it turns back here, at its first point
     return _built(line, path.points, tangents, 0, (_End("flip"), _end(line, path, span)))
@@ -165,12 +150,19 @@ def _built(line: MotionsOnLine, points: Array, tangents: Array, start: int, ends
             grazes.append(
                 StiffEvent(Kind.GRAZING, here.orbit(y), i, None if beyond is None else beyond[0].orbit(beyond[1]))
             )
+    multipliers = np.array([line.orbit(y).multipliers for y in points]).T
+    stable = np.abs(multipliers[0]) < 1.0
+    for k in marked:  # a saddle-node counts as its stable side does
+        stable[k] = stable[max(k - 1, 0)] or stable[k + 1]
+    itinerary, unknowns = line.itinerary(points[0]), np.array([line.plane(y) for y in points])
+    flights = itinerary.flights(unknowns[:, :-1], unknowns[:, -1:])
     return StiffBranch(
-        line.walls,
-        line.m,
-        line.beta,
-        np.array([line.plane(y) for y in points]),
-        np.array([line.orbit(y).multipliers for y in points]).T,
+        itinerary,
+        unknowns,
+        np.asarray(-itinerary.signs * flights.w0, np.float64),
+        multipliers,
+        stable,
+        np.ones(len(points), np.bool_),
         start,
         tuple(sorted(events, key=lambda event: event.point)),
         (ends[0].why, ends[1].why),

@@ -9,18 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rattle.attractors.speeds import SpeedLimit
-from rattle.attractors.table import Attractors
 from rattle.continuation.arclength import Problem
 from rattle.continuation.conditions import Kind
 from rattle.continuation.diagram import Diagram, diagram_of, require_end
-from rattle.continuation.motions import POINTS_ACROSS, Motion, Segment
+from rattle.continuation.motions import POINTS_ACROSS, Motion, Motions, Segment
 from rattle.errors import RattleError, require_number, require_pair
 from rattle.numerics.complex_step import Array
-from rattle.stiff.attractors.classifier import StiffClassifier, attractors_of, classify
+from rattle.stiff.attractors.classifier import StiffClassifier
 from rattle.stiff.bifurcations.branches import both_ways, doubled
 from rattle.stiff.bifurcations.line import MotionsOnLine
 from rattle.stiff.bifurcations.records import StiffBranch, StiffEvent, unknowns_of
-from rattle.stiff.map.iterate import returned
 from rattle.stiff.orbits.closure import softness
 from rattle.stiff.orbits.equations import StiffItinerary
 from rattle.stiff.orbits.period_one import orbits_at
@@ -30,32 +28,15 @@ SEEDS = 5  # steps at which A to D are looked for
 
 
 @dataclass(frozen=True)
-class StiffMotions:
+class StiffMotions(Motions):
     """The stiff gear along a segment of (δ, ε, p), p = 1/√(2κ): see `rattle.continuation.motions.Motions`."""
 
-    segment: Segment
-    beta: float
+    classifier = StiffClassifier
 
     def steps(self, position: Array) -> tuple[Array, ...]:
         """δ, ε, β and κ."""
         delta, epsilon, p = np.ascontiguousarray(self.segment.at(position).T)
         return delta, epsilon, np.full_like(delta, self.beta), 0.5 / p**2
-
-    def sampled(self, steps: tuple[Array, ...], count: int, v_max: SpeedLimit, seed: int) -> Attractors:
-        """See `Motions`."""
-        delta, epsilon, beta, kappa = steps
-        return attractors_of(delta, epsilon, beta, kappa, count, v_max, seed)
-
-    def classify(self, steps: tuple[Array, ...], tau: Array, v: Array) -> StiffClassifier:
-        """See `Motions`."""
-        delta, epsilon, beta, kappa = steps
-        return classify(delta, epsilon, beta, kappa, tau, v)
-
-    def returned(self, steps: tuple[Array, ...], tau: Array, v: Array) -> tuple[Array, Array]:
-        """See `Motions`."""
-        tau, v, counts = tau.copy(), v.copy(), (np.zeros(tau.size, np.int64) for _ in range(2))
-        returned(tau, v, np.ones(tau.size), *steps, np.zeros(tau.size, np.int8), *counts)
-        return tau, v
 
     def period_one(self, steps: tuple[Array, ...]) -> Iterator[Motion]:
         """A to D at some steps, wherever a family can be followed, and P(1,1,0) beside them."""

@@ -6,6 +6,7 @@ them the motion with the contact more is a regular point of its equations in tha
 begun: in the parameter it may turn back at once, as C and B do near G1, some 1/κ² beyond.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,15 +49,12 @@ def graze(line: MotionsOnLine, y: Array, tangent: Array) -> Graze | None:
 def _on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
     """The same motion, begun with a contact with Σ⁺, if it has one."""
     first = line.walls.index(1) if 1 in line.walls else 0
-    turned = line.itinerary(y).begun_at(first)
-    return MotionsOnLine(turned.walls, line.m, line.beta, line.origin, line.direction), begun_at(
-        line.itinerary(y), y, first
-    )
+    itinerary = line.itinerary(y)
+    return replace(line, walls=itinerary.begun_at(first).walls), begun_at(itinerary, y, first)
 
 
 def _without(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
-    walls = line.walls[:contact] + line.walls[contact + 1 :]
-    fewer = MotionsOnLine(walls, line.m, line.beta, line.origin, line.direction)
+    fewer = replace(line, walls=line.itinerary(y).without(contact).walls)
     return fewer, np.delete(y, [contact, len(line.walls) + contact])
 
 
@@ -65,7 +63,7 @@ def _merged(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine,
     itinerary, c = line.itinerary(y), len(line.walls)
     y, walls = begun_at(itinerary, y, contact), itinerary.begun_at(contact).walls
     y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
-    return _without(MotionsOnLine(walls, line.m, line.beta, line.origin, line.direction), y, 1)
+    return _without(replace(line, walls=walls), y, 1)
 
 
 def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
@@ -98,10 +96,8 @@ def _inserted(
     line: MotionsOnLine, y: Array, after: int, wall: int, time: float, duration: float
 ) -> tuple[MotionsOnLine, Array]:
     c = len(line.walls)
-    walls = (*line.walls[: after + 1], wall, *line.walls[after + 1 :])
-    return MotionsOnLine(walls, line.m, line.beta, line.origin, line.direction), np.insert(
-        y, [after + 1, c + after + 1], [time, duration]
-    )
+    more = replace(line, walls=line.itinerary(y).with_impact(after + 1, wall).walls)
+    return more, np.insert(y, [after + 1, c + after + 1], [time, duration])
 
 
 def _touching(line: MotionsOnLine, y: Array, failure: Failure) -> tuple[MotionsOnLine, Array, Array]:

@@ -1,12 +1,11 @@
 """A branch of periodic motions of the stiff gear, and what happens on it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rattle.continuation.arclength import root_between
 from rattle.continuation.conditions import Kind
@@ -68,56 +67,21 @@ def unknowns_of(orbit: StiffOrbit) -> Array:
 
 @dataclass(frozen=True, repr=False)
 class StiffBranch(Followed):
-    """A branch of motions with one itinerary along a line of parameters: its k points in order, each a solution.
+    """A branch of the stiff gear: see `Followed`. All its motions happen. A saddle-node is one of its points, which
+    counts as stable if the motion is so on one side.
 
-    unknowns (k, 2c + 3): times, durations times √(2κ), δ, ε and κ^(−1/2)/√2. multipliers (2, k). start: the point it
-    was followed from. events: saddle-nodes and flips in the order of the branch. ends: why it ends, at its first and
-    its last point. grazes: at which of them its motion goes on with another label, and how.
+    itinerary: with the stiffness of the first point. unknowns (k, 2c + 3): times, durations times √(2κ), δ, ε and
+    κ^(−1/2)/√2. events: saddle-nodes and flips. grazes: at which end its motion goes on with another label, and how.
     """
 
-    walls: tuple[int, ...]
-    m: int
-    beta: float
-    unknowns: Array
-    multipliers: NDArray[np.complex128]
-    start: int
+    itinerary: StiffItinerary
     events: tuple[StiffEvent, ...]
-    ends: tuple[str, str]
     grazes: tuple[StiffEvent, ...]
-
-    def __len__(self) -> int:
-        """Number of points."""
-        return len(self.unknowns)
-
-    @property
-    def parameters(self) -> Array:
-        """δ, ε and κ^(−1/2)/√2 (k, 3)."""
-        return self.unknowns[:, -3:]
-
-    @property
-    def delta(self) -> Array:
-        """Damping (k,)."""
-        return self.unknowns[:, -3]
-
-    @property
-    def epsilon(self) -> Array:
-        """Eccentricity (k,)."""
-        return self.unknowns[:, -2]
 
     @property
     def kappa(self) -> Array:
         """Stiffness (k,)."""
         return np.asarray(0.5 / self.unknowns[:, -1] ** 2)
-
-    @property
-    def itinerary(self) -> StiffItinerary:
-        """Its walls in their order, with the stiffness of its first point."""
-        return StiffItinerary(self.walls, self.m, self.beta, float(self.unknowns[0, -1]))
-
-    @property
-    def label(self) -> tuple[int, int, int]:
-        """(m, n_plus, n_minus)."""
-        return self.m, self.walls.count(1), self.walls.count(-1)
 
     @property
     def unfolded(self) -> Array:
@@ -129,26 +93,6 @@ class StiffBranch(Followed):
         """When the motions leave the walls (k, c)."""
         c = len(self.walls)
         return self.unknowns[:, :c] + self.unknowns[:, -1:] * self.unknowns[:, c:-3]
-
-    @property
-    def speeds(self) -> Array:
-        """Speeds with which they do (k, c)."""
-        itinerary, x = self.itinerary, self.unknowns
-        return np.asarray(-itinerary.signs * itinerary.flights(x[:, :-1], x[:, -1:]).w0, np.float64)
-
-    @property
-    def admissible(self) -> NDArray[np.bool_]:
-        """Whether the motion happens (k,): always."""
-        return np.ones(len(self), np.bool_)
-
-    @property
-    def stable(self) -> NDArray[np.bool_]:
-        """Whether the motion attracts (k,); a saddle-node counts as its stable side does."""
-        attracts = np.abs(self.multipliers[0]) < 1.0
-        for event in self.events:
-            if event.kind is Kind.SADDLE_NODE:
-                attracts[event.point] = attracts[max(event.point - 1, 0)] or attracts[event.point + 1]
-        return attracts
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -185,14 +129,10 @@ class StiffBranch(Followed):
         gained = float(self.stable[after]) - float(self.stable[before])
         return "PD2" if gained * (self.epsilon[after] - self.epsilon[before]) > 0.0 else None
 
-    def motion(self, index: int) -> tuple[StiffItinerary, Array]:
-        """Itinerary and unknowns (2c + 3,) of one point."""
-        return self.itinerary, self.unknowns[index]
-
     def orbit(self, index: int) -> StiffOrbit:
         """The motion at one point."""
         x = self.unknowns[index]
-        return orbit_of(StiffItinerary(self.walls, self.m, self.beta, float(x[-1])), x[:-1])
+        return orbit_of(replace(self.itinerary, softness=float(x[-1])), x[:-1])
 
     def crossings(self, index: int, value: float) -> list[tuple[int, Array]]:
         """Where the parameter number `index` of the branch (−3, −2, −1: δ, ε, κ^(−1/2)/√2) has this value: the point

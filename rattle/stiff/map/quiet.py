@@ -42,3 +42,8 @@ def quiet_depth(
     angle = TWO_PI * np.asarray(time, np.float64)
     depth = TWO_PI * delta / kappa + epsilon * (p * np.cos(angle) + q * np.sin(angle))
     return depth, TWO_PI * epsilon * (q * np.cos(angle) - p * np.sin(angle))
+
+
+def rests_late(delta: NDArray[np.float64], *_: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Never (n,): contact that does not end is seen when it begins."""
+    return np.zeros(delta.size, np.bool_)

@@ -1,7 +1,6 @@
 """The motion Φ(t) of the stiff gear, sampled in closed form on the way from contact to contact."""
 
 import math
-from typing import Any
 
 from rattle.flight.first_impact import OK, SIGMA_PLUS
 from rattle.flight.law import folded
@@ -49,9 +48,4 @@ def trajectory(
     delta: float, epsilon: float, beta: float, kappa: float, tau: float, v: float, periods: float, points: int
 ) -> Trajectory:
     """See `rattle.stiff.StiffGear.trajectory`."""
-
-    def follow(v: float, *room: Any) -> tuple[int, int, float]:
-        status, contacts, rest = sampled(tau, v, delta, epsilon, beta, kappa, *room)
-        return int(status), int(contacts), float(rest)
-
-    return sampled_motion(v, periods, points, follow)
+    return sampled_motion(sampled, tau, v, (delta, epsilon, beta, kappa), periods, points)

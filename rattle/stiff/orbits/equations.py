@@ -34,6 +34,7 @@ from rattle.flight.between import (
 from rattle.flight.law import TWO_PI
 from rattle.numerics.compile import inline, kernel
 from rattle.numerics.complex_step import Array, batch_of, like
+from rattle.orbits.periodic import Equations
 
 SMALL = 0.5  # duration or angle below which a Taylor series is used
 TERMS = 16
@@ -154,14 +155,11 @@ def solved(x, p, signs, m, beta, multiplier, with_matrix):
 
 
 @dataclass(frozen=True)
-class StiffItinerary:
-    """Which walls a motion of the stiff gear meets (+1 or −1 for each contact of a period, Σ⁺ first), in how many
-    forcing periods, the half-backlash, and p = 1/√(2κ), 0 for the impacting model.
+class StiffItinerary(Equations):
+    """Which walls a motion of the stiff gear meets, in how many forcing periods, the half-backlash, and p = 1/√(2κ), 0
+    for the impacting model.
     """
 
-    walls: tuple[int, ...]
-    m: int
-    beta: float
     softness: float
 
     @property
@@ -203,27 +201,11 @@ class StiffItinerary:
         """R (…, 2c): zero where every contact fits between its flights."""
         return self._solved(x, self.softness)[1]
 
-    def jacobian(self, x: NDArray, multiplier: float = 1.0) -> NDArray:
-        """J(λ) = ∂R/∂(times, σ) (…, 2c, 2c), where what is a period later is λ times as large."""
-        return self.with_jacobian(x, multiplier)[1]
-
     def with_jacobian(self, x: NDArray, multiplier: float) -> tuple[NDArray, NDArray]:
-        """R and J(λ), from the same flights and contacts."""
+        """R and J(λ) = ∂R/∂(times, σ) (…, 2c, 2c), from the same flights and contacts."""
         _, residual, matrix = self._solved(x, self.softness, multiplier, with_matrix=True)
         return residual, matrix
 
     def with_graze(self, x: NDArray, impact: int) -> NDArray:
         """R (…, 2c + 1), and after it the duration σ of a contact."""
         return np.concatenate([self.residual(x), x[..., self.contacts + impact, None]], axis=-1)
-
-    def doubled(self) -> "StiffItinerary":
-        """The itinerary twice over."""
-        return StiffItinerary(self.walls * 2, 2 * self.m, self.beta, self.softness)
-
-    def divided(self, parts: int) -> "StiffItinerary":
-        """The itinerary of a motion that this one is `parts` times over."""
-        return StiffItinerary(self.walls[: self.contacts // parts], self.m // parts, self.beta, self.softness)
-
-    def begun_at(self, first: int) -> "StiffItinerary":
-        """The itinerary of the same motion, begun at contact number `first`."""
-        return StiffItinerary(self.walls[first:] + self.walls[:first], self.m, self.beta, self.softness)

@@ -3,17 +3,17 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rattle.continuation.arclength import Bound, Follower, Path, Problem, tangent_at
+from rattle.continuation.arclength import Bound, Follower, Path, Problem, longest_step, tangent_at
 from rattle.errors import RattleError, require, require_finite, require_integer, require_number
 from rattle.flight import law
 from rattle.impacting.orbits.periodic import PeriodicOrbit
 from rattle.numerics.complex_step import Array
-from rattle.orbits.period_one import Orbit, multipliers_of
+from rattle.orbits.period_one import Orbit
 from rattle.orbits.periodic import MOST_IMPACTS, Periodic, at_parameters, with_shortest_period
 from rattle.stiff.map.flow import OK, QUIET, departs, piece
 from rattle.stiff.map.return_map import StiffPoint
@@ -28,24 +28,12 @@ MOST_STEPS = 200
 
 @dataclass(frozen=True, repr=False)
 class StiffOrbit(Periodic):
-    """A periodic motion P(m, n_plus, n_minus) of the stiff gear at one parameter point.
-
-    walls (c,): of each contact, Σ⁺ first; times (c,) at which they begin, in forcing periods, the first in [0, 1);
-    durations (c,); speeds (c,) at which they end, into the gap; depths are below speed/√(2κ) or so. multipliers: both
-    Floquet multipliers over m periods, the larger modulus first (product e^(−δm)). admissible: whether it happens.
+    """A periodic motion of the stiff gear: see `Periodic`. durations (c,) of its contacts, which end with the
+    speeds; depths are below speed/√(2κ) or so.
     """
 
-    delta: float
-    epsilon: float
-    beta: float
     kappa: float
-    m: int
-    walls: tuple[int, ...]
-    times: NDArray[np.float64]
     durations: NDArray[np.float64]
-    speeds: NDArray[np.float64]
-    multipliers: tuple[complex, complex]
-    admissible: bool
 
     @property
     def departures(self) -> Array:
@@ -104,20 +92,8 @@ def orbit_of(itinerary: StiffItinerary, x: Array) -> StiffOrbit:
     """The motion of a solution x (2c + 2,) of the equations, time folded."""
     c, p = itinerary.contacts, itinerary.softness
     speeds = -itinerary.signs * itinerary.flights(x, np.array([p])).w0
-    large, small = multipliers_of(trace_of(itinerary, x), np.exp(-x[-2] * itinerary.m))
-    return StiffOrbit(
-        float(x[-2]),
-        float(x[-1]),
-        itinerary.beta,
-        0.5 / p**2,
-        itinerary.m,
-        itinerary.walls,
-        x[:c] - np.floor(x[0]),
-        p * x[c : 2 * c],
-        speeds,
-        (complex(large), complex(small)),
-        admissible(itinerary, x),
-    )
+    more: dict[str, Any] = {"kappa": 0.5 / p**2, "durations": p * x[c : 2 * c]}
+    return StiffOrbit.of(itinerary, x, speeds, trace_of(itinerary, x), admissible(itinerary, x), **more)
 
 
 def from_limit(orbit: PeriodicOrbit, kappa: float) -> StiffOrbit:
@@ -152,12 +128,7 @@ def follow_from_limit(
     problem: Problem, start: Array, direction: Array, span: tuple[float, float], is_admissible: Callable[[Array], bool]
 ) -> Path:
     """Solutions y (N + 1,) from the start on, the last unknown within its span, while they happen."""
-    width = (span[1] - span[0]) / STEPS_TO_LIMIT
-
-    def longest(tangent: Array) -> float:
-        return min(LONGEST, width / max(abs(float(tangent[-1])), 1e-12))
-
-    follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest)
+    follower = Follower(problem, (Bound(-1, *span),), is_admissible, longest_step(span, STEPS_TO_LIMIT, LONGEST))
     return follower.follow(start, tangent_at(problem, start, direction), MOST_STEPS)
 
 

@@ -15,7 +15,6 @@ from rattle import Diagram
 from rattle.attractors import classified, listed, sampled_speed
 from rattle.continuation import plane_scale
 from rattle.flight import wrapped
-from rattle.impacting import ImpactingPlane
 from rattle.models import AnyGear, model_at
 
 ARCLENGTH, SPACING = 60.0, 0.02  # of manifolds and Γ on a screen
@@ -170,8 +169,7 @@ def margin(gear: Any) -> Margin:
     v, tau, undecided = gear.boundary_distance()
     leads_to = None
     if 0 < v < np.inf:
-        plane = ImpactingPlane(gear.delta, gear.epsilon, gear.beta)
-        table, _, _ = classified(plane, np.array([tau]), np.array([v]))
+        table, _, _ = classified(gear.states, np.array([tau]), np.array([v]))
         (leads_to,) = listed(table, table.samples)
     return Margin(v, tau, undecided, leads_to, highest_speed(gear.delta, gear.epsilon, gear.beta))
 

@@ -18,11 +18,13 @@ from gear_rattle.service.client import Client
 from gear_rattle.service.commands import letters
 from gear_rattle.service.commands import run as run_command
 from gear_rattle.service.commands.drawing import require_writable
+from gear_rattle.service.commands.survey_options import DEFAULTS, OPTIONS, SURVEYED_MACHINE, survey_request
 from gear_rattle.service.errors import ServiceError
 from gear_rattle.service.settings import Settings
 from gear_rattle.workers.bound import ROUNDS
 from gear_rattle.workers.errors import SurveyError
 from gear_rattle.workers.storage.location import place_of
+from gear_rattle.workers.survey.request import InitialConditions, SurveyRequest
 
 NAME = "[/x] [red]hi"
 
@@ -167,3 +169,16 @@ def test_a_command_whose_thread_still_computes_ends_without_taking_the_compiler_
         [sys.executable, "-c", TAKEN_DOWN.format(daemon=daemon)], capture_output=True, text=True, timeout=HANG
     )
     assert (ended.returncode, ended.stdout) == (status, "told"), ended.stderr
+
+
+def test_the_options_of_a_survey_are_the_fields_of_its_request() -> None:
+    fields = (set(SurveyRequest.model_fields) | {"count", "v_max", "budget", "quantity", "audit", "bound"}) - {
+        "initial_conditions",
+        "quantities",
+        "model",
+        "machine",
+    }
+    assert set(OPTIONS) == fields | set(SURVEYED_MACHINE)
+    axes = {"delta": "0.5:0.7:6", "epsilon": "0.05:0.15:4"}
+    assert {"count": InitialConditions().count, "seed": SurveyRequest.model_fields["seed"].default} == DEFAULTS
+    assert survey_request(axes | DEFAULTS) == survey_request(axes)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 import xarray as xr
@@ -13,7 +12,7 @@ from typer.testing import CliRunner
 
 from gear_rattle.service.cli import app
 from gear_rattle.service.client import Client
-from gear_rattle.service.commands.options import survey_request
+from gear_rattle.service.commands.survey_options import survey_request
 from gear_rattle.service.database.tables import State
 from gear_rattle.service.operations.chunks import is_owed
 from gear_rattle.service.operations.estimate import _few_cells, most_like
@@ -101,20 +100,10 @@ def test_the_cost_is_that_of_cells_of_the_middle_slice() -> None:
 
 
 def test_axes_are_read_by_commands(tmp_path: Path) -> None:
-    given: dict[str, Any] = dict.fromkeys(
-        ("kappa", "v_max", "budget", "slots", "slots_by", "tile", "quantity", "audit", "bound"), None
-    ) | {
-        "refine": False,
-        "certify": False,
-        "count": 4,
-        "seed": 0,
-        "name": "",
-        "machine": {},
-        "delta": "0.5:0.7:6",
-        "epsilon": "0.05:0.15:4",
-    }
-    assert survey_request(**given, beta="0.4:0.6:3").beta == Axis(start=0.4, stop=0.6, num=3)
-    assert survey_request(**given | {"kappa": "1e3:1e4:2"}, beta="0.5").kappa == Axis(start=1e3, stop=1e4, num=2)
+    given = {"count": 4, "delta": "0.5:0.7:6", "epsilon": "0.05:0.15:4"}
+    assert survey_request(given | {"beta": "0.4:0.6:3"}).beta == Axis(start=0.4, stop=0.6, num=3)
+    found = survey_request(given | {"kappa": "1e3:1e4:2", "beta": "0.5"})
+    assert found.kappa == Axis(start=1e3, stop=1e4, num=2)
     store = tmp_path / "s.zarr"
     asked = ["run", "--delta", "0.5:0.7:3", "--epsilon", "0.05:0.15:3", "--quantity", "region", "--out"]
     run = CliRunner().invoke

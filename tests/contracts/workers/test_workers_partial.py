@@ -58,15 +58,15 @@ def test_parts_do_not_show(request_: AnyRequest, seconds: float) -> None:
 
 
 def test_a_cell_that_fails_has_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
-    bad, attractors_of = (2, 5), rattle.attractors_of
+    bad, of_samples = (2, 5), models.of_samples
     point = SURVEY.delta.values()[bad[1]], SURVEY.epsilon.values()[bad[0]]
 
-    def failing(delta: np.ndarray, epsilon: np.ndarray, *others: float) -> rattle.Attractors:
-        if point[0] in delta and point[1] in epsilon:
+    def failing(classifier: Any, cells: list[np.ndarray], *others: Any) -> rattle.Attractors:
+        if np.any((cells[0] == point[0]) & (cells[1] == point[1])):
             raise rattle.RattleError("no luck here")
-        return attractors_of(delta, epsilon, *others)
+        return of_samples(classifier, cells, *others)
 
-    monkeypatch.setattr(models, "attractors_of", failing)
+    monkeypatch.setattr(models, "of_samples", failing)
     (tile,) = tiles_of(SURVEY)
     *_, part = in_parts(SURVEY, tile, 0.0)
     assert part.record.failed_cells == ((*bad, "RattleError: no luck here"),)

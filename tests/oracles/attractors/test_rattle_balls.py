@@ -12,7 +12,7 @@ from rattle.attractors.rows import CHAOTIC, PERIODIC, QUIET, UNDECIDED, rows_of
 from rattle.attractors.samples import GRID, Sets
 from rattle.attractors.speeds import sampled_speeds
 from rattle.impacting.attractors.balls import enlarge
-from rattle.impacting.attractors.classifier import classify
+from rattle.impacting.attractors.classifier import ImpactingClassifier
 from rattle.impacting.map.iterate import working_block
 from rattle.numerics.sampling import initial_conditions
 
@@ -29,7 +29,8 @@ def around_orbits(delta, share, beta):
     """What is found in cells, ε in units of the quiet limit, and the centres of all its balls as they are at first."""
     epsilon = share * rattle.quiet_limit(delta)
     speeds = sampled_speeds(None, delta, epsilon, beta)
-    found = classify(delta, epsilon, beta, *initial_conditions(delta, epsilon, beta, 16, speeds, 1), 20_000)
+    states = initial_conditions(delta, epsilon, beta, 16, speeds, 1)
+    found = ImpactingClassifier.classify((delta, epsilon, beta), *states, 20_000)
     return found, centres_of(np.zeros(delta.size, np.int64), found.orbits, found.cells)
 
 

@@ -12,7 +12,6 @@ import rattle
 from rattle.attractors.basins import Basins, States, boundary, classified
 from rattle.attractors.cell_map import groups_of_map
 from rattle.attractors.measures import power_law
-from rattle.impacting.attractors.plane import ImpactingPlane
 
 
 @cache
@@ -109,7 +108,7 @@ def test_states_followed_in_several_calls_keep_their_attractors(point):
     gear = rattle.Gear(*point)
     tau, v = np.random.default_rng(3).random((2, 1200))
     v = 7 * v + 1e-3
-    parts, at_once = States(ImpactingPlane(*point, 0.6)), States(ImpactingPlane(*point, 0.6))
+    parts, at_once = States(rattle.Gear(*point).states), States(rattle.Gear(*point).states)
     rows = np.concatenate([parts.follow(t, w)[0] for t, w in zip(np.split(tau, 6), np.split(v, 6), strict=True)])
     whole, _impacts = at_once.follow(tau, v)
     pairs = np.unique(np.stack([rows, whole]), axis=1)
@@ -135,7 +134,7 @@ def test_a_cell_does_not_depend_on_the_others():
     found = gear.basins(60, method="direct")
     tau, v = (x.ravel() for x in np.meshgrid(found.tau, found.v))
     order = np.random.default_rng(5).permutation(tau.size)
-    table, rows, _impacts = classified(ImpactingPlane(0.6, 0.1, 0.6), tau[order], v[order])
+    table, rows, _impacts = classified(rattle.Gear(0.6, 0.1).states, tau[order], v[order])
     kinds = np.array([rattle.KINDS.index(a.kind) for a in found.attractors])
     assert (table.kind[rows] == kinds[found.labels.ravel()[order]]).all()
 

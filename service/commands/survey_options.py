@@ -1,0 +1,177 @@
+"""The options of a survey, which `rattle run` and `rattle submit` take, and the request that they describe."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from gear_rattle.service.commands.options import MACHINE, NUMBERS, Budget, Command, Name, number_options, with_options
+
+if TYPE_CHECKING:
+    from gear_rattle.workers import Axis, SurveyRequest
+
+AXIS = "START:STOP:NUM"
+EVENLY = "evenly spaced values, both ends included."
+SURVEYED_MACHINE = ("inertia", "drag", "backlash", "radius", "drive", "rpm", "eccentricity")
+
+
+def _option(kind: Any, text: str, **more: Any) -> Any:
+    return Annotated[kind | None, typer.Option(help=text, **more)]
+
+
+def _axis(name: str) -> Any:
+    return _option(str, f"{NUMBERS[name][0].rstrip('.')}: {EVENLY}", metavar=AXIS, show_default=False)
+
+
+_OF_A_MACHINE = number_options(float)
+#: Every option of a survey; those that are fields of `SurveyRequest` or its sample have their names, and their defaults
+#: are told here, for the request is slow to import.
+OPTIONS: dict[str, Any] = {
+    "delta": _axis("delta"),
+    "epsilon": _axis("epsilon"),
+    "beta": _option(str, "Half-backlash: one, or a third axis.", metavar=f"BETA|{AXIS}", show_default="0.6"),
+    "kappa": _option(
+        str,
+        "Stiffness of the walls, one or a third axis: the stiff model.",
+        metavar=f"KAPPA|{AXIS}",
+        show_default=NUMBERS["kappa"][1],
+    ),
+    "count": _option(int, "Initial conditions per cell."),
+    "v_max": _option(
+        str,
+        'Largest initial speed, or "natural": 1.5 √(16πδβ) + 2πε of each cell.',
+        metavar="SPEED",
+        show_default="7 in the paper's plane, natural elsewhere",
+    ),
+    "budget": Budget,
+    "slots": _option(int, "Attractors that a cell lists.", show_default="8; 24 where δ begins below 0.1"),
+    "slots_by": _option(
+        str,
+        "Which slot an attractor is in: the first of the largest share, or each family in one.",
+        metavar="fraction|family",
+        show_default="family where families are asked for",
+    ),
+    "seed": _option(int, "Seed of the samples."),
+    "name": Name,
+    "tile": _option(
+        str, "Cells of one tile, a task and a chunk.", metavar="DELTAxEPSILON", show_default="by the sample"
+    ),
+    "quantity": _option(
+        list[str],
+        "What to compute, such as region or attractors; repeatable. Only by name: basins (costly), intensity, families "
+        "(with attractors and lyapunov, of which they are made).",
+        metavar="NAME",
+        show_default="all others",
+    ),
+    "refine": Annotated[
+        bool,
+        typer.Option(
+            "--refine",
+            help="Compute few cells first, and more where what exists differs between them; fill the others.",
+        ),
+    ],
+    "audit": _option(
+        float,
+        "With --refine: of the filled cells that are computed all the same.",
+        metavar="SHARE",
+        show_default="0.02",
+    ),
+    "bound": _option(
+        float,
+        "With --refine: how many of the filled cells may be wrong (95 %); more are computed until no more are.",
+        metavar="SHARE",
+    ),
+    "certify": Annotated[
+        bool,
+        typer.Option(
+            "--certify", help="Prove the periodic attractors, into a store of certificates beside the survey's."
+        ),
+    ],
+    **{name: _OF_A_MACHINE[name] for name in SURVEYED_MACHINE},
+    "rpm": _option(
+        str,
+        "Revolutions per minute, both ends included: evenly spaced in δ, so in the time of a revolution.",
+        metavar=AXIS,
+        rich_help_panel=MACHINE,
+        show_default=False,
+    ),
+    "eccentricity": _option(
+        str,
+        f"m: the amplitude of the transmission error once a revolution: {EVENLY}",
+        metavar=AXIS,
+        rich_help_panel=MACHINE,
+        show_default=False,
+    ),
+}
+#: Of those that always have a value.
+DEFAULTS = {"count": 64, "seed": 0}
+
+
+def with_survey(command: Command) -> Command:
+    """Give a command the options of a survey; it takes the `SurveyRequest` of them for its first argument."""
+    return with_options(command, OPTIONS, survey_request, **DEFAULTS)
+
+
+def survey_request(given: dict[str, Any]) -> SurveyRequest:
+    """Return the request that these options describe, defaults for all others; typer.BadParameter names the option that
+    is wrong.
+    """
+    from pydantic import ValidationError
+
+    from gear_rattle.workers import Axis, SurveyRequest
+    from gear_rattle.workers.survey.axes import place_and_reason
+    from rattle import RattleError
+    from rattle.attractors import read_speed
+
+    def taken(*names: str) -> dict[str, Any]:
+        return {name: fields.pop(name) for name in names if name in fields}
+
+    fields = dict(given)
+    machine, refined, sample = taken(*SURVEYED_MACHINE), taken("audit", "bound"), taken("count", "v_max", "budget")
+    refine = fields.pop("refine", False)
+    if refined and not refine:
+        raise typer.BadParameter(f"--{next(iter(refined))} is a share of filled cells: give --refine too")
+    for axis, other in (("delta", "rpm"), ("epsilon", "eccentricity")):
+        if (axis in fields) == (other in machine):
+            raise typer.BadParameter(f"give either --{axis} or a machine's --{other}")
+    try:
+        fields |= {name: Axis.parse(text) for name, text in taken("delta", "epsilon").items()}
+        machine |= {name: Axis.parse(machine[name]).model_dump() for name in ("rpm", "eccentricity") if name in machine}
+        fields |= {name: _number_or_axis(f"--{name}", text) for name, text in taken("beta", "kappa").items()}
+        if "v_max" in sample:
+            sample["v_max"] = read_speed(sample["v_max"])
+        if "kappa" in fields:
+            fields["model"] = "stiff"
+        if "tile" in fields:
+            fields["tile"] = _tile(fields["tile"])
+        if quantities := fields.pop("quantity", None):
+            fields["quantities"] = tuple(quantities)
+        if machine:
+            fields["machine"] = machine
+        if refine:
+            fields["refine"] = refined or True
+        return SurveyRequest(**fields, initial_conditions=sample)
+    except ValidationError as error:
+        raise typer.BadParameter(place_and_reason(error)) from error
+    except RattleError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+def _number_or_axis(option: str, text: str) -> float | Axis:
+    from gear_rattle.workers import Axis
+
+    if ":" in text:
+        return Axis.parse(text)
+    try:
+        return float(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r}: write a number, or {AXIS}", param_hint=option) from error
+
+
+def _tile(text: str) -> dict[str, int]:
+    try:
+        delta, epsilon = (int(size) for size in text.lower().split("x"))
+    except ValueError as error:
+        raise typer.BadParameter(f"tile {text!r}: write DELTAxEPSILON, such as 16x16") from error
+    return {"delta": delta, "epsilon": epsilon}
