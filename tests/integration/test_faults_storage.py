@@ -218,9 +218,12 @@ def test_every_byte_of_a_chunk_is_under_its_checksum(store: Path) -> None:
 
 
 def test_what_is_not_a_survey_cannot_be_verified(tmp_path: Path) -> None:
+    with pytest.raises(SurveyError, match="is empty"):
+        examine(tmp_path)
+    (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(SurveyError, match="no survey"):
         examine(tmp_path)
     told = finish("verify", str(tmp_path / "missing"))
     assert told.returncode == 2
-    assert "no survey" in told.stderr
+    assert "does not exist" in told.stderr
     assert "Traceback" not in told.stderr
