@@ -10,14 +10,11 @@ from numpy.typing import NDArray
 from rattle.flight.law import folded
 from rattle.notebook import (
     Columns,
-    DataFrame,
     Dataset,
     Figure,
-    dataframe_of,
+    Tabular,
     dataset_of,
     figure_of,
-    html_of,
-    line_of,
     motion,
 )
 from rattle.numerics.complex_step import Array
@@ -53,7 +50,7 @@ class HasPoints(Protocol):
     def _columns(self) -> Columns: ...
 
 
-class Followed:
+class Followed(Tabular):
     """The part of a branch that shows it."""
 
     def _caption(self: HasPoints) -> str:
@@ -73,22 +70,12 @@ class Followed:
             "admissible": self.admissible,
         }
 
-    def __repr__(self: HasPoints) -> str:
-        return line_of(self)
-
-    def _repr_html_(self: HasPoints) -> str:
-        return html_of(self)
-
     def plot(self: HasPoints) -> Figure:
         """Draw speed and phase of its impacts on Σ⁺ against the parameter: stable parts solid, events marked.
 
         Returns a matplotlib figure. Raises MissingExtraError without matplotlib.
         """
         return figure_of(self, "branch_figure")
-
-    def to_dataframe(self: HasPoints) -> DataFrame:
-        """A row for each point. Raises MissingExtraError without pandas."""
-        return dataframe_of(self)
 
     def to_xarray(self: HasPoints) -> Dataset:
         """Dimensions point, multiplier and impact: parameters, multipliers, and the times and speeds with which the

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rattle.flight import law
-from rattle.notebook import Columns, DataFrame, dataframe_of, html_of, line_of, motion
+from rattle.notebook import Columns, Tabular, motion
 from rattle.numerics.complex_step import Array, derivatives
 
 
@@ -119,7 +119,7 @@ MOST_NEWTON = 30
 SAME_MOTION = 1e-8  # forcing periods by which a motion differs from itself some impacts later, by rounding near a flip
 
 
-class Periodic(ABC):
+class Periodic(Tabular, ABC):
     """What a periodic motion of either model says of itself."""
 
     delta: float
@@ -178,18 +178,6 @@ class Periodic(ABC):
 
     def _columns(self) -> Columns:
         return {"wall": self.walls, "departure": self.departures, "speed": self.speeds}
-
-    def __repr__(self) -> str:
-        return line_of(self)
-
-    def _repr_html_(self) -> str:
-        return html_of(self)
-
-    def to_dataframe(self) -> DataFrame:
-        """A row for each impact or contact: its wall, and when and how fast the motion leaves it. Raises
-        MissingExtraError without pandas.
-        """
-        return dataframe_of(self)
 
 
 def at_parameters(itinerary: Equations, x: Array) -> Array | None:

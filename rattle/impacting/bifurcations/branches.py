@@ -70,7 +70,7 @@ class Branch(Followed):
     @property
     def label(self) -> tuple[int, int, int]:
         """(m, n_plus, n_minus)."""
-        return self.itinerary.m, self.itinerary.walls.count(1), self.itinerary.walls.count(-1)
+        return self.itinerary.label
 
     @property
     def departures(self) -> Array:

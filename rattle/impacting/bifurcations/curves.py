@@ -24,6 +24,7 @@ from rattle.impacting.orbits.equations import Itinerary, smooth_multipliers
 from rattle.impacting.orbits.limits import quiet_limit
 from rattle.impacting.orbits.periodic import admissible_or_why
 from rattle.numerics.complex_step import Array
+from rattle.orbits.periodic import begun_at
 
 MOST_ACROSS = 1000  # points
 BESIDE = 1e-7  # of a damping
@@ -100,7 +101,7 @@ def bifurcation_curve(
     window = Window(window_range("delta", delta, positive=True), window_range("epsilon", epsilon), resolution)
     require(window.left(event.unknowns) is None, f"the window must contain the event, ({event.delta}, {event.epsilon})")
     itinerary, x, impact = _begun_on_sigma_plus(event)
-    m, n_plus, n_minus = itinerary.m, itinerary.walls.count(1), itinerary.walls.count(-1)
+    m, n_plus, n_minus = itinerary.label
     return traced(
         f"{'' if event.admissible else 'virtual '}{event.kind} of P({m},{n_plus},{n_minus})",
         itinerary.beta,
@@ -115,12 +116,10 @@ def bifurcation_curve(
 
 def _begun_on_sigma_plus(event: Event) -> tuple[Itinerary, Array, int | None]:
     """Itinerary, unknowns and grazing impact of an event, impact 0 one on Σ⁺ that does not graze, if there is one."""
-    itinerary, times = event.itinerary, event.unknowns[:-2]
+    itinerary = event.itinerary
     begin = next((i for i, wall in enumerate(itinerary.walls) if wall > 0 and i != event.impact), 0)
-    walls = (*itinerary.walls[begin:], *itinerary.walls[:begin])
-    rotated = np.concatenate([times[begin:], times[:begin] + itinerary.m, event.unknowns[-2:]])
     impact = None if event.impact is None else (event.impact - begin) % itinerary.n
-    return Itinerary(walls, itinerary.m, itinerary.beta), rotated, impact
+    return itinerary.begun_at(begin), begun_at(itinerary, event.unknowns, begin), impact
 
 
 def _left(definition: Definition, itinerary: Itinerary, x: Array) -> str | None:

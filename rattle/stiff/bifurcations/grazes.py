@@ -49,14 +49,12 @@ def _on_plus(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array]:
     """The same motion, begun with a contact with Σ⁺, if it has one."""
     first = line.walls.index(1) if 1 in line.walls else 0
     turned = line.itinerary(y).begun_at(first)
-    return MotionsOnLine(turned.walls, line.m, line.beta, line.origin, line.direction), begun_at(
-        line.itinerary(y), y, first
-    )
+    return line.with_walls(turned.walls), begun_at(line.itinerary(y), y, first)
 
 
 def _without(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine, Array]:
     walls = line.walls[:contact] + line.walls[contact + 1 :]
-    fewer = MotionsOnLine(walls, line.m, line.beta, line.origin, line.direction)
+    fewer = line.with_walls(walls)
     return fewer, np.delete(y, [contact, len(line.walls) + contact])
 
 
@@ -65,7 +63,7 @@ def _merged(line: MotionsOnLine, y: Array, contact: int) -> tuple[MotionsOnLine,
     itinerary, c = line.itinerary(y), len(line.walls)
     y, walls = begun_at(itinerary, y, contact), itinerary.begun_at(contact).walls
     y[c] = (y[1] - y[0]) / itinerary.softness + y[c + 1]
-    return _without(MotionsOnLine(walls, line.m, line.beta, line.origin, line.direction), y, 1)
+    return _without(line.with_walls(walls), y, 1)
 
 
 def _happening(line: MotionsOnLine, y: Array) -> tuple[MotionsOnLine, Array] | None:
@@ -99,9 +97,7 @@ def _inserted(
 ) -> tuple[MotionsOnLine, Array]:
     c = len(line.walls)
     walls = (*line.walls[: after + 1], wall, *line.walls[after + 1 :])
-    return MotionsOnLine(walls, line.m, line.beta, line.origin, line.direction), np.insert(
-        y, [after + 1, c + after + 1], [time, duration]
-    )
+    return line.with_walls(walls), np.insert(y, [after + 1, c + after + 1], [time, duration])
 
 
 def _touching(line: MotionsOnLine, y: Array, failure: Failure) -> tuple[MotionsOnLine, Array, Array]:

@@ -1,6 +1,6 @@
 """Motions of one itinerary of the stiff gear on a line in (δ, ε, p), p = 1/√(2κ): what a continuation asks of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,10 @@ class MotionsOnLine:
     def itinerary(self, y: Array) -> StiffItinerary:
         """The itinerary with the stiffness at y."""
         return StiffItinerary(self.walls, self.m, self.beta, float(self.plane(y)[-1]))
+
+    def with_walls(self, walls: tuple[int, ...], m: int | None = None) -> "MotionsOnLine":
+        """The motions of another itinerary on the same line."""
+        return replace(self, walls=walls, m=self.m if m is None else m)
 
     @property
     def problem(self) -> Problem:
@@ -81,7 +85,7 @@ class MotionsOnLine:
             return None
         halves = y[:-1].reshape(2, 2, half).copy()  # of times and durations
         halves[0, 1] -= self.m // 2
-        line = MotionsOnLine(self.walls[:half], self.m // 2, self.beta, self.origin, self.direction)
+        line = self.with_walls(self.walls[:half], self.m // 2)
         return line, np.append(halves.mean(axis=1), y[-1]), float(np.max(np.abs(halves[:, 1] - halves[:, 0])))
 
     def is_twice(self, y: Array) -> bool:
