@@ -1,14 +1,21 @@
-"""Which attractor each of some states goes to."""
+"""Which attractor each of some states goes to, and what else either gear can be asked of its states."""
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.basins import Plane, classified
-from rattle.attractors.table import CHAOTIC, MOST_SAMPLES, UNDECIDED, Attractor, Attractors, listed
-from rattle.errors import ParameterError, real_array, require
+from rattle.attractors.basins import Basins, Plane, Range, basins, classified
+from rattle.attractors.classify import BUDGET, Classifier
+from rattle.attractors.measures import Uncertainty, uncertainty
+from rattle.attractors.speeds import SpeedLimit, sampled_speed
+from rattle.attractors.table import CHAOTIC, MOST_SAMPLES, UNDECIDED, Attractor, Attractors, listed, of_samples
+from rattle.errors import ParameterError, real_array, require, require_number
 from rattle.orbits.iterates import fold
+from rattle.orbits.period_one import HasOrbits, html_of_point
 
 
 @dataclass(frozen=True)
@@ -48,3 +55,89 @@ def reached(plane: Plane, tau: ArrayLike, v: ArrayLike) -> Reached:
     kind = table.kind[rows]
     impacts = np.where((kind == CHAOTIC) | (kind == UNDECIDED), -1, impacts)
     return Reached(found, number[rows].reshape(shape), impacts.reshape(shape))
+
+
+class Sampled:
+    """A gear at one parameter point, a frozen dataclass of its parameters δ, ε, β and what it has besides."""
+
+    _classifier: ClassVar[type[Classifier]]
+    _resolution: ClassVar[int]  # of basins, by default
+    _pairs: ClassVar[int]  # for the uncertainty exponent, by default
+
+    def __post_init__(self) -> None:
+        for name in self._names:
+            object.__setattr__(self, name, require_number(name, getattr(self, name), positive=name != "epsilon"))
+
+    def _repr_html_(self: HasOrbits) -> str:
+        return html_of_point(self)
+
+    def attractors(
+        self, count: int = 256, v_max: SpeedLimit = None, seed: int = 0, budget: int = BUDGET
+    ) -> tuple[Attractor, ...]:
+        """The attractors that a uniform low-discrepancy sample of (τ, v) ∈ [0, 1) × (0, v_max) finds, by falling
+        fraction; then stable orbits that are known to exist and that no sample found, with fraction 0 and the upper
+        bound of its interval.
+
+        Quiet: captured by a proven-small bounce. Periodic: a stable fixed point of Π^k that the trajectory is seen to
+        approach, with its exact label. Chaotic: neither within a watch of 1000 periods and 100 relaxation times 1/δ,
+        and a first exponent above zero by its own error bar. Else undecided, as is what is left when a sample has made
+        budget impacts on Σ⁺: small damping needs some 1000/δ. v_max: a number, "natural" for 1.5 √(16πδβ) + 2πε, or
+        None, which is 7 in the paper's plane (δ from 0.3 to 1.5, ε to 0.5, β from 0.2 to 1.2) and natural elsewhere.
+        Deterministic in all arguments. Of the stiff gear quiet is a contact that never ends, labels P(m, n₊, n₋) count
+        contacts, and above κ ≈ 1e8 a motion that becomes quiet may be left undecided: it needs some √κ returns. Raises
+        ParameterError. What a label means, with its error:
+        docs/decisions/0026-labels.md.
+        """
+        table = of_samples(self._classifier, self.states.arrays, count, v_max, seed, budget)
+        return listed(table, table.samples)
+
+    def basins(
+        self,
+        resolution: int | None = None,
+        v_max: SpeedLimit = None,
+        method: str = "cells",
+        impacts: int = 16,
+        tau: Range = None,
+        v: Range = None,
+    ) -> Basins:
+        """Basins of attraction on resolution × resolution cells of (τ, v) ∈ [0, 1) × (0, v_max) (paper Figures 4, 6),
+        or of the box of these ranges (low, high) of tau and v. resolution: by default 1000, of the stiff gear 400.
+
+        method "direct": each cell centre is followed as `attractors` follows its sample. "cells": simple cell mapping
+        (Hsu 1987) of Π^impacts; a state that is certain to become quiet goes to a sink, one above v_max is followed
+        until it returns or settles. "refined": cells, then directly every eighth cell along τ and v and wherever basins
+        meet, until nothing changes. Only "direct" is sure to see a basin that is thin on the scale of a cell, and
+        "refined" one of eight cells across (docs/decisions/0009-basins.md). v_max: a number, "natural" for 1.5 √(16πδβ)
+        + 2πε, or None, which is 7 in the paper's plane and natural elsewhere. Raises ParameterError.
+        """
+        resolution = self._resolution if resolution is None else resolution
+        return basins(self.states, resolution, self._speed(v_max), method, impacts, tau, v)
+
+    def reached(self, tau: ArrayLike, v: ArrayLike) -> Reached:
+        """The attractors that states go to, told apart as `attractors` tells those of its sample; tau and v broadcast.
+
+        attractors: by falling share of these states; which: index into them, of the broadcast shape; impacts: until it
+        was certain. `rattle.sampled_states` makes states of a box or a density. Raises ParameterError.
+        """
+        return reached(self.states, tau, v)
+
+    def uncertainty(self, pairs: int | None = None, v_max: SpeedLimit = None, seed: int = 0) -> Uncertainty:
+        """The uncertainty exponent of the basin boundary in [0, 1) × (0, v_max), whose dimension is 2 less it.
+
+        From exact trajectories: so many pairs of states at each of eight distances, from 2⁻⁶ of the plane down to 2⁻¹³,
+        by default 8192, of the stiff gear 2048. v_max as in `basins`. Deterministic in all arguments. Raises
+        ParameterError. Source: Grebogi, McDonald, Ott and Yorke, Physics Letters A 99 (1983) 415–418.
+        """
+        return uncertainty(self.states, self._pairs if pairs is None else pairs, self._speed(v_max), seed)
+
+    @property
+    def states(self) -> Plane:
+        """The plane of its states (τ, v)."""
+        return Plane(self._classifier, tuple(getattr(self, name) for name in self._names))
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return tuple(each.name for each in fields(self))  # type: ignore[arg-type]
+
+    def _speed(self, v_max: SpeedLimit) -> float:
+        return sampled_speed(v_max, *self.states.parameters[:3])

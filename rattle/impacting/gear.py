@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.sampled import Sampled
+from rattle.attractors.reached import Sampled
 from rattle.attractors.speeds import PAPER_SPEED, SpeedLimit
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import first_impact, law

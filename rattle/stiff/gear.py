@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rattle.attractors.sampled import Sampled
+from rattle.attractors.reached import Sampled
 from rattle.errors import RattleError, require, require_finite, require_number
 from rattle.flight import law
 from rattle.flight.first_impact import OK, SIGMA_MINUS, SIGMA_PLUS
